@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from rans_missions.slosh.liquid import Slosh
 
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.metrics import impulses, settling_times, solved
 from rans.flight import Flight
-from rans.model.slosh import Slosh
 from rans.model.spacecraft import Spacecraft
 from rans.scenario import EVALUATION_SEED
 
@@ -99,7 +99,7 @@ def with_slosh(craft: Spacecraft, share: float) -> Spacecraft:
     of_one = Slosh.in_cylinder(1.0, *tank, _DAMPING_RATIO, _ACCELERATION)
     liquid = share * craft.mass / of_one.mass
     slosh = Slosh.in_cylinder(liquid, *tank, _DAMPING_RATIO, _ACCELERATION)
-    return replace(craft, slosh=slosh)
+    return replace(craft, further_effectors=(slosh,))
 
 
 def _won(flight: Flight) -> np.ndarray:
@@ -108,7 +108,7 @@ def _won(flight: Flight) -> np.ndarray:
 
 def _swing(flight: Flight) -> float:
     """Median of the largest angle of the rod, degrees."""
-    if flight.craft.slosh is None:
+    if not flight.craft.further_effectors:
         return float("nan")
     stores = dict(
         zip((store.name for store in flight.craft.stores), flight.states.stores, strict=True)
@@ -116,7 +116,8 @@ def _swing(flight: Flight) -> float:
     if flight.craft.dimension == 2:
         angles = np.abs(stores["slosh angle"])
     else:
-        rest = flight.craft.slosh.direction
+        slosh: Any = flight.craft.further_effectors[0]
+        rest = slosh.direction
         along = sum(stores[f"slosh direction {a}"] * e for a, e in zip("xyz", rest, strict=True))
         angles = np.arccos(np.clip(along, -1.0, 1.0))
     return float(np.degrees(np.median(np.nanmax(angles, axis=0))))

@@ -63,7 +63,6 @@ if TYPE_CHECKING:
     from rans.fast.learn.front import PPO
     from rans.flight import Controller, Flight
     from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
-    from rans.model.slosh import Slosh
     from rans.model.spacecraft import Spacecraft, Thruster
     from rans.model.spacecraft_file import spacecraft_names
     from rans.model.timing import Timing
@@ -128,7 +127,6 @@ _LAZY = {
     "Throttle": "rans.model.actuators",
     "Wheel": "rans.model.actuators",
     "Propellant": "rans.model.actuators",
-    "Slosh": "rans.model.slosh",
     "load_spacecraft": "rans.api.names",
     "spacecraft_names": "rans.model.spacecraft_file",
     "GoToAttitude": "rans.tasks",
@@ -215,7 +213,6 @@ __all__ = [
     "Throttle",
     "Wheel",
     "Propellant",
-    "Slosh",
     "load_spacecraft",
     "spacecraft_names",
     "TASKS",

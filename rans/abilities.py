@@ -23,6 +23,7 @@ EXTRA_OF = {
             "PassiveApproach",
             "PassiveEntry",
             "Rendezvous",
+            "Slosh",
             "TargetOrbit",
             "VelocityToGain",
             "Visiting",

@@ -15,7 +15,6 @@ from functools import cached_property, partial, reduce
 from typing import Any, NamedTuple, Protocol
 
 from rans.effectors.motion import states_at_checks
-from rans.effectors.slosh import check_slosh
 from rans.errors import ConfigError
 from rans.model.accuracy import FARTHEST, chosen
 from rans.model.body import Body
@@ -174,10 +173,12 @@ class World:
     def __post_init__(self) -> None:
         """Choose the substeps; under conditions for the largest accelerations in 1,024 episodes."""
         setup = self.setup
-        extremes = [] if setup.conditions is None else setup.conditions.slosh_bodies(setup.craft)
-        check_slosh(setup.craft, setup.task.drift, setup.timing.control_period, extremes)
+        period = setup.timing.control_period
+        further: tuple[Any, ...] = setup.craft.further_effectors
+        for effector in further:
+            effector.check_flight(setup.craft, setup.task.drift, period, setup.conditions)
         if setup.conditions is not None:
-            setup.conditions.check_pulses(setup.timing.control_period)
+            setup.conditions.check_pulses(period)
         bodies = None
         torque = 0.0
         if setup.conditions is not None:

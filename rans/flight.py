@@ -14,13 +14,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from rans.display import NotebookRepr, figure_of
-from rans.effectors.slosh import FAST, fastest_rod, rod_rate
 from rans.effectors.wheels import wheel_speeds
 from rans.episode import Episode, Guard, Mover, Outcome, Setup, World, step
 from rans.errors import ConfigError, RansWarning, brief, checked, counted
 from rans.files import write_text
 from rans.model.accuracy import chosen, fastest
-from rans.model.body import Body, check_liquid
+from rans.model.body import Body, check_stores
 from rans.model.fields import finite, leaves, map_leaves, unflatten
 from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
@@ -39,8 +38,8 @@ _IMPOSSIBLE = 100.0
 """Departure from free motion in a control period that no craft has, as a multiple of what all designed thrusters
 and `_PUSHED` do to the empty craft. Conditions warn beyond 10 times the thrust."""
 _PUSHED = 0.1
-"""Change of velocity in a control period by disturbances and sloshing liquid, m/s. Times the factor it is beyond
-kicks of 5 m/s, above which conditions warn."""
+"""Change of velocity in a control period by disturbances and masses that move in the craft, m/s. Times the
+factor it is beyond kicks of 5 m/s, above which conditions warn."""
 
 
 class Controller(Protocol):
@@ -324,7 +323,7 @@ def fly(
     _check_controller(controller, craft)
     checked("timing", timing, Timing)
     if body is not None:
-        check_liquid(craft, body)
+        check_stores(craft, body)
     how = chosen(craft, timing, body) if conditions is None else timing
     world = World(Setup(craft, task, how, conditions, guard))
     now = world.begin(starts.start, starts.goal, 0, draws, body)
@@ -417,9 +416,9 @@ def outran(flight: Flight, timing: Timing) -> list[str]:
     """Sentences about flights that reached motion which is inaccurate, or impossible, before they failed.
 
     Numbers of steps follow from what thrusters and wheels can do. Faults, disturbances and a poor controller may
-    spin a craft up further, or the rod of its sloshing liquid. Bounds are `rans.model.accuracy.fastest` and
-    `rans.effectors.slosh.fastest_rod`. A path is impossible if it departs from free motion in a control period by
-    100 times as much as all thrusters can move the empty craft.
+    spin a craft up further, or a mass that moves in it. Bounds are `rans.model.accuracy.fastest`, and those of
+    further effectors (`rans.effectors.effector.Effector.inaccuracy`). A path is impossible if it departs from free
+    motion in a control period by 100 times as much as all thrusters can move the empty craft.
 
     Args:
         flight: flights.
@@ -443,16 +442,9 @@ def outran(flight: Flight, timing: Timing) -> list[str]:
             "The usual cause is a fault or a disturbance torque that the controller does not balance, or an agent "
             "that has not learnt to stop its spin."
         )
-    if craft.slosh is not None:
-        reached = float(np.nanmax(rod_rate(craft, states), where=going, initial=0.0))
-        bound = fastest_rod(craft, timing)
-        if reached > bound:
-            needed = math.ceil(reached * timing.control_period / FAST)
-            result.append(
-                f"{flight.controller} swings the liquid of {craft.name} at up to {reached:.3g} rad/s, but its "
-                f"motion is accurate up to {bound:.3g} rad/s; set timing.substeps to {needed} or more. The usual "
-                "cause is a liquid with little friction, which thrust in step with it makes ever faster."
-            )
+    further: tuple[Any, ...] = craft.further_effectors
+    reasons = (effector.inaccuracy(craft, states, going, timing) for effector in further)
+    result.extend(f"{flight.controller} {reason}" for reason in reasons if reason)
     result.extend(_lost(flight, timing, going))
     return result
 

@@ -315,7 +315,7 @@ def join_at_contact(
         name: of the joined craft; None: FIRST-SECOND.
 
     Raises:
-        ConfigError: see `join_spacecraft`; or a craft has a tank, slosh or further effectors.
+        ConfigError: see `join_spacecraft`; or a craft has a tank or further effectors.
     """
     from rans.model.contact import join_at_contact as joined_at_contact
 

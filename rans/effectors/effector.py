@@ -10,9 +10,11 @@ from operator import add
 from typing import Any, NamedTuple
 
 from rans.model.body import Body
+from rans.model.drift import Drift
 from rans.model.dynamics import Rule, Wrench
 from rans.model.fields import Field, Vec2, Vec3, map_leaves
-from rans.model.spacecraft import CommandRange, Store
+from rans.model.spacecraft import CommandRange, Spacecraft, Store
+from rans.model.timing import Timing
 
 
 @dataclass(frozen=True)
@@ -124,12 +126,30 @@ class Action:
         return ()
 
 
+class JointMotion(Action):
+    """Action of an effector with a mass of its own that moves in the craft: it integrates the motion of both."""
+
+    @abstractmethod
+    def steps(self, longest: float) -> int:
+        """Least number of integration steps in a part of the period that lasts so long at most, s."""
+
+    @abstractmethod
+    def advance(self, *arguments: Any, **options: Any) -> Any:
+        """State of the craft after a load has acted; arguments and result as of `rans.model.dynamics.advance`.
+
+        The states of the effector move with it: `stores` returns those at the end.
+        """
+
+
 class Effector(ABC):
     """Base class of effectors: thrusters, propellant, reaction wheels, or a kind of your own.
 
     Derive a frozen dataclass of numbers and put an instance into `rans.Spacecraft.further_effectors`: action
     spaces, policies, kernels, exports and figures follow from `commands` and `stores`. Drake needs a description
     of its own (`rans.reference.further.DrakeEffector`). All methods are pure functions over fields.
+
+    Effectors of packages have a name in `rans.model.spacecraft_file.EFFECTORS`, and a table of that name in the
+    file of a spacecraft.
     """
 
     @property
@@ -147,9 +167,68 @@ class Effector(ABC):
         """Largest torque of the effector about the centre of mass, N m; by default 0."""
         return 0.0
 
+    @property
+    def moves_mass(self) -> bool:
+        """Whether a mass moves in the craft (`JointMotion`), which then is no rigid body; by default not."""
+        return False
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """Quantities that conditions may multiply, such as ("slosh mass",); by default none.
+
+        Conditions name them (`rans.randomization.conditions.EffectorConditions`), and an episode has the factors in
+        `rans.model.body.Body.factors`.
+        """
+        return ()
+
+    @property
+    def label(self) -> str:
+        """Short text in lists, such as "0.5 kg slosh"; by default the name of the class."""
+        return type(self).__name__
+
+    @property
+    def summary(self) -> str:
+        """Its numbers in a line of `rans list SPACECRAFT`; by default empty: it has no line."""
+        return ""
+
     @abstractmethod
     def begin(self, begun: Begun) -> Action | None:
         """Action of the effector over the control period; None if it changes neither parts nor states."""
+
+    def of_craft(self, craft: Spacecraft) -> Effector:
+        """The effector as a part of a craft, where its action depends on the craft; by default itself."""
+        return self
+
+    # Checks; each raises `ConfigError`, or returns nothing.
+
+    def check_craft(self, craft: Spacecraft) -> None:
+        """Refuse spacecraft on which it cannot be; by default none."""
+        return
+
+    def check_body(self, craft: Spacecraft, body: Body) -> None:
+        """Refuse bodies, of numbers or of arrays (N,), with which it cannot be; by default none."""
+        return
+
+    def check_conditions(self, craft: Spacecraft, conditions: Any) -> None:
+        """Refuse `rans.randomization.conditions.Conditions` with which it cannot be; by default none."""
+        return
+
+    def check_flight(
+        self, craft: Spacecraft, drift: Drift, period: float, conditions: Any = None
+    ) -> None:
+        """Refuse drifts, control periods (s) and conditions for which it is not computed; by default none."""
+        return
+
+    def inaccuracy(self, craft: Spacecraft, states: Any, going: Any, timing: Timing) -> str:
+        """What made its motion inaccurate in flights, as the end of a sentence; by default empty: nothing did.
+
+        Args:
+            craft: that flew.
+            states: states of the flights, fields (T + 1, N).
+            going: states that count, (T + 1, N).
+            timing: timing of the flights with its number of substeps.
+        """
+        return ""
 
 
 def times(amount: Any, factor: Field) -> Any:

@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from rans.effectors.effector import Action, Begun, Effector, Push
+from rans.effectors.effector import Action, Begun, Effector, JointMotion, Push
 from rans.effectors.propellant import PropellantTank
-from rans.effectors.slosh import Pendulum, Swinging
 from rans.effectors.wheels import ReactionWheels, wheel_inertia
 from rans.errors import ConfigError
 from rans.model.accuracy import chosen
@@ -94,10 +93,10 @@ def states_at_checks(
     if drift.gradient() is not None:
         check_gradient(craft)
         rotors = wheel_inertia(craft.wheels)
-    # A pendulum inside the craft moves together with it.
-    swinging = next((action for action in actions if isinstance(action, Swinging)), None)
-    if swinging is not None:
-        integrate = swinging.advance
+    # A mass inside the craft moves together with it.
+    joint = next((action for action in actions if isinstance(action, JointMotion)), None)
+    if joint is not None:
+        integrate = joint.advance
 
     states = []
     for number, part in enumerate(cut(pieces, period, timing.checks), 1):
@@ -110,8 +109,8 @@ def states_at_checks(
             duration = push.duration
             longest = min(duration if type(duration) is float else push.longest, period)
             steps = max(1, math.ceil(longest / period * substeps - 1e-9))
-            if swinging is not None:
-                steps = max(steps, swinging.steps(longest))
+            if joint is not None:
+                steps = max(steps, joint.steps(longest))
             # A step of half the length needs one node less at the angles that `NODES` is for.
             fewer = nodes - (2.0 * longest * substeps <= period * steps)
             momentum = push.momentum if craft.dimension == 3 else None
@@ -144,10 +143,10 @@ def states_at_checks(
 
 def check_gradient(craft: Spacecraft) -> None:
     """Refuse (`ConfigError`) craft on which the torque of gravity's gradient is not computed."""
-    if craft.dimension == 2 or craft.slosh is not None:
+    if craft.dimension == 2 or not craft.is_rigid:
         raise ConfigError(
             f"the gradient of gravity turns rigid craft in space, and {craft.name!r} "
-            f"{'moves in the plane' if craft.dimension == 2 else 'has a sloshing liquid'}: leave "
+            f"{'moves in the plane' if craft.dimension == 2 else 'has a mass that moves in it'}: leave "
             "gravity_gradient out."
         )
 
@@ -167,9 +166,7 @@ def effectors_of(craft: Spacecraft) -> tuple[Effector, ...]:
         tanks = int(craft.propellant is not None)
         momenta = craft.stores[tanks : tanks + craft.wheel_count]
         results.append(ReactionWheels(craft.wheels, craft.dimension, ranges, momenta))
-    if craft.slosh is not None:
-        results.append(Pendulum(craft.slosh, craft, craft.slosh_stores))
-    further: tuple[Any, ...] = craft.further_effectors
+    further: tuple[Any, ...] = craft.mounted
     return (*results, *further)
 
 

@@ -32,7 +32,7 @@ from rans.fast.stepping.step import (
     stepped,
 )
 from rans.model.accuracy import chosen
-from rans.model.body import Body, check_liquid, in_memory
+from rans.model.body import Body, check_stores, in_memory
 from rans.model.fields import leaves, map_leaves
 from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft
@@ -86,7 +86,7 @@ class Engine:
     Raises:
         ConfigError: plain and compiled are both set; the device, spacecraft, task or conditions do not exist;
             num_envs is not a positive whole number; dtype is another one; or the body is not that of a rigid body,
-            of another number of spacecraft, or as light as its sloshing liquid.
+            of another number of spacecraft, or too light for its effectors.
     """
 
     @settled
@@ -159,7 +159,7 @@ class Engine:
         """Number of columns of an observation."""
         self.body = in_memory(body or nominal, nominal, num_envs, lambda x: backend.put(x, dtype))
         """Body of the spacecraft; its fields (N,) may be changed in place without a new compilation."""
-        check_liquid(craft, self.body)
+        check_stores(craft, self.body)
         how = chosen(craft, self.timing, body) if conditions is None else self.timing
         self._world = World(Setup(craft, task, how, conditions, guard), backend.nodes)
         self.privileged_quantities = PrivilegedObservation(

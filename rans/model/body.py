@@ -53,10 +53,8 @@ class Body:
     """Droop of each supply, see `rans.model.dynamics.thrust`; None: that of the craft."""
     mountings: tuple[Mounting, ...] = ()
     """True position and direction of each thruster; empty: as designed."""
-    slosh_mass: Field | None = None
-    """Factor on the fraction of the mass that sloshes; None: 1."""
-    slosh_damping: Field | None = None
-    """Factor on the damping of the liquid; None: 1."""
+    factors: tuple[Field, ...] = ()
+    """Factors on quantities of further effectors, in the order of `Spacecraft.factors`; empty: each is 1."""
 
     @classmethod
     def of(cls, craft: Spacecraft) -> Body:
@@ -114,24 +112,26 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
         in_fields({f"gain of thruster {i}": ">= 0" for i in thrusters}, body.gain, nominal.gain),
         in_fields({f"leak of thruster {i}": ">= 0" for i in thrusters}, body.leak, nominal.leak),
         mountings=_mountings_in_memory(body.mountings, len(thrusters), count, field),
-        slosh_mass=_factor("slosh mass", "> 0", body.slosh_mass, count, field),
-        slosh_damping=_factor("slosh damping", ">= 0", body.slosh_damping, count, field),
+        factors=tuple(
+            _placed(f"factor {k} on further effectors", ">= 0", value, count, field)
+            for k, value in enumerate(body.factors)
+        ),
     )
     if len(body.inertia) == 6:
         _check_rigid(body.inertia)
     return result
 
 
-def check_liquid(craft: Spacecraft, body: Body) -> None:
-    """Refuse bodies that leave no craft around its propellant, or no rigid craft around its sloshing liquid.
+def check_stores(craft: Spacecraft, body: Body) -> None:
+    """Refuse bodies that leave no craft around its propellant, or that its further effectors cannot have.
 
     Args:
-        craft: any; one without `Spacecraft.slosh` has no liquid to scale.
+        craft: any.
         body: of numbers, or of arrays or tensors (N,).
 
     Raises:
-        ConfigError: there is as much propellant, or as much liquid swings, as the craft has mass, or more; the
-            liquid at rest has all of the inertia; or the craft has no liquid, and the body a factor on it.
+        ConfigError: there is as much propellant as the craft has mass, or more; or the factors are not those of its
+            further effectors, which may refuse the body too (`Effector.check_body`).
     """
     least = float(np.min(numbers(body.mass)))
     tank = craft.propellant
@@ -140,45 +140,14 @@ def check_liquid(craft: Spacecraft, body: Body) -> None:
             f"the body's mass, {least:g} kg, includes a full tank, and the propellant of {craft.name!r}, "
             f"{tank.mass:g} kg, may be 99.9 % of it at most. The usual cause is the mass with an empty tank."
         )
-    slosh = craft.slosh
-    if slosh is None:
-        if body.slosh_mass is not None or body.slosh_damping is not None:
-            raise ConfigError(
-                f"the body has a factor on the slosh mass or its damping, and {craft.name!r} has no [slosh]: leave "
-                "it out, or write [slosh] into the spacecraft's file."
-            )
-        return
-    # As in the check of the spacecraft, with what each body has of mass, liquid, inertia and centre of mass.
-    mass = numbers(body.mass)
-    factor = numbers(1.0 if body.slosh_mass is None else body.slosh_mass)
-    fraction = factor * slosh.mass / craft.mass
-    if (most := float(np.max(fraction))) > 1.0 - 1e-3:
+    if len(body.factors) not in (0, len(craft.factors)):
         raise ConfigError(
-            f"the body's factor on the slosh mass, {float(np.max(factor)):g}, lets {most:.1%} of the mass of "
-            f"{craft.name!r} swing: its file has {slosh.mass:g} of {craft.mass:g} kg, and 99.9 % is the most."
+            f"the body has {len(body.factors)} factors on further effectors, and those of {craft.name!r} have "
+            f"{', '.join(craft.factors) or 'none'}: leave them out, or give one for each."
         )
-    offsets = body.centre or (0.0,) * craft.dimension
-    away = [
-        point - centre - numbers(offset)
-        for point, centre, offset in zip(
-            slosh.point(), craft.centre_of_mass, (*offsets, 0.0)[:3], strict=True
-        )
-    ]
-    adds = fraction * mass * sum(x**2 for x in away) / (1.0 - fraction)
-    tensor = np.stack(np.broadcast_arrays(*(numbers(x) for x in body.inertia)), axis=-1)
-    moment = tensor[..., 0]
-    if craft.dimension == 3:
-        moments = np.linalg.eigvalsh(tensor[..., ((0, 1, 2), (1, 3, 4), (2, 4, 5))])
-        moment = 0.5 * moments.sum(axis=-1) - moments[..., -1]
-    adds, moment = np.broadcast_arrays(adds, moment)
-    wrong = np.atleast_1d(adds > moment * (1.0 - 1e-3))
-    if wrong.any():
-        first = np.flatnonzero(wrong)[0]
-        raise ConfigError(
-            f"the body leaves no inertia to {craft.name!r} without its sloshing liquid: at rest that adds "
-            f"{np.atleast_1d(adds)[first]:.4g} kg m^2 of {np.atleast_1d(moment)[first]:.4g} kg m^2. Give it less "
-            "mass or slosh mass, or more inertia."
-        )
+    further: tuple[Any, ...] = craft.further_effectors
+    for effector in further:
+        effector.check_body(craft, body)
 
 
 def _mountings_in_memory(
@@ -200,11 +169,6 @@ def _mountings_in_memory(
         )
         for i, mounting in enumerate(mountings)
     )
-
-
-def _factor(name: str, bound: str, value: Any, count: int, field: Callable[[Any], Any]) -> Any:
-    """Checked factor as of `_placed`; None for None."""
-    return None if value is None else _placed(f"factor on the {name}", bound, value, count, field)
 
 
 def _placed(name: str, bound: str, value: Any, count: int, field: Callable[[Any], Any]) -> Any:

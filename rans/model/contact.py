@@ -156,9 +156,9 @@ def _moving(craft: Spacecraft, state: Any, which: str) -> _Moving:
             f"the state of the {which} craft has {len(state.p.columns())} components of position and "
             f"{len(state.stores)} stores; {craft.name!r} has {craft.dimension} and {len(craft.stores)}."
         )
-    if craft.propellant is not None or craft.slosh is not None or craft.further_effectors:
+    if craft.propellant is not None or craft.further_effectors:
         raise ConfigError(
-            f"{craft.name!r} has a tank, slosh or further effectors, whose mass moves: describe the craft as it is "
+            f"{craft.name!r} has a tank or further effectors, whose mass moves: describe the craft as it is "
             "at contact, without them."
         )
     turn = _attitude(state)

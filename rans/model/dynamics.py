@@ -67,8 +67,7 @@ class State:
     """Further values of a task's goal, such as the index of the drawn task or the progress along a path."""
     stores: tuple[Field, ...] = ()
     """Stores of the effectors in the order of `rans.model.spacecraft.Spacecraft.stores`: propellant left, kg,
-    then the momentum of each reaction wheel, N m s, then angle and rate of a sloshing
-    liquid, rad and rad/s. Goals have none."""
+    then the momentum of each reaction wheel, N m s, then those of further effectors. Goals have none."""
 
     def normalised(self) -> Self:
         """State with its heading wrapped to [-pi, pi), or with its quaternion scaled to unit length."""

@@ -125,10 +125,10 @@ def _check_effectors(first: Spacecraft, second: Spacecraft) -> None:
             f"spacecraft has thrusters of one kind, so {advice}."
         )
     for craft in (first, second):
-        several = craft.propellant is not None or craft.slosh or craft.further_effectors
+        several = craft.propellant is not None or craft.further_effectors
         if several or craft.thrust_sharing != "none":
             raise ConfigError(
-                f"{craft.name} has a tank, slosh, a shared supply or further effectors, which a craft has once: "
+                f"{craft.name} has a tank, a shared supply or further effectors, which a craft has once: "
                 f"{advice}."
             )
 

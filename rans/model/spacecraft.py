@@ -19,7 +19,6 @@ import numpy as np
 from rans.display import NotebookRepr
 from rans.errors import ConfigError, RansWarning, brief, checked, counted
 from rans.model.actuators import ON_OFF, Actuators, Propellant, Wheel
-from rans.model.slosh import Slosh
 from rans.model.solids import MOST_SOLIDS, Solid
 
 ThrustSharing = Literal["none", "split"]
@@ -103,6 +102,29 @@ class FurtherEffector(Protocol):
         """Largest torque of the effector, N m, from which the number of substeps is chosen."""
         ...
 
+    @property
+    def moves_mass(self) -> bool:
+        """Whether a mass moves in the craft."""
+        ...
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """Quantities that conditions may multiply."""
+        ...
+
+    @property
+    def label(self) -> str:
+        """Short text in lists."""
+        ...
+
+    def of_craft(self, craft: Spacecraft) -> FurtherEffector:
+        """The effector as a part of a craft, which has its commands and stores."""
+        ...
+
+    def check_craft(self, craft: Spacecraft) -> None:
+        """Refuse (`ConfigError`) spacecraft on which it cannot be."""
+        ...
+
 
 @dataclass(frozen=True)
 class Spacecraft(NotebookRepr):
@@ -146,8 +168,6 @@ class Spacecraft(NotebookRepr):
     """Propellant of the thrusters; None: the mass is constant."""
     further_effectors: tuple[FurtherEffector, ...] = ()
     """Effectors of other kinds (`rans.effectors.effector.Effector`); their commands and stores come last."""
-    slosh: Slosh | None = None
-    """Liquid that sloshes; None: the craft is rigid."""
 
     def __post_init__(self) -> None:
         check_spacecraft(self)
@@ -157,7 +177,7 @@ class Spacecraft(NotebookRepr):
         # Computed here because the compiler of torch cannot trace cached properties.
         _ = self.commands, self.stores, self.wheel_map, self.wrench_map, self.droop, self.supplies
         _ = self.command_count, self.thruster_commands, self.wheel_commands, self.has_only_thrusters
-        _ = self.slosh_stores
+        _ = self.mounted
 
     @classmethod
     def planar(
@@ -231,9 +251,8 @@ class Spacecraft(NotebookRepr):
     def _effectors(self) -> str:
         wheels = f", {counted(len(self.wheels), 'wheel')}" if self.wheels else ""
         tank = "" if self.propellant is None else f", {self.propellant.mass:g} kg propellant"
-        slosh = "" if self.slosh is None else f", {self.slosh.mass:g} kg slosh"
-        further = "".join(f", {type(effector).__name__}" for effector in self.further_effectors)
-        return f"thrusters {self.thrust}{wheels}{tank}{slosh}{further}"
+        further = "".join(f", {e.label}" for e in self.further_effectors)
+        return f"thrusters {self.thrust}{wheels}{tank}{further}"
 
     @cached_property
     def commands(self) -> tuple[CommandRange, ...]:
@@ -244,7 +263,7 @@ class Spacecraft(NotebookRepr):
             for i in range(len(self.thrusters))
         )
         wheels = (CommandRange(f"wheel {i}", "wheel", -1.0, 1.0) for i in range(len(self.wheels)))
-        further = (command for effector in self.further_effectors for command in effector.commands)
+        further = (command for effector in self.mounted for command in effector.commands)
         return (*thrusters, *wheels, *further)
 
     @cached_property
@@ -299,27 +318,28 @@ class Spacecraft(NotebookRepr):
             )
             for i, wheel in enumerate(self.wheels)
         )
-        further = (store for effector in self.further_effectors for store in effector.stores)
-        return (*left, *wheels, *self.slosh_stores, *further)
+        further = (store for effector in self.mounted for store in effector.stores)
+        return (*left, *wheels, *further)
 
     @cached_property
-    def slosh_stores(self) -> tuple[Store, ...]:
-        """Where the sloshing liquid's pendulum points relative to the craft, and its rate; empty without one.
+    def mounted(self) -> tuple[FurtherEffector, ...]:
+        """`further_effectors` as parts of this craft (`rans.effectors.effector.Effector.of_craft`)."""
+        return tuple(effector.of_craft(self) for effector in self.further_effectors)
 
-        Plane: its angle and angular rate. Space: its unit vector in B and the derivative of that vector.
-        """
-        if self.slosh is None:
-            return ()
-        if self.dimension == 3:
-            directions = zip("xyz", self.slosh.direction, strict=True)
-            return (
-                *(Store(f"slosh direction {axis}", "", e, -1.0, 1.0) for axis, e in directions),
-                *(Store(f"slosh rate {axis}", "1/s", 0.0, -_LARGEST, _LARGEST) for axis in "xyz"),
-            )
-        return (
-            Store("slosh angle", "rad", 0.0, -math.pi, math.pi),
-            Store("slosh rate", "rad/s", 0.0, -_LARGEST, _LARGEST),
-        )
+    @property
+    def is_rigid(self) -> bool:
+        """Whether no mass moves in the craft, such as a liquid; wheels and propellant count as rigid."""
+        return not any(effector.moves_mass for effector in self.further_effectors)
+
+    @property
+    def acting_effectors(self) -> tuple[FurtherEffector, ...]:
+        """Further effectors that push, turn or take commands: all but those that only move a mass in the craft."""
+        return tuple(effector for effector in self.further_effectors if not effector.moves_mass)
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """Quantities of further effectors that conditions may multiply, in the order of `Body.factors`."""
+        return tuple(name for effector in self.further_effectors for name in effector.factors)
 
     @property
     def is_continuous(self) -> bool:
@@ -407,7 +427,7 @@ class Spacecraft(NotebookRepr):
         (False, True)
         """
         torques = (row[self.dimension :] for row in self.wrench_map)
-        return bool(self.wheels or self.further_effectors) or any(map(any, torques))
+        return bool(self.wheels or self.acting_effectors) or any(map(any, torques))
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -457,7 +477,7 @@ def check_spacecraft(craft: Spacecraft) -> None:
     _check_inertia(craft)
     _check_wheels(craft)
     _check_propellant(craft)
-    _check_slosh(craft)
+    _check_further(craft)
     for index, thruster in enumerate(craft.thrusters):
         checked(f"spacecraft {craft.name!r}: thruster {index}", thruster, Thruster)
         _check_thruster(craft, index, thruster)
@@ -603,57 +623,31 @@ def _check_propellant(craft: Spacecraft) -> None:
     _require(_positive(value), craft, "specific_impulse", value, f"{_POSITIVE} s")
 
 
-def _check_slosh(craft: Spacecraft) -> None:
-    """Refuse a pendulum that is out of range, or that leaves no rigid craft around it."""
-    if craft.slosh is None:
-        return
-    slosh = checked(f"spacecraft {craft.name!r}: slosh", craft.slosh, Slosh)
-    if craft.propellant is not None:
+def _check_further(craft: Spacecraft) -> None:
+    """Refuse further effectors that cannot be on this craft, and two with a mass that moves in it."""
+    for effector in craft.further_effectors:
+        effector.check_craft(craft)
+    moving = [e.label for e in craft.further_effectors if e.moves_mass]
+    if len(moving) > 1:
         raise ConfigError(
-            f"spacecraft {craft.name!r} has [slosh], a pendulum of constant mass, and [propellant]: take one of "
-            "them out of its file."
+            f"spacecraft {craft.name!r} has {' and '.join(moving)}: one effector of a craft may move a mass in it."
         )
-    _require(_positive(slosh.length), craft, "slosh length", slosh.length, f"{_POSITIVE} m")
-    _require(_triple(slosh.hinge), craft, "slosh hinge", slosh.hinge, f"{_TRIPLE} m")
-    _check_unit(craft, "slosh direction", slosh.direction)
-    height = craft.centre_of_mass[2]
-    off = max(abs(slosh.hinge[2] - height), abs(slosh.direction[2]))
-    bound = f"in the plane of the centre of mass (z = {height:g} m)"
-    flat = craft.dimension == 3 or off <= _PLANE_TOLERANCE
-    _require(flat, craft, "slosh hinge and direction", (slosh.hinge, slosh.direction), bound)
-    calm = _number(slosh.damping) and slosh.damping >= 0.0
-    _require(calm, craft, "slosh damping", slosh.damping, f"a number from 0 to {_LARGEST:g} N m s")
-    below = f"a number from {_SMALLEST:g} kg to less than the craft's mass, {craft.mass:g} kg"
-    possible = _positive(slosh.mass) and slosh.mass <= craft.mass * (1.0 - 1e-3)
-    _require(possible, craft, "slosh mass", slosh.mass, below)
-    # What the mass at rest adds to the inertia about the centre of mass of both.
-    away = math.dist(slosh.point(), craft.centre_of_mass)
-    adds = slosh.mass * away**2 / (1.0 - slosh.mass / craft.mass)
-    moment = craft.least_spread
-    _require(
-        adds <= moment * (1.0 - 1e-3),
-        craft,
-        "slosh mass",
-        slosh.mass,
-        f"so small that the craft without it has an inertia above 0: at rest it is {away:.4g} m from the centre of "
-        f"mass and adds {adds:.4g} kg m^2 of the craft's {moment:.4g} kg m^2, which includes it",
-    )
 
 
 def check_rigid(craft: Spacecraft, what: str) -> None:
-    """Refuse a craft with sloshing liquid.
+    """Refuse a craft in which a mass moves.
 
     Args:
         craft: any.
         what: what is of rigid craft only, as the subject of a sentence in the plural.
 
     Raises:
-        ConfigError: it has `Spacecraft.slosh`.
+        ConfigError: it is not `Spacecraft.is_rigid`.
     """
-    if craft.slosh is not None:
+    if not craft.is_rigid:
         raise ConfigError(
-            f"{what} are those of a rigid craft, and {craft.name!r} has a sloshing liquid: take [slosh] out of its "
-            "file to compute them with the liquid at rest."
+            f"{what} are those of a rigid craft, and a mass moves in {craft.name!r}, such as a sloshing liquid: "
+            "take its table out of the file, as [slosh], to compute them with the mass at rest."
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import math
@@ -19,7 +20,6 @@ from rans.files import distinct, first_line, read_text
 from rans.model.actuators import KINDS, Actuators, Propellant, Wheel
 from rans.model.foreign import FORMATS
 from rans.model.pace import misfits
-from rans.model.slosh import Slosh
 from rans.model.solids import Solid, with_meshes
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.registry import Registry, typed
@@ -107,8 +107,11 @@ def _effector_class(found: Any) -> Any:
     return found
 
 
-EFFECTORS: Registry[Any] = Registry("kind of effector", "rans.effector", {}, _effector_class)
-"""Kinds of effectors for ``[[effector]]`` tables, registered by packages."""
+EFFECTORS: Registry[Any] = Registry(
+    "kind of effector", "rans.effector", {}, _effector_class, extra_of={"slosh": "missions"}
+)
+"""Kinds of effectors, registered by packages: a table with the name of a kind is an effector of a craft, and an
+``[[effector]]`` table has it as its ``kind``."""
 
 
 USUAL: dict[int, str] = {2: "floating-platform", 3: "free-flyer"}
@@ -187,8 +190,8 @@ def parse_spacecraft(text: str, source: str) -> Spacecraft:
     - ``[actuators]`` with the ``kind`` of the actuators and its settings,
     - ``[[wheel]]`` for each reaction wheel,
     - ``[propellant]`` if thrusters use propellant,
-    - ``[slosh]`` if a liquid sloshes in the craft,
-    - ``[[effector]]`` for each further effector, with its ``kind`` (MODULE:NAME, see `EFFECTORS`) and settings,
+    - a table with the name of a kind of `EFFECTORS`, such as ``[slosh]``, for a further effector of this kind,
+    - ``[[effector]]`` for each further effector, with its ``kind`` (of `EFFECTORS`, or MODULE:NAME) and settings,
     - ``[[solid]]`` for each shape in drawings.
 
     A planar spacecraft may have positions and directions of two numbers, and its inertia as one number.
@@ -225,8 +228,6 @@ def to_toml(craft: Spacecraft) -> str:
     }
     tank = table.pop("propellant")
     propellant = "" if tank is None else f"\n[propellant]\n{_lines(tank)}"
-    pendulum = table.pop("slosh")
-    slosh = "" if pendulum is None else f"\n[slosh]\n{_lines(pendulum)}"
     wheels = "".join(f"\n[[wheel]]\n{_lines(each)}" for each in table.pop("wheels"))
     single = len(craft.supplies) == 1
     thrusters = "".join(
@@ -238,19 +239,21 @@ def to_toml(craft: Spacecraft) -> str:
         "\n[[solid]]\n" + _lines({key: value for key, value in each.items() if value})
         for each in table.pop("solids")
     )
-    further = "".join(
-        f"\n[[effector]]\n{_effector_lines(further_effector)}"
-        for further_effector in craft.further_effectors
-    )
-    tables = f"{propellant}{slosh}{thrusters}{wheels}{further}{solids}"
+    further = "".join(_effector_lines(effector) for effector in craft.further_effectors)
+    tables = f"{propellant}{thrusters}{wheels}{further}{solids}"
     return f"{_lines(table)}\n[actuators]\n{_lines(actuators)}{tables}"
 
 
 def _effector_lines(effector: Any) -> str:
-    """Kind and settings of a further effector as TOML lines; the kind is then allowed in files of this process."""
+    """Table of a further effector as TOML lines; a kind of no package is then allowed in files of this process."""
+    settings = dataclasses.asdict(effector)
     kind = f"{type(effector).__module__}:{type(effector).__qualname__}"
+    for name in EFFECTORS:
+        with contextlib.suppress(ConfigError):  # of a package that cannot be imported
+            if EFFECTORS[name] is type(effector):
+                return f"\n[{name}]\n{_lines(settings)}"
     typed(kind)
-    return _lines({"kind": kind} | dataclasses.asdict(effector))
+    return f"\n[[effector]]\n{_lines({'kind': kind} | settings)}"
 
 
 def _lines(table: dict[str, Any]) -> str:
@@ -261,8 +264,14 @@ def _lines(table: dict[str, Any]) -> str:
 
 
 def _build(table: dict[str, Any]) -> Spacecraft:
-    _check_keys(table, _REQUIRED, _OPTIONAL, "the file", "")
+    # Tables with the name of a kind of effector.
+    for kind in EFFECTORS.extra_of:
+        if kind in table:
+            EFFECTORS.check_installed(kind)
+    kinds = [kind for kind in EFFECTORS if kind in table]
+    _check_keys(table, _REQUIRED, {*_OPTIONAL, *EFFECTORS}, "the file", "")
     lengths = (3,) if table["dimension"] == 3 else (2, 3)
+    named = tuple(_effector(table[kind], kind, kind, lengths) for kind in kinds)
     readers: dict[str, Callable[[Any, str], Any]] = {
         "name": _text,
         "dimension": lambda value, _: value,
@@ -273,9 +282,8 @@ def _build(table: dict[str, Any]) -> Spacecraft:
         "radius": _number,
         "actuators": _actuators,
         "propellant": _propellant,
-        "slosh": partial(_slosh, lengths=lengths),
         "wheel": _wheels,
-        "effector": _further,
+        "effector": partial(_further, lengths=lengths),
         "thrust_sharing": _text,
         "shape": _text,
         "solid": _solids,
@@ -285,7 +293,7 @@ def _build(table: dict[str, Any]) -> Spacecraft:
         thrusters=values.pop("thruster", ()),
         solids=values.pop("solid", ()),
         wheels=values.pop("wheel", ()),
-        further_effectors=values.pop("effector", ()),
+        further_effectors=(*named, *values.pop("effector", ())),
         **values,
     )
 
@@ -331,7 +339,28 @@ def _wheel(table: dict[str, Any], index: int) -> Wheel:
     return Wheel(_unit(table["axis"], f"{where} axis", (3,)), *numbers)
 
 
-def _further(tables: Any, key: str) -> tuple[Any, ...]:
+def _effector(table: Any, key: str, kind: str, lengths: tuple[int, ...]) -> Any:
+    """Further effector of a kind from its settings.
+
+    A vector of two numbers, where the craft has such (`lengths`), is one of three whose last is zero; a setting
+    "direction" may have any length.
+    """
+    if not isinstance(table, dict):
+        raise ConfigError(f"{key} must be a table, got {brief(table)}.")
+    made = EFFECTORS[kind]
+    vectors = {
+        field.name: table[field.name]
+        for field in dataclasses.fields(made)
+        if field.name in table and str(field.type) == "tuple[float, float, float]"
+    }
+    read = {
+        name: list((_unit if name == "direction" else _vector)(value, f"{key} {name}", lengths))
+        for name, value in vectors.items()
+    }
+    return structure(table | read, made, key)
+
+
+def _further(tables: Any, key: str, lengths: tuple[int, ...]) -> tuple[Any, ...]:
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigError(f"{key} must be [[effector]] tables, got {brief(tables)}.")
     parts = []
@@ -341,7 +370,7 @@ def _further(tables: Any, key: str) -> tuple[Any, ...]:
             raise ConfigError(f'{where}: the key "kind" is missing.')
         kind = _text(table["kind"], f"{where} kind")
         settings = {name: value for name, value in table.items() if name != "kind"}
-        parts.append(structure(settings, EFFECTORS[kind], where))
+        parts.append(_effector(settings, where, kind, lengths))
     return tuple(parts)
 
 
@@ -351,19 +380,6 @@ def _propellant(table: Any, key: str) -> Propellant:
     names = ("mass", "specific_impulse")
     _check_keys(table, names, (), key, f"{key}: ")
     return Propellant(*(_number(table[name], f"{key} {name}") for name in names))
-
-
-def _slosh(table: Any, key: str, lengths: tuple[int, ...]) -> Slosh:
-    if not isinstance(table, dict):
-        raise ConfigError(f"{key} must be a table, got {brief(table)}.")
-    _check_keys(table, ("mass", "length", "hinge", "direction"), ("damping",), key, f"{key}: ")
-    return Slosh(
-        _number(table["mass"], f"{key} mass"),
-        _number(table["length"], f"{key} length"),
-        _vector(table["hinge"], f"{key} hinge", lengths),
-        _unit(table["direction"], f"{key} direction", lengths),
-        _number(table.get("damping", 0.0), f"{key} damping"),
-    )
 
 
 def _solids(tables: Any, key: str) -> tuple[Solid, ...]:

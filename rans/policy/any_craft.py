@@ -85,7 +85,7 @@ def authority(craft: Spacecraft, period: float) -> tuple[float, ...]:
     Raises:
         ConfigError: the craft has effectors that cannot be allocated, or they do not push and turn it every way.
     """
-    if craft.further_effectors or (craft.actuators.low, craft.actuators.high) != (0.0, 1.0):
+    if craft.acting_effectors or (craft.actuators.low, craft.actuators.high) != (0.0, 1.0):
         raise ConfigError(
             f"the agent for any craft commands thrusters from 0 to 1 and wheels, but {craft.name} has others: "
             "train an agent of its own with rans train."

@@ -58,7 +58,7 @@ def symmetries(craft: Spacecraft) -> Symmetries | None:
     thrusters have a supply in common.
     A craft with reaction wheels or further effectors has its own view only: their commands turn with no view.
     """
-    if craft.wheels or craft.further_effectors:
+    if craft.wheels or craft.acting_effectors:
         return None
     results = [
         (view, permutation)

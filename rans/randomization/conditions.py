@@ -9,13 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from itertools import accumulate, product
+from itertools import accumulate
 from operator import attrgetter
 from typing import Any, Literal, NamedTuple, get_args
 
 from rans.display import Settings
 from rans.errors import ConfigError, NamedArguments, checked, fits, is_finite, one_of
-from rans.model.body import Body
 from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
 from rans.structure import Range, is_range
@@ -71,18 +70,19 @@ class BodyConditions(Settings):
     """Factor on all moments of inertia."""
     centre: Range = 0.0
     """Distance between the true centre of mass and the designed one, in a random direction, m."""
-    slosh_mass: Range = 1.0
-    """Factor on the fraction of the mass that sloshes, of a craft with `Spacecraft.slosh`."""
-    slosh_damping: Range = 1.0
-    """Factor on the damping of its liquid."""
     stretch: Range = 1.0
     """Factor on the distances of all masses from the centre of mass along an axis of B, in space, drawn for each
     axis: it changes the ratios of the moments of inertia, which remain those of a rigid body."""
 
-    @property
-    def varies_slosh(self) -> bool:
-        """Whether the liquid is not as designed."""
-        return (self.slosh_mass, self.slosh_damping) != (1.0, 1.0)
+
+@dataclass(frozen=True)
+class EffectorConditions(Settings):
+    """Randomization of a quantity of a further effector, such as the mass that sloshes in a tank."""
+
+    quantity: str
+    """Name of the quantity, of `rans.model.spacecraft.Spacecraft.factors`."""
+    factor: Range = 1.0
+    """Factor on it."""
 
 
 @dataclass(frozen=True)
@@ -246,6 +246,8 @@ class Conditions(NamedArguments, Settings):
     disturbances: DisturbanceConditions = field(default_factory=DisturbanceConditions)
     sensors: SensorsConditions = field(default_factory=SensorsConditions)
     layouts: LayoutConditions = field(default_factory=LayoutConditions)
+    effectors: tuple[EffectorConditions, ...] = ()
+    """Randomization of further effectors; those of ``others`` name the same quantities."""
     description: str = ""
     """Description in one line, for lists."""
     weight: float = 1.0
@@ -255,6 +257,8 @@ class Conditions(NamedArguments, Settings):
 
     def __post_init__(self) -> None:
         _check(self, "")
+        names = [part.quantity for part in self.effectors]
+        _require(len({*names}) == len(names), "effectors", names, "quantities that differ")
         for component in self.others:
             checked("others", component, Conditions)
             _require(
@@ -290,15 +294,15 @@ class Conditions(NamedArguments, Settings):
         Raises:
             ConfigError: there are shortest on or off times, but the thrusters are not on/off, more thrusters fail
                 than there are, there is no thruster of a number that is to fail, the spacecraft cannot have
-                random layouts, no mass is left beside its propellant, or no inertia beside its sloshing liquid.
+                random layouts, no mass is left beside its propellant, or its further effectors refuse them.
         """
         self._check_propellant(craft)
-        self._check_slosh(craft)
+        self._check_effectors(craft)
         stretches = [part.body.stretch for part in (self, *self.others) if part.body.stretch != 1.0]
-        if stretches and (craft.dimension == 2 or craft.slosh is not None):
+        if stretches and (craft.dimension == 2 or not craft.is_rigid):
             raise ConfigError(
-                f"body.stretch = {stretches[0]} is for craft in space without a sloshing liquid, and "
-                f"{craft.name!r} {'moves in the plane' if craft.dimension == 2 else 'has one'}; body.inertia is a "
+                f"body.stretch = {stretches[0]} is for rigid craft in space, and {craft.name!r} "
+                f"{'moves in the plane' if craft.dimension == 2 else 'has a mass that moves'}; body.inertia is a "
                 "factor on all moments of inertia."
             )
         count = craft.thruster_count
@@ -379,37 +383,22 @@ class Conditions(NamedArguments, Settings):
                 f"Draw factors above {tank.mass / craft.mass:.4g}, for which the propellant is 99.9 % at most."
             )
 
-    def _check_slosh(self, craft: Spacecraft) -> None:
-        """Reject masses, inertias and centres of mass that leave no rigid craft around a sloshing liquid."""
-        slosh = craft.slosh
-        if slosh is None:
-            if any(part.body.varies_slosh for part in (self, *self.others)):
+    def _check_effectors(self, craft: Spacecraft) -> None:
+        """Reject quantities that no further effector has, and conditions that one of them refuses."""
+        for varied in self.effectors:
+            if varied.quantity not in craft.factors:
                 raise ConfigError(
-                    f"Conditions have body.slosh_mass or body.slosh_damping, and {craft.name!r} has no [slosh]: "
-                    "leave them out, or write [slosh] into its file."
+                    f"Conditions have a factor on {varied.quantity!r}, and the quantities of further effectors of "
+                    f"{craft.name!r} are {', '.join(craft.factors) or 'none'}: leave it out, or write the effector "
+                    "into the spacecraft's file."
                 )
-            return
-        for part in (self, *self.others):
-            (_, mass), (least, _), (_, shift) = map(
-                bounds, (part.body.mass, part.body.inertia, part.body.centre)
-            )
-            # The largest that the mass at rest adds, as in the check of the spacecraft.
-            away = math.dist(slosh.point(), craft.centre_of_mass) + shift
-            swings = slosh.mass * largest(part.body.slosh_mass)
-            if swings > craft.mass * (1.0 - 1e-3):
-                raise ConfigError(
-                    f"Conditions of body.slosh_mass up to {largest(part.body.slosh_mass):g} let {swings:g} kg "
-                    f"swing of the {craft.mass:g} kg of {craft.name!r}: draw smaller factors."
-                )
-            adds = mass * swings * away**2 / (1.0 - swings / craft.mass)
-            moment = least * craft.least_spread
-            if adds > moment * (1.0 - 1e-3):
-                raise ConfigError(
-                    f"Conditions of body.mass up to {mass:g}, body.inertia from {least:g}, body.centre up to "
-                    f"{shift:g} m and body.slosh_mass up to {largest(part.body.slosh_mass):g} leave no inertia to "
-                    f"{craft.name!r} without its sloshing liquid: that adds up to {adds:.4g} kg m^2 of "
-                    f"{moment:.4g} kg m^2. Raise body.inertia, or narrow the ranges."
-                )
+        further: tuple[Any, ...] = craft.further_effectors
+        for effector in further:
+            effector.check_conditions(craft, self)
+
+    def factor(self, quantity: str) -> Range:
+        """Factor on a quantity of a further effector."""
+        return next((x.factor for x in self.effectors if x.quantity == quantity), 1.0)
 
     @property
     def or_none(self) -> Conditions | None:
@@ -431,38 +420,6 @@ class Conditions(NamedArguments, Settings):
         if self.others or not self.dead:
             return False
         return replace(self, description="", faults=FaultConditions()) == Conditions()
-
-    def slosh_bodies(self, craft: Spacecraft) -> list[Body]:
-        """Bodies of a craft with a sloshing liquid for which friction may stop its rod fastest; else nothing.
-
-        Those have the least inertia, the largest damping, and the extremes of the masses. The centre of mass is as
-        designed, or as far as can be from the mass at rest.
-        """
-        slosh = craft.slosh
-        if slosh is None:
-            return []
-        size = craft.dimension
-        away = [c - x for c, x in zip(craft.centre_of_mass, slosh.point(), strict=True)][:size]
-        distance = math.hypot(*away) or 1.0
-        designed = Body.of(craft)
-        bodies = []
-        for part in (self, *self.others):
-            body = part.body
-            for mass, liquid, shift in product(
-                bounds(body.mass), bounds(body.slosh_mass), (0.0, largest(body.centre))
-            ):
-                least = bounds(body.inertia)[0]
-                bodies.append(
-                    replace(
-                        designed,
-                        mass=mass * craft.mass,
-                        inertia=tuple(least * x for x in designed.inertia),
-                        centre=tuple(shift / distance * x for x in away),
-                        slosh_mass=liquid,
-                        slosh_damping=largest(body.slosh_damping),
-                    )
-                )
-        return bodies
 
     @property
     def steady_torque(self) -> float:
@@ -487,7 +444,10 @@ def _check(conditions: Any, section: str) -> None:
     for range_field in fields(conditions):
         value = getattr(conditions, range_field.name)
         name = section + range_field.name
-        if str(range_field.type).endswith("Conditions"):
+        if name == "effectors":
+            for varied in value:
+                _check(checked(name, varied, EffectorConditions), f"{name}: {varied.quantity}.")
+        elif str(range_field.type).endswith("Conditions"):
             _check(checked(name, value, globals()[str(range_field.type)]), name + ".")
         elif is_range(range_field) and value is not None:
             pair = bounds(value)
@@ -506,7 +466,10 @@ def _check_alike(first: Any, second: Any, section: str) -> None:
         value = getattr(first, range_field.name)
         other_value = getattr(second, range_field.name)
         name = section + range_field.name
-        if is_dataclass(value):
+        if name == "effectors" and len(value) == len(other_value):
+            for varied, other in zip(value, other_value, strict=True):
+                _check_alike(varied, other, f"{name}: {varied.quantity}.")
+        elif is_dataclass(value):
             _check_alike(value, other_value, name + ".")
         elif name not in ("description", "weight", "others"):
             free = is_range(range_field) and (value is None) == (other_value is None)
@@ -523,7 +486,10 @@ def _mixed(parts: Sequence[Any], ends: Sequence[float], chance: Field) -> Any:
     changed: dict[str, Any] = {}
     for range_field in fields(parts[0]):
         values = [getattr(part, range_field.name) for part in parts]
-        if is_dataclass(values[0]):
+        if range_field.name == "effectors":
+            several = zip(*values, strict=True)
+            changed["effectors"] = tuple(_mixed(varied, ends, chance) for varied in several)
+        elif is_dataclass(values[0]):
             changed[range_field.name] = _mixed(values, ends, chance)
         elif is_range(range_field) and any(value != values[0] for value in values):
             pairs = [bounds(value) for value in values]
@@ -548,7 +514,7 @@ def piecewise(values: Sequence[float], ends: Sequence[float], chance: Field) -> 
 
 _BOUNDS: tuple[tuple[str, Callable[[Any], Any], str], ...] = (
     ("weight", lambda x: fits(x, lambda weight: 0 < weight < math.inf), "a finite number > 0"),
-    ("body.mass body.inertia body.slosh_mass body.stretch", lambda x: bounds(x)[0] > 0, "> 0"),
+    ("body.mass body.inertia body.stretch", lambda x: bounds(x)[0] > 0, "> 0"),
     (
         "thrusters.thrust thrusters.pressure",
         lambda x: largest(x) > 0,

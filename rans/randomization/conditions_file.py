@@ -106,8 +106,8 @@ def load_conditions(name_or_file: str | Path | Conditions) -> Conditions:
     `Conditions` are returned as is.
 
     Keys of the file are those of `Conditions`: tables ``[body]``, ``[thrusters]``, ``[faults]``,
-    ``[disturbances]``, ``[sensors]`` and ``[sensors.position]`` etc. with numbers or [least, largest]. The key
-    ``base`` names conditions of RANS, whose values apply where the file has none.
+    ``[disturbances]``, ``[sensors]``, ``[sensors.position]`` and ``[[effectors]]`` etc. with numbers or
+    [least, largest]. The key ``base`` names conditions of RANS, whose values apply where the file has none.
 
     Raises:
         ConfigError: the name or file does not exist, or does not describe conditions.
@@ -153,7 +153,7 @@ def _inline(value: Any) -> str:
         return f"{{ {', '.join(f'{key} = {_inline(x)}' for key, x in value.items())} }}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_inline, value))}]"
-    if isinstance(value, Conditions):
+    if is_dataclass(value):
         return _inline(_changed(value))
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

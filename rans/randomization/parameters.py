@@ -314,7 +314,7 @@ _STREAMS = {
     "mountings": 19,
     "limits": 20,
     "stretch": 21,
-    "slosh": 22,
+    "effectors": 22,
 }
 """Random streams of the effects, of 256 blocks of random numbers each. Start and goal have stream 0, kicks have
 eight streams. These numbers must not change: every seed would then have other episodes."""
@@ -360,13 +360,10 @@ def draw(
     mountings = _mountings(thrusters.misalignment, thrusters.position, craft, random("mountings"))
     # A base with true positions keeps them unless the conditions have errors.
     body = replace(body, mountings=mountings or base.mountings)
-    if conditions.body.varies_slosh:
-        liquid = random("slosh")
-        body = replace(
-            body,
-            slosh_mass=liquid.within(conditions.body.slosh_mass),
-            slosh_damping=liquid.within(conditions.body.slosh_damping),
-        )
+    if conditions.effectors:
+        further = random("effectors")
+        factors = [further.within(conditions.factor(quantity)) for quantity in craft.factors]
+        body = replace(body, factors=tuple(factors))
     pushes = conditions.disturbances
     return EpisodeParameters(
         number=number,

@@ -140,19 +140,13 @@ class DrakeMover:
         spins = np.square(np.stack(np.broadcast_arrays(*state.spin()))).sum(axis=0)
         fastest = float(np.sqrt(np.nan_to_num(spins).max())) + _STRONGER * self._spin_up * period
         fastest += gyroscopic_rate(self._craft)
-        if self._craft.slosh is not None:
-            rates = [
-                np.nan_to_num(np.square(value))
-                for store, value in zip(self._craft.stores, state.stores, strict=True)
-                if store.name.startswith("slosh rate")
-            ]
-            fastest += float(np.sqrt(np.max(np.sum(rates, axis=0))))
+        stores = _columns(state.stores, np.size(state.p.x)) if state.stores else np.zeros((1, 0))
+        fastest += self._plant.fastest_inside(stores)
         return max(_SHORTEST, min(period / 20.0, _TURN / max(fastest, 1e-9)))
 
     def _plant_for(self, body: Body, count: int) -> Plant:
         parts = (body.mass, body.inertia, body.centre, body.mountings)
-        liquid = (body.slosh_mass, body.slosh_damping)
-        flying = _columns(leaves((*parts, *liquid)), count)
+        flying = _columns(leaves((*parts, body.factors)), count)
         if not np.array_equal(flying, self._built_for):
             step = _SHORTEST if self._max_step is None else self._max_step
             self._plant = Plant(self._craft, count, step, body, self._drift)

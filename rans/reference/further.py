@@ -10,12 +10,18 @@ which shares nothing with our equations: `register` it under the name of the eff
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context
 
 from rans.errors import ConfigError
+from rans.model.body import Body
+from rans.model.spacecraft import Spacecraft
+from rans.registry import Registry
 
 
 class Pushing(NamedTuple):
@@ -60,8 +66,49 @@ class DrakeEffector(ABC):
         """Its stores (N, stores) at a time since the control period began, s: by default as they were."""
         return stores
 
+    def fastest(self, stores: np.ndarray) -> float:
+        """Fastest motion inside the craft with these stores (N, stores), rad/s, for Drake's steps: by default 0."""
+        return 0.0
 
-_KINDS: dict[str, Any] = {}
+
+class DrakeMass(DrakeEffector):
+    """An effector with a mass of its own that moves in the craft, as bodies of Drake's plant."""
+
+    def places(self) -> list[Pushing]:
+        """It pushes nowhere: Drake computes what its mass does."""
+        return []
+
+    def values(self, commands: np.ndarray, stores: np.ndarray, duration: float) -> np.ndarray:
+        """None, (N, 0)."""
+        return np.zeros((len(stores), 0))
+
+    @abstractmethod
+    def at_rest(self, craft: Spacecraft, body: Body, index: int) -> tuple[float, np.ndarray]:
+        """Mass, kg, and its position at rest in G, (3,) m, in one of many spacecraft, whose mass includes it."""
+
+    @abstractmethod
+    def add(
+        self, plant: MultibodyPlant, craft: Spacecraft, body: Body, bodies: Sequence[Any]
+    ) -> None:
+        """Add the mass of every spacecraft, whose rigid bodies are the last argument, before the plant is final."""
+
+    @abstractmethod
+    def friction(self) -> Any:
+        """System with ports ``state``, ``others`` and ``total`` that adds forces; None: Drake's joints have all."""
+
+    @abstractmethod
+    def set(self, context: Context, q: np.ndarray, v: np.ndarray, stores: np.ndarray) -> None:
+        """Write its stores (N, stores) into the plant's coordinates q and velocities v."""
+
+    @abstractmethod
+    def get(self, context: Context) -> np.ndarray:
+        """Its stores (N, stores)."""
+
+
+REGISTERED: Registry[Any] = Registry(
+    "kind of effector in Drake", "rans.drake_effectors", {}, lambda make: make
+)
+"""What Drake's plant makes of further effectors, by the names of their classes; packages register theirs."""
 
 
 def register(kind: str, make: Any) -> None:
@@ -71,7 +118,7 @@ def register(kind: str, make: Any) -> None:
         kind: name of the class, such as "Torquer".
         make: called with the effector; returns its `DrakeEffector`.
     """
-    _KINDS[kind] = make
+    REGISTERED.register(kind)(make)
 
 
 def drake_effectors(effectors: tuple[Any, ...]) -> list[DrakeEffector]:
@@ -81,9 +128,9 @@ def drake_effectors(effectors: tuple[Any, ...]) -> list[DrakeEffector]:
         ConfigError: nobody registered one for a kind.
     """
     for effector in effectors:
-        if type(effector).__name__ not in _KINDS:
+        if type(effector).__name__ not in REGISTERED:
             raise ConfigError(
                 f"Drake does not know effectors of the kind {type(effector).__name__}: describe it with "
                 "rans.reference.further.register."
             )
-    return [_KINDS[type(effector).__name__](effector) for effector in effectors]
+    return [REGISTERED[type(effector).__name__](effector) for effector in effectors]

@@ -8,13 +8,13 @@ Like the plant it takes nothing of RANS but descriptions: values that say what t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.tree import RotationalInertia, SpatialInertia, UnitInertia
+from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from rans.errors import ConfigError
@@ -62,42 +62,29 @@ def centre_of_mass(craft: Spacecraft, body: Body, index: int) -> np.ndarray:
     return np.array(craft.centre_of_mass) + shift
 
 
-def slosh_mass(craft: Spacecraft, body: Body, index: int) -> float:
-    """Mass that swings in one of many spacecraft, kg."""
-    assert craft.slosh is not None
-    factor: Any = 1.0 if body.slosh_mass is None else body.slosh_mass
-    whole, times = (float(x if np.ndim(x) == 0 else x[index]) for x in (body.mass, factor))
-    return times * craft.slosh.mass * whole / craft.mass
-
-
-def slosh_damping(craft: Spacecraft, body: Body, count: int) -> np.ndarray:
-    """Friction of the liquid's hinge in each of many spacecraft, (N,) N m s."""
-    assert craft.slosh is not None
-    factor = 1.0 if body.slosh_damping is None else body.slosh_damping
-    return craft.slosh.damping * np.broadcast_to(np.asarray(factor, dtype=np.float64), count)
-
-
-def point_mass(mass: float, position: np.ndarray) -> SpatialInertia:
-    """Inertia of a point mass (kg) at a position (3,) in its body's frame, m."""
-    return SpatialInertia(mass, position, UnitInertia.PointMass(position))
-
-
 def _rotational(tensor: np.ndarray) -> RotationalInertia:
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor
     return RotationalInertia(xx, yy, zz, xy, xz, yz)
 
 
-def spatial_inertia(craft: Spacecraft, body: Body, index: int, left: float = 1.0) -> SpatialInertia:
-    """Mass, centre of mass and inertia of one of many spacecraft without its wheels, in the author's frame G.
+def spatial_inertia(
+    craft: Spacecraft,
+    body: Body,
+    index: int,
+    left: float = 1.0,
+    moving: Sequence[tuple[float, np.ndarray]] = (),
+) -> SpatialInertia:
+    """Mass, centre of mass and inertia of the rigid part of one of many spacecraft, in the author's frame G.
 
     In the plane only the moment about z counts; the others are the craft's in the same proportion. Wheels are
-    bodies of their own: their masses and the moments across their axes are taken off.
+    bodies of their own: their masses and the moments across their axes are taken off, and so are masses that move.
 
     Args:
         craft: as it is described.
         body: with a full tank, each value one number or (N,).
         index: of the spacecraft.
         left: share of mass and inertia that is left when propellant is used.
+        moving: masses that move in the craft, kg, with their positions at rest in G, (3,) m.
 
     Raises:
         ConfigError: Drake refuses them.
@@ -120,10 +107,9 @@ def spatial_inertia(craft: Spacecraft, body: Body, index: int, left: float = 1.0
         tensor -= 0.5 * wheel.inertia * (np.eye(3) - np.outer(axis, axis))
         mass -= _WHEEL_MASS * craft.mass
     centre = centre_of_mass(craft, body, index)
-    if craft.slosh is not None:
-        # The rest of the craft balances the mass that swings, both at rest.
-        swings = slosh_mass(craft, body, index)
-        to_mass = np.array(craft.slosh.point()) - centre
+    for swings, position in moving:
+        # The rest of the craft balances the mass that moves, both at rest.
+        to_mass = position - centre
         mass -= swings
         to_rest = -swings / mass * to_mass
         for part, arm in ((swings, to_mass), (mass, to_rest)):

@@ -35,6 +35,7 @@ from pydrake.multibody.tree import (
     PlanarJoint,
     QuaternionFloatingJoint,
     RevoluteJoint,
+    SpatialInertia,
 )
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
@@ -44,7 +45,7 @@ from rans.errors import ConfigError, positive
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift, EllipticOrbit, PerturbedOrbit
 from rans.model.spacecraft import Spacecraft
-from rans.reference.further import drake_effectors
+from rans.reference.further import DrakeMass, drake_effectors
 from rans.reference.nozzles import Failure, Nozzles, Segment
 from rans.reference.parts import (
     Orbit,
@@ -57,7 +58,6 @@ from rans.reference.parts import (
     thrust_pose,
     wheel_inertia,
 )
-from rans.reference.rods import HingeFriction, PlanarRods, Rods, SphericalRods
 
 _WEIGHINGS = 16
 """Times that a craft is weighed anew in a control period in which it uses propellant."""
@@ -75,9 +75,9 @@ class Plant:
     Integration steps end where a valve switches, where a thruster fails, and where a thrust begins or ends to
     grow.
 
-    A reaction wheel is a body of its own on a revolute joint with an actuator, and sloshing liquid is a point mass
-    on a joint with friction (`rans.reference.rods`). Propellant that is used makes
-    the craft lighter in short steps of the integration, each with the mass in its middle.
+    A reaction wheel is a body of its own on a revolute joint with an actuator, and a mass that moves in the craft
+    brings bodies and joints (`rans.reference.further.DrakeMass`). Propellant that is used makes the craft lighter
+    in short steps of the integration, each with the mass in its middle.
 
     Motion is integrated with Runge-Kutta of order five at a *fixed* step: under error control Drake 1.51.1
     continues from stale kinematics after a rejected step, and a discrete plant is a first-order Euler scheme
@@ -108,7 +108,9 @@ class Plant:
         self._body = body or designed(craft)
         self._drift = drift
         self._nozzles = Nozzles.of(craft, self._body, count)
-        self._further = drake_effectors(craft.further_effectors)
+        self._further = drake_effectors(craft.mounted)
+        self._masses = [one for one in self._further if isinstance(one, DrakeMass)]
+        """Further effectors with masses that move in the craft."""
         self._orbit: OrbitForces | None = None
         self._held = np.zeros(count, bool)
         """Craft on an uneven orbit that no effector turns and that stand in W: something that is not modelled holds
@@ -120,14 +122,14 @@ class Plant:
         builder = DiagramBuilder()
         self._plant = MultibodyPlant(time_step=0.0)
         builder.AddSystem(self._plant)
-        if craft.slosh is not None and not drift.in_straight_lines:
+        if self._masses and not drift.in_straight_lines:
             raise ConfigError(
-                f"Drake flies the slosh of {craft.name!r} in free flight and uniform gravity, got {drift!r}."
+                f"Drake flies the mass that moves in {craft.name!r} in free flight and uniform gravity, got "
+                f"{drift!r}."
             )
         self._plant.mutable_gravity_field().set_gravity_vector(gravity(drift))
         self._bodies = [
-            self._plant.AddRigidBody(f"G{k}", spatial_inertia(craft, self._body, k))
-            for k in range(count)
+            self._plant.AddRigidBody(f"G{k}", self._rigid_inertia(k)) for k in range(count)
         ]
         self._frames = [
             self._plant.AddFrame(
@@ -148,10 +150,8 @@ class Plant:
             [self._add_wheel(k, number) for number in range(craft.wheel_count)]
             for k in range(count)
         ]
-        self._rods: Rods | None = None
-        if craft.slosh is not None:
-            kind = PlanarRods if craft.dimension == 2 else SphericalRods
-            self._rods = kind(self._plant, craft, self._body, self._bodies)
+        for mass in self._masses:
+            mass.add(self._plant, craft, self._body, self._bodies)
         self._plant.Finalize()
         # Where each spacecraft's coordinates stand in Drake's vectors, (N, coordinates).
         self._position = np.array(
@@ -373,12 +373,9 @@ class Plant:
         """The input for disturbances, through the orbit's pull where there is an orbit."""
         forces = self._plant.get_applied_generalized_force_input_port()
         if not isinstance(self._drift, Orbit):
-            if isinstance(self._rods, SphericalRods):
-                friction = HingeFriction(
-                    self._rods,
-                    self._plant.num_positions(),
-                    self._plant.num_velocities(),
-                )
+            for mass in self._masses:
+                if (friction := mass.friction()) is None:
+                    continue
                 builder.AddSystem(friction)
                 builder.Connect(self._plant.get_state_output_port(), friction.state)
                 builder.Connect(friction.total, forces)
@@ -429,14 +426,12 @@ class Plant:
 
     def _momenta(self, states: np.ndarray) -> np.ndarray:
         """Momenta of the wheels (N, wheels), N m s."""
-        end = self._end_of_rods(states) - len(self.craft.slosh_stores)
+        end = self._first_of_further(states)
         return states[:, end - self.craft.wheel_count : end]
 
-    def _end_of_rods(self, states: np.ndarray) -> int:
-        """Column after those of the rod, behind which stands what further effectors hold."""
-        return states.shape[1] - sum(
-            len(effector.stores) for effector in self.craft.further_effectors
-        )
+    def _first_of_further(self, states: np.ndarray) -> int:
+        """Column where what further effectors hold begins."""
+        return states.shape[1] - sum(len(effector.stores) for effector in self.craft.mounted)
 
     def _axes(self) -> np.ndarray:
         """Axes of the wheels in B, (3, wheels)."""
@@ -460,7 +455,7 @@ class Plant:
         """Give every spacecraft a share (N,) of its full mass and inertia."""
         if self.craft.propellant is not None:
             for k, body in enumerate(self._bodies):
-                inertia = spatial_inertia(self.craft, self._body, k, float(left[k]))
+                inertia = self._rigid_inertia(k, float(left[k]))
                 body.SetSpatialInertiaInBodyFrame(self._plant_context, inertia)
         if self._orbit is not None:
             masses = left * np.broadcast_to(self._body.mass, self.count)
@@ -469,6 +464,21 @@ class Plant:
             diagram = self._simulator.get_system()
             diagram.GetInputPort("masses").FixValue(self._context, masses)
             diagram.GetInputPort("inertias").FixValue(self._context, inertias.ravel())
+
+    def fastest_inside(self, stores: np.ndarray) -> float:
+        """Fastest motion of masses in the craft with these stores (N, stores), rad/s; 0 without such."""
+        first = self._first_of_further(stores)
+        rates = [0.0]
+        for described, effector in zip(self.craft.mounted, self._further, strict=True):
+            last = first + len(described.stores)
+            rates.append(effector.fastest(stores[:, first:last]))
+            first = last
+        return max(rates)
+
+    def _rigid_inertia(self, k: int, left: float = 1.0) -> SpatialInertia:
+        """Mass properties of one spacecraft without what moves in it; see `spatial_inertia`."""
+        moving = [mass.at_rest(self.craft, self._body, k) for mass in self._masses]
+        return spatial_inertia(self.craft, self._body, k, left, moving)
 
     def _inertia(self, k: int) -> np.ndarray:
         """Inertia of one spacecraft and its wheels about the centre of mass, in B, (3, 3) kg m^2."""
@@ -567,10 +577,12 @@ class Plant:
         states = states[:, : self._width]
         q = np.zeros(self._plant.num_positions())
         v = np.zeros(self._plant.num_velocities())
-        if self._rods is not None:
-            end = self._end_of_rods(stores)
-            own = stores[:, end - len(self.craft.slosh_stores) : end]
-            self._rods.set(self._plant_context, q, v, own)
+        first = self._first_of_further(stores)
+        for described, effector in zip(self.craft.mounted, self._further, strict=True):
+            last = first + len(described.stores)
+            if isinstance(effector, DrakeMass):
+                effector.set(self._plant_context, q, v, stores[:, first:last])
+            first = last
         spins = states[:, 5:] if self.craft.dimension == 2 else states[:, 10:]
         held = not (self._drift.steady or self.craft.turns or self._drift.gradient() is not None)
         self._held = held & (np.abs(spins) < 1e-15).all(axis=1)
@@ -601,10 +613,10 @@ class Plant:
         """Begin a control period (s) of further effectors."""
         commands = self._with_wheels(commands)
         first = self.craft.wheel_commands.stop
-        bare = self._end_of_rods(stores)
+        bare = self._first_of_further(stores)
         self._begun = []
         """Each further effector with its commands and stores, and the length of the control period."""
-        for described, effector in zip(self.craft.further_effectors, self._further, strict=True):
+        for described, effector in zip(self.craft.mounted, self._further, strict=True):
             last = first + len(described.commands)
             left = bare + len(described.stores)
             self._begun.append((effector, commands[:, first:last], stores[:, bare:left], duration))
@@ -648,14 +660,14 @@ class Plant:
             spins = self._plant.GetVelocities(self._plant_context)[self._spins]
             w_B = w_B + self._turning(self._context.get_time())
             rows = np.hstack([rows, rotors * (w_B @ self._axes() + spins)])
-        if self._rods is not None:
-            rows = np.hstack([rows, self._rods.get(self._plant_context)])
-        if self._begun:
-            time = self._context.get_time()
-            rows = np.hstack(
-                [rows, *(effector.stores_after(*begun, time) for effector, *begun in self._begun)]
-            )
-        return rows
+        time = self._context.get_time()
+        further = (
+            effector.get(self._plant_context)
+            if isinstance(effector, DrakeMass)
+            else effector.stores_after(*begun, time)
+            for effector, *begun in self._begun
+        )
+        return np.hstack([rows, *further])
 
     def _rows(self, generalised: np.ndarray) -> np.ndarray:
         """One row per spacecraft, translation first (Drake's floating joint puts rotation first)."""

@@ -225,7 +225,6 @@ def test_a_file_written_from_a_spacecraft_reads_back(craft: Spacecraft) -> None:
             "solids",
             "wheels",
             "propellant",
-            "slosh",
             "further_effectors",
         )
     }

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 import torch
 
+import rans
 from rans.errors import ConfigError
 from rans.evaluation.fly.any_craft import for_spacecraft
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
-from rans.model.slosh import Slosh
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
 from rans.model.timing import Timing
@@ -29,6 +29,7 @@ from rans.policy.program import Step
 from rans.policy.scalars import fields
 from rans.policy.timing import timing_for
 from rans.policy.traced import parameters, policy_program
+from tests.support.packages import needs
 from tests.support.pose_observations import observations
 
 AGENT = "pretrained:any-craft-2d"
@@ -328,11 +329,12 @@ def test_on_off_thrusters_in_space_whose_pulse_turns_far_have_a_short_period(
     assert timing.episode_steps * timing.control_period >= 25.0
 
 
+@needs("missions")
 def test_an_agent_flies_its_own_craft_with_slosh_and_no_other() -> None:
     run = contestant("pretrained:go-to-pose-2d")
-    slosh = Slosh(0.5, 0.06, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    slosh = rans.Slosh(0.5, 0.06, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
     # As a file has it, whose directions differ in their last digits.
-    text = to_toml(replace(run.craft, name="sloshing", slosh=slosh))
+    text = to_toml(replace(run.craft, name="sloshing", further_effectors=(slosh,)))
     sloshing = parse_spacecraft(text, "a file")
     found = for_spacecraft(run, sloshing)
     assert found.craft == sloshing

@@ -11,11 +11,14 @@ from rans.abilities import EXTRA_OF
 from rans.cli.commands import COMMANDS
 
 
+def is_installed(package: str) -> bool:
+    """Whether a package of this repository is installed."""
+    return importlib.util.find_spec(f"rans_{package}") is not None
+
+
 def needs(package: str) -> pytest.MarkDecorator:
     """Mark of a test that a package takes part in; it is skipped where the package is not installed."""
-    return pytest.mark.skipif(
-        importlib.util.find_spec(f"rans_{package}") is None, reason=f"needs packages/{package}"
-    )
+    return pytest.mark.skipif(not is_installed(package), reason=f"needs packages/{package}")
 
 
 def of(package: str, *values: Any) -> Any:

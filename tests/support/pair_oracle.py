@@ -102,10 +102,8 @@ class Oracle:
             size = self.craft.dimension
             self.directions[number, :size] = mounting.direction
             self.places[number, :size] += mounting.offset
-        if body.slosh_mass is not None:
-            self.swings = body.slosh_mass
-        if body.slosh_damping is not None:
-            self.sticks = body.slosh_damping
+        if body.factors:
+            self.swings, self.sticks = body.factors
 
     # Thrust.
 
@@ -420,8 +418,7 @@ class SwingingOracle(Oracle):
 
     def __init__(self, flight: Flight, drawn: EpisodeParameters | None, number: int) -> None:
         super().__init__(flight, drawn, number)
-        slosh = self.craft.slosh
-        assert slosh is not None
+        slosh: Any = self.craft.further_effectors[0]
         mass = self.mass * self.swings * slosh.mass / self.craft.mass
         rigid = self.mass - mass
         hinge = np.array(slosh.hinge) - self.centre
@@ -445,8 +442,8 @@ class SwingingOracle(Oracle):
         if self.craft.dimension == 3:
             rod = stores
         else:
-            assert self.craft.slosh is not None
-            x, z, _ = self.craft.slosh.direction
+            slosh: Any = self.craft.further_effectors[0]
+            x, z, _ = slosh.direction
             angle, rate = stores
             c, s = math.cos(angle), math.sin(angle)
             along = np.array([c * x - s * z, s * x + c * z, 0.0])
@@ -464,8 +461,8 @@ class SwingingOracle(Oracle):
         rod = y[14 + len(self.rotors) :]
         if self.craft.dimension == 3:
             return [*super()._columns(y), *rod]
-        assert self.craft.slosh is not None
-        x, z, _ = self.craft.slosh.direction
+        slosh: Any = self.craft.further_effectors[0]
+        x, z, _ = slosh.direction
         angle = math.atan2(x * rod[1] - z * rod[0], x * rod[0] + z * rod[1])
         return [*super()._columns(y), angle, rod[0] * rod[4] - rod[1] * rod[3]]
 

@@ -11,14 +11,14 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+import rans
 from rans.flight import Flight, fly
 from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire, Drift, UniformGravity
 from rans.model.fields import unflatten
 from rans.model.random import Draws
-from rans.model.slosh import Slosh
-from rans.model.spacecraft import Spacecraft, Thruster, controls_every_direction
+from rans.model.spacecraft import Spacecraft, Store, Thruster, controls_every_direction
 from rans.model.timing import Timing
 from rans.randomization.conditions import (
     BodyConditions,
@@ -31,6 +31,7 @@ from rans.randomization.parameters import draw
 from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, draws, scenarios
 from rans.tasks import GoToPose
+from tests.support.packages import is_installed
 from tests.support.pair_oracle import Oracle, SwingingOracle
 from validation.study.sampling import Restless, gaps
 
@@ -65,7 +66,8 @@ _CONDITIONS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 """Ranges that a thruster of the craft below can balance, by effect."""
 _SCALED = ("force", "torque", "slow_force", "slow_torque", "kick", "kick_spin")
-EFFECTS = ("pulsed", "throttle", "wheels", "tank", "slosh", "orbit", "gravity", *_CONDITIONS)
+_SLOSH = ("slosh",) if is_installed("missions") else ()
+EFFECTS = ("pulsed", "throttle", "wheels", "tank", *_SLOSH, "orbit", "gravity", *_CONDITIONS)
 _APART = (
     {"pulsed", "throttle"},
     {"orbit", "gravity"},
@@ -181,18 +183,19 @@ def craft_with(
             burned = random.uniform(0.2, 0.5) * mass
             thrust = sum(one.force for one in nozzles)
             tank = Propellant(burned, thrust * 8.0 / (burned * 9.80665))
-        slosh = None
+        further: tuple[Any, ...] = ()
         if "slosh" in effects:
             # Up to a tenth of the mass, with a hundredth of critical friction at 0.3 m/s^2.
             swings = random.uniform(0.03, 0.1) * mass
             length = random.uniform(0.04, 0.08)
-            slosh = Slosh(
+            slosh = rans.Slosh(
                 swings,
                 length,
                 _triple(random.uniform(-0.05, 0.05, 3) * flat),
                 _unit(random.normal(size=3) * flat),
                 0.02 * swings * length**2 * math.sqrt(0.3 / length),
             )
+            further = (slosh,)
         with warnings.catch_warnings():  # drawn again where it cannot be controlled
             warnings.simplefilter("ignore", UserWarning)
             craft = Spacecraft(
@@ -203,7 +206,7 @@ def craft_with(
                 nozzles,
                 wheels=wheels,
                 propellant=tank,
-                slosh=slosh,
+                further_effectors=further,
                 actuators=actuators,
             )
         if controls_every_direction(craft):
@@ -303,9 +306,9 @@ def flown(
         stores = tuple(
             np.array([random.uniform(0.3 * s.high if s.low == 0.0 else 0.5 * s.low, 0.5 * s.high)])
             for s in craft.stores
-            if s not in craft.slosh_stores
+            if s not in _stores_of_rod(craft)
         )
-        stores += tuple(np.array([s.initial]) for s in craft.slosh_stores)
+        stores += tuple(np.array([s.initial]) for s in _stores_of_rod(craft))
         starts = replace(starts, start=replace(starts.start, stores=stores))
     own = draws(seed, 1)
     with warnings.catch_warnings():  # that a period of 0.5 s is too long for some of them
@@ -330,7 +333,7 @@ def compare(
         craft = flight.craft
         steps = flight.timing.episode_steps
         drawn = draw(conditions, craft, Body.of(craft), steps, own.first, own)
-    kind = Oracle if flight.craft.slosh is None else SwingingOracle
+    kind = Oracle if flight.craft.is_rigid else SwingingOracle
     rows = kind(flight, drawn, 0).fly()
     return _apart(flight, unflatten(flight.states, [column[:, None] for column in rows.T]))
 
@@ -359,9 +362,13 @@ def compare_with_drake(
     return _apart(flight, judged.states)
 
 
+def _stores_of_rod(craft: Spacecraft) -> tuple[Store, ...]:
+    return tuple(store for effector in craft.mounted for store in effector.stores)
+
+
 def _apart(flight: Flight, others: Any) -> Apart:
     # The rod's direction and rate, which follow from the motion, are no amounts that are kept.
-    amounts = len(flight.craft.stores) - len(flight.craft.slosh_stores)
+    amounts = len(flight.craft.stores) - len(_stores_of_rod(flight.craft))
     ours, theirs = (replace(x, stores=x.stores[:amounts]) for x in (flight.states, others))
     off = gaps(ours, theirs)
     spin = np.linalg.norm(np.array(flight.states.spin()), axis=0)

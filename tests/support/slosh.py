@@ -13,7 +13,9 @@ from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 
 SLOSH = rans.Slosh(1.064, 0.06, (0.05, 0.03, 0.0), (-0.6, 0.8, 0.0), 0.002)
-SLOSHING = replace(rans.load_spacecraft("floating-platform"), name="sloshing", slosh=SLOSH)
+SLOSHING = replace(
+    rans.load_spacecraft("floating-platform"), name="sloshing", further_effectors=(SLOSH,)
+)
 """The floating platform, of whose mass 20 % swing."""
 
 IN_SPACE_SLOSH = rans.Slosh(0.8, 0.05, (0.03, -0.02, 0.04), (-0.48, 0.6, 0.64), 0.004)
@@ -21,9 +23,15 @@ IN_SPACE = replace(
     rans.load_spacecraft("free-flyer"),
     name="sloshing in space",
     inertia=((0.15, 0.01, -0.005), (0.01, 0.12, 0.015), (-0.005, 0.015, 0.2)),
-    slosh=IN_SPACE_SLOSH,
+    further_effectors=(IN_SPACE_SLOSH,),
 )
 """A craft with different moments of inertia, of whose mass 15 % swing."""
+
+
+def slosh_of(craft: Spacecraft) -> Any:
+    """The liquid of a craft that has one."""
+    (slosh,) = craft.further_effectors
+    return slosh
 
 
 class Sums(NamedTuple):
@@ -42,8 +50,7 @@ def sums(craft: Spacecraft, states: Any) -> Sums:
 
     The rigid part's mass, centre and inertia are those that make up the craft's with the mass at rest.
     """
-    slosh = craft.slosh
-    assert slosh is not None
+    slosh = slosh_of(craft)
     centre = np.array(craft.centre_of_mass[:2])
     hinge = np.array(slosh.hinge[:2]) - centre
     toward = np.arctan2(slosh.direction[1], slosh.direction[0])
@@ -86,8 +93,7 @@ def sums(craft: Spacecraft, states: Any) -> Sums:
 
 def sums_in_space(craft: Spacecraft, states: Any) -> Sums:
     """As `sums`, with rotation matrices."""
-    slosh = craft.slosh
-    assert slosh is not None
+    slosh = slosh_of(craft)
     hinge = np.array(slosh.hinge) - np.array(craft.centre_of_mass)
     rest = hinge + slosh.length * np.array(slosh.direction)
     rigid = craft.mass - slosh.mass

@@ -88,12 +88,12 @@ def _frugal(network: Network, value: float, task: Task) -> Network:
 def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = None) -> LoadedRun:
     """The run with another craft, in its own task, with the timing or else one for the craft (`timing_for`).
 
-    Any agent flies its own craft with a sloshing liquid.
+    Any agent flies its own craft with a mass that moves in it, such as a sloshing liquid.
 
     Raises:
         ConfigError: the agent flies its own craft only, or cannot fly this one.
     """
-    if _is_own_with_slosh(craft, run.craft):
+    if _is_own_with_a_moving_mass(craft, run.craft):
         return run._replace(craft=craft, timing=timing or run.timing)
     if not isinstance(run.controller, Agent):
         raise ConfigError(
@@ -132,7 +132,7 @@ def write_for_spacecraft(
     timing = config.timing
     if craft is None:
         craft = run.spacecraft()
-    elif not _is_own_with_slosh(craft, run.spacecraft()):
+    elif not _is_own_with_a_moving_mass(craft, run.spacecraft()):
         timing = timing_for(craft, timing)
         network = for_craft(network, craft, timing.control_period)
     if frugality:
@@ -151,12 +151,12 @@ def write_for_spacecraft(
     return folder
 
 
-def _is_own_with_slosh(craft: Spacecraft, own: Spacecraft) -> bool:
-    """Whether a craft differs from an agent's own in its sloshing liquid, its name and its pictures only."""
-    if craft.slosh is None or craft.thruster_count != own.thruster_count:
+def _is_own_with_a_moving_mass(craft: Spacecraft, own: Spacecraft) -> bool:
+    """Whether a craft differs from an agent's own in a mass that moves, its name and its pictures only."""
+    if craft.is_rigid or craft.acting_effectors or craft.thruster_count != own.thruster_count:
         return False
     # Directions are normalised again when a file is read, which changes their last digits.
     alike = np.allclose(craft.wrench_map, own.wrench_map, rtol=1e-9, atol=1e-12)
-    passed = ("slosh", "name", "radius", "shape", "solids", "thrusters")
+    passed = ("further_effectors", "name", "radius", "shape", "solids", "thrusters")
     same = replace(craft, **{key: getattr(own, key) for key in passed}) == own
     return same and alike and craft.supplies == own.supplies

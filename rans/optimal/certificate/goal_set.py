@@ -91,7 +91,7 @@ def check_certifiable(craft: Spacecraft, wheels: bool = False) -> None:
         raise ConfigError(
             f"spacecraft {craft.name!r}: certified bounds are those of thrusters, and it has none."
         )
-    if craft.further_effectors:
+    if craft.acting_effectors:
         raise ConfigError(
             f"spacecraft {craft.name!r}: certified bounds are those of thrusters, and it has effectors of other "
             "kinds."

@@ -213,7 +213,7 @@ def check_effectors(craft: Spacecraft) -> None:
     Raises:
         ConfigError: it has effectors of another kind, or throttles with other least or largest levels than 0 and 1.
     """
-    if craft.further_effectors:
+    if craft.acting_effectors:
         raise ConfigError(
             f"controllers command thrusters and reaction wheels, but {craft.name!r} has effectors of other "
             "kinds: fly an agent or a controller of your own."
@@ -235,10 +235,10 @@ def check_thrusters_alone(craft: Spacecraft, who: str) -> None:
     Raises:
         ConfigError: it has reaction wheels, or effectors of another kind.
     """
-    if craft.further_effectors or craft.wheels:
+    if craft.acting_effectors or craft.wheels:
         others = (
             "effectors of other kinds"
-            if craft.further_effectors
+            if craft.acting_effectors
             else counted(craft.wheel_count, "reaction wheel")
         )
         raise ConfigError(

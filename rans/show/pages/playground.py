@@ -421,7 +421,7 @@ def _is_allocated_here(architecture: Architecture) -> bool:
 
 def _may_draw(craft: Spacecraft, architecture: Architecture) -> bool:
     """Whether a visitor may change the craft: the agent flies any, and forces are constant for a period."""
-    others = craft.wheels or craft.propellant or craft.slosh or craft.further_effectors
+    others = craft.wheels or craft.propellant or craft.further_effectors
     return (
         is_for_any_craft(architecture)
         and not architecture.adapts

@@ -57,12 +57,10 @@ def _further(craft: Spacecraft) -> Iterator[tuple[str, str]]:
             yield f"supply {number}", f"of thrusters {', '.join(map(str, members))}"
     if (tank := craft.propellant) is not None:
         yield "propellant", f"{tank.mass:g} kg, specific impulse {tank.specific_impulse:g} s"
-    if (slosh := craft.slosh) is not None:
-        yield (
-            "slosh",
-            f"{slosh.mass:g} kg on a rod of {slosh.length:g} m, hinge {vector_text(slosh.hinge, 4)}, "
-            f"{slosh.damping:g} N m s",
-        )
+    further: tuple[Any, ...] = craft.further_effectors
+    for effector in further:
+        if effector.summary:
+            yield effector.label, effector.summary
     for i, wheel in enumerate(craft.wheels):
         yield (
             f"wheel {i}",
@@ -187,6 +185,8 @@ def _changed(settings: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
             yield from _changed(value, f"{prefix}{setting_field.name}.")
         elif setting_field.name == "others":
             yield from ((f"others.{k}", str(element)) for k, element in enumerate(value))
+        elif setting_field.name == "effectors":
+            yield from ((f"factor on the {x.quantity}", setting(x.factor)) for x in value)
         elif value != default(setting_field) and setting_field.name != "description":
             ranged = isinstance(value, tuple) and all(isinstance(x, float) for x in value)
             yield (

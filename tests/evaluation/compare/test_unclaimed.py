@@ -17,7 +17,6 @@ from rans.model.spacecraft import Propellant, Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPose
-from tests.support.slosh import SLOSHING
 
 PLATFORM = load_spacecraft("floating-platform")
 
@@ -80,7 +79,6 @@ def test_a_reaction_wheel_has_no_optimum_and_a_bound(monkeypatch: pytest.MonkeyP
         (PLATFORM, Orbit(), "No bound is certified: .* Orbit has clohessy-wiltshire"),
         (PLATFORM, Chase(), "No bound is certified: .* Chase has clohessy-wiltshire"),
         (PLATFORM, Watch(), "Neither optima nor bounds are claimed: .* Watch remembers"),
-        (SLOSHING, GoToPose(), "Neither optima nor bounds are claimed: .* sloshing liquid"),
     ],
 )
 def test_what_cannot_be_said_is_a_note_and_no_failure(

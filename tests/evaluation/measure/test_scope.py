@@ -27,11 +27,11 @@ from rans.tasks import GoToPose
 
 NUMBERS = set(
     """
-    body.mass body.inertia body.slosh_mass body.slosh_damping body.stretch
+    body.mass body.inertia body.stretch
     thrusters.thrust thrusters.pressure thrusters.droop thrusters.noise thrusters.on_off
     faults.count faults.kinds faults.share faults.among faults.thrusters disturbances.kicks
     sensors.position.dropout sensors.attitude.dropout sensors.velocity.dropout sensors.spin.dropout
-    layouts.count layouts.seed layouts.fewest
+    layouts.count layouts.seed layouts.fewest effectors
     """.split()  # noqa: SIM905 - as a list it is a line for each
 )
 """Settings without a unit: factors, shares, probabilities, numbers and names."""

@@ -217,7 +217,7 @@ def largest_turning(craft: Spacecraft) -> float | None:
     a start at rest. None where something else turns the craft too, of which this is not true.
     """
     turns = craft.wrenches[:, 3:]
-    if craft.further_effectors or np.abs(turns).max() > 1e-9 or not craft.wheels:
+    if craft.acting_effectors or np.abs(turns).max() > 1e-9 or not craft.wheels:
         return None
     torques = np.array([np.multiply(wheel.axis, wheel.max_torque) for wheel in craft.wheels])
     across = np.linalg.solve(np.array(craft.inertia), torques.T)[:2]

@@ -212,13 +212,13 @@ def check_identifiable(craft: Spacecraft) -> None:
     """Refuse craft whose motion this module does not predict.
 
     Raises:
-        ConfigError: the craft has no thruster, burns propellant, has a sloshing liquid, or effectors of other
+        ConfigError: the craft has no thruster, burns propellant, has a mass that moves in it, or effectors of other
             kinds.
     """
     reasons = {
         "has no thruster": not craft.thrusters,
         "burns propellant": craft.propellant is not None,
-        "has a sloshing liquid": craft.slosh is not None,
+        "has a mass that moves in it": not craft.is_rigid,
         "has effectors of other kinds": bool(craft.further_effectors),
     }
     for reason, holds in reasons.items():

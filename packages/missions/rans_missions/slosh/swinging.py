@@ -10,30 +10,27 @@ from typing import Any
 
 import numpy as np
 
-from rans.effectors.effector import Action, Begun, Effector
-from rans.effectors.pendulum import PlanarPair, SphericalPair
-from rans.errors import ConfigError
+from rans.effectors.effector import Begun, Effector, JointMotion
 from rans.model.body import Body
 from rans.model.drift import Drift
 from rans.model.dynamics import NODES, Wrench
 from rans.model.fields import Field, Vec3, map_leaves
-from rans.model.slosh import Slosh
 from rans.model.spacecraft import CommandRange, Spacecraft, Store
 from rans.model.timing import Timing
+from rans_missions.slosh.liquid import LARGEST, Slosh
+from rans_missions.slosh.pendulum import PlanarPair, SphericalPair
 
 _USUAL_SPIN = 1.0
 """Spin of a craft that steps are chosen for, rad/s: as in `rans.model.accuracy`."""
-_STEP = 0.1
+STEP = 0.1
 """Longest step, as the angle turned at the fastest usual rate, rad: 10 s of restless flight of six craft, two of
 them without friction, are then within 1e-6 m and 3e-6 rad of SciPy."""
 FAST = 0.2
 """Angle turned in a step up to which the rod's motion counts as accurate, rad: errors are up to 16
 times as large."""
-_DECAY = 1.0
+DECAY = 1.0
 """Longest step times the rate at which friction stops the rod; the method is stable up to 2.78."""
-_STABLE = 2.5
-"""Longest step times this rate under conditions, whose steps are those of the designed craft."""
-_MOST_STEPS = 64
+MOST_STEPS = 64
 """Largest number of steps in a piece of a control period, which bounds the length of generated programs."""
 
 
@@ -43,7 +40,6 @@ class Pendulum(Effector):
 
     slosh: Slosh
     craft: Spacecraft
-    stores_of_rod: tuple[Store, ...]
 
     @property
     def commands(self) -> tuple[CommandRange, ...]:
@@ -53,14 +49,23 @@ class Pendulum(Effector):
     @property
     def stores(self) -> tuple[Store, ...]:
         """Plane: angle of the rod, rad, and its rate, rad/s. Space: unit vector in B and its rate, 1/s."""
-        return self.stores_of_rod
+        if self.craft.dimension == 3:
+            directions = zip("xyz", self.slosh.direction, strict=True)
+            return (
+                *(Store(f"slosh direction {axis}", "", e, -1.0, 1.0) for axis, e in directions),
+                *(Store(f"slosh rate {axis}", "1/s", 0.0, -LARGEST, LARGEST) for axis in "xyz"),
+            )
+        return (
+            Store("slosh angle", "rad", 0.0, -math.pi, math.pi),
+            Store("slosh rate", "rad/s", 0.0, -LARGEST, LARGEST),
+        )
 
-    def begin(self, begun: Begun) -> Action:
+    def begin(self, begun: Begun) -> Swinging:
         """Action over a control period: it moves craft and rod together (`Swinging.advance`)."""
         return Swinging(self, begun.stores, begun.body)
 
 
-class Swinging(Action):
+class Swinging(JointMotion):
     """Action of the pendulum over a control period."""
 
     def __init__(self, pendulum: Pendulum, stores: Sequence[Field], body: Body) -> None:
@@ -156,18 +161,31 @@ def paces(slosh: Slosh, craft: Spacecraft, body: Body | None = None) -> tuple[fl
     return pace, damping * mobility
 
 
-def fastest_rod(craft: Spacecraft, timing: Timing) -> float:
-    """Largest rate of the rod in W at which its motion is accurate, rad/s; infinite without a sloshing liquid."""
-    if craft.slosh is None:
-        return math.inf
-    steps = max(timing.substeps or 1, _steps(timing.control_period, *paces(craft.slosh, craft)))
+def inaccuracy(slosh: Slosh, craft: Spacecraft, states: Any, going: Any, timing: Timing) -> str:
+    """See `rans.effectors.effector.Effector.inaccuracy`: the rod is faster than its steps are accurate for."""
+    reached = float(np.nanmax(rod_rate(slosh, craft, states), where=going, initial=0.0))
+    bound = fastest_rod(slosh, craft, timing)
+    if reached <= bound:
+        return ""
+    needed = math.ceil(reached * timing.control_period / FAST)
+    return (
+        f"swings the liquid of {craft.name} at up to {reached:.3g} rad/s, but its motion is accurate up to "
+        f"{bound:.3g} rad/s; set timing.substeps to {needed} or more. The usual "
+        " cause is a liquid with little friction, which thrust in step with it makes ever faster."
+    )
+
+
+def fastest_rod(slosh: Slosh, craft: Spacecraft, timing: Timing) -> float:
+    """Largest rate of the rod in W at which its motion is accurate, rad/s."""
+    steps = max(timing.substeps or 1, _steps(timing.control_period, *paces(slosh, craft)))
     return FAST * steps / timing.control_period
 
 
-def rod_rate(craft: Spacecraft, states: Any) -> np.ndarray:
+def rod_rate(slosh: Slosh, craft: Spacecraft, states: Any) -> np.ndarray:
     """Rate of the rod in W, rad/s, of states with a sloshing liquid, as arrays."""
-    first = craft.stores.index(craft.slosh_stores[0])
-    stores = states.stores[first : first + len(craft.slosh_stores)]
+    own = Pendulum(slosh, craft).stores
+    first = craft.stores.index(own[0])
+    stores = states.stores[first : first + len(own)]
     if craft.dimension == 2:
         return np.abs(states.w + stores[1])
     rod, slip = Vec3(*stores[:3]), Vec3(*stores[3:])
@@ -189,46 +207,5 @@ def _extremes(slosh: Slosh, craft: Spacecraft, body: Body) -> tuple[float, float
 
 def _steps(longest: float, pace: float, decay: float) -> int:
     """Number of integration steps in a time, s, at the rates of `paces`."""
-    needed = max(math.ceil(longest * pace / _STEP - 1e-9), math.ceil(longest * decay / _DECAY))
-    return min(needed, _MOST_STEPS)
-
-
-def check_slosh(
-    craft: Spacecraft, drift: Drift, period: float, bodies: Sequence[Body] = ()
-) -> None:
-    """Refuse drifts, control periods and conditions for which the motion of a pendulum is not computed.
-
-    Args:
-        craft: any; one without `Spacecraft.slosh` passes.
-        drift: motion of a free point.
-        period: control period, s.
-        bodies: extreme bodies of conditions, of floats.
-
-    Raises:
-        ConfigError: an orbit pulls, or friction stops the rod too fast for the control period.
-    """
-    if craft.slosh is None:
-        return
-    if not drift.in_straight_lines:
-        raise ConfigError(
-            f"spacecraft {craft.name!r} has [slosh], which is computed in free flight and uniform gravity only, "
-            f"and the task's drift is {drift.name}: take [slosh] out of its file for missions on an orbit."
-        )
-    pace, decay = paces(craft.slosh, craft)
-    if period * decay / _DECAY > _MOST_STEPS:
-        limit = craft.slosh.damping * _MOST_STEPS * _DECAY / (period * decay)
-        raise ConfigError(
-            f"spacecraft {craft.name!r}: slosh damping must be at most {limit:.3g} N m s at a control period of "
-            f"{period:g} s, got {craft.slosh.damping:g}: the rod would stop within {1 / decay:.2g} s. The usual "
-            "cause is a damping ratio in its place."
-        )
-    # The longest steps that pieces of a period may have: those of the designed craft.
-    step = min(period, _STEP / pace, _DECAY / decay if decay > 0.0 else math.inf)
-    step = max(step, period / _MOST_STEPS)
-    fastest = max((paces(craft.slosh, craft, body)[1] for body in bodies), default=0.0)
-    if step * fastest > _STABLE:
-        raise ConfigError(
-            f"Conditions of body.mass, body.inertia, body.centre, body.slosh_mass and body.slosh_damping stop the "
-            f"rod of {craft.name!r} within {1 / fastest:.2g} s, too fast for steps of {step:.2g} s: narrow the "
-            "ranges, or raise the damping in the spacecraft's file and draw factors below 1."
-        )
+    needed = max(math.ceil(longest * pace / STEP - 1e-9), math.ceil(longest * decay / DECAY))
+    return min(needed, MOST_STEPS)

@@ -6,42 +6,80 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import FixedOffsetFrame, Joint, RevoluteJoint, UniversalJoint
+from pydrake.multibody.tree import (
+    FixedOffsetFrame,
+    Joint,
+    RevoluteJoint,
+    SpatialInertia,
+    UnitInertia,
+    UniversalJoint,
+)
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft
-from rans.reference.parts import point_mass, slosh_damping, slosh_mass
+from rans.reference.further import DrakeMass
 
 
-class Rods(ABC):
-    """Rods of all spacecraft of a plant. Built before the plant is finalized, read and set afterwards."""
+def in_drake(pendulum: Any) -> Rods:
+    """What Drake's plant makes of the pendulum of a craft (`rans.reference.further.REGISTERED`)."""
+    kind = PlanarRods if pendulum.craft.dimension == 2 else SphericalRods
+    return kind(pendulum.slosh)
 
-    def __init__(
+
+class Rods(DrakeMass):
+    """Rods of all spacecraft of a plant."""
+
+    def __init__(self, slosh: Any) -> None:
+        self._slosh = slosh
+        self._hinges: list[Any] = []
+        self._joints: list[Joint] = []
+
+    def at_rest(self, craft: Spacecraft, body: Body, index: int) -> tuple[float, np.ndarray]:
+        """Mass that swings, kg, and where it rests in G, (3,) m."""
+        factor = self._factor(craft, body, 0)
+        whole, times = (float(x if np.ndim(x) == 0 else x[index]) for x in (body.mass, factor))
+        return times * self._slosh.mass * whole / craft.mass, np.array(self._slosh.point())
+
+    def _factor(self, craft: Spacecraft, body: Body, which: int) -> Any:
+        """Factor of a body on the mass (0) or the damping (1)."""
+        first = craft.factors.index("slosh mass")
+        return body.factors[first + which] if body.factors else 1.0
+
+    def add(
         self, plant: MultibodyPlant, craft: Spacecraft, body: Body, bodies: Sequence[Any]
     ) -> None:
-        assert craft.slosh is not None
+        """Add a rod to the rigid body of every spacecraft."""
         self._plant = plant
-        self._slosh = craft.slosh
-        self.damping = slosh_damping(craft, body, len(bodies))
+        factor = np.asarray(self._factor(craft, body, 1), dtype=np.float64)
+        self.damping = self._slosh.damping * np.broadcast_to(factor, len(bodies))
         """Friction of each hinge, (N,) N m s."""
-        self._hinges = []
-        self._joints: list[Joint] = []
         for k, rigid in enumerate(bodies):
-            mass = point_mass(slosh_mass(craft, body, k), self._slosh.length * self._along)
+            swings, _ = self.at_rest(craft, body, k)
+            position = self._slosh.length * self._along
+            mass = SpatialInertia(swings, position, UnitInertia.PointMass(position))
             rod = plant.AddRigidBody(f"S of {rigid.name()}", mass)
             hinge = FixedOffsetFrame(
                 f"hinge of {rod.name()}", rigid.body_frame(), self._pose(self._slosh.direction)
             )
             self._hinges.append(plant.AddFrame(hinge))
             self._joints.append(plant.AddJoint(self._joint(self._hinges[-1], rod, self.damping[k])))
+
+    def friction(self) -> HingeFriction | None:
+        """None: Drake's joints have it."""
+        return None
+
+    def fastest(self, stores: np.ndarray) -> float:
+        """Fastest rate of a rod, rad/s: the second half of the stores is a rate."""
+        rates = np.nan_to_num(stores[:, stores.shape[1] // 2 :])
+        return float(np.sqrt(np.max(np.sum(np.square(rates), axis=1), initial=0.0)))
 
     @property
     @abstractmethod
@@ -55,14 +93,6 @@ class Rods(ABC):
     @abstractmethod
     def _joint(self, hinge: FixedOffsetFrame, rod: Any, damping: float) -> Joint:
         """Joint between a hinge and its rod, with friction, N m s."""
-
-    @abstractmethod
-    def set(self, context: Context, q: np.ndarray, v: np.ndarray, stores: np.ndarray) -> None:
-        """Write stores (N, ...) of the liquid into the plant's coordinates q and velocities v."""
-
-    @abstractmethod
-    def get(self, context: Context) -> np.ndarray:
-        """Stores (N, ...) of the liquid."""
 
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """Indices of the joints among the plant's positions and velocities, (N, coordinates) each."""
@@ -126,6 +156,10 @@ class SphericalRods(Rods):
 
     def _joint(self, hinge: FixedOffsetFrame, rod: Any, damping: float) -> Joint:
         return UniversalJoint(rod.name(), hinge, rod.body_frame(), 0.0)
+
+    def friction(self) -> HingeFriction:
+        """The friction of all hinges."""
+        return HingeFriction(self, self._plant.num_positions(), self._plant.num_velocities())
 
     def set(self, context: Context, q: np.ndarray, v: np.ndarray, stores: np.ndarray) -> None:
         """Turn the hinges, and write the rates of their angles."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -15,6 +16,11 @@ from scipy.special import jnp_zeros
 import rans
 from rans.effectors.motion import effectors_of, held
 from rans.errors import ConfigError
+from rans.evaluation.compare.contest import Contest
+from rans.evaluation.compare.entrants import enlisted
+from rans.evaluation.compare.run import Comparison
+from rans.evaluation.measure.scope import conditions_texts
+from rans.evaluation.stress.effects import applicable_effects
 from rans.fast.flights import Flights
 from rans.flight import Setup, fly
 from rans.model.actuators import Propellant, Wheel
@@ -23,14 +29,24 @@ from rans.model.drift import ClohessyWiltshire
 from rans.model.fields import leaves
 from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import parse_spacecraft, to_toml
+from rans.model.spacecraft_file import EFFECTORS, parse_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.optimal.certificate.goal_set import check_certifiable
 from rans.optimal.trajectory.allocation import check_relaxation
-from rans.randomization.conditions import BodyConditions, Conditions, DisturbanceConditions
+from rans.randomization.conditions import (
+    BodyConditions,
+    Conditions,
+    DisturbanceConditions,
+    EffectorConditions,
+)
+from rans.randomization.conditions_file import conditions_text
+from rans.randomization.parameters import draw
 from rans.reference.flight import fly_in_drake
 from rans.reference.plant import Plant
+from rans.registry import Registry
 from rans.scenario import draws, scenarios
+from rans.show.tables.listing import conditions_listing
+from rans.structure import Range, read_toml, structure
 from tests.support.effector_crafts import commands, states
 from tests.support.effector_flights import Scripted, untrained_policy
 from tests.support.host_kernels import (
@@ -45,7 +61,19 @@ UNEVEN = Conditions(
     body=BodyConditions(mass=(0.8, 1.2), inertia=(0.9, 1.2), centre=(0.0, 0.02)),
     disturbances=DisturbanceConditions(force=(0.1, 0.3), torque=(0.003, 0.01)),
 )
-LIQUIDS = Conditions(body=BodyConditions(slosh_mass=(0.3, 1.0), slosh_damping=(0.0, 2.0)))
+
+
+def liquids(mass: Range = 1.0, damping: Range = 1.0) -> Conditions:
+    """Conditions that draw the liquid."""
+    return Conditions(
+        effectors=(
+            EffectorConditions("slosh mass", mass),
+            EffectorConditions("slosh damping", damping),
+        )
+    )
+
+
+LIQUIDS = liquids((0.3, 1.0), (0.0, 2.0))
 
 
 def moving(count: int = 4, **changes: Any) -> Any:
@@ -82,7 +110,7 @@ def test_a_coast_conserves_momentum_and_angular_momentum_and_friction_takes_ener
 
 
 def test_without_friction_energy_stays() -> None:
-    craft = replace(SLOSHING, slosh=replace(SLOSH, damping=0.0))
+    craft = replace(SLOSHING, further_effectors=(replace(SLOSH, damping=0.0),))
     path = [sums(craft, state) for state in coasted(craft, 4.0, moving())]
     np.testing.assert_allclose(path[-1].energy, path[0].energy, rtol=1e-5)
 
@@ -90,7 +118,7 @@ def test_without_friction_energy_stays() -> None:
 def test_small_swings_have_the_frequency_of_a_pendulum() -> None:
     """The frequency of a light mass below the centre of a heavy craft that accelerates along x is sqrt(a / l)."""
     slosh = rans.Slosh(1e-5, 0.1, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
-    craft = replace(SLOSHING, slosh=slosh)
+    craft = replace(SLOSHING, further_effectors=(slosh,))
     still = states(craft, 1, spin=0.0)
     zero = np.zeros(1)
     attitude = replace(still.attitude, angle=zero)
@@ -110,8 +138,8 @@ def test_small_swings_have_the_frequency_of_a_pendulum() -> None:
 
 def test_a_rod_that_friction_holds_moves_as_the_rigid_craft() -> None:
     """At rest the mass is a part of the craft's mass, inertia and centre of mass."""
-    held_rod = replace(SLOSHING, slosh=replace(SLOSH, damping=0.5))
-    rigid = replace(SLOSHING, slosh=None)
+    held_rod = replace(SLOSHING, further_effectors=(replace(SLOSH, damping=0.5),))
+    rigid = replace(SLOSHING, further_effectors=())
     still = states(held_rod, 3, spin=0.0)
     start = replace(still, stores=(np.zeros(3), np.zeros(3)))
     command = tuple(commands(rigid, 3, seed=2).T)
@@ -188,10 +216,10 @@ def test_a_kernel_steps_as_numpy(on_host: Any) -> None:  # noqa: F811
 
 
 def test_its_file_says_what_it_is() -> None:
-    assert parse_spacecraft(to_toml(SLOSHING), "a file").slosh == SLOSH
+    assert parse_spacecraft(to_toml(SLOSHING), "a file").further_effectors == (SLOSH,)
     assert "[slosh]" not in to_toml(rans.load_spacecraft("floating-platform"))
     text = to_toml(SLOSHING).replace("damping = 0.002", "dampening = 0.002")
-    with pytest.raises(ConfigError, match="unknown key 'dampening' in slosh"):
+    with pytest.raises(ConfigError, match="slosh: unknown key 'dampening'"):
         parse_spacecraft(text, "a file")
 
 
@@ -208,7 +236,7 @@ def test_its_file_says_what_it_is() -> None:
 )
 def test_what_no_pendulum_is_is_refused(changes: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
-        replace(SLOSHING, slosh=replace(SLOSH, **changes))
+        replace(SLOSHING, further_effectors=(replace(SLOSH, **changes),))
 
 
 def test_what_knows_nothing_of_it_refuses() -> None:
@@ -218,7 +246,7 @@ def test_what_knows_nothing_of_it_refuses() -> None:
         rans.Engine(SLOSHING, InOrbit(), 2)
     with pytest.raises(ConfigError, match="free flight and uniform gravity"):
         Plant(SLOSHING, drift=ClohessyWiltshire(0.001))
-    stiff = replace(SLOSHING, slosh=replace(SLOSH, damping=50.0))
+    stiff = replace(SLOSHING, further_effectors=(replace(SLOSH, damping=50.0),))
     with pytest.raises(ConfigError, match="slosh damping must be at most"):
         rans.Engine(stiff, "go-to-pose", 2)
     for check in (check_relaxation, check_certifiable):
@@ -237,34 +265,58 @@ def test_conditions_leave_inertia_to_the_craft_without_it(body: BodyConditions) 
 
 
 @pytest.mark.parametrize(
-    ("craft", "body", "sentence"),
+    ("craft", "conditions", "sentence"),
     [
-        (replace(SLOSHING, slosh=None), BodyConditions(slosh_mass=0.5), r"has no \[slosh\]"),
-        (SLOSHING, BodyConditions(slosh_mass=6.0), "up to 6 let 6.384 kg swing of the 5.32 kg"),
-        (SLOSHING, BodyConditions(slosh_mass=(0.0, 1.0)), "body.slosh_mass must be > 0"),
         (
-            SLOSHING,
-            BodyConditions(slosh_damping=(1.0, 500.0)),
-            "slosh_damping stop the rod of 'sloshing'",
+            replace(SLOSHING, further_effectors=()),
+            liquids(0.5),
+            "'slosh mass', and the quantities .* are none",
         ),
+        (SLOSHING, liquids(6.0), "up to 6 let 6.384 kg swing of the 5.32 kg"),
+        (SLOSHING, liquids((0.0, 1.0)), "the slosh mass must be > 0"),
+        (SLOSHING, liquids(1.0, (1.0, 500.0)), "slosh damping stop the rod of 'sloshing'"),
     ],
 )
 def test_liquids_that_a_craft_cannot_have_are_refused(
-    craft: Any, body: BodyConditions, sentence: str
+    craft: Any, conditions: Conditions, sentence: str
 ) -> None:
     with pytest.raises(ConfigError, match=sentence):
-        rans.Engine(craft, "go-to-pose", 2, conditions=Conditions(body=body))
+        rans.Engine(craft, "go-to-pose", 2, conditions=conditions)
+
+
+def test_drawn_liquids_read_back_from_a_file_and_mix() -> None:
+    text = conditions_text(LIQUIDS)
+    file = '[[effectors]]\nquantity = "slosh mass"\nfactor = [0.3, 1.0]\n'
+    assert structure(read_toml(text), Conditions, "text") == LIQUIDS
+    assert structure(read_toml(file), Conditions, "file").factor("slosh mass") == (0.3, 1.0)
+    assert next(conditions_texts(LIQUIDS)) == "factor on the slosh mass: 0.3 to 1"
+    assert ("factor on the slosh mass", "0.3, 1") in conditions_listing(LIQUIDS).rows
+    # Two parts of equal weight: every drawn factor is that of one of them.
+    mixed = replace(liquids(0.5, 0.25), others=(liquids(0.75, 2.0),))
+    numbers = np.arange(64)
+    drawn = draw(mixed, SLOSHING, Body.of(SLOSHING), 10, numbers, draws(3, 64))
+    pairs = {*zip(*(np.broadcast_to(x, 64).tolist() for x in drawn.body.factors), strict=True)}
+    assert pairs == {(0.5, 0.25), (0.75, 2.0)}
+    with pytest.raises(ConfigError, match=r"effectors: slosh mass.factor must be"):
+        liquids((1.0, 0.5))
 
 
 @pytest.mark.parametrize(
     ("liquid", "sentence"),
     [
-        ({"slosh_mass": 0.0}, "slosh mass must be finite and > 0, got 0.0"),
-        ({"slosh_damping": -1.0}, "slosh damping must be finite and >= 0, got -1.0"),
-        ({"slosh_mass": np.ones(3)}, r"one for each of 2 spacecraft, got an array of shape \(3,\)"),
+        ({"factors": (0.0, 1.0)}, "slosh mass must be > 0, got 0"),
+        (
+            {"factors": (1.0, -1.0)},
+            "factor 1 on further effectors must be finite and >= 0, got -1.0",
+        ),
+        (
+            {"factors": (np.ones(3), 1.0)},
+            r"one for each of 2 spacecraft, got an array of shape \(3,\)",
+        ),
+        ({"factors": (1.0,)}, "has 1 factors .* have slosh mass, slosh damping"),
         # 1.064 of 5.32 kg swing as designed: a fifth.
-        ({"slosh_mass": 5.0}, "lets 100.0% of the mass of 'sloshing' swing"),
-        ({"slosh_mass": np.array([1.0, 6.0])}, "slosh mass, 6, lets 120.0%"),
+        ({"factors": (5.0, 1.0)}, "lets 100.0% of the mass of 'sloshing' swing"),
+        ({"factors": (np.array([1.0, 6.0]), 1.0)}, "slosh mass, 6, lets 120.0%"),
         ({"inertia": (1e-4,)}, "leaves no inertia to 'sloshing' without its sloshing liquid"),
         ({"inertia": (np.array([0.1, 1e-4]),)}, "leaves no inertia"),
     ],
@@ -279,8 +331,7 @@ def test_an_engine_refuses_impossible_liquids_of_a_body(
 @pytest.mark.parametrize("craft", [SLOSHING, IN_SPACE])
 def test_the_heaviest_liquid_of_a_body_is_that_of_a_spacecraft(craft: Spacecraft) -> None:
     """A body is refused where a craft with that much liquid in its file is, and no earlier."""
-    slosh = craft.slosh
-    assert slosh is not None
+    slosh: Any = craft.further_effectors[0]
 
     def is_possible(of: Callable[[], object]) -> bool:
         try:
@@ -292,8 +343,8 @@ def test_the_heaviest_liquid_of_a_body_is_that_of_a_spacecraft(craft: Spacecraft
     found = []
     for factor in np.linspace(0.5, 6.0, 50):
         heavy = replace(slosh, mass=float(factor) * slosh.mass)
-        body = replace(Body.of(craft), slosh_mass=float(factor))
-        found.append(is_possible(lambda heavy=heavy: replace(craft, slosh=heavy)))
+        body = replace(Body.of(craft), factors=(float(factor), 1.0))
+        found.append(is_possible(lambda heavy=heavy: replace(craft, further_effectors=(heavy,))))
         assert (
             is_possible(lambda body=body: rans.Engine(craft, "go-to-pose", 1, body=body))
             == found[-1]
@@ -303,17 +354,18 @@ def test_the_heaviest_liquid_of_a_body_is_that_of_a_spacecraft(craft: Spacecraft
 
 
 def test_a_factor_on_a_liquid_that_is_not_there_is_refused() -> None:
-    craft = replace(SLOSHING, slosh=None)
-    body = replace(Body.of(craft), slosh_mass=np.array([1.0, 0.5]))
-    with pytest.raises(ConfigError, match=r"has no \[slosh\]"):
+    craft = replace(SLOSHING, further_effectors=())
+    body = replace(Body.of(craft), factors=(np.array([1.0, 0.5]),))
+    with pytest.raises(ConfigError, match=r"has 1 factors .* have none"):
         rans.Engine(craft, "go-to-pose", 2, body=body)
 
 
 def test_drawn_liquids_swing_as_such_craft() -> None:
     """A factor is the same as another mass and damping in the craft's file."""
-    body = replace(Body.of(SLOSHING), slosh_mass=0.5, slosh_damping=3.0)
+    body = replace(Body.of(SLOSHING), factors=(0.5, 3.0))
     other = replace(
-        SLOSHING, slosh=replace(SLOSH, mass=0.5 * SLOSH.mass, damping=3.0 * SLOSH.damping)
+        SLOSHING,
+        further_effectors=(replace(SLOSH, mass=0.5 * SLOSH.mass, damping=3.0 * SLOSH.damping),),
     )
     command = tuple(commands(SLOSHING, 4, seed=2).T)
     timing = Timing(control_period=0.2, substeps=16)
@@ -371,3 +423,41 @@ def test_the_pendulum_is_the_first_of_the_modes_in_a_published_table(
     assert slosh.hinge[1] == pytest.approx(heights[0] * depth, rel=1e-6)
     assert masses.sum() == pytest.approx(mass, abs=2e-3)
     assert masses @ heights / masses.sum() == pytest.approx(height, rel=3e-3)
+
+
+def test_a_comparison_says_that_nothing_is_claimed_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
+    contest = Contest(SLOSHING, rans.GoToPose(), Timing(episode_steps=30), 4, 3)
+    found = Comparison(contest)
+    found.fly(enlisted(["lqr"], found.contest), ["optimal"], certified=2, workers=1)
+    found.trace({}, 1.0)
+    assert found.failures == []
+    assert re.search("Neither optima nor bounds are claimed: .* sloshing liquid", found.notes[0])
+
+
+def test_a_stress_sweep_leaves_inertia_to_the_craft_without_it() -> None:
+    """A liquid far from the centre takes a part of the inertia, which is not taken twice."""
+    usual, heavy = (
+        {effect.name: effect for effect in applicable_effects(craft, Timing())}
+        for craft in (
+            rans.load_spacecraft("floating-platform"),
+            replace(SLOSHING, further_effectors=(replace(SLOSH, hinge=(0.35, 0.0, 0.0)),)),
+        )
+    )
+    assert 0 < len(heavy["less inertia"].sizes) < len(usual["less inertia"].sizes)
+
+
+def test_its_file_needs_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file with [slosh] names the package where it is not installed; nothing else is refused for it."""
+    absent = Registry("kind of effector", "rans.none", {}, lambda x: x, extra_of=EFFECTORS.extra_of)
+    monkeypatch.setattr("rans.model.spacecraft_file.EFFECTORS", absent)
+    with pytest.raises(
+        ConfigError, match=r"slosh needs a package .* pip install 'rans\[missions\]'"
+    ):
+        parse_spacecraft(to_toml(replace(SLOSHING, further_effectors=())) + "[slosh]\n", "a file")
+    parse_spacecraft(to_toml(replace(SLOSHING, further_effectors=())), "a file")
+
+
+def test_one_mass_at_most_moves_in_a_craft() -> None:
+    with pytest.raises(ConfigError, match="one effector of a craft may move a mass"):
+        replace(SLOSHING, further_effectors=(SLOSH, replace(SLOSH, mass=0.1)))

@@ -1,7 +1,7 @@
 """Equations of a craft and a pendulum inside, the equivalent of a sloshing liquid: in the plane and in space.
 
 Each kind of pair has a motion, whose derivative is a motion too, and the same methods:
-`rans.effectors.slosh.Swinging` integrates both alike.
+`rans_missions.slosh.swinging.Swinging` integrates both alike.
 """
 
 from __future__ import annotations
@@ -15,19 +15,21 @@ from rans.model.body import Body
 from rans.model.dynamics import PlanarState, SpatialState, Wrench
 from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, cos, sin, wrap
 from rans.model.rotation import symmetric_inverse, symmetric_times
-from rans.model.slosh import Slosh
 from rans.model.spacecraft import Spacecraft
+from rans_missions.slosh.liquid import Slosh
 
 
 def _swinging(slosh: Slosh, craft: Spacecraft, body: Body) -> Field:
     """Fraction of a body's mass that swings."""
     fraction = slosh.mass / craft.mass
-    return fraction if body.slosh_mass is None else body.slosh_mass * fraction
+    factor, _ = slosh.factors_of(craft, body)
+    return fraction if factor is None else factor * fraction
 
 
-def _friction(slosh: Slosh, body: Body) -> Field:
+def _friction(slosh: Slosh, craft: Spacecraft, body: Body) -> Field:
     """Friction of the hinge of a body, N m s."""
-    return slosh.damping if body.slosh_damping is None else body.slosh_damping * slosh.damping
+    _, factor = slosh.factors_of(craft, body)
+    return slosh.damping if factor is None else factor * slosh.damping
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ class PlanarPair(NamedTuple):
             rigid + reduced * (arm[0] * arm[0] + arm[1] * arm[1]),
             reduced * length**2,
             reduced * length,
-            _friction(slosh, body),
+            _friction(slosh, craft, body),
         )
 
     @property
@@ -235,7 +237,7 @@ class SphericalPair(NamedTuple):
             inertia,
             symmetric_inverse(inertia),
             body.mass * (fraction * (1.0 - fraction)),
-            _friction(slosh, body),
+            _friction(slosh, craft, body),
         )
 
     def begin(self, state: SpatialState, stores: Sequence[Field]) -> SphericalMotion:

@@ -20,9 +20,15 @@ from rans.model.fields import leaves
 from rans.model.random import Draws
 from rans.model.spacecraft_file import parse_spacecraft, to_toml
 from rans.model.timing import Timing
-from rans.randomization.conditions import BodyConditions, Conditions, DisturbanceConditions
+from rans.randomization.conditions import (
+    BodyConditions,
+    Conditions,
+    DisturbanceConditions,
+    EffectorConditions,
+)
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
+from rans.structure import Range
 from tests.support.effector_crafts import commands, states
 from tests.support.effector_flights import Scripted
 from tests.support.host_kernels import (
@@ -44,8 +50,10 @@ UNEVEN = Conditions(
         mass=(0.8, 1.1),
         inertia=(0.9, 1.2),
         centre=(0.0, 0.01),
-        slosh_mass=(0.5, 1.0),
-        slosh_damping=(0.0, 2.0),
+    ),
+    effectors=(
+        EffectorConditions("slosh mass", (0.5, 1.0)),
+        EffectorConditions("slosh damping", (0.0, 2.0)),
     ),
     disturbances=DisturbanceConditions(force=(0.1, 0.3), torque=(0.003, 0.01)),
 )
@@ -93,7 +101,7 @@ def test_a_coast_conserves_momentum_and_angular_momentum_and_friction_takes_ener
 
 
 def test_without_friction_energy_stays() -> None:
-    craft = replace(IN_SPACE, slosh=replace(IN_SPACE_SLOSH, damping=0.0))
+    craft = replace(IN_SPACE, further_effectors=(replace(IN_SPACE_SLOSH, damping=0.0),))
     path = coasted(craft)
     first, last = (sums_in_space(craft, state).energy for state in (path[0], path[-1]))
     np.testing.assert_allclose(last, first, rtol=1e-5)
@@ -102,7 +110,7 @@ def test_without_friction_energy_stays() -> None:
 def test_small_swings_in_both_directions_have_the_frequency_of_a_pendulum() -> None:
     """A light mass in a heavy craft that accelerates along x swings with sqrt(a / l) along y and z."""
     slosh = rans.Slosh(1e-5, 0.1, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
-    craft = replace(rans.load_spacecraft("free-flyer"), slosh=slosh)
+    craft = replace(rans.load_spacecraft("free-flyer"), further_effectors=(slosh,))
     columns = np.array(craft.wrench_map)
     ahead = [i for i in range(craft.thruster_count) if columns[i, 0] > 0]
     total = columns[ahead].sum(axis=0)
@@ -125,8 +133,8 @@ def test_small_swings_in_both_directions_have_the_frequency_of_a_pendulum() -> N
 
 def test_a_rod_that_friction_holds_moves_as_the_rigid_craft() -> None:
     """At rest the mass is a part of the craft's mass, inertia and centre of mass."""
-    held_rod = replace(IN_SPACE, slosh=replace(IN_SPACE_SLOSH, damping=0.5))
-    rigid = replace(IN_SPACE, slosh=None)
+    held_rod = replace(IN_SPACE, further_effectors=(replace(IN_SPACE_SLOSH, damping=0.5),))
+    rigid = replace(IN_SPACE, further_effectors=())
     still = replace(states(rigid, 3), stores=())
     rest = tuple(np.full(3, store.initial) for store in held_rod.stores)
     command = tuple(commands(rigid, 3, seed=2).T)
@@ -195,27 +203,36 @@ def test_a_kernel_steps_as_numpy(on_host: Any) -> None:  # noqa: F811
         np.testing.assert_allclose(np.asarray(one), np.asarray(other), rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("body", [{"inertia": (0.05, 1.0)}, {"slosh_damping": (1.0, 20.0)}])
+@pytest.mark.parametrize(
+    ("inertia", "damping"), [((0.05, 1.0), 1.0), (1.0, (1.0, 20.0))], ids=["inertia", "damping"]
+)
 @pytest.mark.parametrize("is_alone", [True, False])
-def test_bodies_for_which_friction_is_too_fast_are_refused(body: Any, is_alone: bool) -> None:
+def test_bodies_for_which_friction_is_too_fast_are_refused(
+    inertia: Range, damping: Range, is_alone: bool
+) -> None:
     """Steps are those of the designed craft; this flight would end in NaN."""
     slosh = replace(IN_SPACE_SLOSH, length=0.5, hinge=(0.0, -0.5, 0.0), direction=(0.0, 1.0, 0.0))
-    craft = replace(IN_SPACE, slosh=replace(slosh, damping=2.0))
+    craft = replace(IN_SPACE, further_effectors=(replace(slosh, damping=2.0),))
     rans.Engine(craft, "go-to-pose", 2)
-    conditions = Conditions(body=BodyConditions(**body))
-    conditions = conditions if is_alone else Conditions(others=(conditions,))
+    usual = Conditions(effectors=(EffectorConditions("slosh damping"),))
+    friction = EffectorConditions("slosh damping", damping)
+    conditions = Conditions(body=BodyConditions(inertia=inertia), effectors=(friction,))
+    conditions = conditions if is_alone else replace(usual, others=(conditions,))
     with pytest.raises(ConfigError, match=r"stop the rod of .*narrow the ranges"):
         rans.Engine(craft, "go-to-pose", 2, conditions=conditions)
 
 
 def test_its_file_says_what_it_is() -> None:
-    assert parse_spacecraft(to_toml(IN_SPACE), "a file").slosh == IN_SPACE.slosh
+    assert (
+        parse_spacecraft(to_toml(IN_SPACE), "a file").further_effectors
+        == IN_SPACE.further_effectors
+    )
 
 
 def test_a_mass_that_leaves_no_rigid_craft_is_refused() -> None:
     far = replace(IN_SPACE_SLOSH, hinge=(0.3, 0.0, 0.0))
     with pytest.raises(ConfigError, match=r"slosh mass must be .* adds"):
-        replace(IN_SPACE, slosh=far)
+        replace(IN_SPACE, further_effectors=(far,))
     light = Conditions(body=BodyConditions(inertia=0.1))
     with pytest.raises(ConfigError, match=r"leave no inertia to 'sloshing in space'"):
         rans.Engine(IN_SPACE, "go-to-pose", 2, conditions=light)

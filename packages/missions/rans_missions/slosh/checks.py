@@ -1,0 +1,175 @@
+"""What a sloshing liquid refuses: bodies, conditions, drifts and control periods."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from rans.errors import ConfigError
+from rans.model.body import Body, numbers
+from rans.model.drift import Drift
+from rans.model.spacecraft import Spacecraft
+from rans.randomization.conditions import bounds, largest
+from rans_missions.slosh.liquid import MOST, Slosh
+from rans_missions.slosh.swinging import DECAY, MOST_STEPS, STEP, paces
+
+_STABLE = 2.5
+"""Longest step times the rate at which friction stops the rod under conditions, whose steps are those of the
+designed craft; the method is stable up to 2.78."""
+
+
+def check_body(slosh: Slosh, craft: Spacecraft, body: Body) -> None:
+    """Refuse bodies that leave no rigid craft around the liquid.
+
+    Args:
+        slosh: of the craft.
+        craft: as designed.
+        body: of numbers, or of arrays or tensors (N,).
+
+    Raises:
+        ConfigError: as much liquid swings as the craft has mass, or more, or none; or the liquid at rest has all of
+            the inertia.
+    """
+    # As in the check of the spacecraft, with what each body has of mass, liquid, inertia and centre of mass.
+    mass = numbers(body.mass)
+    given, _ = slosh.factors_of(craft, body)
+    factor = numbers(1.0 if given is None else given)
+    if (least := float(np.min(factor))) <= 0.0:
+        raise ConfigError(f"the body's factor on the slosh mass must be > 0, got {least:g}.")
+    fraction = factor * slosh.mass / craft.mass
+    if (most := float(np.max(fraction))) > MOST:
+        raise ConfigError(
+            f"the body's factor on the slosh mass, {float(np.max(factor)):g}, lets {most:.1%} of the mass of "
+            f"{craft.name!r} swing: its file has {slosh.mass:g} of {craft.mass:g} kg, and 99.9 % is the most."
+        )
+    offsets = body.centre or (0.0,) * craft.dimension
+    away = [
+        point - centre - numbers(offset)
+        for point, centre, offset in zip(
+            slosh.point(), craft.centre_of_mass, (*offsets, 0.0)[:3], strict=True
+        )
+    ]
+    adds = fraction * mass * sum(x**2 for x in away) / (1.0 - fraction)
+    tensor = np.stack(np.broadcast_arrays(*(numbers(x) for x in body.inertia)), axis=-1)
+    moment = tensor[..., 0]
+    if craft.dimension == 3:
+        moments = np.linalg.eigvalsh(tensor[..., ((0, 1, 2), (1, 3, 4), (2, 4, 5))])
+        moment = 0.5 * moments.sum(axis=-1) - moments[..., -1]
+    adds, moment = np.broadcast_arrays(adds, moment)
+    wrong = np.atleast_1d(adds > moment * MOST)
+    if wrong.any():
+        first = np.flatnonzero(wrong)[0]
+        raise ConfigError(
+            f"the body leaves no inertia to {craft.name!r} without its sloshing liquid: at rest that adds "
+            f"{np.atleast_1d(adds)[first]:.4g} kg m^2 of {np.atleast_1d(moment)[first]:.4g} kg m^2. Give it less "
+            "mass or slosh mass, or more inertia."
+        )
+
+
+def check_conditions(slosh: Slosh, craft: Spacecraft, conditions: Any) -> None:
+    """Refuse (`ConfigError`) masses, inertias and centres of mass that leave no rigid craft around the liquid."""
+    for part in (conditions, *conditions.others):
+        (_, mass), (least, _), (_, shift) = map(
+            bounds, (part.body.mass, part.body.inertia, part.body.centre)
+        )
+        liquid = part.factor("slosh mass")
+        if bounds(liquid)[0] <= 0.0:
+            raise ConfigError(
+                f"Conditions: the factor on the slosh mass must be > 0, got {liquid!r}."
+            )
+        # The largest that the mass at rest adds, as in the check of the spacecraft.
+        away = math.dist(slosh.point(), craft.centre_of_mass) + shift
+        swings = slosh.mass * largest(liquid)
+        if swings > craft.mass * MOST:
+            raise ConfigError(
+                f"Conditions of the slosh mass up to {largest(liquid):g} let {swings:g} kg swing of the "
+                f"{craft.mass:g} kg of {craft.name!r}: draw smaller factors."
+            )
+        adds = mass * swings * away**2 / (1.0 - swings / craft.mass)
+        moment = least * craft.least_spread
+        if adds > moment * MOST:
+            raise ConfigError(
+                f"Conditions of body.mass up to {mass:g}, body.inertia from {least:g}, body.centre up to {shift:g} "
+                f"m and the slosh mass up to {largest(liquid):g} leave no inertia to {craft.name!r} without its "
+                f"sloshing liquid: that adds up to {adds:.4g} kg m^2 of {moment:.4g} kg m^2. Raise body.inertia, "
+                "or narrow the ranges."
+            )
+
+
+def extreme_bodies(slosh: Slosh, craft: Spacecraft, conditions: Any) -> list[Body]:
+    """Bodies for which friction may stop the rod fastest.
+
+    Those have the least inertia, the largest damping, and the extremes of the masses. The centre of mass is as
+    designed, or as far as can be from the mass at rest.
+    """
+    size = craft.dimension
+    away = [c - x for c, x in zip(craft.centre_of_mass, slosh.point(), strict=True)][:size]
+    distance = math.hypot(*away) or 1.0
+    designed = Body.of(craft)
+    bodies = []
+    for part in (conditions, *conditions.others):
+        body = part.body
+        least = bounds(body.inertia)[0]
+        damping = largest(part.factor("slosh damping"))
+        for mass, liquid, shift in product(
+            bounds(body.mass), bounds(part.factor("slosh mass")), (0.0, largest(body.centre))
+        ):
+            own = {"slosh mass": liquid, "slosh damping": damping}
+            bodies.append(
+                replace(
+                    designed,
+                    mass=mass * craft.mass,
+                    inertia=tuple(least * x for x in designed.inertia),
+                    centre=tuple(shift / distance * x for x in away),
+                    factors=tuple(own.get(name, 1.0) for name in craft.factors),
+                )
+            )
+    return bodies
+
+
+def check_flight(
+    slosh: Slosh, craft: Spacecraft, drift: Drift, period: float, conditions: Any
+) -> None:
+    """Refuse drifts, control periods and conditions for which the motion of a pendulum is not computed.
+
+    Args:
+        slosh: of the craft.
+        craft: as designed.
+        drift: motion of a free point.
+        period: control period, s.
+        conditions: conditions; None: nominal.
+
+    Raises:
+        ConfigError: an orbit pulls, or friction stops the rod too fast for the control period.
+    """
+    if not drift.in_straight_lines:
+        raise ConfigError(
+            f"spacecraft {craft.name!r} has [slosh], which is computed in free flight and uniform gravity only, "
+            f"and the task's drift is {drift.name}: take [slosh] out of its file for missions on an orbit."
+        )
+    pace, decay = paces(slosh, craft)
+    if period * decay / DECAY > MOST_STEPS:
+        limit = slosh.damping * MOST_STEPS * DECAY / (period * decay)
+        raise ConfigError(
+            f"spacecraft {craft.name!r}: slosh damping must be at most {limit:.3g} N m s at a control period of "
+            f"{period:g} s, got {slosh.damping:g}: the rod would stop within {1 / decay:.2g} s. The usual cause is "
+            "a damping ratio in its place."
+        )
+    # The longest steps that pieces of a period may have: those of the designed craft.
+    step = min(period, STEP / pace, DECAY / decay if decay > 0.0 else math.inf)
+    step = max(step, period / MOST_STEPS)
+    bodies = []
+    if conditions is not None:
+        check_conditions(slosh, craft, conditions)
+        bodies = extreme_bodies(slosh, craft, conditions)
+    fastest = max((paces(slosh, craft, body)[1] for body in bodies), default=0.0)
+    if step * fastest > _STABLE:
+        raise ConfigError(
+            f"Conditions of body.mass, body.inertia, body.centre, slosh mass and slosh damping stop the rod of "
+            f"{craft.name!r} within {1 / fastest:.2g} s, too fast for steps of {step:.2g} s: narrow the ranges, or "
+            "raise the damping in the spacecraft's file and draw factors below 1."
+        )
