@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from rans.compile.substeps import Call, Substeps
+from rans.model import operations
 from rans.model.fields import Field
 from rans.model.trace import Symbol, ordered
 from rans.policy.activations import ACTIVATIONS
@@ -23,23 +24,6 @@ JAVASCRIPT = Capabilities(backbones=("dense", "allocated"), recurrent=True)
 
 _LONGEST = 120
 """Characters of an expression that is written where it is used, once."""
-_FUNCTIONS = {
-    "sin": "Math.sin",
-    "cos": "Math.cos",
-    "exp": "Math.exp",
-    "log": "Math.log",
-    "tanh": "Math.tanh",
-    "sqrt": "Math.sqrt",
-    "atan2": "Math.atan2",
-    "abs": "Math.abs",
-    "floor": "Math.floor",
-    "minimum": "Math.min",
-    "maximum": "Math.max",
-    "real": "Number",
-}
-_INTEGERS = {"+": "({}+{})|0", "-": "({}-{})|0", "*": "Math.imul({}, {})"}
-"""Arithmetic of 32 bits with wrap-around."""
-_BOOLEANS = {"&": "&&", "|": "||", "^": "!==", "==": "===", "!=": "!=="}
 
 
 def function(
@@ -125,7 +109,8 @@ class _Lines:
         """Lines that give names to the roots and to what they are made of."""
         for symbol in ordered(roots, computed=self.names):
             if symbol.operation != "constant":
-                text = _expression(symbol, [self.operand(argument) for argument in symbol.args])
+                operands = map(self.operand, symbol.args)
+                text = operations.JAVASCRIPT.text(symbol.operation, symbol.operand_kind, *operands)
                 if self._uses[symbol] == 1 and len(text) < _LONGEST:
                     self.names[symbol] = f"({text})"
                     continue
@@ -150,20 +135,3 @@ def _number(symbol: Symbol) -> str:
         return "NaN"
     text = repr(value).replace("inf", "Infinity")
     return f"({text})" if text.startswith("-") else text.removesuffix(".0")
-
-
-def _expression(symbol: Symbol, args: Sequence[str]) -> str:
-    """One operation on operands; inputs that have no name do not occur."""
-    operation = symbol.operation
-    kinds = {argument.kind for argument in symbol.args}
-    if operation == "neg":
-        return f"-{args[0]}"
-    if operation == "where":
-        return "{}?{}:{}".format(*args)
-    if operation in _FUNCTIONS:
-        return f"{_FUNCTIONS[operation]}({', '.join(args)})"
-    if symbol.kind == "int" and operation in _INTEGERS:
-        return _INTEGERS[operation].format(*args)
-    if kinds == {"bool"} or operation in ("==", "!="):
-        operation = _BOOLEANS[operation]
-    return f"{args[0]}{operation}{args[1]}"

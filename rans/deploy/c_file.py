@@ -19,6 +19,7 @@ import numpy as np
 from rans.deploy.program import Ports
 from rans.errors import ConfigError
 from rans.files import read_text, write_text
+from rans.model.operations import ROWS, C, is_truth, of_row
 from rans.policy.program import Program, Step
 
 Shape = tuple[int, ...]
@@ -30,41 +31,6 @@ FLAGS = (
 """The files compile without a warning with these; those of the second line are PX4's, of firmware for flight."""
 C_FILES = ("agent.h", "agent.c", "agent_check.c")
 
-_ELEMENTWISE = {
-    "Add": "{0} + {1}",
-    "Sub": "{0} - {1}",
-    "Mul": "{0} * {1}",
-    "Div": "{0} / {1}",
-    "Neg": "-{0}",
-    "Equal": "{0} >= {1} && {0} <= {1}",  # flight software forbids == of floats (-Wfloat-equal)
-    "Greater": "{0} > {1}",
-    "Less": "{0} < {1}",
-    "Where": "{0} ? {1} : {2}",
-    "Clip": "fminf(fmaxf({0}, {1}), {2})",
-    "Max": "fmaxf({0}, {1})",
-    "Min": "fminf({0}, {1})",
-    "Identity": "{0}",
-    "Tanh": "tanhf({0})",
-    "Exp": "expf({0})",
-    "Relu": "fmaxf({0}, 0.0F)",
-    "Sigmoid": "0.5F + 0.5F * tanhf(0.5F * {0})",
-    "Elu": "{0} > 0.0F ? {0} : expm1f(fminf({0}, 0.0F))",
-    "GreaterOrEqual": "{0} >= {1}",
-    "LessOrEqual": "{0} <= {1}",
-    "And": "{0} && {1}",
-    "Or": "{0} || {1}",
-    "Abs": "fabsf({0})",
-    "Floor": "floorf({0})",
-    "Round": "rintf({0})",
-    "Sqrt": "sqrtf({0})",
-    "Sin": "sinf({0})",
-    "Cos": "cosf({0})",
-    "Log": "logf({0})",
-    "Cast": "(float){0}",
-}
-"""What each operation is of single numbers."""
-_TRUTHS = {"Equal", "Greater", "Less", "GreaterOrEqual", "LessOrEqual", "And", "Or"}
-"""Operations that give 0 or 1 as an int."""
 _VIEWS = {"Split", "Reshape"}
 """Operations whose results may be parts of their first operand's memory."""
 
@@ -557,7 +523,7 @@ class _Printer:
         name = step.outputs[0]
         values = [self._value(operand) for operand in step.inputs]
         shape = np.broadcast_shapes(*(array.shape for array in values))
-        kind = "int" if step.operation in _TRUTHS else "float"
+        kind = "int" if is_truth(step.operation) else "float"
         loop = self._loop
         others = any(
             operand in loop.lines and array.shape != shape
@@ -571,7 +537,7 @@ class _Printer:
             loop.lines[operand][0] if operand in loop.lines else array.at("i", shape)
             for operand, array in zip(step.inputs, values, strict=True)
         ]
-        text = _ELEMENTWISE[step.operation].format(*texts)
+        text = C.text(*of_row(step.operation), *texts)
         if size == 1:
             self._set(self._result(name, shape, kind), text)
             return
@@ -600,7 +566,7 @@ class _Printer:
         self._lines.append("}")
 
     def _print(self, step: Step) -> None:
-        if step.operation in _ELEMENTWISE and step.outputs[0] not in self._scores.parts:
+        if step.operation in ROWS and step.outputs[0] not in self._scores.parts:
             self._elementwise(step)
             return
         self._end_loop()

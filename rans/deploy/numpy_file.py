@@ -13,24 +13,13 @@ import numpy as np
 
 from rans.deploy.program import Ports
 from rans.files import replace_file, write_text
+from rans.model.operations import NUMPY, of_row
 from rans.policy.program import Program, Step
 
-_PRINTED: dict[str, str] = {
-    "Add": "{0} + {1}",
-    "Sub": "{0} - {1}",
-    "Mul": "{0} * {1}",
-    "Div": "{0} / {1}",
-    "Neg": "-{0}",
-    "Equal": "{0} == {1}",
-    "Greater": "{0} > {1}",
-    "Where": "np.where({0}, {1}, {2})",
-    "Clip": "np.clip({0}, {1}, {2})",
-    "Max": "np.maximum({0}, {1})",
-    "Min": "np.minimum({0}, {1})",
-    "Tanh": "np.tanh({0})",
-    "Relu": "np.maximum({0}, 0)",
-    "Sigmoid": "0.5 + 0.5 * np.tanh(0.5 * {0})",
-    "Elu": "np.where({0} > 0, {0}, np.expm1(np.minimum({0}, 0)))",
+_OF_TABLES: dict[str, str] = {
+    "Concat": "np.concatenate(({0},), axis=-1)",
+    "Split": "np.split({0}, {1}, axis=-1)",
+    "Reshape": "{0}.reshape({1})",
     "MatMul": "{0} @ {1}",
     "Transpose": "np.transpose({0}, {perm})",
     "ReduceMax": "np.max({0}, axis=-1, keepdims=True)",
@@ -39,25 +28,8 @@ _PRINTED: dict[str, str] = {
     "ArgMax": "np.argmax({0}, axis=1)",
     "Gather": "{0}[{1}]",
     "GatherElements": "np.take_along_axis({0}, {1}, axis={axis})",
-    "Identity": "{0}",
-    "Less": "({0} < {1})",
-    "Exp": "np.exp({0})",
-    "GreaterOrEqual": "({0} >= {1})",
-    "LessOrEqual": "({0} <= {1})",
-    "And": "np.logical_and({0}, {1})",
-    "Or": "np.logical_or({0}, {1})",
-    "Abs": "np.abs({0})",
-    "Floor": "np.floor({0})",
-    "Round": "np.round({0})",
-    "Sqrt": "np.sqrt({0})",
-    "Sin": "np.sin({0})",
-    "Cos": "np.cos({0})",
-    "Log": "np.log({0})",
-    "Cast": "({0}).astype(np.float32)",
 }
-"""What each operation is in NumPy."""
-_CALLS = {"Concat", "Gather", *(name for name, text in _PRINTED.items() if text.startswith("np."))}
-"""Operations that bind tighter than any operator, whatever stands around them."""
+"""What operations on whole rows and tables are in NumPy; the others are `rans.model.operations.NUMPY`."""
 _PARTS = {"observation": "o", "body": "b", "memory": "m", "filters": "f", "command": "c"}
 """Short names for columns by themselves."""
 _ROOM = 100
@@ -105,7 +77,9 @@ def printed(program: Program) -> tuple[list[str], list[str]]:
         text = _text(step, program, texts)
         (first, *others) = step.outputs
         if not others and uses[first] == 1 and len(text) < _ROOM and re.fullmatch(r"x\d+", first):
-            texts[first] = text if step.operation in _CALLS else f"({text})"
+            # A call binds tighter than any operator around it.
+            is_call = _pattern(step.operation).startswith("np.")
+            texts[first] = text if is_call or step.operation == "Gather" else f"({text})"
             continue
         name = first if not others else _PARTS.get(step.inputs[0], f"{step.inputs[0]}_parts")
         texts |= (
@@ -137,10 +111,15 @@ def _text(step: Step, program: Program, texts: Mapping[str, str]) -> str:
     whole = program.constants.get(step.inputs[-1], np.zeros(()))
     match step.operation:
         case "Concat":
-            return f"np.concatenate(({', '.join(inputs)},), axis=-1)"
+            inputs = [", ".join(inputs)]
         case "Split":
             ends = len(whole) if (whole == 1).all() else np.cumsum(whole)[:-1].tolist()
-            return f"np.split({inputs[0]}, {ends}, axis=-1)"
+            inputs = [inputs[0], str(ends)]
         case "Reshape":
-            return f"{inputs[0]}.reshape({', '.join(map(str, whole))})"
-    return _PRINTED[step.operation].format(*inputs, **step.attributes)
+            inputs = [inputs[0], ", ".join(map(str, whole))]
+    return _pattern(step.operation).format(*inputs, **step.attributes)
+
+
+def _pattern(operation: str) -> str:
+    """What an operation is in NumPy, of operands in braces."""
+    return _OF_TABLES.get(operation) or NUMPY.pattern(*of_row(operation))

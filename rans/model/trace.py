@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import math
 import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, ClassVar, Literal, NoReturn
+from typing import Any, ClassVar, NoReturn
 from weakref import WeakValueDictionary
 
 import numpy as np
 
-Kind = Literal["real", "int", "bool"]
-"""Type of a symbol. real: the engine's floating dtype; int: 32 bits with wrap-around."""
+from rans.model.operations import NUMBERS, OPERATIONS, Kind, Untraceable
+
 Operand = Any
 """A symbol or a number."""
 
@@ -33,28 +32,8 @@ _ARITHMETIC = {
 }
 _COMPARISONS = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=": "ne"}
 _COMMUTING = ("+", "*", "&", "|", "^", "==", "!=")
-_REAL_FUNCTIONS = ("sin", "cos", "exp", "log", "log1p", "tanh", "sqrt", "atan2")
-_FOLDED: dict[str, Callable[..., Any]] = {
-    **{
-        sign: getattr(operator, f"__{name}__")
-        for sign, name in (_ARITHMETIC | _COMPARISONS).items()
-    },
-    "neg": operator.neg,
-    "abs": abs,
-    "real": float,
-    "floor": math.floor,
-    "minimum": min,
-    "maximum": max,
-    "where": lambda condition, a, b: a if condition else b,
-    **{name: getattr(math, name) for name in _REAL_FUNCTIONS},
-    "remainder": operator.mod,
-}
 UNTRACEABLE = (TypeError, AttributeError)
 """Exceptions of tasks that use more than arithmetic on a symbol, such as a method of tensors."""
-
-
-class Untraceable(TypeError):
-    """Equations used a symbol in a way that needs a number, such as a branch on its value."""
 
 
 class Table:
@@ -81,7 +60,7 @@ class Symbol:
     _serials = itertools.count()
 
     operation: str
-    """"input", "constant", "entry" of a table, or an operation in the tables above."""
+    """"input", "constant", "entry" of a table, or one of `rans.model.operations.OPERATIONS`."""
     args: tuple[Symbol, ...]
     kind: Kind
     value: Any
@@ -139,7 +118,7 @@ class Symbol:
         args = _alike(operation, operands)
         if all(arg.operation == "constant" for arg in args):
             return cls.constant(
-                _FOLDED[operation](*(arg.value for arg in args)), _kind(operation, args)
+                NUMBERS[operation](*(arg.value for arg in args)), _kind(operation, args)
             )
         if (simpler := _simplified(operation, args)) is not None:
             return simpler
@@ -159,6 +138,11 @@ class Symbol:
         if self.operation == "entry":
             return Symbol.entry(self.value.numbers, *args)
         return Symbol.apply(self.operation, *args)
+
+    @property
+    def operand_kind(self) -> Kind:
+        """Kind of the operands, by which a language chooses the text of the operation."""
+        return _operand_kind(self.operation, self.args)
 
     def is_number(self, value: float) -> bool:
         """Whether the symbol is a constant of this value."""
@@ -215,10 +199,14 @@ def _alike(operation: str, operands: tuple[Operand, ...]) -> tuple[Symbol, ...]:
 
 
 def _kind(operation: str, args: tuple[Symbol, ...]) -> Kind:
-    if operation in _COMPARISONS:
-        return "bool"
+    """Kind of the result of an operation."""
+    return OPERATIONS[operation].result or _operand_kind(operation, args)
+
+
+def _operand_kind(operation: str, args: tuple[Symbol, ...]) -> Kind:
+    """The widest kind of operands; of a choice, of the two numbers that it chooses from."""
     kinds = {arg.kind for arg in (args[1:] if operation == "where" else args)}
-    if operation in ("real", "/", *_REAL_FUNCTIONS) or "real" in kinds:
+    if "real" in kinds:
         return "real"
     return "int" if "int" in kinds else "bool"
 

@@ -15,34 +15,8 @@ from typing import Any
 import numpy as np
 
 from rans.model.fields import Field
-from rans.model.trace import Symbol, Untraceable, ordered
-
-_LOWERED = {
-    "+": "Add",
-    "-": "Sub",
-    "*": "Mul",
-    "/": "Div",
-    "==": "Equal",
-    "neg": "Neg",
-    "where": "Where",
-    "maximum": "Max",
-    "minimum": "Min",
-    ">": "Greater",
-    "<": "Less",
-    ">=": "GreaterOrEqual",
-    "<=": "LessOrEqual",
-    "&": "And",
-    "|": "Or",
-    "abs": "Abs",
-    "floor": "Floor",
-    "sqrt": "Sqrt",
-    "sin": "Sin",
-    "cos": "Cos",
-    "tanh": "Tanh",
-    "exp": "Exp",
-    "log": "Log",
-}
-"""ONNX's names of operations on symbols."""
+from rans.model.operations import OPERATIONS, Untraceable
+from rans.model.trace import Symbol, ordered
 
 
 @dataclass(frozen=True)
@@ -169,8 +143,8 @@ class Program:
             elif (clipped := _clipped(symbol)) is not None:
                 row, *bounds = (values.get(x) or self.constant(x.value) for x in clipped)
                 values[symbol] = self.apply("Clip", row, *bounds)
-            elif symbol.operation in _LOWERED:
-                values[symbol] = self.apply(_LOWERED[symbol.operation], *operands)
+            elif (kind := OPERATIONS.get(symbol.operation)) and kind.onnx:
+                values[symbol] = self.apply(kind.onnx, *operands)
             else:
                 raise Untraceable(
                     f"{symbol.operation!r} of an observation's columns has no place in a policy's program: "

@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 
 from rans.cli import main
 from rans.deploy.c_file import (
-    _ELEMENTWISE,
     C_FILES,
     FLAGS,
     _loaded_size,
@@ -505,41 +504,3 @@ def test_the_size_is_the_sum_that_the_program_prints(
     tool.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     assert _loaded_size(tmp_path / "agent.o") == 4321
-
-
-def test_functions_of_one_number_are_those_of_torch(tmp_path: Path) -> None:
-    functions = {
-        "Neg": torch.neg,
-        "Identity": torch.clone,
-        "Tanh": torch.tanh,
-        "Exp": torch.exp,
-        "Relu": torch.relu,
-        "Sigmoid": torch.sigmoid,
-        "Elu": torch.nn.functional.elu,
-        "Abs": torch.abs,
-        "Floor": torch.floor,
-        "Round": torch.round,
-        "Sqrt": torch.sqrt,
-        "Sin": torch.sin,
-        "Cos": torch.cos,
-        "Log": torch.log,
-    }
-    text = "".join(
-        f"float {name}(float x) {{ return {_ELEMENTWISE[name].format('x')}; }}\n"
-        for name in functions
-    )
-    source = tmp_path / "functions.c"
-    source.write_text(f"#include <math.h>\n{text}", "utf-8")
-    built = tmp_path / "functions.so"
-    subprocess.run(
-        ["cc", "-O2", *FLAGS, "-fPIC", "-shared", str(source), "-o", str(built), "-lm"], check=True
-    )
-    library = ctypes.CDLL(str(built))
-    for name, function in functions.items():
-        ours = library[name]
-        ours.argtypes, ours.restype = [ctypes.c_float], ctypes.c_float
-        low = 0.01 if name in ("Sqrt", "Log") else -4.0
-        x = torch.linspace(low, 4.0, 50)
-        found = torch.tensor([ours(value) for value in x.tolist()])
-        # Libraries of C and torch's vectorised functions round differently: a few units in the last place.
-        torch.testing.assert_close(found, function(x), rtol=1e-6, atol=2e-7, msg=name)

@@ -15,7 +15,6 @@ from rans.compile.cpu.llvm import (
     FLOAT,
     LANES,
     LONG,
-    OPERATIONS,
     POINTER,
     TILE,
     Code,
@@ -23,6 +22,7 @@ from rans.compile.cpu.llvm import (
     shared,
 )
 from rans.compile.cpu.matmul import WIDTH, dense_layer
+from rans.model.operations import LLVM
 from rans.model.trace import Symbol, Untraceable, ordered
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.capabilities import Capabilities
@@ -70,13 +70,9 @@ class CpuActorCritic:
         """In the order of the spacecraft's thrusters."""
         self._outputs = stage.outputs
         self._sizes = [architecture.inputs, *architecture.layers, architecture.thrusters + 1]
-        used = {
-            symbol.operation
-            for symbol in ordered([*self._features, *self._log_odds])
-            if symbol.args
-        }
-        if unknown := used - OPERATIONS.keys():
-            raise Untraceable(f"the policy takes {', '.join(unknown)} of its columns.")
+        for symbol in ordered([*self._features, *self._log_odds]):
+            if symbol.args and (symbol.operation, symbol.operand_kind) not in LLVM:
+                raise Untraceable(f"the policy takes {symbol.operation} of its columns.")
 
     @cached_property
     def _run(self) -> Callable[..., None]:

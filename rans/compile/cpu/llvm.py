@@ -11,6 +11,7 @@ from typing import Any
 
 from llvmlite import binding, ir
 
+from rans.model.operations import LLVM
 from rans.model.trace import Symbol, ordered
 from rans.policy.activations import ACTIVATIONS
 
@@ -29,6 +30,7 @@ LONG = ir.IntType(64)
 FLOAT = ir.FloatType()
 POINTER = ir.IntType(8).as_pointer()
 INTS = ir.VectorType(INT, LANES)
+BOOLS = ir.VectorType(ir.IntType(1), LANES)
 FLOATS = ir.VectorType(FLOAT, LANES)
 
 _NUMERATOR = (
@@ -62,8 +64,9 @@ _SATURATED = 7.90531110763549805
 
 @lru_cache(None, typed=True)
 def constant(value: float) -> Value:
-    """A vector of one number, real or whole; the same object for each, which is written faster."""
-    return ir.Constant(FLOATS if isinstance(value, float) else INTS, [value] * LANES)
+    """A vector of one number or truth value; the same object for each, which is written faster."""
+    kind = {bool: BOOLS, int: INTS, float: FLOATS}[type(value)]
+    return ir.Constant(kind, [value] * LANES)
 
 
 class Code(ir.IRBuilder):
@@ -176,8 +179,29 @@ class Code(ir.IRBuilder):
         symbol = Symbol.input("x")
         return self.evaluated([ACTIVATIONS[name].formula(symbol)], {symbol: x})[0]
 
+    def operation(self, symbol: Symbol, operands: Sequence[Value]) -> Value:
+        """What a symbol is, of its operands; `rans.model.operations.Untraceable` where there is no code for it."""
+        method, *given = LLVM.pattern(symbol.operation, symbol.operand_kind).split()
+        return getattr(self, method)(*given, *operands)
+
+    def real_function(self, name: str, x: Value) -> Value:
+        """A function of LLVM on vectors of float32."""
+        return self.intrinsic(f"llvm.{name}.v{LANES}f32", x)
+
+    def to_real(self, x: Value) -> Value:
+        """Whole numbers as float32."""
+        return self.sitofp(x, FLOATS)
+
+    def larger(self, a: Value, b: Value) -> Value:
+        """The larger of two numbers; the first where one of them is not a number."""
+        return self.select(self.fcmp_ordered("<", a, b), b, a)
+
+    def smaller(self, a: Value, b: Value) -> Value:
+        """The smaller of two numbers; the first where one of them is not a number."""
+        return self.select(self.fcmp_ordered(">", a, b), b, a)
+
     def evaluated(self, roots: Sequence[Symbol], values: Mapping[Symbol, Value]) -> list[Value]:
-        """Vectors of the roots, from those of their inputs; see `OPERATIONS`."""
+        """Vectors of the roots, from those of their inputs."""
         return self.extended(roots, dict(values))
 
     def extended(self, roots: Sequence[Symbol], values: dict[Symbol, Value]) -> list[Value]:
@@ -186,8 +210,7 @@ class Code(ir.IRBuilder):
             if symbol.operation == "constant":
                 values[symbol] = constant(symbol.value)
             else:
-                operands = [values[arg] for arg in symbol.args]
-                values[symbol] = OPERATIONS[symbol.operation](self, *operands)
+                values[symbol] = self.operation(symbol, [values[arg] for arg in symbol.args])
         return [values[root] for root in roots]
 
     def repeat(
@@ -255,27 +278,6 @@ class MachineModule:
             self._module = None
         kinds = [ctypes.c_int64] * self._arguments[name]
         return ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address(name))
-
-
-OPERATIONS: dict[str, Callable[..., Value]] = {
-    "+": Code.fadd,
-    "-": Code.fsub,
-    "*": Code.fmul,
-    "/": Code.fdiv,
-    "neg": Code.fneg,
-    "tanh": Code.tanh,
-    "exp": Code.exp,
-    "log1p": Code.log_one_plus,
-    "abs": lambda code, x: code.intrinsic(f"llvm.fabs.v{LANES}f32", x),
-    "where": Code.select,
-    "maximum": lambda code, a, b: code.select(code.fcmp_ordered("<", a, b), b, a),
-    "minimum": lambda code, a, b: code.select(code.fcmp_ordered(">", a, b), b, a),
-    **{
-        sign: lambda code, a, b, sign=sign: code.fcmp_ordered(sign, a, b)
-        for sign in ("<", "<=", ">", ">=", "==", "!=")
-    },
-}
-"""Operations on symbols of preprocessing, heads and activations; each is given the code and its operands."""
 
 
 _SHARED: dict[Hashable, tuple[MachineModule, Callable[..., None]]] = {}

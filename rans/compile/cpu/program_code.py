@@ -6,11 +6,12 @@ stays NumPy's.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from llvmlite import ir
 
 from rans.compile.cpu.llvm import (
+    BOOLS,
     FLOATS,
     INTS,
     LANES,
@@ -21,48 +22,11 @@ from rans.compile.cpu.llvm import (
     Value,
     constant,
 )
+from rans.model.operations import LLVM, OPERATIONS
 from rans.model.trace import Symbol
 
-_BOOLS, _BYTES = (ir.VectorType(ir.IntType(bits), LANES) for bits in (1, 8))
+_BYTES = ir.VectorType(ir.IntType(8), LANES)
 _KINDS = {"real": FLOATS, "int": INTS, "bool": _BYTES}
-_REAL: dict[str, Callable[..., Value]] = {
-    "+": Code.fadd,
-    "-": Code.fsub,
-    "*": Code.fmul,
-    "/": Code.fdiv,
-    "neg": Code.fneg,
-    **{
-        name: lambda code, x, called=called: code.intrinsic(f"llvm.{called}.v{LANES}f32", x)
-        for name, called in (("abs", "fabs"), ("sqrt", "sqrt"), ("floor", "floor"))
-    },
-    **{
-        sign: lambda code, a, b, sign=sign: code.fcmp_ordered(sign, a, b)
-        for sign in ("<", "<=", ">", ">=", "==")
-    },
-    "!=": lambda code, a, b: code.fcmp_unordered("!=", a, b),
-}
-_INT: dict[str, Callable[..., Value]] = {
-    "+": Code.add,
-    "-": Code.sub,
-    "*": Code.mul,
-    "neg": Code.neg,
-    ">>": Code.ashr,
-    "&": Code.and_,
-    "|": Code.or_,
-    "^": Code.xor,
-    "real": lambda code, x: code.sitofp(x, FLOATS),
-    **{
-        sign: lambda code, a, b, sign=sign: code.icmp_signed(sign, a, b)
-        for sign in ("<", "<=", ">", ">=", "==", "!=")
-    },
-}
-_BOOL: dict[str, Callable[..., Value]] = {
-    "&": Code.and_,
-    "|": Code.or_,
-    "^": Code.xor,
-    "==": lambda code, a, b: code.icmp_signed("==", a, b),
-}
-_TABLES = {"real": _REAL, "int": _INT, "bool": _BOOL}
 
 
 def is_arithmetic(symbol: Symbol) -> bool:
@@ -70,7 +34,9 @@ def is_arithmetic(symbol: Symbol) -> bool:
     args = symbol.args[1:] if symbol.operation == "where" else symbol.args
     if len({arg.kind for arg in args}) > 1:  # NumPy computes those in double precision
         return False
-    return symbol.operation == "where" or symbol.operation in _TABLES[args[0].kind]
+    operation = OPERATIONS.get(symbol.operation)
+    is_exact = operation is not None and operation.is_exact
+    return is_exact and (symbol.operation, symbol.operand_kind) in LLVM
 
 
 def in_phases(symbols: Iterable[Symbol]) -> list[Symbol]:
@@ -119,24 +85,15 @@ def write_function(
 
             def value(symbol: Symbol) -> Value:
                 if symbol.operation == "constant":
-                    return (
-                        ir.Constant(_BOOLS, [symbol.value] * LANES)
-                        if symbol.kind == "bool"
-                        else constant(symbol.value)
-                    )
+                    return constant(symbol.value)
                 if symbol not in values:
                     loaded = code.load(address(symbol), align=1)
-                    values[symbol] = code.trunc(loaded, _BOOLS) if symbol.kind == "bool" else loaded
+                    values[symbol] = code.trunc(loaded, BOOLS) if symbol.kind == "bool" else loaded
                 return values[symbol]
 
             # Results stay in registers, and are written only if others read them.
             for symbol in symbols:
-                args = [value(arg) for arg in symbol.args]
-                values[symbol] = (
-                    code.select(*args)
-                    if symbol.operation == "where"
-                    else _TABLES[symbol.args[0].kind][symbol.operation](code, *args)
-                )
+                values[symbol] = code.operation(symbol, [value(arg) for arg in symbol.args])
                 if symbol in stored:
                     loaded = values[symbol]
                     loaded = code.zext(loaded, _BYTES) if symbol.kind == "bool" else loaded

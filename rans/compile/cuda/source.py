@@ -12,6 +12,7 @@ from importlib.resources import files
 from typing import Literal
 
 from rans.compile.step_program import BufferWrite, StepProgram
+from rans.model.operations import CUDA
 from rans.model.trace import Symbol, ordered
 
 Real = Literal["float", "double"]
@@ -21,21 +22,6 @@ Action = Literal["unsigned char", "float", "double"]
 THREADS = 64
 """Of a block."""
 
-_FUNCTIONS = {
-    "sin": "sine",
-    "cos": "cosine",
-    "exp": "exponential",
-    "log": "logarithm",
-    "log1p": "logarithm_of_one_plus",
-    "tanh": "tanh",
-    "minimum": "min",
-    "maximum": "max",
-    "abs": "abs",
-    "floor": "floor",
-    "sqrt": "sqrt",
-    "atan2": "atan2",
-    "real": "real",
-}
 _BYTES = {"unsigned char": 1, "unsigned": 4, "float": 4, "double": 8}
 
 
@@ -104,7 +90,7 @@ class Lines:
 
     def expression(self, symbol: Symbol, args: list[str]) -> str:
         """An operation on operands."""
-        return _expression(symbol, args)
+        return CUDA.text(symbol.operation, symbol.operand_kind, *args)
 
     def operand(self, symbol: Symbol) -> str:
         """A symbol that has a name, or a number, in an expression."""
@@ -253,23 +239,6 @@ class _Writer(Lines):
 
     def _unnamed(self, roots: Iterable[Symbol]) -> list[Symbol]:
         return list(ordered(roots, computed=self.names))
-
-
-def _expression(symbol: Symbol, args: list[str]) -> str:
-    operation = symbol.operation
-    if operation == "neg":
-        return f"-{args[0]}"
-    if operation == "where":
-        return "{} ? {} : {}".format(*args)
-    if operation in _FUNCTIONS:
-        return f"{_FUNCTIONS[operation]}({', '.join(args)})"
-    if symbol.kind == "int" and operation in (
-        "+",
-        "-",
-        "*",
-    ):  # signed arithmetic may not wrap around in C
-        return f"int(unsigned({args[0]}) {operation} unsigned({args[1]}))"
-    return f"{args[0]} {operation} {args[1]}"
 
 
 def indented(lines: Iterable[str]) -> Iterator[str]:

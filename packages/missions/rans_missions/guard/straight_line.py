@@ -7,65 +7,22 @@ NumPy takes about a microsecond for an operation on one number, and a tree of fi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import repeat
 from typing import Any
 
 import numpy as np
 
 from rans.model.fields import leaves, unflatten
+from rans.model.operations import NUMBERS, NUMPY, PYTHON, Dialect
 from rans.model.trace import UNTRACEABLE, Symbol, Untraceable, ordered
 from rans_missions.guard.rows import is_array
 
 ROWS = 32
 """Largest number of spacecraft for which numbers are used; the 17 manoeuvres of a craft in space are some."""
-_INFIX = ("+", "-", "*", "<", "<=", ">", ">=", "==", "!=", "&", "|", "^")
-
-
-def _over(a: float, b: float) -> float:
-    """Quotient as NumPy's: infinite or not a number over zero, which has a sign."""
-    return a / b if b else a * math.copysign(math.inf, b)
-
-
-def _root(x: float) -> float:
-    """Square root as NumPy's: not a number below zero."""
-    return math.sqrt(x) if x >= 0.0 else math.nan
-
-
-def _floor(x: float) -> float:
-    return float(math.floor(x))
-
-
-_NUMBERS: dict[str, Callable[..., Any]] = {
-    "abs": abs,
-    "floor": _floor,
-    "sqrt": _root,
-    "real": float,
-    "/": _over,
-    **{
-        name: getattr(math, name) for name in ("sin", "cos", "exp", "log", "log1p", "tanh", "atan2")
-    },
-}
-_CHOICES = {
-    "where": "{1} if {0} else {2}",
-    "minimum": "{0} if {0} < {1} or {0} != {0} else {1}",
-    "maximum": "{0} if {0} > {1} or {0} != {0} else {1}",
-}
-"""Expressions of operations on Python numbers, without a call. A NaN stays one, as in NumPy: a filter must not take
-it for a margin."""
-_ARRAYS: dict[str, Callable[..., Any]] = {
-    "real": partial(np.asarray, dtype=np.float64),
-    "/": np.divide,
-    **{
-        name: getattr(np, name)
-        for name in (
-            *("abs", "minimum", "maximum", "floor", "sqrt", "where"),
-            *("sin", "cos", "exp", "log", "log1p", "tanh"),
-        )
-    },
-    "atan2": np.arctan2,
-}
+_ARRAYS = {"np": np}
+_SCALARS = {**NUMBERS, "over": NUMBERS["/"]}
+"""Names in the texts of the two dialects."""
 
 
 class StraightLine:
@@ -84,13 +41,13 @@ class StraightLine:
         try:
             self._result = function(*unflatten(trees, inputs))
             outputs = [Symbol.constant(x) for x in leaves(self._result)]
-            texts = ["\n    ".join(_lines(inputs, outputs, choices)) for choices in (_CHOICES, {})]
+            texts = ["\n    ".join(_lines(inputs, outputs, each)) for each in (PYTHON, NUMPY)]
         except (*UNTRACEABLE, ArithmeticError, ValueError) as error:
             raise Untraceable(str(error)) from error
         # The text consists of names that are numbered here and of numbers.
         self._of_numbers, self._of_arrays = (
             _defined(f"def run({', '.join(_names(inputs))}):\n    {text}\n", functions)
-            for text, functions in zip(texts, (_NUMBERS, _ARRAYS), strict=True)
+            for text, functions in zip(texts, (_SCALARS, _ARRAYS), strict=True)
         )
 
     def of_rows(self, *trees: Any) -> Any | None:
@@ -128,9 +85,7 @@ def _names(symbols: Sequence[Symbol]) -> list[str]:
     return [f"_{k}" for k in range(len(symbols))]
 
 
-def _lines(
-    inputs: Sequence[Symbol], outputs: Sequence[Symbol], choices: dict[str, str]
-) -> Iterator[str]:
+def _lines(inputs: Sequence[Symbol], outputs: Sequence[Symbol], dialect: Dialect) -> Iterator[str]:
     """Statements of the function's body."""
     names = dict(zip(inputs, _names(inputs), strict=True))
     for symbol in ordered(outputs):
@@ -144,7 +99,11 @@ def _lines(
         elif symbol.args:
             args = [names[arg] for arg in symbol.args]
             names[symbol] = f"_{len(names)}"
-            yield f"{names[symbol]} = {_expression(symbol.operation, args, choices)}"
+            text = dialect.text(symbol.operation, symbol.operand_kind, *args)
+            if dialect is NUMPY and symbol.operation == "/":
+                # Two operands may be numbers of Python's, which refuse to be divided by zero.
+                text = f"np.divide({', '.join(args)})"
+            yield f"{names[symbol]} = {text}"
     yield f"return ({''.join(f'{names[x]}, ' for x in outputs)})"
 
 
@@ -152,22 +111,7 @@ def _odd(value: Any) -> bool:
     return isinstance(value, float) and not math.isfinite(value)
 
 
-def _expression(operation: str, args: Sequence[str], choices: dict[str, str]) -> str:
-    if operation in choices:
-        return choices[operation].format(*args)
-    if operation in _INFIX:
-        return f" {operation} ".join(args)
-    if operation == "neg":
-        return f"-{args[0]}"
-    if operation not in _NUMBERS and operation not in _CHOICES:
-        raise Untraceable(f"numbers have no operation {operation!r}.")
-    if operation == "/":
-        return f"over({', '.join(args)})"
-    return f"{operation}({', '.join(args)})"
-
-
-def _defined(text: str, functions: dict[str, Callable[..., Any]]) -> Callable[..., Any]:
-    scope: dict[str, Any] = {name: function for name, function in functions.items() if name != "/"}
-    scope["over"] = functions["/"]
+def _defined(text: str, functions: Mapping[str, Any]) -> Callable[..., Any]:
+    scope = dict(functions)
     exec(compile(text, "<traced>", "exec"), scope)
     return scope["run"]

@@ -15,34 +15,15 @@ import numpy as np
 
 from rans.errors import ConfigError, brief, require
 from rans.files import first_line, read_bytes
+from rans.model.operations import ROWS, is_truth
 from rans.model.spacecraft import Spacecraft
 from rans.policy.program import Program
 
 _LARGEST = 2**26
 """Bytes of an ONNX file that is read; networks in control have less than a thousandth of it."""
 
-_SAME = {
-    "Add": "Add",
-    "Sub": "Sub",
-    "Mul": "Mul",
-    "Div": "Div",
-    "Neg": "Neg",
-    "Abs": "Abs",
-    "Floor": "Floor",
-    "Round": "Round",
-    "Sqrt": "Sqrt",
-    "Exp": "Exp",
-    "Log": "Log",
-    "Sin": "Sin",
-    "Cos": "Cos",
-    "Tanh": "Tanh",
-    "Sigmoid": "Sigmoid",
-    "Relu": "Relu",
-    "Where": "Where",
-}
-"""Operations number by number that a program has too."""
-_TRUTHS = {"Equal", "Greater", "Less", "GreaterOrEqual", "LessOrEqual", "And", "Or"}
-"""Operations of a program whose results are truths."""
+_OWN = {"Max", "Min", "Clip", "Cast", "Elu", "Identity"}
+"""Operations of programs that take other operands in a graph, or only move numbers there."""
 _MOVES = {
     *("Concat", "Dropout", "Expand", "Flatten", "Gather", "Identity", "Reshape", "Slice", "Split"),
     *("Squeeze", "Transpose", "Unsqueeze"),
@@ -232,9 +213,7 @@ class _Reader:
         ):
             # ONNX leaves out the fraction there, and a program has no whole numbers.
             raise _Refused("of whole numbers, which exported files do not know")
-        if operator in _SAME:
-            return self._each(_SAME[operator], *operands)
-        if operator in _TRUTHS:
+        if operator in ROWS.keys() - _OWN:
             return self._each(operator, *operands)
         match operator:
             case "Gemm" | "MatMul":
@@ -360,7 +339,7 @@ class _Reader:
                 table = np.broadcast_to(array, shape).astype(float).ravel()
                 rows.append(self._program.constant(table))
         row = self._program.apply(operation, *rows)
-        if operation in _TRUTHS:
+        if is_truth(operation):
             self._truths.add(row)
         return self._numbers(row, shape)
 

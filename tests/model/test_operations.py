@@ -1,0 +1,347 @@
+"""Every operation of traced programs computes the same in every language that programs are printed in."""
+
+from __future__ import annotations
+
+import ast
+import ctypes
+import json
+import shutil
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.compile.cpu.llvm import LANES, MachineModule
+from rans.compile.cpu.program_code import write_function
+from rans.deploy.c_file import FLAGS
+from rans.model import operations
+from rans.model.operations import NUMBERS, OPERATIONS, ROWS, Dialect, Kind, is_truth, of_row
+from rans.model.trace import Symbol, Untraceable
+
+Key = tuple[str, Kind]
+Run = Callable[[Dialect, Mapping[Key, list[np.ndarray]], Path], dict[Key, Any]]
+"""Runs the operations of a dialect on columns of operands."""
+COUNT = 4 * LANES
+DOMAINS = {"log": (0.01, 4.0), "sqrt": (0.0, 4.0), "log1p": (0.0, 1.0)}
+"""Numbers that have a real result; LLVM's logarithm is for numbers from 0 to 1."""
+KEYS: list[Key] = [
+    (name, kind) for name, operation in OPERATIONS.items() for kind in operation.kinds
+]
+
+
+def columns(key: Key, real: type) -> list[np.ndarray]:
+    """Operands of every kind of size: reals with zeros of both signs, all bits of whole numbers, truth values."""
+    name, kind = key
+    arity = OPERATIONS[name].arity
+    random = np.random.default_rng(sum(map(ord, name)))
+    low, high = DOMAINS.get(name, (-4.0, 4.0))
+    result: list[np.ndarray] = []
+    for _ in range(arity):
+        if kind == "bool":
+            result.append(random.random(COUNT) < 0.5)
+        elif kind == "int":
+            wild = random.integers(-(2**31) + 1, 2**31 - 1, COUNT)
+            result.append(np.where(random.random(COUNT) < 0.5, wild, wild % 7 - 3).astype(np.int32))
+        else:
+            x = random.uniform(low, high, COUNT)
+            if low < 0.0:
+                x[:8] = 0.0, -0.0, 0.5, -0.5, 1.5, -2.5, 0.0, -0.0
+            result.append(random.permutation(x).astype(np.float32).astype(real))
+    if name == "where":
+        result[0] = random.random(COUNT) < 0.5
+    if name == ">>":
+        result[1] = random.integers(0, 32, COUNT).astype(np.int32)
+    if name == "remainder":
+        result[1] = random.integers(1, 9, COUNT).astype(np.int32)
+    if name == "clip":
+        result[1:] = np.sort(result[1:], axis=0)
+    return result
+
+
+def of_c(dialect: Dialect, given: Mapping[Key, list[np.ndarray]], folder: Path) -> dict[Key, Any]:
+    return compiled(dialect, given, folder, "c", "#include <math.h>\ntypedef float real;\n")
+
+
+SHIMS = """#include <cmath>
+#include <cstring>
+#include <algorithm>
+using std::abs; using std::max; using std::min; using std::floor; using std::sqrt; using std::tanh;
+using std::atan2; using std::log1p;
+#define __device__
+#define __expf std::exp
+#define __logf std::log
+static inline int __float_as_int(float x) { int bits; memcpy(&bits, &x, 4); return bits; }
+typedef float real;
+"""
+"""What CUDA C++ has and C++ has not, for the functions of our kernels on a CPU."""
+
+
+def of_cuda(
+    dialect: Dialect, given: Mapping[Key, list[np.ndarray]], folder: Path
+) -> dict[Key, Any]:
+    functions = files("rans.compile.cuda").joinpath("functions.cuh").read_text("utf-8")
+    return compiled(dialect, given, folder, "cpp", f"{SHIMS}{functions}")
+
+
+def compiled(
+    dialect: Dialect,
+    given: Mapping[Key, list[np.ndarray]],
+    folder: Path,
+    language: str,
+    beginning: str,
+) -> dict[Key, Any]:
+    """One function an operation, by the machine's compiler."""
+    compiler = shutil.which({"c": "cc", "cpp": "c++"}[language])
+    if compiler is None:
+        pytest.skip(f"needs a compiler of {language}")
+    types = {"float32": "real", "int32": "int", "bool": "int"}
+    text = beginning
+    for number, (key, arrays) in enumerate(given.items()):
+        arguments = [f"{types[str(x.dtype)]} x{k}" for k, x in enumerate(arrays)]
+        body = dialect.text(*key, *(f"x{k}" for k in range(len(arrays))))
+        out = "int" if result_kind(key) != "real" else "real"
+        linkage = 'extern "C" ' if language == "cpp" else ""
+        text += f"{linkage}{out} f{number}({', '.join(arguments)}) {{ return {body}; }}\n"
+    source = folder / f"operations.{language}"
+    source.write_text(text, "utf-8")
+    built = folder / f"{language}.so"
+    # Without contraction, as every operation stands alone.
+    warnings = FLAGS if language == "c" else ()
+    flags = ["-O1", "-shared", "-fPIC", "-ffp-contract=off", *warnings]
+    subprocess.run([compiler, *flags, str(source), "-o", str(built), "-lm"], check=True)
+    library = ctypes.CDLL(str(built))
+    found = {}
+    for number, (key, arrays) in enumerate(given.items()):
+        function = library[f"f{number}"]
+        function.argtypes = [
+            ctypes.c_float if x.dtype == np.float32 else ctypes.c_int for x in arrays
+        ]
+        function.restype = ctypes.c_float if result_kind(key) == "real" else ctypes.c_int
+        rows = zip(*(x.tolist() for x in arrays), strict=True)
+        found[key] = [function(*row) for row in rows]
+    return found
+
+
+def of_javascript(
+    dialect: Dialect, given: Mapping[Key, list[np.ndarray]], folder: Path
+) -> dict[Key, Any]:
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("needs Node.js")
+    lines = []
+    for key, arrays in given.items():
+        names = [f"x{k}" for k in range(len(arrays))]
+        rows = json.dumps([list(row) for row in zip(*(x.tolist() for x in arrays), strict=True)])
+        lines.append(f"{rows}.map(([{', '.join(names)}]) => {dialect.text(*key, *names)})")
+    # JSON has no numbers that are not finite.
+    script = f"console.log(JSON.stringify([{', '.join(lines)}], (_, x) => typeof x === 'number' ? String(x) : x))"
+    file = folder / "operations.js"
+    file.write_text(script, "utf-8")
+    done = subprocess.run([node, str(file)], check=True, capture_output=True, text=True)
+    answers = json.loads(done.stdout)
+    return {
+        key: [float(x) if isinstance(x, str) else x for x in row]
+        for key, row in zip(given, answers, strict=True)
+    }
+
+
+def of_numpy(
+    dialect: Dialect, given: Mapping[Key, list[np.ndarray]], folder: Path
+) -> dict[Key, Any]:
+    return {
+        key: eval(
+            dialect.text(*key, *(f"x{k}" for k in range(len(arrays)))),
+            {"np": np, **{f"x{k}": x for k, x in enumerate(arrays)}},
+        )
+        for key, arrays in given.items()
+    }
+
+
+def of_python(
+    dialect: Dialect, given: Mapping[Key, list[np.ndarray]], folder: Path
+) -> dict[Key, Any]:
+    found = {}
+    for key, arrays in given.items():
+        names = [f"x{k}" for k in range(len(arrays))]
+        scope = {**NUMBERS, "over": NUMBERS["/"]}
+        function = eval(f"lambda {', '.join(names)}: {dialect.text(*key, *names)}", scope)
+        found[key] = [function(*row) for row in zip(*(x.tolist() for x in arrays), strict=True)]
+    return found
+
+
+def of_llvm(
+    dialect: Dialect, given: Mapping[Key, list[np.ndarray]], folder: Path
+) -> dict[Key, Any]:
+    """By machine code, in the memory that a program has: a row of 32 bits a number, bytes for truth values."""
+    program = MachineModule()
+    memories = {}
+    for number, (key, arrays) in enumerate(given.items()):
+        inputs = [Symbol.input(f"operand_{k}", KINDS[str(x.dtype)]) for k, x in enumerate(arrays)]
+        symbol = Symbol.apply(key[0], *inputs)
+        # An operation that commutes may have its operands in another order.
+        rows = {operand: row for row, operand in enumerate(inputs)} | {symbol: len(inputs)}
+        memory = np.zeros((len(rows), COUNT), np.int32)
+        for row, x in zip(memory, arrays, strict=False):
+            row.view(x.dtype)[:COUNT] = x
+        write_function(program, f"f{number}", [symbol], rows, {symbol})
+        memories[key] = memory, {"real": np.float32, "int": np.int32, "bool": np.bool_}[symbol.kind]
+    found = {}
+    for number, (key, (memory, dtype)) in enumerate(memories.items()):
+        program.compiled(f"f{number}")(memory.ctypes.data, COUNT, COUNT // LANES)
+        found[key] = memory[-1].view(dtype)[:COUNT]
+    return found
+
+
+KINDS: dict[str, Kind] = {"float32": "real", "int32": "int", "bool": "bool"}
+LANGUAGES: dict[str, tuple[Dialect, Run, type]] = {
+    "C": (operations.C, of_c, np.float32),
+    "CUDA": (operations.CUDA, of_cuda, np.float32),
+    "JavaScript": (operations.JAVASCRIPT, of_javascript, np.float64),
+    "LLVM": (operations.LLVM, of_llvm, np.float32),
+    "NumPy": (operations.NUMPY, of_numpy, np.float64),
+    "Python": (operations.PYTHON, of_python, np.float64),
+}
+
+
+def result_kind(key: Key) -> Kind:
+    name, kind = key
+    return OPERATIONS[name].result or kind
+
+
+def check(language: str, folder: Path, keys: Sequence[Key]) -> None:
+    """Those operations that a language has, against NumPy's function of each."""
+    dialect, run, real = LANGUAGES[language]
+    given = {key: columns(key, real) for key in keys if key in dialect}
+    with np.errstate(all="ignore"):
+        found = run(dialect, given, folder)
+        for key, arrays in given.items():
+            operation = OPERATIONS[key[0]]
+            expected = np.asarray(operation.meaning(*arrays))
+            if result_kind(key) == "real":
+                expected = expected.astype(real)
+            ours = np.asarray(found[key], dtype=expected.dtype)
+            # Exact operations have one result in a precision. Functions have a few units in its last place, and
+            # those of CUDA, which are for speed, a few more.
+            tolerance = 0.0 if operation.is_exact else (2e-6 if real is np.float32 else 1e-14)
+            np.testing.assert_allclose(
+                ours, expected, rtol=tolerance, atol=tolerance, err_msg=f"{key} in {language}"
+            )
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_an_operation_is_the_same_in_every_language(language: str, tmp_path: Path) -> None:
+    check(language, tmp_path, KEYS)
+
+
+@pytest.mark.parametrize(
+    ("language", "name", "kind", "wrong"),
+    [
+        ("C", "round", "real", "roundf({0})"),  # halves away from zero, not to even
+        ("CUDA", "*", "int", "{0} - {1}"),
+        ("JavaScript", "*", "int", "({0}*{1})|0"),  # loses bits of large products
+        ("LLVM", "!=", "real", "fcmp_ordered =="),
+        ("NumPy", "minimum", "real", "np.maximum({0}, {1})"),
+        ("Python", "where", "real", "{2} if {0} else {1}"),
+    ],
+)
+def test_a_wrong_text_is_noticed(
+    language: str,
+    name: str,
+    kind: Kind,
+    wrong: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    dialect, _, _ = LANGUAGES[language]
+    monkeypatch.setitem(dialect._patterns, (name, kind), wrong)
+    with pytest.raises(AssertionError, match=f"in {language}"):
+        check(language, tmp_path, [(name, kind)])
+
+
+def test_rows_mean_what_onnx_says() -> None:
+    """The meaning of every operation of rows, by ONNX's own reference."""
+    onnx = pytest.importorskip("onnx")
+    from onnx.reference import ReferenceEvaluator
+
+    types = {"float32": onnx.TensorProto.FLOAT, "bool": onnx.TensorProto.BOOL}
+    for name in ROWS:
+        key = of_row(name)
+        arrays = columns(key, np.float32)
+        if name == "Clip":  # of ONNX, bounds are single numbers
+            arrays = [arrays[0], np.float32(-1.0).reshape(()), np.float32(2.0).reshape(())]
+        names = [f"x{k}" for k in range(len(arrays))]
+        to = {"to": onnx.TensorProto.FLOAT} if name == "Cast" else {}
+        node = onnx.helper.make_node(name, names, ["y"], **to)
+        inputs = [
+            onnx.helper.make_tensor_value_info(given, types[str(x.dtype)], list(x.shape))
+            for given, x in zip(names, arrays, strict=True)
+        ]
+        out = onnx.helper.make_tensor_value_info(
+            "y", types["bool" if is_truth(name) else "float32"], [COUNT]
+        )
+        graph = onnx.helper.make_graph([node], "one", inputs, [out])
+        with np.errstate(all="ignore"):
+            evaluator: Any = ReferenceEvaluator(onnx.helper.make_model(graph))
+            (answer,) = evaluator.run(None, dict(zip(names, arrays, strict=True)))
+            meant = OPERATIONS[key[0]].meaning(*arrays)
+        np.testing.assert_allclose(answer, meant, rtol=2e-6, atol=1e-6, err_msg=name)
+        assert (answer.dtype == np.bool_) == is_truth(name)
+
+
+def test_exports_have_every_operation_of_rows() -> None:
+    lacking = [
+        (name, language)
+        for name in ROWS
+        for language in ("C", "NumPy")
+        if of_row(name) not in LANGUAGES[language][0]
+    ]
+    assert not lacking
+
+
+def test_a_language_without_an_operation_says_so() -> None:
+    """The sign of a remainder differs between languages, and Python's is in none of them."""
+    with pytest.raises(Untraceable, match="programs in CUDA have no operation 'remainder'"):
+        operations.CUDA.text("remainder", "int", "a", "b")
+
+
+OWN_TABLES = {
+    "rans/model/operations.py",
+    "rans/model/trace.py",  # Python's methods of operators
+    "rans/policy/scalars.py",  # functions of fields of any library, with gradients
+}
+ROOT = Path(__file__).parents[2]
+
+
+def tables(text: str) -> list[int]:
+    """Lines with a dictionary or a set that lists many operations."""
+    names = {*OPERATIONS, *ROWS}
+    return [
+        node.lineno
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Dict | ast.Set)
+        and sum(
+            isinstance(key, ast.Constant) and key.value in names
+            for key in (node.keys if isinstance(node, ast.Dict) else node.elts)
+        )
+        >= 8
+    ]
+
+
+def test_operations_have_one_table() -> None:
+    found = [
+        f"{file.relative_to(ROOT)}:{line}"
+        for room in ("rans", "packages")
+        for file in sorted((ROOT / room).rglob("*.py"))
+        if "tests" not in file.parts and str(file.relative_to(ROOT)) not in OWN_TABLES
+        for line in tables(file.read_text("utf-8"))
+    ]
+    assert not found, f"these list operations that rans/model/operations.py knows: {found}"
+
+
+def test_a_second_table_of_operations_is_noticed() -> None:
+    names = ["sin", "cos", "exp", "log", "tanh", "sqrt", "abs", "+"]
+    assert tables(f"TEXTS = {{{', '.join(f'{name!r}: 1' for name in names)}}}") == [1]
