@@ -58,7 +58,7 @@ class Export(Options):
         elif self.format == "onnx":
             Terminal().suggest(shlex.join(["rans", "evaluate", str(output)]))
         if self.format == "c":
-            from rans.deploy.c_file import compiled_check
+            from rans.deploy.c.compiler import compiled_check
 
             Terminal().say(compiled_check(output))
         if card["episodes"] != self.episodes:

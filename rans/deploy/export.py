@@ -8,7 +8,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol, get_args
 
-from rans.deploy.c_file import C_FILES, stack_of, write_c
+from rans.deploy.c.compiler import stack_of
+from rans.deploy.c.files import C_FILES, write_c
 from rans.deploy.contract import (
     FLIGHTS,
     PAIRED,

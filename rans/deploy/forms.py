@@ -17,7 +17,7 @@ Form = Literal["sb3", "rans", "onnx", "numpy", "c"]
 
 
 class ProgramWriter(Protocol):
-    """Writes an agent in a form, into the file agent.FORM; see `rans.deploy.c_file.write_c` for the arguments."""
+    """Writes an agent in a form, into the file agent.FORM; see `rans.deploy.c.files.write_c` for the arguments."""
 
     def __call__(
         self,

@@ -17,7 +17,7 @@ import pytest
 
 from rans.compile.cpu.llvm import LANES, MachineModule
 from rans.compile.cpu.program_code import write_function
-from rans.deploy.c_file import FLAGS
+from rans.deploy.c.compiler import FLAGS
 from rans.model import operations
 from rans.model.operations import NUMBERS, OPERATIONS, ROWS, Dialect, Kind, is_truth, of_row
 from rans.model.trace import Symbol, Untraceable

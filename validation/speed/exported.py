@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.deploy.c_file import FLAGS
+from rans.deploy.c.compiler import FLAGS
 from rans.deploy.export import Form
 from rans.errors import ConfigError
 

@@ -22,7 +22,8 @@ from typing import Any
 from xml.etree import ElementTree
 
 import rans
-from rans.deploy.c_file import FLAGS, write_c
+from rans.deploy.c.compiler import FLAGS
+from rans.deploy.c.files import write_c
 from rans.deploy.program import Ports
 from rans.errors import ConfigError
 from rans.files import read_bytes, replace_file
@@ -44,7 +45,7 @@ def write_fmu(
     contract: str,
     pairs: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write agent.fmu; see `rans.deploy.c_file.write_c` for the arguments.
+    """Write agent.fmu; see `rans.deploy.c.files.write_c` for the arguments.
 
     Raises:
         ConfigError: the agent has no contract, the program has an operation that is not known in C, the compiler

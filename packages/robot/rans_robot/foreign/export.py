@@ -9,7 +9,8 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from rans.deploy.c_file import stack_of, write_c
+from rans.deploy.c.compiler import stack_of
+from rans.deploy.c.files import write_c
 from rans.deploy.contract import (
     FLIGHTS,
     PAIRED,

@@ -17,7 +17,8 @@ from rans_robot.foreign.export import write_foreign_export
 from rans_robot.foreign.program import foreign_program
 
 from rans.cli import main
-from rans.deploy.c_file import FLAGS, write_c
+from rans.deploy.c.compiler import FLAGS
+from rans.deploy.c.files import write_c
 from rans.deploy.numpy_file import printed
 from rans.deploy.program import Ports
 from rans.errors import ConfigError

@@ -8,6 +8,7 @@ import os
 import shutil
 import subprocess
 from functools import cache
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +17,9 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from rans.cli import main
-from rans.deploy.c_file import (
-    C_FILES,
-    FLAGS,
-    _loaded_size,
-    _Packed,
-    compiled_check,
-    stack_of,
-    write_c,
-)
+from rans.deploy.c.compiler import FLAGS, compiled_check, loaded_size, stack_of
+from rans.deploy.c.compressed import Packed
+from rans.deploy.c.files import C_FILES, filled, write_c
 from rans.deploy.contract import contract, golden
 from rans.deploy.program import Ports, agent_program
 from rans.errors import ConfigError
@@ -478,7 +473,7 @@ def test_tables_of_few_numbers_are_stored_without_loss() -> None:
     bits = random.choice(np.array([-0.5, 0.5], np.float32), (40, 7))
     zeros = np.where(bits > 0.0, np.float32(0.0), np.float32(-0.0))
     for table in (alike, unlike, bits, zeros, bits[:, :1]):
-        packed = _Packed.of(np.ascontiguousarray(table))
+        packed = Packed.of(np.ascontiguousarray(table))
         assert packed is not None
         assert packed.bytes <= table.nbytes // 2
         arrays = {"t": packed.values.ravel(), "t_index": packed.stored}
@@ -488,7 +483,7 @@ def test_tables_of_few_numbers_are_stored_without_loss() -> None:
             found = eval(text, arrays)
             assert (found == number, np.signbit(found)) == (True, np.signbit(number))
     # Numbers that do not repeat stay as they are.
-    assert _Packed.of(random.normal(size=(30, 30)).astype(np.float32)) is None
+    assert Packed.of(random.normal(size=(30, 30)).astype(np.float32)) is None
 
 
 @pytest.mark.parametrize(
@@ -503,4 +498,20 @@ def test_the_size_is_the_sum_that_the_program_prints(
     tool.write_text(f"#!/bin/sh\necho '{titles}'\necho '{numbers}'\n")
     tool.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
-    assert _loaded_size(tmp_path / "agent.o") == 4321
+    assert loaded_size(tmp_path / "agent.o") == 4321
+
+
+def test_the_files_of_the_package_compile_and_fly_as_they_stand(tmp_path: Path) -> None:
+    """C tools read them without Python: a small agent, whose samples are its tables and golden pairs."""
+    folder = Path(str(resources.files("rans") / "data/export"))
+    built = tmp_path / "check"
+    sources = [str(folder / name) for name in ("agent.c", "agent_check.c")]
+    subprocess.run(["cc", *FLAGS, *sources, "-o", str(built), "-lm"], check=True)
+    done = subprocess.run([str(built)], check=False, capture_output=True, text=True)
+    assert (done.returncode, done.stdout[:19]) == (0, "2 of 2 golden pairs")
+
+
+def test_a_sample_is_left_replaced_or_left_out() -> None:
+    text = "/* @TITLE@ */ a/*@X*/ = 1/*@*/; /*@Y*/two\nlines\n/*@*/b;"
+    assert filled(text, {"TITLE": "t", "X": " = 2", "Y": True}) == "/* t */ a = 2; two\nlines\nb;"
+    assert filled(text, {"TITLE": "@X@", "X": "", "Y": False}) == "/* @X@ */ a; b;"

@@ -1,0 +1,1 @@
+"""An exported agent as C99."""

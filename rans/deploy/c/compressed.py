@@ -1,0 +1,81 @@
+"""Tables of few distinct numbers, stored by their index: what makes an exported agent's tables small."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Packed(NamedTuple):
+    """A table of few distinct numbers: the numbers of each block of rows once, and which of them every entry is.
+
+    Networks that obey the symmetries of a square or a cube have few: every block of their rows has the same numbers
+    in another order, and all blocks may have the same order.
+    """
+
+    rows: int
+    """Number of rows in a block."""
+    values: np.ndarray
+    """(blocks, P) distinct numbers, in the order in which they come first."""
+    indices: np.ndarray
+    """(rows, columns) of every block, or of all rows where blocks differ."""
+
+    @classmethod
+    def of(cls, table: np.ndarray) -> Packed | None:
+        """The smallest way to store a float32 table (rows, columns); None: as it is."""
+        count = len(table)
+        best = None
+        least = 4 * table.size // 2
+        for rows in (n for n in range(1, count + 1) if count % n == 0):
+            packed = cls._in_blocks(table, rows)
+            if packed is not None and packed.bytes < least:
+                best, least = packed, packed.bytes
+        return best
+
+    @classmethod
+    def _in_blocks(cls, table: np.ndarray, rows: int) -> Packed | None:
+        """The table in blocks of so many rows; None: they have more numbers than a byte can count."""
+        blocks = []
+        # Numbers that differ in a bit are two.
+        for block in table.view(np.int32).reshape(len(table) // rows, -1):
+            _, first, inverse = np.unique(block, return_index=True, return_inverse=True)
+            if len(first) > 256:
+                return None
+            order = np.argsort(first)
+            rank = np.empty(len(order), dtype=np.uint8)
+            rank[order] = np.arange(len(order))
+            blocks.append((block[first[order]].view(np.float32), rank[inverse.ravel()]))
+        longest = max(len(values) for values, _ in blocks)
+        values = np.array([np.pad(own, (0, longest - len(own))) for own, _ in blocks])
+        indices = np.array([index for _, index in blocks])
+        if (indices == indices[0]).all():
+            indices = indices[:1]
+        return cls(rows, values, indices.reshape(-1, table.shape[1]))
+
+    @property
+    def bytes(self) -> int:
+        """Size of what is stored."""
+        return self.values.nbytes + len(self.stored)
+
+    @property
+    def is_bits(self) -> bool:
+        """Whether an entry is one bit."""
+        return self.values.shape[1] <= 2
+
+    @property
+    def stored(self) -> np.ndarray:
+        """Bytes of the index; eight entries in a byte, the lowest first, where there are two numbers."""
+        flat = self.indices.ravel()
+        return np.packbits(flat, bitorder="little") if self.is_bits else flat
+
+    def entry(self, name: str, row: str, column: str, width: int) -> str:
+        """Entry of a row and a column, in C."""
+        blocks, longest = self.values.shape
+        own = row if blocks == 1 or len(self.indices) > self.rows else f"{row} % {self.rows}"
+        at = f"{own} * {width} + {column}" if width > 1 else own
+        which = f"{name}_index[{at}]"
+        if self.is_bits:
+            which = f"(({name}_index[({at}) / 8] >> (({at}) % 8)) & 1)"
+        start = "" if blocks == 1 else f"{row} / {self.rows} * {longest} + "
+        return f"{name}[{start}{which}]"

@@ -1,0 +1,150 @@
+"""An agent's program as one header and one source of C99, without allocation and without a dependency.
+
+The files are those of `rans/data/export`, which compile as they stand: what differs between agents lies between the
+marks of `filled`, with a sample.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import re
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from rans.deploy.c.compiler import measured_stack
+from rans.deploy.c.printer import Printer
+from rans.deploy.c.text import literal, rows_of, words
+from rans.deploy.program import Ports
+from rans.files import write_text
+from rans.policy.program import Program
+
+C_FILES = ("agent.h", "agent.c", "agent_check.c")
+_PLACES = re.compile(r"/\*@([A-Z]+)\*/(.*?)/\*@\*/|@([A-Z]+)@", re.DOTALL)
+
+
+def write_c(
+    folder: Path,
+    program: Program,
+    ports: Ports,
+    title: str,
+    contract: str = "",
+    pairs: Mapping[str, Any] | None = None,
+) -> None:
+    """Write agent.h and agent.c, and agent_check.c with golden pairs, where there are some.
+
+    Raises:
+        ConfigError: the program has an operation that is not known in C, or the disk refuses.
+    """
+    # What the frame of the source is filled with: sizes, comments from the contract, tables and
+    # steps.
+    about = json.loads(contract) if contract else {}
+    columns = about.get("observation", [])
+    commands = about.get("command", {}).get("ranges", [])
+    printer = Printer(program, ports)
+    body = printer.lines()
+    patience = 0
+    if about:
+        patience = int(about["readings"]["oldest"] / about["control_period"] + 1e-6)
+    remembers = ports.memory > 0
+    names: dict[str, Any] = {
+        "TITLE": words(title),
+        "WIDTH": ports.observation,
+        "COMMANDS": ports.command,
+        "MEMORY": ports.memory,
+        "KEPT": max(ports.memory, 1),
+        "PATIENCE": patience,
+        "PERIOD": f"{about.get('control_period', 0.0):g}",
+        "COLUMNS": "\n".join(
+            f" * {at:3d}  {words(column['name'])}, {words(column['unit'])}, frame {words(column['frame'])}: "
+            f"{words(column['meaning'])}"
+            for at, column in enumerate(columns)
+        )
+        or " * (see contract.json)",
+        "ORDER": "\n".join(
+            f" * {at:3d}  {words(command['name'])}, {words(command['kind'])}, "
+            f"{command['low']:g} to {command['high']:g}"
+            for at, command in enumerate(commands)
+        )
+        or " * (see contract.json)",
+        "RANGES": _ranges(columns, ports.observation),
+        "TABLES": "\n".join(printer.tables()),
+        "STEPS": "\n".join("    " + line for line in body),
+        "FORGET": remembers or "    (void)agent;",
+        "CHECKBEFORE": remembers,
+        "CHECKAFTER": remembers,
+        "KEEP": remembers,
+        "FORGOTTEN": remembers,
+        "REMEMBERED": remembers or "NULL",
+        "AFTER": remembers or "NULL",
+        "SCRATCH": remembers,
+        "UNUSED": "" if remembers else "    (void)memory;\n    (void)after;\n",
+        "STACK": "/* Measure the stack that rans_agent_act needs by gcc -fstack-usage. */",
+    }
+    for name in ("agent.h", "agent.c"):
+        write_text(folder / name, filled(_template(name), names))
+    # The stack is measured by compiling what was written; the header then states it.
+    if stack := measured_stack(folder):
+        note = (
+            f"#define RANS_STACK {stack} /* bytes of stack for rans_agent_act, by the compiler's -O2 on "
+            f"{platform.machine()};\n"
+            "                          * those of tanhf and its like come on top. Measure yours by "
+            "-fstack-usage. */"
+        )
+        write_text(folder / "agent.h", filled(_template("agent.h"), names | {"STACK": note}))
+    if pairs is not None:
+        write_text(folder / "agent_check.c", filled(_template("agent_check.c"), _checked(pairs)))
+
+
+def _template(name: str) -> str:
+    """One of the package's files, which compile as they stand."""
+    return (resources.files("rans") / "data/export" / name).read_text("utf-8")
+
+
+def filled(text: str, values: Mapping[str, Any]) -> str:
+    """A file with the values of one agent in place of the samples.
+
+    Where code differs, a sample stands between ``/*@NAME*/`` and ``/*@*/``; in a comment there is the name alone,
+    ``@NAME@``. True leaves a sample as it is, False leaves it out.
+    """
+
+    def value(match: re.Match[str]) -> str:
+        given = values[match[1] or match[3]]
+        if isinstance(given, bool):
+            return match[2] if given else ""
+        return str(given)
+
+    return _PLACES.sub(value, text)
+
+
+def _ranges(columns: Sequence[Mapping[str, Any]], width: int) -> str:
+    """Tables of valid and of refused ranges."""
+    texts = []
+    for name, slack in (("valid", 1e-5), ("refused", 0.0)):
+        for end, side in (("low", 0), ("high", 1)):
+            bound = [-3.4e38, 3.4e38][side]
+            numbers = [column[name][side] + (2 * side - 1) * slack for column in columns] or [
+                bound
+            ] * width
+            texts.append(
+                f"static const float {name}_{end}[RANS_OBSERVATION] = {{\n    "
+                f"{rows_of([literal(x) for x in numbers])}}};"
+            )
+    return "\n".join(texts)
+
+
+def _checked(pairs: Mapping[str, Any]) -> dict[str, Any]:
+    """Golden pairs, as agent_check.c has them."""
+
+    def flat(rows: Sequence[Sequence[float]]) -> str:
+        return rows_of([literal(float(x)) for row in rows for x in row])
+
+    return {
+        "COUNT": len(pairs["begins"]),
+        "TOLERANCE": literal(float(pairs["tolerance"])),
+        "BEGINS": rows_of([str(int(x)) for x in pairs["begins"]]),
+        "OBSERVATIONS": flat(pairs["observation"]),
+        "EXPECTED": flat(pairs["command"]),
+    }

@@ -1,0 +1,39 @@
+"""Numbers, names and words of strangers as C has them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+
+def words(text: str) -> str:
+    """A stranger's words, fit for a comment: without what ends or begins one, continues a line or is invisible."""
+    clean = re.sub(r"\*/|/\*|\\|\?\?/", "_", text)
+    return "".join(character if character.isprintable() else "_" for character in clean)[:200]
+
+
+def literal(value: float) -> str:
+    """A literal of single precision."""
+    if not math.isfinite(value):
+        return "NAN" if math.isnan(value) else "INFINITY" if value > 0 else "-INFINITY"
+    text = f"{np.float32(value):.9g}"
+    return f"{text if re.search(r'[.e]', text) else text + '.0'}F"
+
+
+def rows_of(numbers: Sequence[str]) -> str:
+    """Entries of an array, eight a line."""
+    lines = [", ".join(numbers[at : at + 8]) for at in range(0, len(numbers), 8)]
+    return ",\n    ".join(lines)
+
+
+def variable(name: str) -> str:
+    """Name in C of a value of the program."""
+    return "v_" + re.sub(r"\W", "_", name)
+
+
+def table_name(name: str) -> str:
+    """Name in C of a constant table."""
+    return "t_" + re.sub(r"\W", "_", name)
