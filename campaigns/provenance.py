@@ -23,7 +23,7 @@ PICTURES: dict[str, str] = {
     "proof-cells.svg": "python packages/proof/archcomp/picture.py FOLDER docs/pictures/proof-cells.svg",
     "proof-conditions.svg": "python -m campaigns.proof_conditions docs/validation/proof-conditions.json "
     "docs/pictures/proof-conditions.svg",
-    "tradeoff*.svg": "python -m campaigns.speed.tradeoff",
+    "tradeoff*.svg": "python -m campaigns.tradeoff",
     "trapping-set.svg": "python -m campaigns.proofs CERTIFICATE docs/pictures/trapping-set.svg",
 }
 """Files in docs/pictures, and what draws them."""
@@ -47,7 +47,7 @@ RECORDS: dict[str, tuple[str, str]] = {
         "python -m campaigns.proof_conditions docs/validation/proof-conditions.json PICTURE.svg",
     ),
     "robots.json": ("robot/robots.md", "python -m campaigns.robots"),
-    "tradeoff*.json": ("speed.md", "python -m campaigns.speed.tradeoff"),
+    "tradeoff*.json": ("speed.md", "python -m campaigns.tradeoff"),
 }
 """Other files in docs/validation: the page of their figures, and what writes them."""
 

@@ -37,7 +37,8 @@ from rans.terminal import Terminal
 ROOT = Path(__file__).parents[1]
 
 _NUMBER = re.compile(r"(?<![\w.])-?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
-_OF = re.compile(r"\b(\d+) of (\d+)\b")
+_OF = re.compile(r"(?<![\d.,])(\d+) of (\d+)\b")
+_MEAN_OF = re.compile(r"(\.\d+) of \d+\b")
 _SIGMAS = 3.0
 _LARGEST_AGENT = 2**28
 _VERSIONS = ("torch", "numpy", "drake", "casadi", "scipy", "python", "system", "processor", "gpu")
@@ -295,7 +296,8 @@ def agree(
     The proportion of both samples is Agresti and Coull's, so that none of n has a deviation too. A number that was
     rounded for the page may differ by one in its last digit.
     """
-    # "20 of 32" is a share that says its flights.
+    # "1.010 of 32" is a mean that says its flights, and "20 of 32" a share.
+    published, found = (_MEAN_OF.sub(r"\1", text) for text in (published, found))
     parts = [_OF.search(text) for text in (published, found)]
     if parts[0] and parts[1]:
         (x, n), (y, m) = (tuple(map(float, part.groups())) for part in parts if part)

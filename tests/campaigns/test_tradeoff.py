@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-import campaigns.speed.tradeoff as tradeoff
+import campaigns.tradeoff as tradeoff
 from campaigns.command import ended
-from campaigns.speed.tradeoff import Tradeoff, Trained, _said, tradeoff_figure
+from campaigns.tradeoff import Tradeoff, Trained, _said, tradeoff_figure
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.recipes import preset
 from validation.speed.training import Success

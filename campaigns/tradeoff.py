@@ -1,6 +1,6 @@
 """Seconds of training until solved, against the number of environments: more fly faster and learn less.
 
-Run as ``python -m campaigns.speed.tradeoff``; minutes on a GPU, about five on two CPU cores.
+Run as ``python -m campaigns.tradeoff``; minutes on a GPU, about five on two CPU cores.
 """
 
 from __future__ import annotations

@@ -1,1 +1,0 @@
-"""Campaigns behind the figures of speed that documents give."""
