@@ -293,7 +293,9 @@ class Transfer(Leg):
         away = np.linalg.norm(state[:3] - self._point)
         fast = np.linalg.norm(state[3:])
         near = away < self._mission.position_tolerance and fast < self._mission.velocity_tolerance
-        return bool(near or (self._goal is not None and self._goal.notes[0][0] < -0.5 * self._dt))
+        return bool(
+            near or (self._goal is not None and self._goal.notes.deadline[0] < -0.5 * self._dt)
+        )
 
     def change(self, state: Array, time: float) -> Array:
         """See `Leg`."""

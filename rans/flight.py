@@ -170,7 +170,7 @@ class Flight(NotebookRepr):
             ConfigError: there is no such episode, or the disk refused.
         """
         self._check_episode(episode)
-        states = leaves(replace(self.states, notes=(), stores=()))
+        states = leaves(replace(self.states, notes=None, stores=()))
         speeds = wheel_speeds(self.craft, self.states)
         columns = np.stack([np.asarray(x)[:, episode] for x in (*states, *speeds)], axis=1)
         further = tuple(f"s_{k} (rad/s)" for k in range(len(speeds)))

@@ -148,14 +148,17 @@ def _placed(what: str, value: object, sampled: State) -> State:
             f"got {brief(value)}."
         )
     count = np.shape(leaves(sampled)[0])
-    motion = replace(value, notes=(), stores=())
+    motion = replace(value, notes=None, stores=())
     repeated = map_leaves(lambda x: np.full(count, float(x)), motion)
     return replace(repeated, notes=sampled.notes, stores=sampled.stores)
 
 
 def _among(zones: Sequence[Sequence[float]], goal: State) -> State:
-    """Goals among zones that stand still; tasks with more zones have the last of them several times."""
-    sampled = [note for note in goal.notes if isinstance(note, Ball)]
+    """Goals among zones that stand still; tasks with more zones have the last of them several times.
+
+    Zones are the `Ball`s that a goal notes as ``zones``.
+    """
+    sampled = getattr(goal.notes, "zones", ())
     if not sampled:
         raise ConfigError(
             "this task has no keep-out zones: fly one that has, such as avoid, as in lqr:avoid-2d."
@@ -181,8 +184,7 @@ def _among(zones: Sequence[Sequence[float]], goal: State) -> State:
         vector = type(goal.p)
         balls.append(Ball(vector(*centre), vector(*(0.0 * x for x in centre)), radius))
     balls += balls[-1:] * (len(sampled) - len(balls))
-    others = [note for note in goal.notes if not isinstance(note, Ball)]
-    return replace(goal, notes=(*balls, *others))
+    return replace(goal, notes=replace(goal.notes, zones=tuple(balls)))
 
 
 def each(starts: Scenario) -> Iterator[Scenario]:

@@ -22,6 +22,7 @@ from rans.tasks import (
     TrackVelocity,
     TrackVelocityHeading,
 )
+from rans.tasks.multi_task import DrawnTask
 
 BODY = (220, 230, 240)
 FLAME = (230, 159, 0)
@@ -156,7 +157,9 @@ def test_arrows_end_within_the_frame() -> None:
 def test_a_multi_task_shows_the_goal_it_drew() -> None:
     task = MultiTask(tasks=("go-to-pose", "track-velocity"))
     for part in task.parts().values():
-        goal = PlanarState(Vec2(0.0, 0.0), Heading(0.5), Vec2(0.0, 0.7), 0.0, (float(part.flag),))
+        goal = PlanarState(
+            Vec2(0.0, 0.0), Heading(0.5), Vec2(0.0, 0.7), 0.0, DrawnTask(float(part.flag))
+        )
         assert task.task_of(goal) == part
         np.testing.assert_array_equal(
             Scene(PLATFORM, task).render(planar(FAR), goal, shut(PLATFORM)),

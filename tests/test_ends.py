@@ -101,8 +101,8 @@ def test_a_violation_that_does_not_end_the_episode_is_remembered() -> None:
 def test_goals_flow_and_remember_at_every_look() -> None:
     """After 2 s in eight checks; the farthest way is that of the last check."""
     goal = outcomes(Pass(wall=9.0, lead=1.0), 4, 2)[-1].episode.goal
-    assert float(goal.notes[0][0]) == pytest.approx(2.0, abs=1e-12)
-    assert float(goal.notes[1][0]) == pytest.approx(1.6, abs=1e-12)
+    assert float(goal.notes.seconds[0]) == pytest.approx(2.0, abs=1e-12)
+    assert float(goal.notes.farthest[0]) == pytest.approx(1.6, abs=1e-12)
 
 
 def test_the_engine_and_environments_end_in_the_same_way() -> None:

@@ -235,7 +235,7 @@ def test_own_endpoints_replace_the_motion_and_keep_what_a_mission_adds() -> None
     np.testing.assert_array_equal(own.start.p.y, np.full(3, -20.0))
     np.testing.assert_array_equal(own.start.v.x, np.full(3, 0.1))
     np.testing.assert_array_equal(own.goal.p.x, np.ones(3))
-    np.testing.assert_array_equal(own.goal.notes[0], sampled.goal.notes[0])
+    np.testing.assert_array_equal(own.goal.notes.deadline, sampled.goal.notes.deadline)
     assert Endpoints(goal=own.goal).start is None
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import itertools
 import re
 from collections.abc import Iterable
 from dataclasses import fields
@@ -17,7 +16,7 @@ from rans.model import fields as field_functions
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.random import Random
-from rans.tasks import TASKS, load_task, observation_terms, rewards, shapes
+from rans.tasks import TASKS, observation_terms, rewards, shapes
 from rans.tasks.rewards import Transition
 
 FRAMES = {
@@ -78,11 +77,11 @@ def _lines() -> Iterable[str]:
         "",
         "## Notes of the goals",
         "",
-        "`goal.notes` is what an episode has drawn or remembers. `sample` sets the notes, `later` and `remember` "
-        "change them, and the property `goal_notes` of a task says what they are. Tasks that are not in the table "
-        "have none.",
+        "`goal.notes` is what an episode has drawn or remembers, an object of the frozen dataclass that a task "
+        "names as `goal_notes`. `sample` makes it, `later` and `remember` replace its fields. Tasks that are not "
+        "in the table have none.",
         "",
-        table(("task", "notes"), _note_rows()),
+        table(("task", "field", "meaning"), _note_rows()),
         "## What a reward receives",
         "",
         "`reward(self, transition)` reads these fields of the control period that has ended:",
@@ -187,19 +186,12 @@ def _kind(hint: Any) -> str:
     return "tuple" if getattr(hint, "__origin__", None) is tuple else "field"
 
 
-def _note_rows() -> Iterable[tuple[str, str]]:
-    """A row for every task whose goals have notes; equal notes that follow each other are named once."""
+def _note_rows() -> Iterable[tuple[str, str, str]]:
+    """A row for every note of every task whose goals have notes."""
     for name in filter(TASKS.comes_with_rans, TASKS):
-        notes = load_task(name).goal_notes
-        parts = []
-        first = 0
-        for note, group in itertools.groupby(notes):
-            last = first + len(list(group)) - 1
-            numbers = f"`[{first}]`" if last == first else f"`[{first}]` to `[{last}]`"
-            parts.append(f"{numbers} {note}")
-            first = last + 1
-        if notes:
-            yield f"[{name}](tasks/{name}.md)", "; ".join(parts)
+        notes = TASKS[name].goal_notes
+        for note, meaning in meanings(notes).items() if notes else ():
+            yield f"[{name}](tasks/{name}.md)", f"`goal.notes.{note}`", _code(meaning)
 
 
 def _method_rows(kind: type, name: str, only: dict[str, str]) -> Iterable[tuple[str, str]]:

@@ -88,7 +88,7 @@ class Substeps:
         constant = last is None and momentum is None and growth is None and drift.steady
         together = 1 if constant else substeps
         repeats = substeps // together
-        state = replace(state, notes=(), stores=())
+        state = replace(state, notes=None, stores=())
         loads = (
             replace(applied, exhaust=None),
             None if last is None else replace(last, exhaust=None),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import is_dataclass
 from typing import Any
 
 import numpy as np
@@ -146,8 +147,8 @@ def refused_ranges(valid: Sequence[tuple[float, float]]) -> list[tuple[float, fl
 def state_quantities(state: State) -> dict[str, Any]:
     """One state of numbers as JSON: SI units, vectors in W but for the angular velocity in space, which is in B.
 
-    The attitude is a heading in the plane, and in space a unit quaternion (w, x, y, z). Of a shape among the
-    notes, such as a zone, every number follows in the order of its definition.
+    The attitude is a heading in the plane, and in space a unit quaternion (w, x, y, z). Notes have their names: a
+    number, or a list of the numbers of shapes, such as zones, each in the order of its definition.
     """
     attitude: Any = state.attitude
     planar = not isinstance(state.w, Vec3)
@@ -159,8 +160,14 @@ def state_quantities(state: State) -> dict[str, Any]:
         "velocity": [float(x) for x in state.v.columns()],
         "spin": spin[0] if planar else spin,
     }
-    if state.notes:
-        result["notes"] = [float(x) for x in leaves(state.notes)]
+    if state.notes is not None:
+        result["notes"] = {
+            name: [float(x) for x in leaves(note)]
+            if isinstance(note, tuple) or is_dataclass(note)
+            else float(note)
+            for name, note in vars(state.notes).items()
+            if note is not None
+        }
     if state.stores:
         result["stores"] = [float(x) for x in state.stores]
     return result

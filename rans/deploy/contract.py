@@ -217,7 +217,7 @@ def contract(
         "goal that the observation is of; wiring has states and goals that differ in everything. Of both: "
         "position (m) and velocity (m/s) of the centre of mass in W; attitude, the heading in rad or in space "
         "the unit quaternion w, x, y, z of R_WB; spin, the angular velocity in B, rad/s; notes, further "
-        "numbers of a goal; stores, such as the momentum of each wheel, N m s.",
+        "numbers of a goal by name; stores, such as the momentum of each wheel, N m s.",
         "units": {
             "control_period": "s",
             "position": "m",

@@ -63,8 +63,9 @@ class State:
     """Velocity v_WB, expressed in W, m/s."""
     w: Field
     """Angular velocity, rad/s."""
-    notes: tuple[Field, ...] = ()
-    """Further values of a task's goal, such as the index of the drawn task or the progress along a path."""
+    notes: Any = None
+    """Further values of a task's goal by name, such as the flag of the drawn task: an object of the class
+    `goal_notes` of the task; None: the task has none."""
     stores: tuple[Field, ...] = ()
     """Stores of the effectors in the order of `rans.model.spacecraft.Spacecraft.stores`: propellant left, kg,
     then the momentum of each reaction wheel, N m s, then those of further effectors. Goals have none."""

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import reduce
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from rans.display import Settings
 from rans.errors import ConfigError
@@ -80,7 +80,7 @@ class Task(Settings, ABC):
         """Start and goal of one episode.
 
         The goal is a target state: controllers without training fly to it, pages draw it, and `errors` should be
-        zero there. Further data of the goal belong into its ``notes``.
+        zero there. Further data of the goal belong into its ``notes`` (`goal_notes`).
         """
 
     def for_evaluation(self) -> Task:
@@ -136,11 +136,6 @@ class Task(Settings, ABC):
         """Points in W, m, that pages mark, each with whether the mission has dealt with it; by default none."""
         return ()
 
-    @property
-    def goal_notes(self) -> tuple[str, ...]:
-        """What each of the ``notes`` of a goal is, with its unit; by default a goal has none."""
-        return ()
-
     def afterwards(self, craft: Spacecraft, timing: Timing) -> Afterwards | None:
         """What controllers without training do once the mission is over; None: what they did before."""
         return None
@@ -157,6 +152,9 @@ class Task(Settings, ABC):
     """Reward lost in a control period with a negative margin."""
     done_weight: float = 0.0
     """Reward for the control period in which the mission is accomplished."""
+    goal_notes: ClassVar[Any] = None
+    """Class of the ``notes`` of the task's goals: a frozen dataclass whose fields are numbers, vectors, shapes or
+    tuples of these, each with a docstring that says its unit and frame; None: goals have no notes."""
     timing: ClassVar[Timing] = Timing()
     """Default timing of the task: control period, checks and length of an episode."""
     dimensions: ClassVar[tuple[Dimension, ...]] = (2, 3)

@@ -85,11 +85,25 @@ def example(task: Task, dimension: Dimension) -> Observation:
     """Observation of a task at the start of an episode; the types of its terms are those of all observations.
 
     Raises:
-        ConfigError: see `check_dimension`.
+        ConfigError: see `check_dimension`; or the notes of a goal are not of the class ``goal_notes`` of the task.
     """
     check_dimension(task, dimension)
     task = _with_numbers(task)
-    return typed_observation(task, *example_state(task, dimension))
+    state, goal = example_state(task, dimension)
+    _check_notes(task, goal)
+    return typed_observation(task, state, goal)
+
+
+def _check_notes(task: Task, goal: State) -> None:
+    """Refuse goals whose notes are not of the class that the task declares."""
+    if goal.notes is None and task.goal_notes is None:
+        return
+    if task.goal_notes is None or type(goal.notes) is not task.goal_notes:
+        declared = "none" if task.goal_notes is None else task.goal_notes.__name__
+        raise ConfigError(
+            f"the notes of a goal of {type(task).__name__} are of the class {type(goal.notes).__name__}, and its "
+            f"goal_notes is {declared}: name a frozen dataclass there, and let `sample` make one."
+        )
 
 
 def example_state(task: Task, dimension: Dimension) -> tuple[State, State]:

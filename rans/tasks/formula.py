@@ -51,7 +51,8 @@ def reward_formulas(task: Task, dimension: Dimension = 2) -> dict[str, str]:
             for entry in task.observation_terms(state, goal)
             if isinstance(entry.value, Symbol)
         }
-        goal = replace(goal, notes=tuple(observed.get(note, note) for note in goal.notes))
+        notes = map_leaves(lambda note: observed.get(note, note), goal.notes)
+        goal = replace(goal, notes=notes)
         errors = {name: Symbol.input(name) for name in task.errors(state, goal)}
         named = copy.copy(task)
         object.__setattr__(named, "errors", lambda _state, _goal: dict(errors))

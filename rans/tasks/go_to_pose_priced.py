@@ -19,6 +19,14 @@ _PRICED = {name: f"{name}_weight" for name in ("misaligned", "thrust", "spin")}
 
 
 @dataclass(frozen=True)
+class DrawnTradeOff:
+    """What a goal of `GoToPosePriced` notes."""
+
+    trade_off: Field
+    """Trade-off between time and impulse, 0 (fast) to 1 (thrifty)."""
+
+
+@dataclass(frozen=True)
 class GoToPosePriced(GoToPose):
     """Go to a pose with a trade-off between time and thrust, which every episode draws and the policy observes.
 
@@ -37,6 +45,8 @@ class GoToPosePriced(GoToPose):
     """Range from which episodes draw the trade-off."""
     price: tuple[float, float] = (0.5, 8.0)
     """Factor on thrust_weight and the other prices at a trade-off of 0 and of 1."""
+
+    goal_notes = DrawnTradeOff
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -79,23 +89,19 @@ class GoToPosePriced(GoToPose):
         rise = math.log(ratio) if isinstance(ratio, float) else log(ratio)
         return exp(trade_off * rise) * low
 
-    @property
-    def goal_notes(self) -> tuple[str, ...]:
-        """The trade-off."""
-        return ("trade-off between time and impulse, 0 to 1",)
-
     def sample(self, random: Random) -> tuple[State, State]:
         """Start and goal as for `GoToPose`, with the trade-off in the notes of the goal."""
         start, goal = super().sample(random)
-        return start, replace(goal, notes=(random.uniform(*self.trade_off),))
+        return start, replace(goal, notes=DrawnTradeOff(random.uniform(*self.trade_off)))
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """Terms of `GoToPose`, and the trade-off."""
-        return (*super().observation_terms(state, goal), TradeOff("trade-off", "-", goal.notes[0]))
+        trade_off = TradeOff("trade-off", "-", goal.notes.trade_off)
+        return (*super().observation_terms(state, goal), trade_off)
 
     def reward(self, transition: Transition) -> dict[str, Field]:
         """Terms of `GoToPose` with the price of the episode."""
-        price = self.price_at(transition.goal.notes[0])
+        price = self.price_at(transition.goal.notes.trade_off)
         return {
             name: term * price if name in _PRICED else term
             for name, term in super().reward(transition).items()

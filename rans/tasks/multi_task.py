@@ -28,6 +28,14 @@ from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
 
 
 @dataclass(frozen=True)
+class DrawnTask:
+    """What a goal of `MultiTask` notes."""
+
+    flag: Field
+    """Flag of the task that the episode draws."""
+
+
+@dataclass(frozen=True)
 class MultiTask(Task):
     """One of several tasks in every episode, drawn with equal probability (paper: section 3.2, task flag).
 
@@ -58,6 +66,7 @@ class MultiTask(Task):
     track_velocity_heading: TrackVelocityHeading = field(default_factory=TrackVelocityHeading)
 
     symmetric: ClassVar[bool] = False
+    goal_notes = DrawnTask
 
     def __post_init__(self) -> None:
         parts = fields(self)[1:]
@@ -90,14 +99,9 @@ class MultiTask(Task):
         }
         return replace(self, **judged)
 
-    @property
-    def goal_notes(self) -> tuple[str, ...]:
-        """The task flag."""
-        return ("flag of the task that the episode draws",)
-
     def flag_of(self, goal: State) -> Field:
         """Flag of the drawn task, from the notes of its goal."""
-        return goal.notes[0]
+        return goal.notes.flag
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start and goal of the drawn task."""
@@ -108,7 +112,7 @@ class MultiTask(Task):
             flag = where(draw >= rank, float(part.flag), flag)
         pairs = [part.sample(random) for part in parts]
         start, goal = unflatten(pairs[0], self._chosen_row(flag, [leaves(pair) for pair in pairs]))
-        return start, replace(goal, notes=(flag,))
+        return start, replace(goal, notes=DrawnTask(flag))
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """Terms of the drawn task: a vector, which all tasks have first, and further columns, zero if unused."""

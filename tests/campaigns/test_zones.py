@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rans_missions.convex import waypoints
 from rans_missions.tasks import Avoid
+from rans_missions.tasks.avoid import Zones
 from scipy.optimize import minimize
 
 import rans
@@ -36,7 +37,7 @@ def test_who_stays_has_braked() -> None:
     With q = 1 at first and -1 at 20.2 s the multipliers are 29.8 / (4.8 * 20.2) and -1 / 4.8 per second.
     """
     one: Any = scenario(TASK, 2, 2023, 0)
-    one = replace(one, goal=replace(one.goal, notes=()))
+    one = replace(one, goal=replace(one.goal, notes=Zones(())))
     away = float((one.goal.p - one.start.p).norm())
     by_hand = 2.0 * away / BRAKED - 0.05 * (29.8 / (4.8 * BRAKED) + 1.0 / 4.8)
     bound = least_to_stay(CRAFT[2], TASK, one, TIMING)
@@ -46,7 +47,7 @@ def test_who_stays_has_braked() -> None:
 def _among(*zones: tuple[float, float, float, float]) -> Any:
     """From rest 4 m along x to the origin; zones by x, y, velocity along y, and radius."""
     one: Any = scenario(TASK, 2, 2023, 0)
-    notes = tuple(Ball(Vec2(x, y), Vec2(0.0, v), r) for x, y, v, r in zones)
+    notes = Zones(tuple(Ball(Vec2(x, y), Vec2(0.0, v), r) for x, y, v, r in zones))
     start = replace(one.start, p=Vec2(4.0, 0.0))
     return replace(one, start=start, goal=replace(one.goal, p=Vec2(0.0, 0.0), notes=notes))
 
@@ -83,8 +84,8 @@ def test_zones_that_are_not_in_the_way_cost_nothing() -> None:
         bound = least_to_stay(CRAFT[2], TASK, _among(zone), TIMING)
         assert bound == pytest.approx(free, rel=1e-3)
     one = _among((2.0, 0.0, 0.0, 0.4))
-    drifting = replace(one.goal.notes[0], v=Vec2(-0.05, 0.0))
-    one = replace(one, goal=replace(one.goal, notes=(drifting,)))
+    drifting = replace(one.goal.notes.zones[0], v=Vec2(-0.05, 0.0))
+    one = replace(one, goal=replace(one.goal, notes=Zones((drifting,))))
     assert least_to_stay(CRAFT[2], TASK, one, TIMING) == pytest.approx(free, rel=1e-9)
 
 
@@ -102,9 +103,12 @@ def test_no_change_of_velocity_passes_below_the_bound(
     start, goal = _columns(one.start.p), _columns(one.goal.p)
     centres, speeds = (
         np.array([_columns(x) for x in vectors])
-        for vectors in ([z.centre for z in one.goal.notes], [z.v for z in one.goal.notes])
+        for vectors in (
+            [z.centre for z in one.goal.notes.zones],
+            [z.v for z in one.goal.notes.zones],
+        )
     )
-    radii = np.array([float(zone.radius) for zone in one.goal.notes])
+    radii = np.array([float(zone.radius) for zone in one.goal.notes.zones])
     checks = np.arange(0.05, LAST + 1e-9, 0.05)
     random = np.random.default_rng(episode)
 
@@ -183,7 +187,7 @@ def test_every_split_keeps_every_flight(dimension: Literal[2, 3]) -> None:
         one: Any = scenario(TASK, dimension, 7, episode)
         ahead = _columns(one.goal.p) - _columns(one.start.p)
         ahead /= np.linalg.norm(ahead)
-        zones = sorted(one.goal.notes, key=lambda zone: float(_columns(zone.centre) @ ahead))
+        zones = sorted(one.goal.notes.zones, key=lambda zone: float(_columns(zone.centre) @ ahead))
         search = Search(CRAFT[dimension], TASK, one, TIMING)
         instants = np.sort(random.uniform(5.0, BRAKED, len(zones)))
         points = []

@@ -43,7 +43,7 @@ def test_columns_of_the_nearest_zone_are_what_their_meaning_says() -> None:
     assert "of length 1 at its surface" in columns["zone 1 near x"]["meaning"]
     for state, goal, row in zip(pairs["state"], pairs["goal"], pairs["observation"], strict=True):
         own = np.array(state["position"])
-        zones = np.reshape(goal["notes"], (-1, 5))  # centre, velocity and radius of each
+        zones = np.reshape(goal["notes"]["zones"], (-1, 5))  # centre, velocity and radius of each
         gaps = np.linalg.norm(zones[:, :2] - own, axis=1) - zones[:, 4]
         x, y, _, vy, radius = zones[np.argmin(gaps)]
         way = [x, y] - own

@@ -90,7 +90,7 @@ def test_every_episode_draws_its_task_anew(backend: Any, craft: Spacecraft) -> N
     seen_flags = set()
     for action in actions(craft, 16, 45):
         goals = [scenario(MIXED, craft.dimension, 2, int(k)).goal for k in number]
-        flags = np.array([goal.notes[0] for goal in goals])
+        flags = np.array([goal.notes.flag for goal in goals])
         kept = [np.broadcast_to(np.asarray(x), 16) for x in leaves(engine.goal)]
         # Both take the same draws; sine and cosine may differ in the last place.
         np.testing.assert_allclose(

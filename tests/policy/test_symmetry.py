@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from rans_missions.tasks import Avoid, DockPort
+from rans_missions.tasks.avoid import Zones
 from scipy.spatial.transform import Rotation
 from stable_baselines3 import PPO
 from torch import Tensor
@@ -19,6 +20,7 @@ from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.policy.symmetry import Symmetries, symmetries
 from rans.tasks import TASKS, MultiTask, observation
+from rans.tasks.go_to_pose_priced import DrawnTradeOff
 from rans.tasks.shapes import Ball
 from tests.support.crafts import nasty_planar, nasty_spatial, random_states
 from tests.support.engines import FLYER, PLATFORM, both_crafts
@@ -83,23 +85,22 @@ def test_policies_fly_every_equivalent_view_alike(craft: Spacecraft, task: Any) 
     views = views_of(craft)
     state, goal = (random_states(craft.dimension, 50, seed) for seed in (5, 6))
 
-    trade_off = (np.linspace(0.0, 1.0, 50),)
+    trade_off = DrawnTradeOff(np.linspace(0.0, 1.0, 50))
     zones = tuple(
         Ball(one.p, one.v, 0.4)
         for one in (random_states(craft.dimension, 50, k) for k in (7, 8, 9))
     )
 
-    def logit(state: Any, goal: Any, notes: Any = zones) -> Tensor:
-        seen = observation(
-            task, state, replace(goal, notes=notes if isinstance(task, Avoid) else trade_off)
-        )
+    def logit(state: Any, goal: Any, zones: Any = zones) -> Tensor:
+        notes = Zones(zones) if isinstance(task, Avoid) else trade_off
+        seen = observation(task, state, replace(goal, notes=notes))
         return network.evaluate(torch.from_numpy(np.stack(seen, axis=1))).policy[0]
 
     here = logit(state, goal)
     assert len(views.turn) == {2: 8, 3: 16}[craft.dimension]
     for view, place in zip(views.turn, views.place, strict=True):
-        notes = zones_seen_as(view, zones, state)
-        there = logit(seen_as(view, state), seen_as(view, goal), notes)
+        turned = zones_seen_as(view, zones, state)
+        there = logit(seen_as(view, state), seen_as(view, goal), turned)
         # Rounding of float64 through rotations and weights of order one, magnified by 4.
         torch.testing.assert_close(there[:, place], here, rtol=0, atol=1e-10)
     assert (logit(seen_as(views.turn[-1], state), goal) - here).abs().max() > 0.1

@@ -11,12 +11,23 @@ from rans.tasks import GoToPose
 
 
 @dataclass(frozen=True)
+class Way:
+    """What a goal of `Pass` notes."""
+
+    seconds: Any
+    """Since the start, s."""
+    farthest: Any
+    """x of the farthest position ever, m."""
+
+
+@dataclass(frozen=True)
 class Pass(GoToPose):
     """Fly from x = -1 m along x: won within 0.1 m of the origin; a wall stands at ``wall``."""
 
     speed: float = 0.8
     wall: float = 0.3
     lead: float = 0.0
+    goal_notes = Way
     done_weight: float = 5.0
     violation_weight: float = 3.0
     violation_ends: bool = True
@@ -30,16 +41,14 @@ class Pass(GoToPose):
         start = replace(
             start, p=Vec2(zero - 1.0 + self.lead, zero), v=Vec2(zero + self.speed, zero)
         )
-        return replace(start, w=zero), replace(goal, notes=(zero, zero))
+        return replace(start, w=zero), replace(goal, notes=Way(zero, zero))
 
     def later(self, goal: Any, time: Field) -> Any:
-        """The first note counts seconds."""
-        return replace(goal, notes=(goal.notes[0] + time, goal.notes[1]))
+        return replace(goal, notes=replace(goal.notes, seconds=goal.notes.seconds + time))
 
     def remember(self, goal: Any, state: State) -> Any:
-        """The second note is the farthest way ever come."""
-        farthest = where(state.p.x > goal.notes[1], state.p.x, goal.notes[1])
-        return replace(goal, notes=(goal.notes[0], farthest))
+        farthest = where(state.p.x > goal.notes.farthest, state.p.x, goal.notes.farthest)
+        return replace(goal, notes=replace(goal.notes, farthest=farthest))
 
     def constraints(self, state: State, goal: State) -> dict[str, Field]:
         return {"wall": self.wall - state.p.x}

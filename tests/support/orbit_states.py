@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from rans_missions.tasks.orbital import Plan
 
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
@@ -23,4 +24,4 @@ def at(p: Sequence[float], v: Sequence[float]) -> Any:
 def goal_of(place: tuple[float, float, float]) -> Any:
     """A goal at rest with 1,000 s to the deadline and a plan of 900 s."""
     zero = np.zeros(1)
-    return replace(at(place, (0.0,) * 3), notes=(zero + 1000.0, zero + 900.0, zero))
+    return replace(at(place, (0.0,) * 3), notes=Plan(zero + 1000.0, zero + 900.0, zero))

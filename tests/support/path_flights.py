@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from rans_assurance.follow.follow import Following, fly_path
+from rans_assurance.follow.follow import Following, Progress, fly_path
 from rans_assurance.follow.paths import LookAhead, Path
 
 from rans.flight import Flight
@@ -56,7 +56,9 @@ def by_hand() -> Following:
     zero = np.zeros((7, 2))
     states = PlanarState(Vec2(x, y), Heading(zero), Vec2(speed, zero), zero)
     point = np.round(x / 0.005).astype(int)
-    goals = PlanarState(Vec2(zero, zero), Heading(zero), Vec2(zero + 0.4, zero), zero, (point,))
+    goals = PlanarState(
+        Vec2(zero, zero), Heading(zero), Vec2(zero + 0.4, zero), zero, Progress(point)
+    )
     thrusters = np.zeros((6, 2, 8))
     thrusters[1:3, 0, :4] = 1.0
     timing = Timing(control_period=0.5, episode_steps=6)

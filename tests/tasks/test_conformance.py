@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from rans_missions.tasks import Avoid, Dock, DockPort
 from rans_missions.tasks.orbital import TargetOrbit
 
+from rans.display import meanings
 from rans.errors import ConfigError
 from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.random import Random
@@ -19,6 +21,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.scenario import scenarios
 from rans.tasks import (
     TASKS,
+    GoToPose,
     GoToPosePriced,
     gymnasium_ids,
     load_task,
@@ -26,7 +29,7 @@ from rans.tasks import (
     observation_columns,
     observation_width,
 )
-from rans.tasks.derived import dimensions, residual
+from rans.tasks.derived import dimensions, layout, residual
 from rans.tasks.quantities import QUANTITIES
 from tests.support.transitions import COUNT, arrival
 
@@ -255,16 +258,28 @@ def test_spawns_lie_inside_the_stated_range(task: Any, craft: Spacecraft) -> Non
         assert low == 0 or not part.reached(start, goal).any()
 
 
-def test_every_note_of_a_goal_is_described() -> None:
+def test_every_note_of_a_goal_has_a_name_and_a_meaning() -> None:
+    """Sampled goals have the notes that their task declares, by name, and no number can be read by its rank."""
     ellipse = Dock(orbit=TargetOrbit(eccentricity=0.1, semi_major_axis_km=8000.0))
-    for task in (
-        *(load_task(name) for name in filter(TASKS.comes_with_rans, TASKS)),
-        ellipse,
-        Avoid(zones=2),
-    ):
+    tasks = (*(load_task(name) for name in filter(TASKS.comes_with_rans, TASKS)), ellipse)
+    for task in tasks:
         episodes = Random(dimensions(task)[-1], 1, 2, np.arange(3, dtype=np.int32), np.float64)
         _, goal = task.sample(episodes)
-        assert len(task.goal_notes) == len(goal.notes), type(task).__name__
+        assert type(goal.notes) is (task.goal_notes or type(None))
+        if task.goal_notes is not None:
+            assert meanings(task.goal_notes).keys() == vars(goal.notes).keys()
+            with pytest.raises(TypeError):
+                goal.notes[0]
+
+
+def test_notes_of_another_class_than_declared_are_refused() -> None:
+    class Nameless(GoToPose):
+        def sample(self, random: Random) -> Any:
+            start, goal = super().sample(random)
+            return start, replace(goal, notes=(goal.p.x,))
+
+    with pytest.raises(ConfigError, match=r"goal of Nameless are of the class tuple.* is none"):
+        layout(Nameless(), 2)
 
 
 def test_an_unknown_task_is_named() -> None:

@@ -74,7 +74,7 @@ def test_a_trade_off_that_is_held_has_one_price() -> None:
     assert list(held.parts()) == [""]
     assert held.for_evaluation() == replace(held, spawn_distance=(3.0, 4.0))
     goals = scenarios(held, load_spacecraft("floating-platform"), seed=3, count=10).goal
-    assert (goals.notes[0] == 0.3).all()
+    assert (goals.notes.trade_off == 0.3).all()
     assert [part.trade_off[1] for part in TASK.parts().values()] == [0.0, 0.25, 0.5, 0.75, 1.0]
     assert len(TASK.parts()) == 5
 

@@ -34,7 +34,7 @@ def goals(task: MultiTask, craft: Spacecraft, seed: int, count: int) -> Any:
 
 def drawn(name: str, *trees: Any, count: int = COUNT) -> list[Any]:
     """The episodes, of trees whose last one is the goal, that drew this task; the goal without its flag."""
-    mine = np.broadcast_to(trees[-1].notes[0], count) == FLAGS[name]
+    mine = np.broadcast_to(trees[-1].notes.flag, count) == FLAGS[name]
     *others, goal = (map_leaves(lambda x: np.broadcast_to(x, count)[mine], tree) for tree in trees)
     return [*others, unflatten(others[0], leaves(goal)[:-1])]
 
@@ -47,7 +47,7 @@ def test_the_drawn_task_decides_everything(name: str, shipped: Spacecraft) -> No
     rng = np.random.default_rng(3)
     width = len(shipped.thrusters)
     commands = tuple(tuple(rng.integers(0, 2, (width, COUNT)).astype(float)) for _ in range(2))
-    mine = goal.notes[0] == FLAGS[name]
+    mine = goal.notes.flag == FLAGS[name]
     its_state, its_goal = drawn(name, state, goal)
     its_commands = [tuple(c[mine] for c in command) for command in commands]
     for column, own in zip(
@@ -78,7 +78,7 @@ def test_the_drawn_task_decides_everything(name: str, shipped: Spacecraft) -> No
 def test_every_task_of_the_list_is_drawn_equally_often(
     names: tuple[str, ...], shipped: Spacecraft
 ) -> None:
-    flags = goals(MultiTask(tasks=names), shipped, 5, 6000).notes[0]
+    flags = goals(MultiTask(tasks=names), shipped, 5, 6000).notes.flag
     values, counts = np.unique(flags, return_counts=True)
     assert set(values) == {FLAGS[name] for name in names}
     # the greatest standard deviation is that of two tasks, sqrt(6000 / 4) = 39: four of them

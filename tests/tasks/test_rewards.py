@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from rans_missions.tasks.avoid import Zones
 
 from rans.errors import ConfigError
 from rans.flight import Flight
@@ -54,9 +56,10 @@ def test_a_price_of_zero_is_no_term(name: str) -> None:
 )
 def test_every_task_charges_for_open_thrusters_only(kind: Any) -> None:
     """Unless it is told to charge for more; and no weight may be negative."""
-    charged = kind().reward(Transition(PLANAR, PLANAR, *WORK)).keys() & {"thrust", "spin"}
+    goal = replace(PLANAR, notes=Zones(()))  # which avoid reads
+    charged = kind().reward(Transition(PLANAR, goal, *WORK)).keys() & {"thrust", "spin"}
     assert charged == {"thrust"}
-    dearer = kind(thrust_weight=0.5, spin_weight=0.25).reward(Transition(PLANAR, PLANAR, *WORK))
+    dearer = kind(thrust_weight=0.5, spin_weight=0.25).reward(Transition(PLANAR, goal, *WORK))
     assert (dearer["thrust"], dearer["spin"]) == (-1.5, -0.05)
     with pytest.raises(
         ConfigError, match=r"spin_weight must be finite and not negative, got -0\.1"

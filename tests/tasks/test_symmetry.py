@@ -41,7 +41,7 @@ def test_a_moved_world_changes_nothing(task: Any, states: Any, goals: Any, comma
 
 def moved(state: Any) -> Any:
     """The state seen from a world frame that is turned and shifted; body quantities stay."""
-    state = replace(state, notes=tuple(map(moved_note, state.notes)))
+    state = replace(state, notes=with_zones(moved_zone, state.notes))
     if isinstance(state, PlanarState):
         turn = Rotation.from_rotvec([0, 0, 2.1]).as_matrix()[:2, :2]
         p, v = (Vec2(*(turn @ np.stack(x.columns()))) for x in (state.p, state.v))
@@ -55,13 +55,18 @@ def moved(state: Any) -> Any:
     return replace(state, p=p + Vec3(3.0, -5.0, 1.0), attitude=Quat(qw, qx, qy, qz), v=v)
 
 
-def moved_note(note: Any) -> Any:
-    """A zone moves as a state does; numbers stay."""
-    if not isinstance(note, Ball):
-        return note
-    like = random_states(len(note.centre.columns()), COUNT, seed=1)  # pyright: ignore[reportArgumentType]
-    there = moved(replace(like, p=note.centre, v=note.v))
-    return replace(note, centre=there.p, v=there.v)
+def with_zones(change: Any, notes: Any) -> Any:
+    """Notes of a goal with every zone changed; numbers stay."""
+    if not hasattr(notes, "zones"):
+        return notes
+    return replace(notes, zones=tuple(map(change, notes.zones)))
+
+
+def moved_zone(zone: Ball) -> Ball:
+    """A zone moves as a state does."""
+    like = random_states(len(zone.centre.columns()), COUNT, seed=1)  # pyright: ignore[reportArgumentType]
+    there = moved(replace(like, p=zone.centre, v=zone.v))
+    return replace(zone, centre=there.p, v=there.v)
 
 
 def test_the_plane_is_a_slice_of_space(task: Any) -> None:
@@ -98,7 +103,7 @@ def embedded(flat: Any) -> Any:
         Quat(np.cos(half), zero, zero, np.sin(half)),
         Vec3(flat.v.x, flat.v.y, zero),
         Vec3(zero, zero, flat.w),
-        tuple(spatial_ball(note) if isinstance(note, Ball) else note for note in flat.notes),
+        with_zones(spatial_ball, flat.notes),
     )
 
 

@@ -40,6 +40,14 @@ class Declared:
     """State, goal without notes or with those that margins need, and the margins in it by name."""
 
 
+@dataclass(frozen=True)
+class _Zones:
+    """Notes of a goal among zones, as avoid has them; that task is of a package."""
+
+    zones: tuple[Ball, ...]
+    """Zones in W."""
+
+
 def _norm(vector: Any) -> Any:
     return np.sqrt(sum(x * x for x in vector.columns()))
 
@@ -90,7 +98,7 @@ def _crossing(start: Any, goal: Any) -> Any:
     along = start.p - goal.p
     along = along.scale(1.0 / _norm(along))
     found = []
-    for zone in goal.notes:
+    for zone in goal.notes.zones:
         beside = zone.centre - goal.p
         beside = beside - along.scale(_dot(beside, along))
         when = np.clip(-_dot(beside, zone.v) / np.maximum(_dot(zone.v, zone.v), 1e-30), 0.0, 12.0)
@@ -99,9 +107,12 @@ def _crossing(start: Any, goal: Any) -> Any:
 
 
 _AVOID = {
-    "radius of zones": (lambda _, goal: np.concatenate([z.radius for z in goal.notes]), (0.3, 0.5)),
+    "radius of zones": (
+        lambda _, goal: np.concatenate([z.radius for z in goal.notes.zones]),
+        (0.3, 0.5),
+    ),
     "speed of zones": (
-        lambda _, goal: np.concatenate([_norm(z.v) for z in goal.notes]),
+        lambda _, goal: np.concatenate([_norm(z.v) for z in goal.notes.zones]),
         (0.0, 0.04),
     ),
     "offset of zones in the first 12 s": (_crossing, (0.0, 0.5)),
@@ -113,14 +124,14 @@ _DOCK_PORT = {
     "rate of the port": (lambda _, goal: np.linalg.norm(goal.spin(), axis=0), (0.0, radians(3.0))),
     "distance of the docked position": (lambda _, goal: _norm(goal.p), (0.65, 0.65)),
 }
-_DEADLINE: Measure = lambda _, goal: goal.notes[0]  # noqa: E731
+_DEADLINE: Measure = lambda _, goal: goal.notes.deadline  # noqa: E731
 
 MISSIONS: dict[tuple[str, Dimension], Declared] = {
     ("inspect", 3): Declared(
         {
             "distance": (_distance, (50.0, 100.0)),
             "speed over 2 n r": (_inspect_speed, (0.0, 0.8)),
-            "angle of the sun": (lambda _, goal: goal.notes[0], (-pi, pi)),
+            "angle of the sun": (lambda _, goal: goal.notes.sun, (-pi, pi)),
         },
         (
             (_at((25.0, 0.0, 0.0)), _at((0.0, 0.0, 0.0)), {"keep-out": 10.0, "zone": 775.0}),
@@ -153,7 +164,9 @@ MISSIONS: dict[tuple[str, Dimension], Declared] = {
         (
             (
                 _at((0.0, 0.0)),
-                replace(_at((0.0, 0.0)), notes=(Ball(Vec2(0.6, 0.8), Vec2(0.0, 0.0), 0.4),)),
+                replace(
+                    _at((0.0, 0.0)), notes=_Zones((Ball(Vec2(0.6, 0.8), Vec2(0.0, 0.0), 0.4),))
+                ),
                 {"zone 1": 0.6},
             ),
         ),

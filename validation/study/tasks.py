@@ -24,6 +24,8 @@ from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.scenario import draws
 from rans.tasks import TASKS, GoToPose, MultiTask, Task
+from rans.tasks.go_to_pose_priced import DrawnTradeOff
+from rans.tasks.multi_task import DrawnTask
 from validation.study.checks import Check
 from validation.study.missions import mission_checks
 
@@ -142,7 +144,7 @@ def _reward_checks(craft: Spacecraft, moment: Moment) -> Iterator[Check]:
         yield _gap(f"tasks: reward of {name}", paid, expected, _REASON)
     several = MultiTask()
     paid = [
-        float(_arrived(craft, several, moment, (_FLAGS[name],)).reward) - _REWARDS[name]
+        float(_arrived(craft, several, moment, DrawnTask(_FLAGS[name])).reward) - _REWARDS[name]
         for name in several.parts()
     ]
     yield Check(
@@ -232,7 +234,7 @@ def _arrived(
     craft: Spacecraft,
     task: Task,
     moment: Moment,
-    notes: tuple[float, ...] | None = None,
+    notes: DrawnTask | None = None,
     clock: int = 0,
 ) -> Outcome:
     """One control period that ends in the state: the first and third valve open, the second alone before."""
@@ -257,7 +259,7 @@ def _misled(craft: Spacecraft, moment: Moment) -> Outcome:
 
 
 def _noted(task: Task, goal: Any) -> Any:
-    return replace(goal, notes=(_TRADE_OFF,)) if hasattr(task, "trade_off") else goal
+    return replace(goal, notes=DrawnTradeOff(_TRADE_OFF)) if hasattr(task, "trade_off") else goal
 
 
 def _valves(craft: Spacecraft, *opened: int) -> tuple[float, ...]:

@@ -538,32 +538,34 @@ def _goal(craft: Spacecraft, task: Task, plan: Plan) -> State:
     )
 
 
-def _notes(craft: Spacecraft, task: Task, plan: Plan) -> tuple[Any, ...]:
+def _notes(craft: Spacecraft, task: Task, plan: Plan) -> Any:
     """Data of a goal that an agent observes beside its pose: its trade-off, or keep-out zones."""
     name = type(task).__name__
     sampled = scenario(task, craft.dimension, seed=0, episode=0).goal.notes
-    if not any(isinstance(note, Ball) for note in sampled):
+    zones = getattr(sampled, "zones", ())
+    if not zones:
         if plan.zones:
             raise ConfigError(f"{name} has no keep-out zones: leave out --zones.")
         if task.held_trade_off is not None:
-            return (task.held_trade_off,)
-        if sampled:
+            return replace(sampled, trade_off=task.held_trade_off)
+        if sampled is not None:
             raise ConfigError(
                 f"goals of {name} have data that no robot publishes, such as a deadline: rans fly flies agents "
                 "whose goal is a pose, a velocity, or a pose among keep-out zones."
             )
-        return ()
+        return None
     size = craft.dimension + 1
     rows = [plan.zones[k : k + size] for k in range(0, len(plan.zones), size)]
-    if len(plan.zones) != size * len(sampled) or any(row[-1] <= 0.0 for row in rows):
+    if len(plan.zones) != size * len(zones) or any(row[-1] <= 0.0 for row in rows):
         names = "x, y and radius" if craft.dimension == 2 else "x, y, z and radius"
         raise ConfigError(
-            f"--zones are {names} (m, above 0) of each of the {len(sampled)} zones that the agent observes, "
-            f"{size * len(sampled)} numbers, got {plan.zones}: zones far away stand for those that are not there."
+            f"--zones are {names} (m, above 0) of each of the {len(zones)} zones that the agent observes, "
+            f"{size * len(zones)} numbers, got {plan.zones}: zones far away stand for those that are not there."
         )
     vector = Vec2 if craft.dimension == 2 else Vec3
     still = vector(*(0.0,) * craft.dimension)
-    return tuple(Ball(vector(*row[:-1]), still, row[-1]) for row in rows)
+    balls = tuple(Ball(vector(*row[:-1]), still, row[-1]) for row in rows)
+    return replace(sampled, zones=balls)
 
 
 def _moved_goal(goal: State, position: np.ndarray, attitude: np.ndarray) -> State:

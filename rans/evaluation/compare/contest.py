@@ -138,7 +138,7 @@ class Contest:
             world += "; behind a safety filter"
         time = f"{self.duration:g} s"
         if self.task.optimal_problem == "rendezvous":
-            deadlines = np.asarray(self.starts.goal.notes[0])
+            deadlines = np.asarray(self.starts.goal.notes.deadline)
             time = f"deadlines of {deadlines.min():,.0f} to {deadlines.max():,.0f} s"
         starts = f"{counted(self.episodes, 'start')} of seed {self.seed}"
         if self.endpoints is not None and self.endpoints.start is not None:

@@ -254,7 +254,7 @@ class Lookahead:
         count = len(observation)
         choices = self._changes.shape[1]
         if self._trade_off.size:  # A fixed trade-off is in no goal.
-            goal = replace(goal, notes=())
+            goal = replace(goal, notes=None)
         if self.arrival is not None:
             self._been |= arrived(self._world.task, state, goal)
         # Every episode is repeated for each choice, of which the first is no change.

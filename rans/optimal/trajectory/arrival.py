@@ -119,9 +119,8 @@ class Arrival:
 
     def __init__(self, task: Task, goal: State, ending: Ending) -> None:
         check_goal(task)
-        final_state = replace(
-            goal, notes=()
-        )  # a state there: what a goal notes is of the goal alone
+        # A state there: what a goal notes is of the goal alone.
+        final_state = replace(goal, notes=None)
         state, aim = (
             map_leaves(lambda _: ca.SX.sym("s"), example) for example in (final_state, goal)
         )

@@ -33,7 +33,7 @@ def endpoint(words: Sequence[str], like: State) -> State:
     Raises:
         ConfigError: a file cannot be read, there is no such key, or a value is no finite number.
     """
-    motion = replace(like, notes=(), stores=())
+    motion = replace(like, notes=None, stores=())
     names = NAMES[len(leaves(motion))]
     values = dict.fromkeys(names, 0.0)
     if "q.w" in values:

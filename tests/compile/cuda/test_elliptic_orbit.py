@@ -21,22 +21,32 @@ pytestmark = needs_compiler
 
 
 @dataclass(frozen=True)
+class Angle:
+    """What a goal of `OnAnEllipse` notes."""
+
+    angle: Any
+    """Of the target on its orbit, rad."""
+
+
+@dataclass(frozen=True)
 class OnAnEllipse(GoToPosition):
     """Its goal has the target's mean anomaly as a note. An orbit lasts a minute, so that seconds matter."""
+
+    goal_notes = Angle
 
     @property
     def drift(self) -> Any:
         return EllipticOrbit(0.1, 0.5, 0.0)
 
     def drift_at(self, goal: Any) -> Any:
-        return replace(self.drift, mean_anomaly=goal.notes[0])
+        return replace(self.drift, mean_anomaly=goal.notes.angle)
 
     def sample(self, random: Any) -> tuple[Any, Any]:
         start, goal = super().sample(random)
-        return start, replace(goal, notes=(random.uniform(0.0, math.tau),))
+        return start, replace(goal, notes=Angle(random.uniform(0.0, math.tau)))
 
     def later(self, goal: Any, time: Any) -> Any:
-        return replace(goal, notes=(goal.notes[0] + 0.1 * time,))
+        return replace(goal, notes=Angle(goal.notes.angle + 0.1 * time))
 
 
 @dataclass(frozen=True)
@@ -48,7 +58,7 @@ class AroundAnOblatePlanet(OnAnEllipse):
         return PerturbedOrbit(0.1, 0.02, 0.9, 1e-3, 0.0)
 
     def drift_at(self, goal: Any) -> Any:
-        return replace(self.drift, latitude=goal.notes[0])
+        return replace(self.drift, latitude=goal.notes.angle)
 
 
 @pytest.mark.slow
@@ -68,7 +78,7 @@ def test_an_orbit_steps_and_restarts_as_on_numpy(on_host: Any, craft: Any, task:
     how: Any = {"seed": SEED, "dtype": torch.float64}
     ours = Engine(*made, **how)
     # Anomalies are those of eight places, and move on.
-    anomalies = ours.episode.goal.notes[0].copy()
+    anomalies = ours.episode.goal.notes.angle.copy()
     assert len(set(anomalies.tolist())) == 8
     assert compare(ours, on_host(*made, **how), 6) == 8
-    assert (ours.episode.goal.notes[0] != anomalies).all()
+    assert (ours.episode.goal.notes.angle != anomalies).all()

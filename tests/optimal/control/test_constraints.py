@@ -35,18 +35,29 @@ class Slow(GoToPosition):
 
 
 @dataclass(frozen=True)
+class Centre:
+    """What a goal of `Around` notes."""
+
+    x: Any
+    """Of the ball, m."""
+    y: Any
+    """Of the ball, m."""
+
+
+@dataclass(frozen=True)
 class Around(GoToPosition):
     """A ball of 0.4 m beside the straight way from (2, 0.1) m, which the goal notes."""
+
+    goal_notes = Centre
 
     def sample(self, random: Any) -> tuple[Any, Any]:
         start, goal = super().sample(random)
         zero = 0.0 * start.p.x
         away = replace(start, p=Vec2(zero + 2.0, zero + 0.1))
-        return away, replace(goal, notes=(zero + 1.0, zero - 0.1))
+        return away, replace(goal, notes=Centre(zero + 1.0, zero - 0.1))
 
     def constraints(self, state: Any, goal: Any) -> dict[str, Any]:
-        x, y = goal.notes
-        return {"ball": (state.p - Vec2(x, y)).norm() - 0.4}
+        return {"ball": (state.p - Vec2(goal.notes.x, goal.notes.y)).norm() - 0.4}
 
 
 @pytest.mark.slow

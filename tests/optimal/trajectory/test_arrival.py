@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rans_missions.tasks.avoid import Zones
 
 from rans.errors import ConfigError
 from rans.model.dynamics import PlanarState, SpatialState
@@ -21,6 +22,7 @@ from rans.optimal.trajectory.objectives import MinimumTime
 from rans.optimal.trajectory.pool import solve_all
 from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose
+from rans.tasks.go_to_pose_priced import DrawnTradeOff
 from rans.tasks.observation_terms import ObservationTerm, Scalar
 from rans.tasks.rewards import Transition, nearness
 from rans.tasks.shapes import Ball
@@ -109,9 +111,9 @@ def test_rewards_have_gradients_at_the_goal(name: str, dimension: int) -> None:
     state = map_leaves(lambda _: ca.SX.sym("s"), rest)  # type: ignore[call-arg]
     commands = ca.SX.sym("u", 4)  # type: ignore[call-arg]
     u = [commands[i] for i in range(4)]
-    notes: tuple[Any, ...] = (0.5,)  # of a trade-off
+    notes: Any = DrawnTradeOff(0.5)
     if name == "avoid":
-        notes = (Ball(type(rest.p)(*[9.0] * dimension), rest.v, 0.5),)
+        notes = Zones((Ball(type(rest.p)(*[9.0] * dimension), rest.v, 0.5),))
     goal = replace(rest, notes=notes)
     terms = task.reward(Transition(state, goal, (u[0], u[1]), (u[2], u[3])))
     raw = ca.Function("reward", [ca.vertcat(*leaves(state)), commands], [sum(terms.values())])

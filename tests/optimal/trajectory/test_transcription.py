@@ -36,6 +36,7 @@ from rans.optimal.trajectory.transcription import (
 from rans.reference.flight import replay
 from rans.scenario import Scenario, batch, scenario
 from rans.tasks import GoToPosePriced, GoToPosition, MultiTask, TrackVelocity
+from rans.tasks.go_to_pose_priced import DrawnTradeOff
 from tests.support.crafts import deputy, nasty_planar
 from tests.support.problems import (
     FLYER,
@@ -331,7 +332,9 @@ def test_what_a_goal_notes_is_no_part_of_the_state_that_arrives() -> None:
     start = planar(x=-1.0)
     goal = planar(x=0.1, heading=0.3)
     objective = MinimumFuel(6.0)
-    priced = solved(PLATFORM, objective, start, replace(goal, notes=(0.5,)), GoToPosePriced())
+    priced = solved(
+        PLATFORM, objective, start, replace(goal, notes=DrawnTradeOff(0.5)), GoToPosePriced()
+    )
     assert priced.cost == pytest.approx(solved(PLATFORM, objective, start, goal).cost, rel=SOLVER)
 
 

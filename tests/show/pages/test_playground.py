@@ -442,7 +442,7 @@ for (let k = 0; k < 3; ++k) {{
 }}
 console.log(JSON.stringify(found));"""
     rows = answer(script, tmp_path)
-    sun = float(np.ravel(scenarios(task, craft, SEED, 1).goal.notes[0])[0])
+    sun = float(np.ravel(scenarios(task, craft, SEED, 1).goal.notes.sun)[0])
     seen = np.zeros(100, dtype=bool)
     for k, row in enumerate(rows, 1):
         markers = np.array(row["markers"], dtype=float).reshape(-1, 4)

@@ -80,7 +80,7 @@ def test_zones_move_as_those_of_the_flight_and_a_slope_is_given_once() -> None:
     flight = fly(PLATFORM, task, Random(PLATFORM), starts, rans.Timing(episode_steps=6))
     (start,) = race(PLATFORM, [("x", [Track("a", flight, 1, 0.8)])]).data["starts"]
     assert [shape["kind"] for shape in start["shapes"]] == ["Ball"] * 3
-    for zone, shape in zip(starts.goal.notes, start["shapes"], strict=True):
+    for zone, shape in zip(starts.goal.notes.zones, start["shapes"], strict=True):
         # Centre, velocity and radius after 0, 0.2, ... 1.2 s.
         x = zone.centre.x[1] + zone.v.x[1] * 0.2 * np.arange(7)
         np.testing.assert_allclose([row[0] for row in shape["rows"]], x, atol=6e-4)
@@ -101,7 +101,7 @@ def test_points_are_seen_from_the_instant_on_at_which_the_mission_counts_them() 
     flight = fly(craft, task, Random(craft), starts, replace(task.timing, episode_steps=4))
     (start,) = race(craft, [("x", [Track("a", flight, 0, np.inf)])]).data["starts"]
     counted = [sum(0 <= row[3] <= k for row in start["markers"]) for k in range(5)]
-    assert counted == flight.goals.notes[1][:, 0].tolist()
+    assert counted == flight.goals.notes.count[:, 0].tolist()
 
 
 @pytest.mark.parametrize("replay", [None, Race({"starts": ["</script><b>"]}, "two & one")])

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_missions.tasks import Avoid, DockPort
+from rans_missions.tasks.avoid import Zones
 
 from rans.drawing import Scene, outlines
 from rans.flight import fly
@@ -80,7 +81,7 @@ def test_a_replay_moves_zones_and_turns_the_cone() -> None:
     assert len(motion.scenery) == 3
     for k, zone in enumerate(motion.scenery):
         ways = [scenery_pose(at_instant(zone, instant)).translation() for instant in (0, 20)]
-        drawn = map_leaves(lambda x: float(x[1]), starts.goal.notes[k])
+        drawn = map_leaves(lambda x: float(x[1]), starts.goal.notes.zones[k])
         expected = [4.0 * drawn.v.x, 4.0 * drawn.v.y, 0.0]
         moved = np.subtract(ways[1], ways[0])
         np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-12)
@@ -106,4 +107,4 @@ def test_figures_and_environments_draw_zones() -> None:
         frame = Scene(PLATFORM, task).render(state, replace(goal, notes=notes), np.zeros(8))
         return int((np.abs(frame.astype(int) - red).max(axis=-1) < 40).sum())
 
-    assert reds(goal.notes) > reds(()) + 50
+    assert reds(goal.notes) > reds(Zones(())) + 50

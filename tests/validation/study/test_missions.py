@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import rans_missions.tasks.land
 from rans_missions.tasks import Avoid, Inspect, Land
+from rans_missions.tasks.avoid import Zones
 
 from rans.model.fields import Vec3
 from rans.scenario import draws
@@ -49,7 +50,8 @@ class _CrossingBefore(Avoid):
 
     def sample(self, random: Any) -> Any:
         start, goal = super().sample(random)
-        return start, replace(goal, notes=tuple(replace(z, v=z.v.scale(-1.0)) for z in goal.notes))
+        zones = tuple(replace(z, v=z.v.scale(-1.0)) for z in goal.notes.zones)
+        return start, replace(goal, notes=Zones(zones))
 
 
 def _above(apex: Vec3, up: Vec3, angle: float) -> GlideSlope:

@@ -39,16 +39,22 @@ def _tracker(method: str) -> Any:
 
 
 @dataclass(frozen=True)
-class Guided(Task):
-    """A velocity tracker's task whose goal is the planner's velocity command.
+class Progress:
+    """What a goal of `Guided` notes."""
 
-    The notes of the goal hold the progress of the flight along the path.
-    """
+    point: Any
+    """(N,) number of the path's point that each flight has come to."""
+
+
+@dataclass(frozen=True)
+class Guided(Task):
+    """A velocity tracker's task whose goal is the planner's velocity command."""
 
     task: Task
     """Task of the tracker."""
     planner: LookAhead
 
+    goal_notes = Progress
     flag_of = _tracker("flag_of")
     observation_terms = _tracker("observation_terms")
     errors = _tracker("errors")
@@ -67,14 +73,14 @@ class Guided(Task):
         offset = random.direction().scale(random.uniform(0.0, START_SPREAD))
         start: Any = random.at_rest(first + offset, random.attitude())
         goal: Any = random.at_rest(random.origin(), random.no_rotation())
-        begun = replace(goal, notes=(np.zeros(len(start.p.x), dtype=int),))
+        begun = replace(goal, notes=Progress(np.zeros(len(start.p.x), dtype=int)))
         return start, self.remember(begun, start)
 
     def remember(self, goal: Any, state: State) -> Any:
         """The planner's command at the position of the spacecraft."""
         position = np.stack(state.p.columns(), axis=1)
-        progress, _, command = self.planner.plan(position, goal.notes[0].astype(int))
-        return replace(goal, v=type(goal.v)(*command.T), notes=(progress,))
+        progress, _, command = self.planner.plan(position, goal.notes.point.astype(int))
+        return replace(goal, v=type(goal.v)(*command.T), notes=Progress(progress))
 
 
 @dataclass(frozen=True)
@@ -92,7 +98,7 @@ class Following:
     @property
     def progress(self) -> np.ndarray:
         """(T, N) progress of each flight, an index of the path's points, at each command."""
-        return self.flight.goals.notes[0][:-1].astype(int)
+        return self.flight.goals.notes.point[:-1].astype(int)
 
     @property
     def commands(self) -> np.ndarray:

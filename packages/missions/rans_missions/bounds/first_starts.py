@@ -166,8 +166,7 @@ def _meeting(contest: Contest, goal: State) -> Meeting:
 
 def _deadline(contest: Contest, k: int) -> float:
     """Deadline of start number k, s: the first note of its goal is the time left until it."""
-    notes: Any = contest.start(k).goal.notes
-    return float(np.squeeze(notes[0]))
+    return float(np.squeeze(contest.start(k).goal.notes.deadline))
 
 
 def _least(contest: Contest, k: int, deadline: float) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.allocation import rounding
 from rans_missions.guidance.arrival import TIME_ROUNDING
-from rans_missions.tasks.orbital import OrbitalMission
+from rans_missions.tasks.orbital import OrbitalMission, Plan
 
 _NEAR = 2.0
 """Position tolerances within which a craft whose mission is over stays."""
@@ -60,14 +59,17 @@ class Afterwards:
 
         Args:
             state: states (N,).
-            goal: goals, whose notes begin with the time until the deadline, that until the arrival, and success.
+            goal: goals, with their `rans_missions.tasks.orbital.Plan`.
             exact: whether states are exact, so that a state within the tolerances is an arrival.
         """
         count = np.size(state.p.x)
         if len(self.stays) != count:
             self.reset(count)
         mission = self._mission
-        deadline, _, won = (np.broadcast_to(np.asarray(x, float), count) for x in goal.notes[:3])
+        plan: Plan = goal.notes
+        deadline, won = (
+            np.broadcast_to(np.asarray(x, float), count) for x in (plan.deadline, plan.won)
+        )
         distance = np.broadcast_to((goal.p - state.p).norm(), count)
         over = (deadline < TIME_ROUNDING) | (won > 0.5)
         arrived = over & (distance < _NEAR * mission.position_tolerance)
@@ -78,10 +80,16 @@ class Afterwards:
         expired = again & (self._times[0] < TIME_ROUNDING)
         if expired.any():
             new = mission.plan(state, goal, np.full(count, self._again))
-            self._times = np.where(expired, np.stack(new.notes[:2]), self._times)
+            times = np.stack([new.notes.deadline, new.notes.arrival])
+            self._times = np.where(expired, times, self._times)
         if again.any():
-            notes = (*self._times, np.zeros(count), *goal.notes[3:])
-            goal = replace(goal, notes=tuple(map(partial(np.where, again), notes, goal.notes)))
+            begun = replace(
+                plan,
+                deadline=np.where(again, self._times[0], plan.deadline),
+                arrival=np.where(again, self._times[1], plan.arrival),
+                won=np.where(again, 0.0, plan.won),
+            )
+            goal = replace(goal, notes=begun)
         self._times = np.where(again, self._times - self._period, 0.0)
         return goal
 

@@ -397,7 +397,7 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         period = self._period
         first = np.round(grid[0] * orbit / period) * period + 0.5 * period
         second = first + np.maximum(np.round(grid[1] * orbit / period), 1.0) * period
-        phase = target_now.notes[0] - n * second + grid[2]
+        phase = target_now.notes.sun - n * second + grid[2]
         width = least + grid[3]
         target = np.array([width * np.cos(phase), 2.0 * width * np.sin(phase)])
         p, v = self.task.drift.carry(state_now.p, state_now.v, first)
@@ -450,7 +450,7 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         clear = _nearest(p) > task.keep_out + 0.9 * _CLEAR
         clear &= p.norm() < task.fail_distance - _CLEAR
         # Points inspected so far at each time; the sun turns backwards in the Hill frame.
-        notes = (target_now.notes[0] - n * times, *target_now.notes[1:])
+        notes = replace(target_now.notes, sun=target_now.notes.sun - n * times)
         coasting = replace(state_now, p=p)
         inspected = np.array(task.visible(replace(target_now, notes=notes), coasting))
         inspected_before = np.array([bool(x) for word in task._known(target_now) for x in word])

@@ -120,7 +120,8 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         goal = self._afterwards.goal(state, goal)
         stays = self._afterwards.stays
         deadline, arrival = (
-            np.broadcast_to(np.asarray(x, float), len(relative_states)) for x in goal.notes[:2]
+            np.broadcast_to(np.asarray(x, float), len(relative_states))
+            for x in (goal.notes.deadline, goal.notes.arrival)
         )
         # Plans that are still flown: of craft that have not arrived and are not off their plan.
         if self._meeting is None:

@@ -226,11 +226,11 @@ class MissionGuidance(ModelBased):
 
         With the mission's smaller reserve a craft is up to 3 s late, which can be after the deadline.
         """
-        deadline, arrival, *others = goal.notes
+        arrival = self._mission.arrival(goal)
         if self._sooner is None:
-            own = self._mission.plan(state, goal, deadline)
+            own = self._mission.plan(state, goal, goal.notes.deadline)
             self._sooner = arrival - self._mission.arrival(own)
-        return replace(goal, notes=(deadline, arrival - self._sooner, *others))
+        return replace(goal, notes=replace(goal.notes, arrival=arrival - self._sooner))
 
     def _estimated(
         self, navigation: NavigationFilter, state: Any, left: Any

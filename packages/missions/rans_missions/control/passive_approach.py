@@ -125,7 +125,7 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
         states = np.stack([*state.p.columns(), *state.v.columns()], axis=1)
         goals = np.stack(goal.p.columns(), axis=1)
         if not self._plans:
-            deadlines = np.asarray(goal.notes[0])
+            deadlines = np.asarray(goal.notes.deadline)
             self._plans = [self._plan(*row) for row in zip(states, goals, deadlines, strict=True)]
         change = self._change_by_plans(self._plans, states, goals, now)
         staying = np.stack(self.task.staying(state, goal).columns(), axis=1)

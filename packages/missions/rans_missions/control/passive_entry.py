@@ -184,8 +184,8 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         coasting = super().act(state, goal, observation)
         # Where mission guidance flies, its own arrival counts.
         now = (self._step - 1) * self._period
-        arrival = np.where(self._entered, self._arrivals - now, goal.notes[1])
-        planned = replace(goal, notes=(goal.notes[0], arrival, *goal.notes[2:]))
+        arrival = np.where(self._entered, self._arrivals - now, goal.notes.arrival)
+        planned = replace(goal, notes=replace(goal.notes, arrival=arrival))
         approaching = self._guidance.act(state, planned, observation)
         return np.where(self._entered[:, None], approaching, coasting)
 
@@ -205,8 +205,8 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         enters = (near | (now > self._ends[:, 1])) & ~self._entered
         enters[list(schedules)] = False
         if enters.any():
-            replanned = self.task.plan(state, goal, goal.notes[0])
-            self._arrivals = np.where(enters, now + replanned.notes[1], self._arrivals)
+            replanned = self.task.plan(state, goal, goal.notes.deadline)
+            self._arrivals = np.where(enters, now + replanned.notes.arrival, self._arrivals)
             self._entered |= enters
         change = np.where(
             self._entered[:, None], 0.0, self._change(states, self._points, self._ends, now)
@@ -237,7 +237,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         All plans are flown ahead to the target. Where the mission has a cone, a start whose flight does not win
         tries its next plan, and flies the first one if none of its plans does. Elsewhere it tries cone programs.
         """
-        deadlines = [float(t) for t in goal.notes[0]]
+        deadlines = [float(t) for t in goal.notes.deadline]
         plans = [self._plan(p, t) for p, t in zip(states, deadlines, strict=True)]
         excluded: list[list[np.ndarray]] = [[] for _ in plans]
         trying = np.arange(len(plans))
@@ -261,7 +261,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
 
     def _schedule(self, row: int, states: np.ndarray, state: Any, goal: Any, plan: _Plan) -> None:
         """Set the thrust of one flight by cone programs, if they have a safe flight that wins."""
-        start, deadline = states[row], float(goal.notes[0][row])
+        start, deadline = states[row], float(goal.notes.deadline[row])
         target = map_leaves(lambda x: float(x[row]), goal)
         meeting = replace(Meeting.of(self.craft, self.task, target), timing=self._timing)
         periods = last_check(deadline, self._period)
@@ -322,7 +322,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         inside = np.ones(len(states), bool)
         arrived = np.zeros(len(states), bool)
         limits = (*self._limits.speeds, *self._limits.others)
-        for _ in range(math.ceil(np.max(goal.notes[0]) / self._period)):
+        for _ in range(math.ceil(np.max(goal.notes.deadline) / self._period)):
             now = replace(state, p=Vec3(*states[:, :3].T), v=Vec3(*states[:, 3:].T))
             command = self.act(now, goal, np.zeros((len(states), 0)))
             push = command @ forces / self.craft.mass
@@ -334,7 +334,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
                 for limit in limits:
                     inside &= arrived | (np.asarray(limit.gap(p, v)) >= 0.0)
                 reached = np.asarray(self.task.reached(replace(now, p=p, v=v), goal))
-                arrived |= reached & inside & (goal.notes[0] >= passed)
+                arrived |= reached & inside & (goal.notes.deadline >= passed)
             states = after
             goal = self.task.later(goal, self._period)
             if bool((arrived | ~inside).all()):

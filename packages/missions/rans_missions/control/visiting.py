@@ -16,7 +16,7 @@ from rans.model.timing import Timing
 from rans.tasks.base import Task
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.velocity_guidance import VelocityGuidance
-from rans_missions.tasks.hold import Hold
+from rans_missions.tasks.hold import Hold, HoldPlan
 from rans_missions.tasks.inspect import Inspect
 
 _LEAST = 1e-3
@@ -97,7 +97,7 @@ class Visiting(VelocityGuidance[Inspect]):
         still = Vec3(zero, zero, zero)
         behind = replace(still, y=zero - self._distance)
         # A deadline that has passed, and no arrival: a new plan is made.
-        goal = replace(state, p=behind, v=still, notes=(zero, zero, zero, zero - 1.0))
+        goal = replace(state, p=behind, v=still, notes=HoldPlan(zero, zero, zero, held=zero - 1.0))
         goal = self._afterwards.goal(state, goal)
         velocity = self._hold.recommended(state, goal, self._hold.arrival(goal))
         stays = self._hold.staying(state, goal)

@@ -61,7 +61,7 @@ def inspection_bound(
     # Where the craft coasts, and which points are in light.
     p, _ = task.drift.carry(start.p, start.v, times)
     free = _rows(p, len(times)) @ normals.T
-    sun = goal.notes[0] - task.mean_motion * times
+    sun = goal.notes.sun - task.mean_motion * times
     towards = np.stack([np.cos(sun), np.sin(sun), 0.0 * sun], axis=1)
     lit = towards @ normals.T > math.cos(math.radians(task.light_degrees))
 

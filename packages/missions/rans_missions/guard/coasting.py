@@ -108,7 +108,7 @@ def _closest(ball: Ball, state: Any) -> Field:
 
 def _anywhere(goal: Any) -> Any:
     """Any state, to evaluate the names of constraints."""
-    return replace(goal, notes=())
+    return replace(goal, notes=None)
 
 
 def periods_of(seconds: float, period: float) -> int:

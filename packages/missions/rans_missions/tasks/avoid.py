@@ -21,6 +21,14 @@ pairs."""
 
 
 @dataclass(frozen=True)
+class Zones:
+    """What a goal of `Avoid` notes."""
+
+    zones: tuple[Ball, ...]
+    """The keep-out zones, each with its centre (W, m), its velocity (W, m/s) and its radius (m)."""
+
+
+@dataclass(frozen=True)
 class Avoid(GoToPose):
     """Go to a pose and stay there without entering a keep-out zone.
 
@@ -63,6 +71,7 @@ class Avoid(GoToPose):
     violation_weight: float = 20.0
     """Reward lost once when a zone is entered, which ends the episode."""
 
+    goal_notes = Zones
     timing: ClassVar[Timing] = Timing(checks=4)
 
     def __post_init__(self) -> None:
@@ -79,15 +88,8 @@ class Avoid(GoToPose):
                 f"clearance, {room:g} m, got {nearest:g} m: the zones would not fit between start and goal."
             )
 
-    @property
-    def goal_notes(self) -> tuple[str, ...]:
-        """One zone each."""
-        return (
-            "a zone: a `Ball` with its centre (W, m), its velocity (W, m/s) and its radius (m)",
-        ) * (self.zones)
-
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start and goal as for `GoToPose`; the zones are the notes of the goal."""
+        """Start and goal as for `GoToPose`, and the zones of the episode."""
         start, goal = super().sample(random)
         distance = (start.p - goal.p).norm()
         along = (start.p - goal.p).scale(1.0 / distance)
@@ -101,15 +103,15 @@ class Avoid(GoToPose):
             crossing = random.uniform(*self.crossing_time)
             centre = goal.p + along.scale(from_goal) + side - velocity.scale(crossing)
             zones.append(Ball(centre, velocity, radius))
-        return start, replace(goal, notes=tuple(zones))
+        return start, replace(goal, notes=Zones(tuple(zones)))
 
     def later(self, goal: State, time: Field) -> State:
         """Goal after a time (s): the pose is fixed and the zones move."""
-        return replace(goal, notes=tuple(zone.later(time) for zone in self.scenery(goal)))
+        return replace(goal, notes=Zones(tuple(zone.later(time) for zone in self.scenery(goal))))
 
     def scenery(self, goal: State) -> tuple[Ball, ...]:
         """Keep-out zones at the goal's instant."""
-        return goal.notes
+        return goal.notes.zones
 
     def constraints(self, state: State, goal: State) -> dict[str, Field]:
         """Distance of the spacecraft's centre from the surface of every zone, m."""

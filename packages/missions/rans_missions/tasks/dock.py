@@ -58,13 +58,6 @@ class Dock(OrbitalMission):
     timing: ClassVar[Timing] = Timing(control_period=10.0, episode_steps=200, checks=10)
 
     @property
-    def goal_notes(self) -> tuple[str, ...]:
-        """See `OrbitalMission.goal_notes`; on an ellipse also where the target is on it."""
-        if not self.orbit.eccentricity:
-            return super().goal_notes
-        return (*super().goal_notes, "mean anomaly of the target, rad")
-
-    @property
     def half_turn(self) -> float:
         """See `OrbitalMission.half_turn`: around the perigee."""
         return 2.0 * mean_anomaly(0.5 * math.pi, self.orbit.eccentricity)

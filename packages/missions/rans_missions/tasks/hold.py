@@ -14,12 +14,20 @@ from rans.tasks.observation_terms import Information, ObservationTerm
 from rans.tasks.shapes import Ball, Shape
 from rans_missions.guidance.arrival import TIME_ROUNDING
 from rans_missions.passive_safety import CoastZone
-from rans_missions.tasks.orbital import OrbitalMission
+from rans_missions.tasks.orbital import OrbitalMission, Plan
 
 _NOT_HELD = -1.0
 """Time held outside the tolerances, s: any number below zero."""
 _LATE_DISTANCE = 2.0
 """Position tolerances within which a craft that comes too late goes to the goal by the law with which it stays."""
+
+
+@dataclass(frozen=True)
+class HoldPlan(Plan):
+    """What a goal of `Hold` notes."""
+
+    held: Field = _NOT_HELD
+    """Time for which the craft has been within the tolerances, s; -1 outside them."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +39,7 @@ class Hold(OrbitalMission):
 
     Goal: at rest 100 m behind the target, on its orbit. Success: within 5 m at 0.05 m/s or less at every check of
     `hold_seconds`, 600 s, from an arrival before the deadline on. An episode fails after the deadline if it is not
-    within them, or has come too late. Constraint: at least 50 m from the target, at every check. The last of the
-    `notes` of the goal is the time for which the craft has been within the tolerances, s, or -1 outside.
+    within them, or has come too late. Constraint: at least 50 m from the target, at every check.
 
     Start: at rest in the Hill frame of the target, 150 to 300 m from the target in a uniform direction, and no
     nearer to the goal than the goal is to the ball.
@@ -66,6 +73,7 @@ class Hold(OrbitalMission):
     """Reward per m/s by which the velocity to gain decreases; by default the price of 1 m/s for 500 kg."""
 
     flag = 9
+    goal_notes = HoldPlan
     brakes: ClassVar[bool] = True
     stays: ClassVar[bool] = True
     few_burns: ClassVar[bool] = True
@@ -82,11 +90,6 @@ class Hold(OrbitalMission):
         """See `OrbitalMission.stay_seconds`."""
         return self.hold_seconds
 
-    @property
-    def goal_notes(self) -> tuple[str, ...]:
-        """See `OrbitalMission.goal_notes`; the last is the time held."""
-        return (*super().goal_notes, "time within the tolerances, s; -1 outside them")
-
     def limits(self, goal: State) -> dict[str, Shape]:
         """The keep-out ball around the target at the origin."""
         origin = goal.p.scale(0.0)
@@ -95,29 +98,25 @@ class Hold(OrbitalMission):
     def plan(self, start: State, goal: State, deadline: Field) -> State:
         """Goal with a deadline, s, the plan for a start, and no time held in its notes."""
         planned = super().plan(start, goal, deadline)
-        # Deadline, arrival and success, and the target's angle where motion depends on it.
-        further = 3 if self.orbit.is_steady else 4
-        return replace(planned, notes=(*planned.notes[:further], deadline * 0.0 + _NOT_HELD))
+        return replace(planned, notes=replace(planned.notes, held=deadline * 0.0 + _NOT_HELD))
 
     def later(self, goal: State, time: Field) -> State:
         """Goal after a time (s), with less time left and more time held."""
-        *times, held = goal.notes
-        after = super().later(replace(goal, notes=tuple(times)), time)
-        return replace(after, notes=(*after.notes, where(held < 0.0, held, held + time)))
+        held = goal.notes.held
+        after = super().later(goal, time)
+        held = where(held < 0.0, held, held + time)
+        return replace(after, notes=replace(after.notes, held=held))
 
     def remember(self, goal: State, state: State) -> State:
         """Goal whose notes record for how long the state has been within the tolerances, and success."""
-        deadline, arrival, won, *angle, held = goal.notes
-        held = where(self.reached(state, goal), at_least(held, 0.0), _NOT_HELD)
-        goal = replace(goal, notes=(deadline, arrival, won, *angle, held))
-        won = where(self.done(state, goal), 1.0, won)
-        return replace(goal, notes=(deadline, arrival, won, *angle, held))
+        held = where(self.reached(state, goal), at_least(goal.notes.held, 0.0), _NOT_HELD)
+        return super().remember(replace(goal, notes=replace(goal.notes, held=held)), state)
 
     def recommended(self, state: Any, goal: Any, left: Field) -> Any:
         """Velocity in W, m/s: see `OrbitalMission`, and `staying` once the craft has arrived."""
         velocity = super().recommended(state, goal, left)
         near = (goal.p - state.p).norm() < self.position_tolerance * _LATE_DISTANCE
-        stays = self.reached(state, goal) | ((goal.notes[0] < TIME_ROUNDING) & near)
+        stays = self.reached(state, goal) | ((goal.notes.deadline < TIME_ROUNDING) & near)
         return map_leaves(partial(where, stays), self.staying(state, goal), velocity)
 
     def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
@@ -125,24 +124,24 @@ class Hold(OrbitalMission):
         held = Information(
             "time held",
             "s",
-            at_least(goal.notes[-1], 0.0),
+            at_least(goal.notes.held, 0.0),
             meaning="time for which the craft has been within the tolerances",
         )
         return (*super().observation_terms(state, goal), held)
 
     def done(self, state: State, goal: State) -> Field:
         """Whether the craft has stayed for the time to hold since an arrival before the deadline."""
-        return self._arrived_in_time(goal) & (goal.notes[-1] > self.hold_seconds - TIME_ROUNDING)
+        return self._arrived_in_time(goal) & (goal.notes.held > self.hold_seconds - TIME_ROUNDING)
 
     def failed(self, state: State, goal: State) -> Field:
         """Whether the craft is too far away, or not within the tolerances since an arrival before the deadline."""
         distance = self.errors(state, goal)["position"]
-        late = (goal.notes[0] < TIME_ROUNDING) & ~self._arrived_in_time(goal)
+        late = (goal.notes.deadline < TIME_ROUNDING) & ~self._arrived_in_time(goal)
         return (distance > self.fail_distance) | late
 
     def _arrived_in_time(self, goal: State) -> Field:
         """Whether the craft is within the tolerances, since before the deadline."""
-        deadline, held = goal.notes[0], goal.notes[-1]
+        deadline, held = goal.notes.deadline, goal.notes.held
         return (held > -TIME_ROUNDING) & (deadline + held > -TIME_ROUNDING)
 
     def sample(self, random: Random) -> tuple[State, State]:

@@ -47,6 +47,18 @@ WORD = 20
 
 
 @dataclass(frozen=True)
+class Inspected:
+    """What a goal of `Inspect` notes."""
+
+    sun: Field
+    """Angle of the sun in the plane of the orbit, in W from x towards y, rad."""
+    count: Field
+    """Number of points inspected."""
+    words: tuple[Field, ...]
+    """One bit per point, 1 once it is inspected, packed in whole numbers of `WORD` bits."""
+
+
+@dataclass(frozen=True)
 class Inspect(SingleTask):
     """See the points of a target's surface in sunlight from a safe distance.
 
@@ -66,8 +78,7 @@ class Inspect(SingleTask):
     Start: 50 to 100 m away in a uniform direction, without rotation, with a velocity in a uniform direction of up
     to 0.8 of 2 n r at the distance r. An episode lasts two orbits, in periods of 20 s with a check every 10 s.
 
-    The goal is the centre of the target. Its ``notes`` are the angle of the sun, the number of points seen, and
-    one bit per point, packed in numbers of `WORD` bits.
+    The goal is the centre of the target. It notes the sun and the points seen (`Inspected`).
 
     Observed task data: vector to the target and direction of the sun (W), share of unseen points, mean normal of
     the unseen points and of the lit ones among them (W), and margin of the keep-out ball.
@@ -106,6 +117,7 @@ class Inspect(SingleTask):
     thrust_weight: float = 0.0
     """Reward lost per step and open thruster; zero because impulse has a price."""
 
+    goal_notes = Inspected
     optimal_problem = "inspection"
     symmetric = False
     flag = 11
@@ -150,16 +162,6 @@ class Inspect(SingleTask):
         """The keep-out ball, always."""
         return CoastZone(self.keep_out)
 
-    @property
-    def goal_notes(self) -> tuple[str, ...]:
-        """Where the sun is, and what has been inspected."""
-        words = -(-self.points // WORD)
-        return (
-            "angle of the sun in the plane of the orbit, rad",
-            "number of points inspected",
-            *(f"inspected points, {WORD} bits of a whole number each",) * words,
-        )
-
     def sample(self, random: Random) -> tuple[State, State]:
         """Start around the target, and the goal with the angle of the sun; no point has been seen."""
         distance = random.uniform(*self.spawn_distance)
@@ -170,27 +172,26 @@ class Inspect(SingleTask):
         goal = random.at_rest(random.origin(), random.no_rotation())
         sun = random.uniform(-math.pi, math.pi)
         words = -(-self.points // WORD)
-        return start, replace(goal, notes=(sun, *(sun * 0.0,) * (1 + words)))
+        return start, replace(goal, notes=Inspected(sun, sun * 0.0, (sun * 0.0,) * words))
 
     def later(self, goal: State, time: Field) -> State:
         """Goal after a time (s), in which the sun rotates."""
-        sun, *rest = goal.notes
-        return replace(goal, notes=(sun - time * self.mean_motion, *rest))
+        sun = goal.notes.sun - time * self.mean_motion
+        return replace(goal, notes=replace(goal.notes, sun=sun))
 
     def remember(self, goal: State, state: State) -> State:
         """Goal with the points that are visible now added to those seen before."""
-        sun, _, *words = goal.notes
         now = self.visible(goal, state)
         counted: Field = 0.0
         remembered = []
-        for word, bits in zip(words, self._known(goal), strict=True):
+        for word, bits in zip(goal.notes.words, self._known(goal), strict=True):
             packed = word * 0.0
             for bit, before in enumerate(bits):
                 is_inspected = before | now[len(remembered) * WORD + bit]
                 packed = where(is_inspected, packed + float(2**bit), packed)
                 counted = counted + where(is_inspected, packed * 0.0 + 1.0, packed * 0.0)
             remembered.append(packed)
-        return replace(goal, notes=(sun, counted, *remembered))
+        return replace(goal, notes=Inspected(goal.notes.sun, counted, tuple(remembered)))
 
     def visible(self, goal: State, state: State) -> list[Field]:
         """Whether each point is lit and within the view of the craft, one field per point."""
@@ -209,17 +210,17 @@ class Inspect(SingleTask):
 
     def sun(self, goal: State) -> Vec3:
         """Unit vector towards the sun in W."""
-        angle = goal.notes[0]
+        angle = goal.notes.sun
         return Vec3(cos(angle), sin(angle), angle * 0.0)
 
     def unseen(self, goal: State) -> Field:
         """Share of the points that have not been seen."""
-        return (float(self.points) - goal.notes[1]) * (1.0 / self.points)
+        return (float(self.points) - goal.notes.count) * (1.0 / self.points)
 
     def _known(self, goal: State) -> list[list[Field]]:
         """Whether each point has been seen, unpacked from the numbers in the notes."""
         words: list[list[Field]] = []
-        for k, word in enumerate(goal.notes[2:]):
+        for k, word in enumerate(goal.notes.words):
             bits = min(WORD, self.points - k * WORD)
             rest = word
             seen_in_word: list[Field] = []
@@ -294,7 +295,7 @@ class Inspect(SingleTask):
         inspected = reduce(add, self._known(goal))
         sun = self.sun(goal)
         light = math.cos(math.radians(self.light_degrees))
-        zero = goal.notes[1] * 0.0
+        zero = goal.notes.count * 0.0
         sums = [[zero, zero, zero], [zero, zero, zero]]
         for normal, is_inspected in zip(self.normals, inspected, strict=True):
             weight_of_point = where(is_inspected, zero, zero + 1.0 / self.points)

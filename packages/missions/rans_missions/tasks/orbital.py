@@ -239,19 +239,33 @@ _CIRCLE = TargetOrbit()
 
 
 @dataclass(frozen=True)
+class Plan:
+    """What a goal of `OrbitalMission` notes: its times, and where the target is on its orbit."""
+
+    deadline: Field
+    """Time left until the deadline, s."""
+    arrival: Field
+    """Time left until the planned arrival, s."""
+    won: Field
+    """1 after success, else 0."""
+    angle: Field | None = None
+    """Mean anomaly of the target on an ellipse, its argument of latitude on another orbit along which motion
+    changes, rad (`TargetOrbit.motion`); None: motion does not depend on it."""
+
+
+@dataclass(frozen=True)
 class OrbitalMission(SingleTask):
     """Base class of missions to a position near a target on an orbit by a deadline.
 
     W is the Hill frame of the target: x radially outwards, y along the track, z across it. The craft follows the
-    Clohessy-Wiltshire equations; where `orbit` is another one, the fourth of the ``notes`` of the goal is the angle
-    of the target on it (`TargetOrbit.motion`). Every episode draws a deadline and fails if the mission has not
+    Clohessy-Wiltshire equations; where `orbit` is another one, the goal notes the angle of the target on it
+    (`Plan`). Every episode draws a deadline and fails if the mission has not
     succeeded by it.
 
     Every episode has a plan, which is the arrival time with the least velocity change
     (`rans_missions.guidance.arrival`). Plans that violate a limit on the way have a penalty. The velocity to gain
-    is the velocity change now with which the craft coasts to the goal by the planned arrival. The ``notes`` of the
-    goal are the time left until the deadline and until the planned arrival, s, and 1 after success. `guidance` says
-    how a craft flies there: its velocities are observed, and its prices are those of rewards.
+    is the velocity change now with which the craft coasts to the goal by the planned arrival. `guidance` says how
+    a craft flies there: its velocities are observed, and its prices are those of rewards.
 
     Observed task data: vector to the goal, velocity to gain, velocity at the arrival after gaining it, miss
     distance of a coast to the planned arrival (saturated at ten tolerances), both times, and the entries of every
@@ -288,6 +302,7 @@ class OrbitalMission(SingleTask):
     thrust_weight: float = 0.0
     """Reward lost per step and open thruster; zero because impulse has a price."""
 
+    goal_notes = Plan
     symmetric = False
     dimensions: ClassVar[tuple[Dimension, ...]] = (3,)
     optimal_problem = "rendezvous"
@@ -333,15 +348,6 @@ class OrbitalMission(SingleTask):
         return 0.0
 
     @property
-    def goal_notes(self) -> tuple[str, ...]:
-        """Times left, and whether the mission has succeeded."""
-        return (
-            "time left until the deadline, s",
-            "time left until the planned arrival, s",
-            "1 after success, else 0",
-        )
-
-    @property
     def half_turn(self) -> float:
         """Least change of the mean anomaly, rad, in which the target makes half a turn."""
         return math.pi
@@ -355,18 +361,19 @@ class OrbitalMission(SingleTask):
         """Equations of relative motion on the target's orbit from now on."""
         if self.orbit.is_steady:
             return self.drift
-        return self.orbit.motion(self.mean_motion, goal.notes[3])
+        return self.orbit.motion(self.mean_motion, goal.notes.angle)
 
     def planned(self, random: Random, start: State, goal: State) -> State:
         """Goal with a drawn deadline and the plan for a start in its notes."""
         if not self.orbit.is_steady:
-            goal = replace(goal, notes=(0.0, 0.0, 0.0, self.orbit.angle(random)))
+            goal = replace(goal, notes=self.goal_notes(0.0, 0.0, 0.0, self.orbit.angle(random)))
         return self.plan(start, goal, random.uniform(*self.deadline))
 
     def plan(self, start: State, goal: State, deadline: Field) -> State:
-        """Goal with a deadline, s, and the plan for a start in its notes, before its further notes."""
-        further = goal.notes[3:]
-        goal = replace(goal, notes=(deadline, deadline, deadline * 0.0, *further))
+        """Goal with a deadline, s, and the plan for a start in its notes, of which the angle stays."""
+        angle = None if self.orbit.is_steady else goal.notes.angle
+        unplanned = self.goal_notes(deadline, deadline, deadline * 0.0, angle)
+        goal = replace(goal, notes=unplanned)
         guidance = self.guidance_at(goal)
         drift = guidance.coasts.drift
         if isinstance(drift, PerturbedOrbit):
@@ -375,7 +382,7 @@ class OrbitalMission(SingleTask):
             coasts = replace(guidance.coasts, drift=replace(drift, oblateness=0.0))
             guidance = replace(guidance, coasts=coasts)
         arrival = guidance.arrival(start, goal, deadline, self.guidance_limits(goal))
-        return replace(goal, notes=(deadline, arrival, deadline * 0.0, *further))
+        return replace(goal, notes=replace(unplanned, arrival=arrival, won=deadline * 0.0))
 
     def guidance_at(self, goal: State) -> OrbitalGuidance:
         """Guidance that flies the mission from now on, from its settings."""
@@ -410,23 +417,24 @@ class OrbitalMission(SingleTask):
 
     def arrival(self, goal: State) -> Field:
         """Time until the planned arrival, s."""
-        return goal.notes[1]
+        return goal.notes.arrival
 
     def later(self, goal: State, time: Field) -> State:
         """Goal after a time (s), with less time left, and the target farther on its orbit; it does not move."""
-        deadline, arrival, won, *further = goal.notes
+        notes: Plan = goal.notes
+        angle = notes.angle
         drift = self.drift_at(goal).later(time)
         if isinstance(drift, EllipticOrbit):
-            further[0] = drift.mean_anomaly
+            angle = drift.mean_anomaly
         elif isinstance(drift, PerturbedOrbit):
-            further[0] = drift.latitude
-        return replace(goal, notes=(deadline - time, arrival - time, won, *further))
+            angle = drift.latitude
+        deadline, arrival = notes.deadline - time, notes.arrival - time
+        return replace(goal, notes=replace(notes, deadline=deadline, arrival=arrival, angle=angle))
 
     def remember(self, goal: State, state: State) -> State:
         """Goal whose notes record whether the mission has succeeded."""
-        deadline, arrival, won, *further = goal.notes
-        won = where(self.done(state, goal), 1.0, won)
-        return replace(goal, notes=(deadline, arrival, won, *further))
+        won = where(self.done(state, goal), 1.0, goal.notes.won)
+        return replace(goal, notes=replace(goal.notes, won=won))
 
     def scenery(self, goal: State) -> tuple[Shape, ...]:
         """Shapes of the mission's limits."""
@@ -456,7 +464,7 @@ class OrbitalMission(SingleTask):
     def recommended(self, state: Any, goal: Any, left: Field) -> Any:
         """Velocity in W, m/s, with which `guidance` goes to the goal in the time left, s, within the limits."""
         limits = self.guidance_limits(goal)
-        return self.guidance_at(goal).velocity(state, goal, left, goal.notes[0], limits)
+        return self.guidance_at(goal).velocity(state, goal, left, goal.notes.deadline, limits)
 
     def staying(self, state: Any, goal: Any, acceleration: Any = None) -> Any:
         """Velocity in W, m/s, with which a craft that has arrived stays at the goal, however long.
@@ -482,7 +490,7 @@ class OrbitalMission(SingleTask):
 
     def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
         """Vector to the goal, velocity to gain and of arrival, miss distance, times left, and entries of limits."""
-        deadline, arrival = goal.notes[:2]
+        deadline, arrival = goal.notes.deadline, goal.notes.arrival
         gain = self.velocity_to_gain(state, goal, arrival)
         time = at_least(arrival, self.shortest_aim)
         drift = self.drift_at(goal)
@@ -547,7 +555,9 @@ class OrbitalMission(SingleTask):
             angle = "argument of latitude"
             what = "the target's argument of latitude, its angle from the ascending node"
         return tuple(
-            Information(f"{name} of the {angle}", "", f(goal.notes[3]), meaning=f"{name} of {what}")
+            Information(
+                f"{name} of the {angle}", "", f(goal.notes.angle), meaning=f"{name} of {what}"
+            )
             for name, f in (("cosine", cos), ("sine", sin))
         )
 
@@ -561,7 +571,7 @@ class OrbitalMission(SingleTask):
     def reward(self, transition: Transition) -> dict[str, Field]:
         """Decrease of the velocity to gain, less the price of impulse."""
         goal = transition.goal
-        _, arrival, won = goal.notes[:3]
+        arrival, won = goal.notes.arrival, goal.notes.won
         terms = {}
         if is_used(self.impulse_weight):
             terms["impulse"] = transition.impulse * -self.impulse_weight
@@ -580,9 +590,9 @@ class OrbitalMission(SingleTask):
 
     def done(self, state: State, goal: State) -> Field:
         """Whether the state is within all tolerances before the deadline."""
-        return self.reached(state, goal) & (goal.notes[0] > -TIME_ROUNDING)
+        return self.reached(state, goal) & (goal.notes.deadline > -TIME_ROUNDING)
 
     def failed(self, state: State, goal: State) -> Field:
         """Whether the craft is too far away, or the deadline has passed."""
         distance = self.errors(state, goal)["position"]
-        return (distance > self.fail_distance) | (goal.notes[0] < TIME_ROUNDING)
+        return (distance > self.fail_distance) | (goal.notes.deadline < TIME_ROUNDING)

@@ -107,7 +107,7 @@ class Rendezvous(OrbitalMission):
             state.p,
             state.v,
             goal.p,
-            whole_periods(goal.notes[0], self.timing.control_period),
+            whole_periods(goal.notes.deadline, self.timing.control_period),
             self.timing.control_period,
             self.velocity_tolerance * _SPEED_USE,
             math.tan(math.radians(self.cone_degrees * _ANGLE_USE)),

@@ -100,7 +100,7 @@ def test_a_mission_that_ends_is_scored_by_its_success(entry: Entry) -> None:
     settled = [one["settled"] for one in outcome(comparison, board)["summary"]]
     assert settled == [2, 1]
     assert "did not succeed" in bounds.table([wild])[1][0]
-    first = np.asarray(CONTEST.starts.goal.notes[0])
+    first = np.asarray(CONTEST.starts.goal.notes.deadline)
     assert f"deadlines of {first.min():,.0f} to {first.max():,.0f} s" in CONTEST.title()
 
 

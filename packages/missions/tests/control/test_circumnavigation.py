@@ -9,6 +9,7 @@ import pytest
 from rans_missions.control.circumnavigation import Circumnavigation
 from rans_missions.convex.inspection import inspection_bound
 from rans_missions.tasks import Inspect
+from rans_missions.tasks.inspect import Inspected
 
 from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
@@ -58,7 +59,7 @@ def flown(
     rng = np.random.default_rng(1)
     size = len(STARTS.start.p.x)
     x = np.array([*STARTS.start.p.columns(), *STARTS.start.v.columns()])
-    sun = np.broadcast_to(STARTS.goal.notes[0], size)
+    sun = np.broadcast_to(STARTS.goal.notes.sun, size)
     normals = np.array(TASK.normals)
     seen = np.zeros((size, 100), bool)
     finish = np.full(size, np.inf)
@@ -79,7 +80,7 @@ def flown(
             Quat(1.0, 0.0, 0.0, 0.0),
             Vec3(0.0, 0.0, 0.0),
             Vec3(0.0, 0.0, 0.0),
-            notes=(sun - N * now, seen.sum(axis=1).astype(float), *bits.T),
+            notes=Inspected(sun - N * now, seen.sum(axis=1).astype(float), tuple(bits.T)),
         )
         command = pilot.act(state, goal, np.zeros((size, 1)))
         assert command.min() >= 0.0

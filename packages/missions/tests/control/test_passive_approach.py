@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rans_missions.control.passive_approach import PassiveApproach
 from rans_missions.tasks import Hold
+from rans_missions.tasks.hold import HoldPlan
 
 from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
@@ -40,7 +41,9 @@ def goal_at(now: float, count: int) -> SpatialState:
     zero = np.zeros(count)
     goal = state_of(np.tile([*GOAL, 0.0, 0.0, 0.0], (count, 1)))
     left = zero + DEADLINE - now
-    return SpatialState(goal.p, goal.attitude, goal.v, goal.w, notes=(left, left, zero, zero - 1.0))
+    return SpatialState(
+        goal.p, goal.attitude, goal.v, goal.w, notes=HoldPlan(left, left, zero, held=zero - 1.0)
+    )
 
 
 def flown(pilot: Any, until: float) -> tuple[np.ndarray, np.ndarray]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rans_missions.control.passive_entry import PassiveEntry, _Plan
 from rans_missions.tasks import Dock
+from rans_missions.tasks.orbital import Plan
 
 from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
@@ -131,7 +132,7 @@ def test_each_start_flies_its_cheapest_plan_that_stays_inside_the_cone(
     monkeypatch.setattr(pilot, "_plan", plan)
     monkeypatch.setattr(PassiveEntry, "_arrives", arrives)
     x = np.repeat([[-1.0], [-2.0], [-3.0]], 6, axis=1)
-    goal = replace(state_of(x), notes=(np.full(3, 5000.0),))
+    goal = replace(state_of(x), notes=Plan(*(np.full(3, x) for x in (5000.0, 5000.0, 0.0))))
     plans = pilot._planned(x, state_of(x), goal)
     assert [plan.ends[1] for plan in plans] == [400.0, 300.0, 900.0]
     assert asked[:3] == [[-1.0, -2.0, -3.0], [-1.0, -3.0], [-1.0, -3.0]]

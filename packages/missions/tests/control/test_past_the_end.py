@@ -53,7 +53,8 @@ def near_starts(setup: Setup, seconds: float, count: int = 2) -> Scenario:
     zero = np.zeros(count)
     way = Vec3(np.array([-8.0, 8.0])[:count] * task.position_tolerance, zero, zero)
     left = np.full(count, seconds)
-    notes = (left, left - task.timing.control_period, zero, *drawn.goal.notes[3:])
+    arrival = left - task.timing.control_period
+    notes = replace(drawn.goal.notes, deadline=left, arrival=arrival, won=zero)
     start = replace(drawn.start, p=drawn.goal.p + way, v=way.scale(0.0))
     return Scenario(start, replace(drawn.goal, notes=notes))
 
@@ -106,7 +107,8 @@ def test_a_missed_deadline_is_followed_by_a_new_plan() -> None:
     assert isinstance(task, OrbitalMission)
     drawn: Any = scenarios(task, setup.craft, 3, 1)
     goal = map_leaves(lambda x: x, drawn.goal)
-    notes = (goal.notes[0] * 0.0 - 50.0, goal.notes[1] * 0.0 - 50.0, *goal.notes[2:])
+    passed = goal.notes.deadline * 0.0 - 50.0
+    notes = replace(goal.notes, deadline=passed, arrival=passed)
     starts = Scenario(drawn.start, replace(goal, notes=notes))
     once = task.deadline[1]
     continued = flown_on(setup, made("mission", setup), starts, once + 1000.0)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rans_missions.convex.inspection import inspection_bound
 from rans_missions.tasks import Inspect
+from rans_missions.tasks.inspect import Inspected
 from scipy.linalg import expm
 from scipy.optimize import linprog
 
@@ -27,7 +28,7 @@ def states(p: Any, v: Any, sun: float) -> tuple[SpatialState, SpatialState]:
     level = Quat(1.0, 0.0, 0.0, 0.0)
     still = Vec3(0.0, 0.0, 0.0)
     start = SpatialState(Vec3(*map(float, p)), level, Vec3(*map(float, v)), still)
-    return start, SpatialState(still, level, still, still, notes=(sun, 0.0, 0.0))
+    return start, SpatialState(still, level, still, still, notes=Inspected(sun, 0.0, (0.0,)))
 
 
 def program(task: Inspect, normal: np.ndarray, p: Any, v: Any, sun: float) -> float:

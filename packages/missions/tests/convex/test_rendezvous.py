@@ -117,11 +117,12 @@ def test_the_last_check_of_a_proof_is_the_last_that_the_judge_counts(
         left = deadline - last * interval
         # A hold that begins then is judged when it has lasted.
         lasts = getattr(mission, "hold_seconds", 0.0)
-        held = [lasts] * (len(goal.notes) - 3)
+        held = {"held": lasts} if hasattr(goal.notes, "held") else {}
         now, early = (
-            replace(goal, notes=(t - lasts, *goal.notes[1:3], *held)) for t in (left, 1e3)
+            replace(goal, notes=replace(goal.notes, deadline=t - lasts, **held))
+            for t in (left, 1e3)
         )
-        there = replace(goal, notes=())
+        there = replace(goal, notes=None)
         return bool(mission.done(there, now)) == bool(mission.done(there, early))
 
     last = last_check(deadline, interval)

@@ -12,6 +12,7 @@ import torch
 from rans_missions.guard import FlownBackup, safety_filter
 from rans_missions.guard.ahead import Ahead
 from rans_missions.tasks import Avoid, DockPort
+from rans_missions.tasks.avoid import Zones
 
 import rans
 from rans.api.pages import flyers
@@ -104,7 +105,7 @@ def heading_for(distance: float, speed: float) -> tuple[Any, Any, Any]:
     task = Avoid(zones=1)
     here = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(speed, 0.0), 0.0)
     ball = Ball(Vec2(distance + 0.4, 0.0), Vec2(0.0, 0.0), 0.4)
-    goal = PlanarState(Vec2(9.0, 9.0), Heading(0.0), Vec2(0.0, 0.0), 0.0, notes=(ball,))
+    goal = PlanarState(Vec2(9.0, 9.0), Heading(0.0), Vec2(0.0, 0.0), 0.0, notes=Zones((ball,)))
     return task, here, goal
 
 
@@ -140,7 +141,9 @@ def test_where_no_backup_keeps_the_reserve_a_safe_state_stays_safe_without_it() 
         rng.uniform(-0.5, 0.5, count),
     )
     ball = Ball(Vec2(distance + 0.4, zero), Vec2(zero, zero), zero + 0.4)
-    goal = PlanarState(Vec2(zero + 9.0, zero), Heading(zero), Vec2(zero, zero), zero, notes=(ball,))
+    goal = PlanarState(
+        Vec2(zero + 9.0, zero), Heading(zero), Vec2(zero, zero), zero, notes=Zones((ball,))
+    )
     plain, wary = FlownBackup(), FlownBackup(reserve=(("zone 1", 0.3),))
     some = plain.safe(world, state, goal) & ~wary.safe(world, state, goal)
     assert some.sum() > 10

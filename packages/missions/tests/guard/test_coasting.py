@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from rans_missions.guard.ahead import Ahead
 from rans_missions.guard.coasting import Coasting
 from rans_missions.tasks import Avoid, DockPort
+from rans_missions.tasks.avoid import Zones
 
 from rans.episode import Setup, World
 from rans.model.drift import FREE
@@ -34,7 +35,7 @@ def test_coasting_past_balls_is_judged_as_by_small_steps(xs: list[float], radius
     p = Vec2(np.array([2.0 * x]), np.array([2.0 * y]))
     v = Vec2(np.array([vx]), np.array([vy]))
     state = PlanarState(p, Heading(np.zeros(1)), v, np.zeros(1))
-    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0, notes=(ball,))
+    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0, notes=Zones((ball,)))
     world = World(Setup(PLATFORM, task, task.timing))
     times = np.linspace(0.0, 60.0, 4001)
     gaps = ball.later(times).gap(p + v.scale(times))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rans_missions.guidance.staying import balancing_velocity, staying_velocity
 from rans_missions.tasks import Hold, TargetOrbit
+from rans_missions.tasks.hold import HoldPlan
 
 from rans.model.drift import ClohessyWiltshire, PerturbedOrbit
 from rans.model.dynamics import SpatialState
@@ -122,7 +123,9 @@ def test_a_known_drag_is_balanced_all_the_time() -> None:
     zero = np.zeros(1)
     still = Vec3(zero, zero, zero)
     level = Quat(zero + 1.0, zero, zero, zero)
-    goal = SpatialState(vector(0.0, -100.0, 0.0), level, still, still, (zero, zero, zero, zero))
+    goal = SpatialState(
+        vector(0.0, -100.0, 0.0), level, still, still, HoldPlan(zero, zero, zero, held=zero)
+    )
     p, v = vector(1.0, -100.0, 0.0), vector(0.0, 0.01, 0.0)
     orbit = round(2.0 * np.pi / mission.mean_motion / period)
     spent = []

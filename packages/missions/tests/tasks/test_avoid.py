@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_missions.tasks import Avoid
+from rans_missions.tasks.avoid import Zones
 
 from rans.episode import Setup, World, step
 from rans.errors import ConfigError
@@ -40,7 +41,7 @@ def test_zones_never_come_near_start_or_goal(craft: Any) -> None:
     task = Avoid(zone_speed=(0.0, 0.3))
     drawn = scenarios(task, craft, seed=3, count=COUNT)
     for time in np.linspace(0.0, 25.0, 11):
-        for zone in task.later(drawn.goal, float(time)).notes:
+        for zone in task.later(drawn.goal, float(time)).notes.zones:
             for point in (drawn.start.p, drawn.goal.p):
                 distance = np.linalg.norm(xyz(zone.centre) - xyz(point), axis=1)
                 # Positions of a few metres carry 1e-15, a normalised direction 1e-12.
@@ -52,14 +53,16 @@ def test_zones_are_in_the_way(craft: Any) -> None:
     """Radii and speeds fill their ranges; most straight flights to the goal in 12 s would enter a zone."""
     task = Avoid(zone_speed=(0.01, 0.04))
     drawn = scenarios(task, craft, seed=3, count=COUNT)
-    radii = np.concatenate([zone.radius for zone in drawn.goal.notes])
+    radii = np.concatenate([zone.radius for zone in drawn.goal.notes.zones])
     assert (radii.min(), radii.max()) == pytest.approx((0.3, 0.5), abs=0.001)
-    speeds = np.concatenate([np.linalg.norm(xyz(zone.v), axis=1) for zone in drawn.goal.notes])
+    speeds = np.concatenate(
+        [np.linalg.norm(xyz(zone.v), axis=1) for zone in drawn.goal.notes.zones]
+    )
     assert (speeds.min(), speeds.max()) == pytest.approx((0.01, 0.04), abs=0.001)
     entered = np.zeros(COUNT, dtype=bool)
     for share in np.linspace(0.0, 1.0, 61):
         place = xyz(drawn.start.p) * (1.0 - share)
-        for zone in task.later(drawn.goal, 12.0 * float(share)).notes:
+        for zone in task.later(drawn.goal, 12.0 * float(share)).notes.zones:
             entered |= np.linalg.norm(xyz(zone.centre) - place, axis=1) < zone.radius
     assert entered.mean() > (0.7 if craft is PLATFORM else 0.5)
 
@@ -68,7 +71,7 @@ def test_zones_cross_at_right_angles() -> None:
     task = Avoid(zone_speed=(0.02, 0.04))
     drawn = scenarios(task, FLYER, seed=4, count=COUNT)
     way = xyz(drawn.start.p)
-    for zone in drawn.goal.notes:
+    for zone in drawn.goal.notes.zones:
         along = np.einsum("nk,nk->n", way, xyz(zone.v))
         np.testing.assert_allclose(along, 0.0, rtol=0, atol=1e-9)
 
@@ -86,7 +89,7 @@ def one_zone(centre: tuple[float, float], velocity: tuple[float, float] = (0.0, 
     """Start at x = -1 m at 0.4 m/s along x, and a goal at the origin with one zone of 0.2 m."""
     start = PlanarState(Vec2(-1.0, 0.0), Heading(0.0), Vec2(0.4, 0.0), 0.0)
     goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    return start, replace(goal, notes=(Ball(Vec2(*centre), Vec2(*velocity), 0.2),))
+    return start, replace(goal, notes=Zones((Ball(Vec2(*centre), Vec2(*velocity), 0.2),)))
 
 
 def test_the_reward_at_a_rim_and_inside() -> None:
@@ -122,7 +125,7 @@ def test_entering_a_zone_between_two_commands_ends_the_episode() -> None:
 def test_the_observation_has_no_order_of_zones() -> None:
     task = Avoid()
     drawn = scenarios(task, PLATFORM, seed=7, count=64)
-    turned = replace(drawn.goal, notes=drawn.goal.notes[::-1])
+    turned = replace(drawn.goal, notes=Zones(drawn.goal.notes.zones[::-1]))
     here = observation(task, drawn.start, drawn.goal)
     there = observation(task, drawn.start, turned)
     assert all(np.array_equal(a, b) for a, b in zip(here, there, strict=True))
@@ -141,7 +144,7 @@ def test_flights_that_enter_are_violated(flying: Any) -> None:
     entered = np.zeros(16, dtype=bool)
     for instant in np.linspace(0.0, 1.0, 201):
         place = xyz(thrown.start.p) * (1.0 - instant)
-        for zone in thrown.goal.notes:
+        for zone in thrown.goal.notes.zones:
             entered |= np.linalg.norm(xyz(zone.centre) - place, axis=1) < zone.radius
     assert flight.violated().tolist() == entered.tolist()
     assert entered.sum() > 8

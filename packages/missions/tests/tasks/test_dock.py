@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from rans_missions.tasks import Dock
+from rans_missions.tasks.orbital import Plan
 from scipy.linalg import expm
 
 from rans.episode import Setup, World, step
@@ -53,9 +54,9 @@ def at(p: tuple[float, ...], v: tuple[float, ...]) -> Any:
     return SpatialState(place, Quat(zero + 1.0, zero, zero, zero), velocity, Vec3(zero, zero, zero))
 
 
-def notes(deadline: float) -> tuple[np.ndarray, ...]:
+def notes(deadline: float) -> Plan:
     """Of a goal whose planned arrival is the deadline."""
-    return np.array([deadline]), np.array([deadline]), np.zeros(1)
+    return Plan(np.array([deadline]), np.array([deadline]), np.zeros(1))
 
 
 def world(task: Dock) -> World:
@@ -168,8 +169,8 @@ def test_starts_are_as_documented_or_as_coded() -> None:
     assert coded.start.v.z.min() > -1e-9
     above = np.mean(task.constraints(coded.start, coded.goal)["speed"] < 0.0)
     assert above == pytest.approx(0.469, abs=0.07)
-    assert coded.goal.notes[0].min() >= 600.0
-    assert coded.goal.notes[0].max() <= 2000.0
+    assert coded.goal.notes.deadline.min() >= 600.0
+    assert coded.goal.notes.deadline.max() <= 2000.0
 
 
 def test_every_engine_flies_the_same_mission() -> None:

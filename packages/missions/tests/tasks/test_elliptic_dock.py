@@ -46,9 +46,9 @@ def test_the_orbit_is_set_in_kilometres_and_degrees() -> None:
         task = Dock(orbit=replace(TRANSFER, true_anomaly_degrees=(degrees, degrees)))
         goal = scenarios(task, DEPUTY, 1, 2).goal
         np.testing.assert_allclose(
-            np.cos(goal.notes[3]), math.cos(math.radians(degrees)), atol=1e-12
+            np.cos(goal.notes.angle), math.cos(math.radians(degrees)), atol=1e-12
         )
-        later = task.later(goal, 100.0).notes[3] - goal.notes[3]
+        later = task.later(goal, 100.0).notes.angle - goal.notes.angle
         np.testing.assert_allclose(later, 100.0 * task.mean_motion, rtol=1e-9)
 
 
@@ -93,7 +93,9 @@ def test_an_observation_says_where_the_target_is() -> None:
     names = [term.name for term in TASK.observation_terms(starts.start, starts.goal)]
     assert names[-2:] == ["cosine of the anomaly", "sine of the anomaly"]
     assert len(names) == 2 + len(
-        Dock().observation_terms(starts.start, replace(starts.goal, notes=starts.goal.notes[:3]))
+        Dock().observation_terms(
+            starts.start, replace(starts.goal, notes=replace(starts.goal.notes, angle=None))
+        )
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rans_missions.convex.rendezvous import Meeting, least_margin, rendezvous, trajectory
 from rans_missions.tasks import Hold
+from rans_missions.tasks.hold import HoldPlan
 
 from rans.episode import Setup, World, step
 from rans.model.fields import leaves
@@ -24,7 +25,7 @@ SHUT = (0.0,) * 6
 def hold_goal() -> Any:
     """The hold point with 1,000 s to the deadline, of a craft that is not there yet."""
     goal = goal_of((0.0, -100.0, 0.0))
-    return replace(goal, notes=(*goal.notes, np.zeros(1) - 1.0))
+    return replace(goal, notes=HoldPlan(**vars(goal.notes) | {"held": np.zeros(1) - 1.0}))
 
 
 def test_at_rest_on_the_orbit_behind_the_target_is_held_after_ten_minutes() -> None:
@@ -40,7 +41,7 @@ def test_at_rest_on_the_orbit_behind_the_target_is_held_after_ten_minutes() -> N
         assert outcome.done.item() == (period == 61)
     assert episode.state.p.y.item() == -104.0
     away = step(world, world.begin(at((6.0, -100.0, 0.0), (0.0,) * 3), goal), SHUT)
-    assert away.episode.goal.notes[3].item() < 0.0
+    assert away.episode.goal.notes.held.item() < 0.0
 
 
 def test_an_arrival_counts_from_before_the_deadline_and_again_after_every_excursion() -> None:

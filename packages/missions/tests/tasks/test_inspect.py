@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rans_missions.control.visiting import Visiting
 from rans_missions.tasks import Inspect
+from rans_missions.tasks.inspect import Inspected
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
@@ -34,7 +35,7 @@ def at(x: float, y: float, z: float) -> SpatialState:
 def goal(task: Inspect, sun: float) -> SpatialState:
     """The target with the sun at an angle, and nothing seen."""
     words = -(-task.points // 20)
-    return replace(at(0.0, 0.0, 0.0), notes=(sun, *(0.0,) * (1 + words)))
+    return replace(at(0.0, 0.0, 0.0), notes=Inspected(sun, 0.0, (0.0,) * words))
 
 
 def test_points_lie_evenly() -> None:
@@ -65,8 +66,8 @@ def test_points_lie_evenly() -> None:
 def test_what_is_in_view_and_in_light(place: tuple[float, ...], share: float) -> None:
     task = Inspect()
     seen = task.remember(goal(task, 0.0), at(*place))
-    assert abs(seen.notes[1] / 100 - share) <= 0.02
-    assert math.isclose(task.unseen(seen), 1.0 - seen.notes[1] / 100)
+    assert abs(seen.notes.count / 100 - share) <= 0.02
+    assert math.isclose(task.unseen(seen), 1.0 - seen.notes.count / 100)
 
 
 def test_each_point_is_judged_by_angles() -> None:
@@ -101,17 +102,17 @@ def test_what_was_seen_stays_seen(looks: list[tuple[float, float, float]]) -> No
         craft = at(
             across * math.cos(azimuth), across * math.sin(azimuth), 40.0 * math.sin(elevation)
         )
-        now = replace(now, notes=(sun, *now.notes[1:]))
+        now = replace(now, notes=replace(now.notes, sun=sun))
         union |= np.array(task.visible(now, craft), bool)
         now = task.remember(now, craft)
-        now = replace(now, notes=tuple(float(np.float32(x)) for x in now.notes))
-    assert now.notes[1] == union.sum()
+        now = replace(now, notes=map_leaves(lambda x: float(np.float32(x)), now.notes))
+    assert now.notes.count == union.sum()
     assert [bool(seen) for word in task._known(now) for seen in word] == union.tolist()
     unseen, lit = task.directions(now)
     normals = np.array(task.normals)
     expected = normals[~union].sum(axis=0) / 100
     assert np.allclose(unseen.columns(), expected, atol=1e-12)
-    bright = ~union & (normals @ [math.cos(now.notes[0]), math.sin(now.notes[0]), 0.0] > 0.0)
+    bright = ~union & (normals @ [math.cos(now.notes.sun), math.sin(now.notes.sun), 0.0] > 0.0)
     assert np.allclose(lit.columns(), normals[bright].sum(axis=0) / 100, atol=1e-12)
 
 
@@ -127,7 +128,7 @@ def test_the_sun_turns_once_an_orbit_against_the_motion() -> None:
 def test_the_mission_is_won_with_95_points() -> None:
     task = Inspect()
     for count, won in ((95, False), (96, True)):
-        notes = (0.0, float(count), *goal(task, 0.0).notes[2:])
+        notes = replace(goal(task, 0.0).notes, count=float(count))
         assert bool(task.done(at(50.0, 0.0, 0.0), replace(goal(task, 0.0), notes=notes))) is won
 
 

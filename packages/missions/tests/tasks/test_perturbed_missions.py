@@ -52,19 +52,16 @@ def test_the_orbit_is_set_by_numbers_of_the_target() -> None:
 
 @pytest.mark.parametrize("kind", [Dock, Hold, Rendezvous])
 def test_goals_know_where_the_target_is(kind: Any) -> None:
-    """The angle is the fourth note; the last one of hold is the time held."""
     task = kind(orbit=LOW)
-    further = (-1.0,) if kind is Hold else ()
     rest = SpatialState(
         Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
     )
-    goal: Any = replace(rest, notes=(600.0, 600.0, 0.0, 1.5, *further))
+    goal: Any = replace(rest, notes=task.goal_notes(600.0, 600.0, 0.0, 1.5))
     assert task.drift_at(goal).latitude == 1.5
     later = task.later(goal, 100.0)
     # The rate is that of the mean motion, and oblateness changes it by less than two thousandths of it.
-    assert later.notes[3] - 1.5 == pytest.approx(100.0 * task.mean_motion, rel=2e-3)
-    assert later.notes[4:] == further
-    assert len(task.remember(later, rest).notes) == len(goal.notes)
+    assert later.notes.angle - 1.5 == pytest.approx(100.0 * task.mean_motion, rel=2e-3)
+    assert task.remember(later, rest).notes.angle == later.notes.angle
     assert task.coast_zone is None
 
 
@@ -73,7 +70,7 @@ def test_arrivals_planned_without_oblateness_cost_as_much_as_those_with_it() -> 
     task = Dock(orbit=LOW)
     drawn = scenarios(task, load_spacecraft("afrl-deputy"), 1, 64)
     guidance = task.guidance_at(drawn.goal)
-    deadline, planned = drawn.goal.notes[:2]
+    deadline, planned = drawn.goal.notes.deadline, drawn.goal.notes.arrival
     limits = task.guidance_limits(drawn.goal)
     best = guidance.arrival(drawn.start, drawn.goal, deadline, limits)
     prices = [

@@ -30,7 +30,7 @@ def test_starts_keep_every_limit_and_plans_come_before_deadlines(task: Any) -> N
     for margin in task.constraints(starts.start, starts.goal).values():
         assert margin.min() > 0.0
     assert not task.done(starts.start, starts.goal).any()
-    deadline, plan, won = starts.goal.notes[:3]
-    assert (plan <= deadline).all()
-    assert (plan > 0.0).all()
-    assert not won.any()
+    plan = starts.goal.notes
+    assert (plan.arrival <= plan.deadline).all()
+    assert (plan.arrival > 0.0).all()
+    assert not plan.won.any()
