@@ -20,7 +20,6 @@ from campaigns.charts import CHARTS
 from campaigns.craft import CRAFTS
 from campaigns.diagrams import DIAGRAMS
 from campaigns.schemes import SCHEMES
-from rans.drawing import draw_layout, save_picture
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
@@ -29,6 +28,8 @@ from rans.flight import Flight
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED
 from rans.show.figures.flight_paths import paths_figure
+from rans.show.figures.layout_figure import draw_layout
+from rans.show.figures.picture_file import save_picture
 from rans.show.figures.svg import svg
 
 

@@ -9,11 +9,12 @@ import pytest
 from matplotlib.patches import Circle
 from matplotlib.quiver import Quiver
 
-from rans.drawing import Scene, draw_layout
+from rans.drawing import Scene
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
+from rans.show.figures.layout_figure import draw_layout
 from rans.tasks import (
     GoToPose,
     GoToPosition,

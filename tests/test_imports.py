@@ -38,7 +38,7 @@ LAYERS: list[set[str]] = [
         "rans.system",
         "rans.table",
     },
-    {"rans.files", "rans.backend"},
+    {"rans.files"},
     {"rans.registry", "rans.structure", "rans.archives"},
     {"rans.abilities"},
     {"rans.executors"},
@@ -181,23 +181,68 @@ def test_each_engine_keeps_to_its_library() -> None:
     assert not found
 
 
-ONE_ROOM = {"rich.table": "rans.terminal"}
-"""What one module alone does for all: results are values (`rans.table.Table`), and it lays them out."""
+ONE_ROOM = {
+    "rich.table": "rans.terminal",  # results are values (`rans.table.Table`), and it lays them out
+    "matplotlib": "rans.show.figures.plotting",  # figures take their names from it, for its backend
+    "jinja2": "rans.show.pages.page",
+}
+"""Libraries that one module alone imports for all."""
+PACKAGED = {
+    ".".join(file.relative_to(ROOT / "packages").with_suffix("").parts[1:]): file
+    for file in sorted((ROOT / "packages").glob("*/rans_*/**/*.py"))
+}
+"""Modules of packages."""
 
 
 def test_a_mechanism_has_one_room() -> None:
-    files = [*MODULES.items()]
-    files += [(file.stem, file) for file in (ROOT / "packages").glob("*/rans_*/**/*.py")]
+    """In what is installed; campaigns draw figures of documents as they like."""
+    files = {name: file for name, file in MODULES.items() if not name.startswith("campaigns")}
     for mechanism, room in ONE_ROOM.items():
         found = {
             name
-            for name, file in files
+            for name, file in (files | PACKAGED).items()
             if any(
                 imported == mechanism or imported.startswith(f"{mechanism}.")
                 for imported in imports(file)
             )
         }
         assert found == {room}
+
+
+ELEMENT = re.compile(
+    r"</?(?:body|canvas|div|h[1-6]|html|img|p|progress|script|span|style|svg|table|td|th|tr)(?:[ />]|$)"
+)
+MARKED_UP = (
+    "rans.show.pages",
+    "rans.show.markup",
+    "rans.show.figures.svg",
+    "rans.show.scene.overlay",
+)
+"""Modules that write elements of HTML or SVG: of pages, of figures in them, and of the view over a scene."""
+
+
+def elements(text: str) -> list[str]:
+    """Elements of HTML or SVG in the texts of a module."""
+    return [
+        found[0]
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        if (found := ELEMENT.search(node.value))
+    ]
+
+
+def test_html_has_one_room() -> None:
+    found = {
+        name: names
+        for name, file in (MODULES | PACKAGED).items()
+        if not name.startswith(MARKED_UP) and (names := elements(file.read_text("utf-8")))
+    }
+    assert not found, "pages are made of `rans.show.pages.page.Section`, which escapes texts"
+
+
+def test_an_element_elsewhere_is_noticed() -> None:
+    assert elements('def note(text):\n    return f"<p class=\\"note\\">{text}</p>"') != []
+    assert elements('FILE = "a <place> b < c"') == []
 
 
 def test_the_judge_knows_nothing_of_our_equations() -> None:

@@ -24,7 +24,6 @@ from rans.cli.commands import COMMANDS
 from rans.cli.door import texts_of
 from rans.cli.options import EVERYWHERE, is_in_help, option_name
 from rans.display import default, meanings
-from rans.drawing import draw_layout, save_picture
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.fast.learn.config import (
     ExplorationSettings,
@@ -39,6 +38,8 @@ from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
 from rans.model.timing import Timing
 from rans.pretrained import RECIPE_FOLDER, pretrained_card, pretrained_names
 from rans.randomization.conditions_file import CONDITIONS
+from rans.show.figures.layout_figure import draw_layout
+from rans.show.figures.picture_file import save_picture
 from rans.show.tables.listing import (
     spacecraft_listing,
     task_listings,

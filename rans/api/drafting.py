@@ -88,13 +88,14 @@ class Draft:
 
         check_target(Path(file), overwrite)
         if picture is not None:
-            from rans.drawing import check_picture
+            from rans.show.figures.picture_file import check_picture
 
             check_picture(Path(picture))
             check_free(Path(picture), overwrite)
         write_text(Path(file), self.text)
         if picture is not None:
-            from rans.drawing import draw_layout, save_picture
+            from rans.show.figures.layout_figure import draw_layout
+            from rans.show.figures.picture_file import save_picture
 
             save_picture(draw_layout(self.spacecraft), Path(picture))
 

@@ -22,10 +22,9 @@ from rans.scenario import Scenario, each
 from rans.tasks.base import Task
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from rans.api.pages import Replay
     from rans.evaluation.fly.episodes import EngineName
+    from rans.show.figures.plotting import Figure
 
 
 class ControlHistory(ABC):

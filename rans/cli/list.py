@@ -75,7 +75,8 @@ class List:
                 f"rans list floating-platform --picture {self.picture}."
             )
         if self.picture is not None:
-            from rans.drawing import draw_layout, save_picture
+            from rans.show.figures.layout_figure import draw_layout
+            from rans.show.figures.picture_file import save_picture
 
             save_picture(draw_layout(load_spacecraft(typed(self._named))), self.picture)
         if self.json:

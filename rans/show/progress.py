@@ -113,10 +113,7 @@ class NotebookLine:
         if not surely and time.monotonic() - self._last < _REFRESH:
             return
         self._last = time.monotonic()
-        bar = ""
-        if fraction is not None:
-            bar = f'<progress value="{min(max(fraction, 0.0), 1.0):.3f}" style="width:12em"></progress> '
-        self._handle.update(self._html(f"<div>{bar}{markup.text(text)}</div>"))
+        self._handle.update(self._html(markup.line(text, fraction)))
 
     def clear(self) -> None:
         """Leave nothing of it."""

@@ -6,15 +6,9 @@ import math
 from collections.abc import Sequence
 from functools import partial
 
-from rans import backend  # noqa: F401  # before matplotlib
-
-# isort: split
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
-
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import BLUE, GREEN, INK, ORANGE, RED, label
+from rans.show.figures.plotting import Axes, Figure, FuncFormatter
 from validation.speed.measurement import Measurement
 from validation.speed.ratios import Ratio
 

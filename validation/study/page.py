@@ -8,15 +8,10 @@ from itertools import groupby
 
 import numpy as np
 
-from rans import backend  # noqa: F401  # before matplotlib
-
-# isort: split
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-
 from rans.files import environment
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY, label
+from rans.show.figures.plotting import Axes, Figure
 from rans.show.pages.page import Page, Picture, Section, header
 from rans.show.pages.report import validation_section
 from rans.table import Table

@@ -10,17 +10,15 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 import torch
-from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 from rans_proof.flights import lowest_margins
 from rans_proof.network import network_of
 from rans_proof.problem import read_problem
 from rans_proof.prove import ClosedLoop
 from run import ROWS, networks  # pyright: ignore[reportMissingImports]  # the file beside it
+
+from rans.show.figures.plotting import Figure, ListedColormap, Rectangle, rcParams
 
 LOWER, UPPER = (0.9, -0.2), (1.4, 0.6)
 """Starts of the picture: angle (rad) and rate (rad/s)."""
@@ -46,7 +44,7 @@ def draw(folder: Path, picture: Path) -> None:
     broken = np.min(flown, axis=0) < 0.0
     assert not (proved & broken).any(), "a flight from a proved cell breaks the property"
     verdicts = np.where(proved, 1.0, np.where(broken, 2.0, 0.0)).reshape(CELLS, CELLS)
-    mpl.rcParams["svg.hashsalt"] = "rans"  # the same picture has the same bytes
+    rcParams["svg.hashsalt"] = "rans"  # the same picture has the same bytes
     figure = Figure(figsize=(5.5, 3.6), layout="constrained")
     axis = figure.subplots()
     colors = ListedColormap(["#d9d9d9", "#2a7f62", "#c8553d"])

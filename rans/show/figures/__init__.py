@@ -4,4 +4,4 @@ Raises:
     MissingPackage: when it is imported, where matplotlib is missing.
 """
 
-from rans import backend as backend
+from rans.show.figures import plotting as plotting

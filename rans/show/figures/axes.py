@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from matplotlib.figure import Figure
+from rans.show.figures.plotting import Figure
 
 _LEAST = {
     "m": 1e-3,

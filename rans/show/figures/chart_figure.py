@@ -6,14 +6,11 @@ import math
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-
-from rans.drawing import save_picture
 from rans.show.figures.comparison_figures import logarithmic
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import GREY, INK, STYLE, label
+from rans.show.figures.picture_file import save_picture
+from rans.show.figures.plotting import Axes, Figure, rc_context
 from rans.show.pages.chart import Chart, Mark, Series
 
 _COLOURS = {"var(--ink)": INK, "var(--soft)": GREY}
@@ -30,7 +27,7 @@ def save_chart(chart: Chart, file: Path) -> list[Path]:
     """
     files = [file.with_name(f"{file.name}{suffix}") for suffix in (".svg", ".pdf")]
     figure = chart_figure(chart)
-    with matplotlib.rc_context(STYLE | _FONTS):
+    with rc_context(STYLE | _FONTS):
         for one in files:
             save_picture(figure, one)
     return files

@@ -7,10 +7,6 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator
 
 from rans.evaluation.compare.contest import Entry
 from rans.evaluation.measure.statistics import Estimate
@@ -18,6 +14,7 @@ from rans.flight import Flight
 from rans.show.figures import panels
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import FOUND, GREY, INK, PLAIN, label, series_style
+from rans.show.figures.plotting import Axes, Axis, Figure, LogLocator, NullLocator
 from rans.show.tables.comparison_tables import RETURN, Scores
 from rans.tasks.quantities import QUANTITIES
 

@@ -11,11 +11,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from rans.files import write_text
 from rans.flight import Flight
@@ -34,6 +30,7 @@ from rans.show.figures.panels import (
     label,
     only,
 )
+from rans.show.figures.plotting import Axes, Figure, MaxNLocator, rc_context
 from rans.show.figures.svg import svg
 
 P = ParamSpec("P")
@@ -45,7 +42,7 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(draw)
     def drawn(*arguments: P.args, **named: P.kwargs) -> R:
-        with matplotlib.rc_context(STYLE):
+        with rc_context(STYLE):
             result = draw(*arguments, **named)
             if isinstance(result, Figure):
                 settle(result)

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from rans.drawing import columns, outlines
 from rans.flight import Flight
@@ -15,6 +13,7 @@ from rans.model.drift import ClohessyWiltshire, EllipticOrbit, PerturbedOrbit
 from rans.model.fields import map_leaves
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import BLUE, GREY, INK, RED, SKY, label
+from rans.show.figures.plotting import Axes, Figure
 from rans.tasks.shapes import Ball, GlideSlope
 
 _SHOWN = 3

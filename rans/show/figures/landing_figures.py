@@ -7,9 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.mission_bounds import MissionBounds
@@ -19,6 +16,7 @@ from rans.model.fields import Vec3, map_leaves
 from rans.show.figures.figures import styled
 from rans.show.figures.mission_figures import length
 from rans.show.figures.panels import GREY, INK, RED, label, series_style
+from rans.show.figures.plotting import Axes, Figure, MaxNLocator
 
 _NEAR = 0.1
 """Share of the highest altitude that the second panel of paths shows."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.mission_bounds import MissionBounds
@@ -14,6 +12,7 @@ from rans.flight import Flight
 from rans.model.fields import map_leaves
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import GREY, INK, RED, label, series_style
+from rans.show.figures.plotting import Axes, Figure
 from rans.tasks.shapes import Ball, Cone
 
 

@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from rans.errors import counted
 from rans.evaluation.compare.optima import Optimum
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import BLUE, GREEN, INK, keep_out, label, timeline
+from rans.show.figures.plotting import Figure, MaxNLocator
 
 
 @styled

@@ -6,15 +6,18 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap
-from matplotlib.figure import SubFigure
-from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from rans.drawing import columns, outlines, rotations
 from rans.flight import Flight
 from rans.model.fields import Vec2, Vec3, map_leaves
+from rans.show.figures.plotting import (
+    Axes,
+    FuncFormatter,
+    LinearSegmentedColormap,
+    LineCollection,
+    MaxNLocator,
+    SubFigure,
+)
 from rans.tasks.quantities import QUANTITIES
 from rans.tasks.shapes import Ball
 

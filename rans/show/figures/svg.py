@@ -9,18 +9,14 @@ import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 
-import matplotlib
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure, SubFigure
-from matplotlib.transforms import Bbox
-
 from rans.errors import ConfigError, brief
 from rans.show.figures.panels import BLUE, GREY, INK, LINES, STYLE
+from rans.show.figures.plotting import Axes, Bbox, Figure, SubFigure, rc_context
 
 _SVG = "http://www.w3.org/2000/svg"
 _LINK = "http://www.w3.org/1999/xlink"
 _BODY = "#dce6f0"
-"""Fill of a craft in `rans.drawing.draw_layout`."""
+"""Fill of a craft in `rans.show.figures.layout_figure.draw_layout`."""
 _DARK = {INK: "#e4e7eb", LINES: "#3a4552", GREY: "#a3afbd", BLUE: "#2a8fd6", _BODY: "#33475b"}
 """Inks, and what they are where readers like dark pages."""
 _GROUND = ":root{color-scheme:light dark}"
@@ -68,7 +64,7 @@ def svg(figure: Figure) -> str:
     Opened by itself its ground follows too.
     """
     buffer = io.StringIO()
-    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
+    with rc_context(STYLE), warnings.catch_warnings():
         warnings.filterwarnings(
             "ignore", "Creating legend with loc"
         )  # only says that this machine is busy

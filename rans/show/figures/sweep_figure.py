@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-
 from rans.errors import counted
 from rans.fast.learn.member import Member
 from rans.fast.learn.sweep import Sweep, short
@@ -24,6 +21,7 @@ from rans.show.figures.panels import (
     label,
     only,
 )
+from rans.show.figures.plotting import Axes, Figure
 
 _COLOURS = (BLUE, GREEN, PURPLE, SKY, RED, GREY)
 

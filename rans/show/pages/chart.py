@@ -11,12 +11,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from rans import backend  # noqa: F401  # before matplotlib
-
-# isort: split
-from matplotlib.ticker import LogLocator, MaxNLocator
-
 from rans.show.figures.axes import widened, widened_logarithmic
+from rans.show.figures.plotting import LogLocator, MaxNLocator
 from rans.show.markup import Markup, drawing, text
 
 WIDTH = 720.0

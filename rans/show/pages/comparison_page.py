@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from rans.drawing import draw_layout
 from rans.errors import counted
 from rans.evaluation.compare.front import Front
 from rans.evaluation.compare.run import Comparison
@@ -17,6 +16,7 @@ from rans.files import environment
 from rans.flight import Flight, fly
 from rans.show.figures import comparison_figures as figures
 from rans.show.figures import landing_figures, mission_figures
+from rans.show.figures.layout_figure import draw_layout
 from rans.show.figures.panels import FOUND, series_style
 from rans.show.pages.chart import Chart
 from rans.show.pages.comparison_charts import front_chart, plane_chart

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from functools import singledispatch
 from typing import TYPE_CHECKING, Any
 
-from rans.drawing import draw_layout
 from rans.errors import legible
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.flight import Flight
@@ -15,6 +14,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
 from rans.show import markup
 from rans.show.figures.figures import episode_figure
+from rans.show.figures.layout_figure import draw_layout
 from rans.show.figures.svg import data_uri, svg
 from rans.show.tables.listing import (
     conditions_listing,

@@ -16,8 +16,7 @@ from rans.show import markup
 from rans.table import Table, cell_text
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
+    from rans.show.figures.plotting import Figure
     from rans.show.pages.chart import Chart
     from rans.show.pages.race import Race
 

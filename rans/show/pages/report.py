@@ -10,12 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rans import backend  # noqa: F401  # before matplotlib
-
-# isort: split
-import matplotlib
-
-from rans.drawing import draw_layout
 from rans.errors import ConfigError, counted, meant_file
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.evaluation.measure.statistics import figure, interval, quantity
@@ -23,7 +17,8 @@ from rans.evaluation.stress.outcome import WANTED
 from rans.files import folders_with, inside, number, read_json, read_json_lines, read_text
 from rans.model.spacecraft_file import read_spacecraft
 from rans.registry import Registry
-from rans.show.figures.panels import STYLE, series_style
+from rans.show.figures.layout_figure import draw_layout
+from rans.show.figures.panels import series_style
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header, named, show
 from rans.show.pages.screen import Screen
@@ -194,9 +189,9 @@ def _pictured(run: Path, evaluations: Sequence[Path]) -> Iterator[Section]:
     craft = inside(run, "spacecraft.toml")
     if not pictures and craft.is_file():
         spacecraft = read_spacecraft(craft)
-        with matplotlib.rc_context(STYLE):  # whose inks dark pages change
-            layout = draw_layout(spacecraft)
-        pictures.append(Picture.of(layout, f"Forces of the thrusters of {spacecraft.name}."))
+        pictures.append(
+            Picture.of(draw_layout(spacecraft), f"Forces of the thrusters of {spacecraft.name}.")
+        )
     if pictures:
         title = "Paths and spacecraft" if screen.pictures else "Spacecraft"
         yield Section(title, pictures=pictures, first=True)

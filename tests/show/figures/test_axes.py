@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from rans_assurance.figures.assure_figures import commands_figure, errors_figure
 
 import rans.show.figures
-from rans.drawing import draw_layout
 from rans.evaluation.compare.optima import Optimum
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
@@ -29,6 +28,7 @@ from rans.optimal.trajectory.transcription import Trajectory
 from rans.show.figures import comparison_figures, figures
 from rans.show.figures.axes import widened, widened_logarithmic
 from rans.show.figures.flight_paths import paths_figure
+from rans.show.figures.layout_figure import draw_layout
 from rans.show.figures.optimal_figure import optimal_figure
 from rans.show.pages.chart import Chart, Mark, Series
 from tests.support.comparisons import entry

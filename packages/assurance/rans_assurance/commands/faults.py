@@ -52,7 +52,7 @@ class Faults:
 
         craft = load_spacecraft(self.craft)
         if self.picture is not None:
-            from rans.drawing import check_picture
+            from rans.show.figures.picture_file import check_picture
 
             check_picture(self.picture)
         result = faults(craft)
@@ -65,7 +65,7 @@ class Faults:
             )
         )
         if self.picture is not None:
-            from rans.drawing import save_picture
+            from rans.show.figures.picture_file import save_picture
             from rans_assurance.figures.faults_figure import faults_figure
 
             save_picture(faults_figure(craft, result.sets), self.picture)

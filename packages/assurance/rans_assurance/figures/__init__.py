@@ -1,6 +1,1 @@
-"""Figures of the results of this package.
-
-The backend of figures is decided before any module here imports matplotlib.
-"""
-
-from rans import backend as backend
+"""Figures of the results of this package, drawn with the names of `rans.show.figures.plotting`."""

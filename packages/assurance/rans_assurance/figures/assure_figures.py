@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from rans.flight import Flight
 from rans.show.figures import panels
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import BLUE, GREY, ORANGE, PLAIN, RED, label
+from rans.show.figures.plotting import Figure
 from rans.verdict import last_fifth
 
 _SIZE = (3.9, 2.9)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
 
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import FaultKind
 from rans.randomization.faults import FaultSet
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import GREEN, RED, label
+from rans.show.figures.plotting import Figure, ListedColormap
 
 
 @styled

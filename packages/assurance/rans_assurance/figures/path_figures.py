@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure, SubFigure
 
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import BLUE, GREEN, GREY, INK, ORANGE, RED, label
+from rans.show.figures.plotting import Axes, Figure, SubFigure
 from rans_assurance.follow.follow import Following
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from rans.evaluation.measure.statistics import Estimate
 from rans.evaluation.stress.effects import Effect
 from rans.evaluation.stress.outcome import WANTED
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import INK, label, legend_beside, series_style
+from rans.show.figures.plotting import Axes, Figure
 from rans_assurance.stress.run import Stress
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import os
 import subprocess
 import sys
@@ -11,12 +10,11 @@ from pathlib import Path
 import pytest
 
 from tests.support.processes import ROOT
-from tests.support.sources import FOLDERS
 
 PROGRAM = """
 import os
 import rans
-from rans.drawing import draw_layout
+from rans.show.figures.layout_figure import draw_layout
 before = os.environ.get("MPLBACKEND")
 draw_layout(rans.load_spacecraft("floating-platform")).savefig("layout.svg")
 import matplotlib
@@ -69,26 +67,3 @@ def test_a_command_in_a_notebook_of_another_environment(tmp_path: Path) -> None:
     ran(tmp_path, program.format(words), **kernel)
     assert (tmp_path / "run" / "learning_curve.svg").exists()
     ran(tmp_path, program.format(["report", "run"]), **kernel)
-
-
-def test_every_module_that_draws_loads_matplotlib_by_one() -> None:
-    """Else the first of them that is imported would fail."""
-    wrong, count = [], 0
-    for folder in (*FOLDERS, ROOT / "validation"):
-        for file in sorted(folder.rglob("*.py")):
-            # Only what is imported when the module is: blocks and functions come later, or never.
-            body = ast.parse(file.read_text("utf-8")).body
-            names = [
-                f"{node.module}.{alias.name}" if isinstance(node, ast.ImportFrom) else alias.name
-                for node in body
-                if isinstance(node, ast.Import | ast.ImportFrom)
-                for alias in node.names
-            ]
-            drawn = [k for k, name in enumerate(names) if name.split(".")[0] == "matplotlib"]
-            count += bool(drawn)
-            above = file.parent / "__init__.py"  # which is imported before the module
-            inside = above.exists() and "from rans import backend" in above.read_text("utf-8")
-            if drawn and not inside and "rans.backend" not in names[: drawn[0]]:
-                wrong.append(str(file.relative_to(ROOT)))
-    assert not wrong
-    assert count > 12  # or the search itself is broken

@@ -1,0 +1,84 @@
+"""The thruster layout of a spacecraft as a figure."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from rans.model.spacecraft import Spacecraft
+from rans.show.figures.figures import styled
+from rans.show.figures.plotting import Circle, Figure
+
+_BODY = "#DCE6F0"
+_EDGE = "#1F2933"
+_NOZZLE = "#52606D"
+_FLAME = "#E69F00"
+_GRID = "#E4E7EB"
+_SHADOW = "#B8C0CA"
+_TRAIL = "#0072B2"
+
+
+@styled
+def draw_layout(craft: Spacecraft) -> Figure:
+    """Figure of the thruster layout: thrusters with their forces, outline and centre of mass, in G.
+
+    Arrows show forces on the spacecraft; the longest is that of the strongest thruster. Numbers stand at the tips
+    of the arrows, or behind the thrusters where two tips meet.
+    """
+    figure = Figure(figsize=(6.0, 6.0), layout="constrained")
+    axes: Any = figure.add_subplot(projection="3d" if craft.dimension == 3 else None)
+    positions = np.array([t.position for t in craft.thrusters]).reshape(-1, 3)[:, : craft.dimension]
+    forces = craft.wrenches[:, : craft.dimension]
+    largest = np.linalg.norm(forces, axis=1).max(initial=1e-9)
+    arrows = forces * (0.5 * craft.radius / largest)
+    axes.plot(*positions.T, "o", color=_NOZZLE, markersize=5, label="thruster")
+    axes.plot(
+        *([x] for x in craft.centre_of_mass[: craft.dimension]),
+        "P",
+        color=_FLAME,
+        markersize=9,
+        label="centre of mass",
+    )
+    _outline(axes, craft)
+    if craft.dimension == 2:
+        axes.quiver(*positions.T, *arrows.T, color=_TRAIL, angles="xy", scale_units="xy", scale=1.0)
+        axes.update_datalim(positions + 1.4 * arrows)
+    else:
+        axes.quiver(*positions.T, *arrows.T, color=_TRAIL)
+        axes.set_zlabel("z, m")
+        axes.view_init(elev=25.0, azim=-54.0)
+    numbers = positions + 1.25 * arrows
+    if _closest(numbers) < 0.15 * craft.radius:  # of thrusters that face each other
+        numbers = positions - 0.25 * arrows
+    for index, point in enumerate(numbers):
+        axes.text(*point, str(index), ha="center", va="center", color=_EDGE)
+    axes.set(
+        title=f"{craft.name}: force of each thruster", xlabel="x, m", ylabel="y, m", aspect="equal"
+    )
+    axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.08), ncols=2, frameon=False)
+    return figure
+
+
+def _closest(points: np.ndarray) -> float:
+    """Least distance between two of K points (K, d); infinite for one."""
+    apart = np.linalg.norm(points[:, None] - points, axis=2)
+    return float(apart[~np.eye(len(points), dtype=bool)].min(initial=math.inf))
+
+
+def _outline(axes: Any, craft: Spacecraft) -> None:
+    """Draw the outer radius around the centre of mass."""
+    centre = craft.centre_of_mass
+    if craft.dimension == 2:
+        axes.grid(color=_GRID)
+        axes.set_axisbelow(True)
+        axes.ticklabel_format(useOffset=False)
+        axes.add_patch(
+            Circle(centre[:2], craft.radius, facecolor=_BODY, edgecolor=_EDGE, zorder=0.6)
+        )
+        return
+    around, down = np.meshgrid(np.linspace(0.0, math.tau, 25), np.linspace(0.0, math.pi, 13))
+    unit = (np.sin(down) * np.cos(around), np.sin(down) * np.sin(around), np.cos(down))
+    sphere = [c + craft.radius * u for c, u in zip(centre, unit, strict=True)]
+    axes.plot_wireframe(*sphere, color=_SHADOW, linewidth=0.4)
