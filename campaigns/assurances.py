@@ -119,8 +119,8 @@ def _file(docs: Path, spec: str, conditions: str) -> Path:
 def _campaigns(names: tuple[str, ...] | list[str]) -> Iterator[tuple[str, str]]:
     """Who, in which conditions: those made for another world fly in it too."""
     for name in names:
-        for spec in judged_separately(f"pretrained:{name}"):
-            yield spec, "perfect"
+        for part in judged_separately(f"pretrained:{name}"):
+            yield str(part), "perfect"
         if name.endswith("-robust"):
             yield f"pretrained:{name}", "lab"
 

@@ -117,4 +117,4 @@ def cells(evidence: Any) -> Iterator[dict[str, Any]]:
 
 def _shipped() -> Iterator[str]:
     for name in pretrained_names():
-        yield from judged_separately(f"pretrained:{name}")
+        yield from map(str, judged_separately(f"pretrained:{name}"))

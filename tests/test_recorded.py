@@ -63,7 +63,8 @@ def test_an_agent_is_worth_what_its_card_says(shipped: tuple[str, Flight]) -> No
             starts = scenarios(task, craft, card["evaluation_seed"], EPISODES)
             flight = fly(craft, task, controller, starts, timing)
         own = (
-            card["evaluation"]["own"][one.removeprefix(spec).removeprefix("#")]["solved"][0] / 100.0
+            card["evaluation"]["own"][str(one).removeprefix(spec).removeprefix("#")]["solved"][0]
+            / 100.0
         )
         said = own if conditions is None else 0.999
         # Four standard deviations of a share of 64, and one episode for shares of 0 and 1.

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from rans.evaluation.compare.contest import Contest
     from rans.evaluation.compare.run import Comparison
+    from rans.evaluation.fly.contestant_name import ContestantName
     from rans.evaluation.measure.statistics import Estimate
     from rans.progress import Progress as StageProgress
     from rans.tasks import Task
@@ -82,10 +83,11 @@ class Compare(Options):
 
         self._check()
         episodes, certified = starts_of(self.episodes, self.certified, self.full)
+        contestants = [*map(ContestantName.parse, self.contestants)]
         named = [
-            trade_off_positions(spec, _POSITIONS) if self.front else [spec]
-            for text in self.contestants
-            for spec in at_values(text)
+            trade_off_positions(name, _POSITIONS) if self.front else [name]
+            for contestant in contestants
+            for name in at_values(contestant)
         ]
         # The first contestant sets task, craft, starts and conditions for all.
         contest = contest_of(
@@ -105,13 +107,10 @@ class Compare(Options):
             )
         )
         comparison = Comparison(contest)
-        flying = enlisted([spec for line in named for spec in line], contest, self.trust)
-        between = {
-            spec: flying.pop(spec) for line in named for spec in line[1:-1] if spec in flying
-        }
-        folder = ready_folder(
-            self.output or ContestantName.parse(self.contestants[0]).output_folder
-        )
+        flying = enlisted([name for line in named for name in line], contest, self.trust)
+        inner = [name.text for line in named for name in line[1:-1]]
+        between = {text: flying.pop(text) for text in inner if text in flying}
+        folder = ready_folder(self.output or contestants[0].output_folder)
         cache = inside(folder, "compare-bounds.json")
         show = partial(_write, comparison, folder, self.full)
         begun: list[str] = []
@@ -138,7 +137,7 @@ class Compare(Options):
                 )
                 comparison.notes.insert(0, self._interrupted(comparison, begun, certified))
                 raise
-        if line := _without_training(self.contestants, contest):
+        if line := _without_training(contestants, contest):
             Terminal().say(line)
         self._suggest(contest.task)
         return 1 if comparison.failures else 0
@@ -215,27 +214,24 @@ _VALUES = 0.0, 0.5, 1.0
 """Values from fast to frugal at which the agent for any craft flies the file of a user's spacecraft."""
 
 
-def at_values(text: str) -> list[str]:
-    """Names of the agent for any craft at several values, where a text is the file of a spacecraft alone."""
-    from rans.evaluation.fly.contestant_name import ContestantName
-
-    name = ContestantName.parse(text)
+def at_values(name: ContestantName) -> list[ContestantName]:
+    """The agent for any craft at several values, where a name is the file of a spacecraft alone."""
     if not name.unnamed or name.frugality:
-        return [text]
+        return [name]
     before, at, craft = name.unnamed.rpartition("@")
-    return [f"{before}#{value:g}{at}{craft}" if value else name.unnamed for value in _VALUES]
+    texts = [f"{before}#{value:g}{at}{craft}" if value else name.unnamed for value in _VALUES]
+    return [*map(type(name).parse, texts)]
 
 
-def _without_training(contestants: Sequence[str], contest: Contest) -> str:
+def _without_training(contestants: Sequence[ContestantName], contest: Contest) -> str:
     """How to have the agent for any craft beside the others; "" if it flies already, or cannot."""
     from rans.evaluation.compare.entrants import enlisted
-    from rans.evaluation.fly.contestant_name import ContestantName
     from rans.pretrained import FOR_ANY_CRAFT
 
     agent = FOR_ANY_CRAFT[contest.craft.dimension]
-    if any(agent in text or ContestantName.parse(text).unnamed for text in contestants):
+    if any(agent in name.text or name.unnamed for name in contestants):
         return ""
-    name = ContestantName.parse(contestants[0])
+    name = contestants[0]
     craft = name.craft or name.setup.partition("@")[2] or contest.craft.name
     if name.kind == "run folder":
         craft = str(Path(name.name) / "spacecraft.toml")
@@ -243,7 +239,7 @@ def _without_training(contestants: Sequence[str], contest: Contest) -> str:
         enlisted([f"{agent}@{craft}"], contest)
     except RansError:  # another task or rate, or a craft that it cannot fly
         return ""
-    command = shlex.join(["rans", "compare", contestants[0], f"{agent}@{craft}"])
+    command = shlex.join(["rans", "compare", name.text, f"{agent}@{craft}"])
     return f"{agent} flies this craft without training: {command}"
 
 

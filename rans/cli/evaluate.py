@@ -87,13 +87,12 @@ class Evaluate(Options):
         from rans.evaluation.fly.contestants import judged_separately
 
         check_count("--episodes", self.episodes)
-        passed = [replace(self, agent=spec).judge() for spec in judged_separately(self.agent)]
+        passed = [replace(self, agent=name).judge() for name in judged_separately(self.agent)]
         return 0 if all(passed) else 1
 
     def judge(self) -> bool:
-        """Evaluate on one task; returns whether the engines agree, if both are compared."""
+        """Evaluate the parsed agent on one task; returns whether the engines agree, if both are compared."""
         from rans.api.names import conditions_if_named
-        from rans.evaluation.fly.contestant_name import ContestantName
         from rans.evaluation.fly.contestants import contestant
         from rans.evaluation.measure.aggregate import ROOM, measure
         from rans.evaluation.measure.agreement import compare_engines
@@ -102,7 +101,7 @@ class Evaluate(Options):
         run = contestant(self.agent, self.protocol, trust=self.trust, period=self.period)
         run = run.under(conditions_if_named(self.conditions))
         run = run.guarded(self.guard, self.guard_slack, self.guard_coasts)
-        name = ContestantName.parse(self.agent)
+        name = self.agent
         if name.unnamed:
             Terminal().say(f"{name.unnamed} flies {run.craft.name} without training.")
         if name.craft and (sentence := doubt(run.craft, run.timing.control_period)):
@@ -141,8 +140,8 @@ class Evaluate(Options):
         period = self.changed("period")
         drake = ["--engine", "drake"]
         engine = self.changed("engine")
-        again = shlex.join(["rans", "evaluate", self.agent, *same, *own, *engine, *more])
-        judged = shlex.join(["rans", "evaluate", self.agent, *same, *own, *drake])
+        again = shlex.join(["rans", "evaluate", str(self.agent), *same, *own, *engine, *more])
+        judged = shlex.join(["rans", "evaluate", str(self.agent), *same, *own, *drake])
         first = [f"{again}   # all metrics"] if more else [] if engine else [judged]
         # Comparisons and pages cannot keep coasts safe: they would fly another filter.
         others = () if self.guard_coasts else ("compare", "view")
@@ -151,7 +150,7 @@ class Evaluate(Options):
             *first,
             *(
                 shlex.join(
-                    ["rans", other, self.agent, *same, *(period if other == "compare" else [])]
+                    ["rans", other, str(self.agent), *same, *(period if other == "compare" else [])]
                 )
                 for other in others
             ),
@@ -284,7 +283,6 @@ class Evaluate(Options):
 
     def _output(self, run: LoadedRun) -> tuple[Path, str]:
         """Folder of the results, and the suffix of their file names."""
-        from rans.evaluation.fly.contestant_name import ContestantName
         from rans.randomization.conditions import Conditions
         from rans.randomization.conditions_file import conditions_label
 
@@ -299,7 +297,7 @@ class Evaluate(Options):
         if self.start or self.goal or self.zones:
             own = self.changed("start", "goal", "zones")
             endpoints = distinct("own", shlex.join(own))
-        name = ContestantName.parse(self.agent)
+        name = self.agent
         period = "" if self.period is None else f"period{self.period:g}"
         names = filter(None, (name.part, protocol, period, conditions, guard, endpoints))
         return name.output_folder, "".join(f"-{part}" for part in names)
@@ -320,7 +318,7 @@ class Evaluate(Options):
     def _conditions(self, run: LoadedRun) -> dict[str, Any]:
         """Options under which results are comparable."""
         options: dict[str, Any] = {
-            "contestant": self.agent,
+            "contestant": str(self.agent),
             "protocol": self.protocol,
             "episodes": self.episodes,
             "seed": self.seed,

@@ -15,6 +15,7 @@ from rans.cli.compare import Compare, _without_training, at_values
 from rans.evaluation.compare.bounds import Bound
 from rans.evaluation.compare.entrants import contest_of, enlisted
 from rans.evaluation.compare.run import Comparison
+from rans.evaluation.fly.contestant_name import ContestantName
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.tasks import GoToPose, GoToPosePriced
@@ -330,7 +331,8 @@ def test_a_comparison_is_small_unless_it_is_asked_to_be_full(
 
 def test_the_agent_for_any_craft_is_offered_where_it_can_fly(tmp_path: Path) -> None:
     def line(*contestants: str) -> str:
-        return _without_training(contestants, contest_of(contestants[0], 1))
+        names = [*map(ContestantName.parse, contestants)]
+        return _without_training(names, contest_of(names[0], 1))
 
     own = tmp_path / "mine.toml"
     diagonal = ((2.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0))
@@ -350,14 +352,14 @@ def test_the_file_of_a_craft_alone_is_the_agent_for_any_craft_from_fast_to_fruga
 ) -> None:
     own = tmp_path / "mine.toml"
     own.write_text(to_toml(load_spacecraft("floating-platform")))
-    names = at_values(str(own))
-    assert names == [
+    names = at_values(ContestantName.parse(str(own)))
+    assert [*map(str, names)] == [
         f"any-craft-2d@{own}",
         f"any-craft-2d#0.5@{own}",
         f"any-craft-2d#1@{own}",
     ]
-    assert at_values(f"{own}#0.3") == [f"{own}#0.3"]
-    assert at_values("go-to-pose-2d") == ["go-to-pose-2d"]
+    for text in (f"{own}#0.3", "go-to-pose-2d"):
+        assert [*map(str, at_values(ContestantName.parse(text)))] == [text]
     contest = contest_of(names[0], 1)
     assert [one.name for one in enlisted(names, contest).values()] == [
         "any-craft-2d",

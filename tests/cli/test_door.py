@@ -13,6 +13,7 @@ import pytest
 import rans
 from rans.cli.commands import COMMANDS
 from rans.cli.door import Options, argument_texts, command_of, texts_of
+from rans.evaluation.fly.contestant_name import ContestantName
 from tests.support.command_codes import code_of
 
 DOORS: dict[str, Any] = {
@@ -131,3 +132,25 @@ def test_a_command_reads_options_that_it_has(name: str) -> None:
         for field in dataclasses.fields(door)
         if field.default is dataclasses.MISSING and field.name in read
     )
+
+
+@pytest.mark.parametrize("command", ["evaluate", "compare"])
+def test_the_text_of_a_contestant_is_parsed_once(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Then its parsed name is handed on, so that no two places can read a text differently."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rans.errors.is_installed", lambda _: False)  # no figures
+    parse = ContestantName.parse.__func__  # type: ignore[attr-defined]
+    texts: list[str] = []
+
+    def counted(cls: type, text: Any) -> ContestantName:
+        if isinstance(text, str):
+            texts.append(text)
+        return parse(cls, text)
+
+    monkeypatch.setattr(ContestantName, "parse", classmethod(counted))
+    options = {"evaluate": ["--episodes", "1"], "compare": ["--episodes", "1", "--certified", "0"]}
+    alone = ["--with"] if command == "compare" else []
+    assert code_of([command, "lqr:go-to-pose-2d", *options[command], *alone]) == 0
+    assert [text for text in texts if text.startswith("lqr")] == ["lqr:go-to-pose-2d"]

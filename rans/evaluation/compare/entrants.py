@@ -40,7 +40,8 @@ _UNTUNED = "none: default settings"
 _UNKNOWN = "not known"
 
 
-Invited = str | LoadedRun | Guest
+Named = str | ContestantName
+Invited = Named | LoadedRun | Guest
 """A contestant as `enlisted` takes it: by name, with its own setup, or for the contest's setup."""
 
 
@@ -83,7 +84,7 @@ def _invited(entrant: object) -> object:
 
 
 def contest_of(
-    spec: str | LoadedRun,
+    who: Named | LoadedRun,
     episodes: int,
     seed: int = EVALUATION_SEED,
     engine: EngineName = "fast",
@@ -104,32 +105,37 @@ def contest_of(
     """
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
-    if isinstance(spec, str):
-        run = _single(spec, contestant(spec, trust=trust, period=period)).under(conditions)
+    if isinstance(who, LoadedRun):
+        run = _single(who.controller.name, "", who).under(conditions)
     else:
-        run = _single(spec.controller.name, spec).under(conditions)
+        name = ContestantName.parse(who)
+        loaded = contestant(name, trust=trust, period=period)
+        run = _single(name.text, name.controller, loaded).under(conditions)
     craft, task, timing, world, guarded = run.guarded(guard, slack).judged
     seed_words(seed)  # A wrong seed is reported once, and not for every contestant.
     check_dimension(task, craft.dimension)
     return Contest(craft, task, timing, seed, episodes, engine, world, guarded)
 
 
-def _single(spec: str, run: LoadedRun) -> LoadedRun:
-    """Refuse (`ConfigError`) an agent with several tasks or with a trade-off that is not fixed."""
+def _single(text: str, without_training: str, run: LoadedRun) -> LoadedRun:
+    """Refuse (`ConfigError`) an agent with several tasks or with a trade-off that is not fixed.
+
+    Args:
+        text: of its name, for messages.
+        without_training: name of its controller without training; empty: it is none.
+        run: what flies.
+    """
     if run.task.draws_trade_off:
-        name = spec.rstrip("#")
+        name = text.rstrip("#")
         raise ConfigError(
             f"{name} has a trade-off: fix it, as in {name}#0.5, or leave it open with --front."
         )
     if first := next(iter(run.task.parts())):
-        raise ConfigError(f"{spec} has several tasks: pick one, as in {spec}#{first}.")
+        raise ConfigError(f"{text} has several tasks: pick one, as in {text}#{first}.")
     plain = without_trade_off(run)
-    if plain is not run and (
-        name := ContestantName.parse(spec).controller
-    ):  # A controller without training has no trade-off.
-        return plain._replace(
-            controller=controller(name, Setup(plain.craft, plain.task, plain.timing))
-        )
+    if plain is not run and without_training:  # It has no trade-off.
+        setup = Setup(plain.craft, plain.task, plain.timing)
+        return plain._replace(controller=controller(without_training, setup))
     return plain
 
 
@@ -146,10 +152,10 @@ def enlisted(
     result: dict[str, Contestant] = {}
     wrong: list[str] = []
     for position, spec in enumerate(specs, 1):
-        if isinstance(spec, str) and spec in result:
+        if isinstance(spec, Named) and str(spec) in result:
             continue
         try:
-            if isinstance(spec, str):
+            if isinstance(spec, Named):
                 entrant = enlist(spec, contest, trust)
             elif isinstance(spec, LoadedRun):
                 entrant = _with_setup(spec, contest)
@@ -158,7 +164,7 @@ def enlisted(
         except RansError as error:
             wrong.append(str(error))
             continue
-        text = spec if isinstance(spec, str) else f"{entrant.name} ({position})"
+        text = str(spec) if isinstance(spec, Named) else f"{entrant.name} ({position})"
         taken = [earlier.name for earlier in result.values()]
         result[text] = replace(entrant, name=text) if entrant.name in taken else entrant
     if wrong:
@@ -188,18 +194,17 @@ def _guest(guest: Guest, contest: Contest) -> Contestant:
     return Contestant(guest_controller.name, guest_controller, _MODEL, _UNKNOWN)
 
 
-def trade_off_positions(spec: str, count: int) -> list[str]:
-    """Names of an agent with ``count`` positions of its open trade-off; of others the name itself."""
+def trade_off_positions(name: ContestantName, count: int) -> list[ContestantName]:
+    """An agent at ``count`` positions of its open trade-off; others as they are."""
     try:
-        is_open = (
-            not ContestantName.parse(spec).controller and contestant(spec).task.draws_trade_off
-        )
+        is_open = not name.controller and contestant(name).task.draws_trade_off
     except RansError:
         is_open = False  # `enlisted` reports what is wrong.
-    return [f"{spec}#{k / (count - 1):g}" for k in range(count)] if is_open else [spec]
+    positions = [f"{name}#{k / (count - 1):g}" for k in range(count)] if is_open else [name]
+    return [*map(ContestantName.parse, positions)]
 
 
-def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
+def enlist(who: Named, contest: Contest, trust: bool = False) -> Contestant:
     """Make a contestant by name.
 
     For ``trust`` see `rans.evaluation.fly.contestants.contestant`.
@@ -207,12 +212,13 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
     Raises:
         ConfigError: there is none of this name, or it is for another task, craft or control rate.
     """
-    named = ContestantName.parse(spec)
+    named = ContestantName.parse(who)
     # Whoever can act at another rate acts at the contest's.
     is_free = named.kind == "controller" or bool(named.craft)
     period = contest.timing.control_period if is_free else None
-    run = _single(spec, contestant(spec, default_setup=contest.setup, trust=trust, period=period))
-    _check_same(spec, run, contest)
+    run = contestant(named, default_setup=contest.setup, trust=trust, period=period)
+    run = _single(named.text, named.controller, run)
+    _check_same(named.text, run, contest)
     run = run.under(contest.conditions or Conditions())
     if isinstance(run.controller, FlightsFile):
         run.controller.check_starts(contest.episodes)

@@ -82,12 +82,14 @@ class ContestantName:
         return self.text
 
     @classmethod
-    def parse(cls, text: str) -> ContestantName:
-        """The parts of a text.
+    def parse(cls, text: str | ContestantName) -> ContestantName:
+        """The parts of a text; of what was parsed, itself.
 
         Raises:
             ConfigError: no contestant has this form, and no agent or controller this name.
         """
+        if isinstance(text, ContestantName):
+            return text
         if is_user_policy(text):
             policy, setup = split_policy(text)
             return cls(text, "policy", policy, setup)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 from rans.episode import Setup
 from rans.errors import ConfigError, brief
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_policy, run_of
 from rans.evaluation.fly.any_craft import adapting, for_spacecraft, frugal
-from rans.evaluation.fly.contestant_name import ContestantName
+from rans.evaluation.fly.contestant_name import ContestantName, Kind
 from rans.evaluation.fly.exported import is_exported, load_exported
 from rans.evaluation.fly.flights_file import FlightsFile
 from rans.evaluation.fly.make_controller import controller
@@ -23,19 +24,29 @@ from rans.registry import are_files_trusted, typed
 from rans.tasks import TASKS, Task, registered_name
 
 
+class Terms(NamedTuple):
+    """Under what a contestant is loaded; see `contestant`."""
+
+    protocol: ProtocolName
+    setup: Setup | None
+    """Of the contestant before it; None: there is none."""
+    trust: bool
+    period: float | None
+
+
 def contestant(
-    spec: str,
+    spec: str | ContestantName,
     protocol: ProtocolName = "own",
     default_setup: Setup | None = None,
     trust: bool = False,
     period: float | None = None,
 ) -> LoadedRun:
-    """Load a contestant by name, with the setup in which it flies.
+    """Load a contestant, with the setup in which it flies.
 
     Args:
-        spec: a run folder; ``pretrained:NAME`` (see `rans.pretrained`), or NAME where no folder has that
-            name; ``CONTROLLER:TASK-2d`` or ``-3d`` with a name of `CONTROLLERS` or MODULE:NAME, which fly
-            the floating platform or the free flyer, or another spacecraft as in
+        spec: its name, parsed or as text: a run folder; ``pretrained:NAME`` (see `rans.pretrained`), or NAME where
+            no folder has that name; ``CONTROLLER:TASK-2d`` or ``-3d`` with a name of `CONTROLLERS` or MODULE:NAME,
+            which fly the floating platform or the free flyer, or another spacecraft as in
             ``CONTROLLER:go-to-pose-2d@floating-platform-shared``, with the task's timing unless a protocol
             has its own. ``#TASK`` at the end picks one of the tasks of a multi-task agent, ``#0.3`` a
             position of a trade-off. Policies of other libraries (see `user_policy`) end in the same
@@ -54,64 +65,88 @@ def contestant(
     Raises:
         ConfigError: there is no such contestant, or it has another control period.
     """
-    run = _loaded(ContestantName.parse(spec), protocol, default_setup, trust, period)
+    name = ContestantName.parse(spec)
+    run = _loaded(name, Terms(protocol, default_setup, trust, period))
     if period is not None and run.timing.control_period != period:
         raise ConfigError(
-            f"{brief(spec)} acts every {run.timing.control_period:g} s, as in its training: another --period, got "
-            f"{period:g} s, is for controllers and for an agent for any craft with a spacecraft, as in "
+            f"{brief(name.text)} acts every {run.timing.control_period:g} s, as in its training: another --period, "
+            f"got {period:g} s, is for controllers and for an agent for any craft with a spacecraft, as in "
             f"{FOR_ANY_CRAFT[run.craft.dimension]}@mine.toml."
         )
     return run
 
 
-def _loaded(
-    name: ContestantName,
-    protocol: ProtocolName,
-    default_setup: Setup | None,
-    trust: bool,
-    period: float | None,
-) -> LoadedRun:
-    """Load a contestant of a parsed name; see `contestant`."""
+def _loaded(name: ContestantName, terms: Terms) -> LoadedRun:
+    """Load a contestant by what is of its kind."""
     if name.looks_ahead:
-        from rans.evaluation.fly.lookahead import looking_ahead
+        return _looking_ahead(name, terms)
+    if not (name.needs_setup and terms.setup is not None):
+        name = name.without_earlier()
+    return _LOADERS[name.kind](name, terms)
 
-        # A controller's name alone takes the earlier setup; everybody else has one.
-        setup = default_setup if name.needs_setup else None
-        run = _loaded(name.alone, protocol, setup, False, period)
-        return run._replace(controller=looking_ahead(run))
-    if name.kind == "flights" and default_setup is not None:
-        return LoadedRun(FlightsFile(name.name, default_setup), *default_setup[:4])
-    if name.needs_setup and default_setup is not None:
-        return LoadedRun(controller(typed(name.name), default_setup), *default_setup[:4])
-    # Policies of other libraries, in the setup that their text names, or in that of the first contestant.
-    if name.kind == "policy":
-        if name.setup:
-            setup = under_protocol(protocol, _named_setup(name, period))
-        elif default_setup is not None:
-            setup = default_setup
-        else:
-            raise ConfigError(
-                f"{name.text} has no task: add one, as in {name.text}:go-to-pose-2d, or name before it an "
-                f"agent that has one, as in rans compare RUN {name.text}."
-            )
-        return LoadedRun(user_policy(name.name, setup.craft, setup.task, trust), *setup[:4])
-    name = name.without_earlier()
-    if name.kind == "controller":
-        setup = under_protocol(protocol, _picked(_named_setup(name, period), name))
-        return LoadedRun(controller(typed(name.name), setup), *setup[:4])
-    # A trained agent flies in its own setup, or in that of the protocol; one for any craft with the named one.
+
+def _looking_ahead(name: ContestantName, terms: Terms) -> LoadedRun:
+    """A contestant whose commands look-ahead improves."""
+    from rans.evaluation.fly.lookahead import looking_ahead
+
+    # A controller's name alone takes the earlier setup; everybody else has one.
+    setup = terms.setup if name.needs_setup else None
+    run = _loaded(name.alone, terms._replace(setup=setup, trust=False))
+    return run._replace(controller=looking_ahead(run))
+
+
+def _flights(name: ContestantName, terms: Terms) -> LoadedRun:
+    """Flights of a file, in the setup of the first contestant."""
+    assert terms.setup is not None
+    return LoadedRun(FlightsFile(name.name, terms.setup), *terms.setup[:4])
+
+
+def _policy(name: ContestantName, terms: Terms) -> LoadedRun:
+    """A policy of another library, in the setup that its text names, or in that of the first contestant."""
+    if name.setup:
+        setup = under_protocol(terms.protocol, _named_setup(name, terms.period))
+    elif terms.setup is not None:
+        setup = terms.setup
+    else:
+        raise ConfigError(
+            f"{name.text} has no task: add one, as in {name.text}:go-to-pose-2d, or name before it an "
+            f"agent that has one, as in rans compare RUN {name.text}."
+        )
+    return LoadedRun(user_policy(name.name, setup.craft, setup.task, terms.trust), *setup[:4])
+
+
+def _controller(name: ContestantName, terms: Terms) -> LoadedRun:
+    """A controller without training, in the setup that its text names, or in that of the first contestant."""
+    setup = terms.setup
+    if setup is None or not name.needs_setup:
+        setup = under_protocol(terms.protocol, _picked(_named_setup(name, terms.period), name))
+    return LoadedRun(controller(typed(name.name), setup), *setup[:4])
+
+
+def _agent(name: ContestantName, terms: Terms) -> LoadedRun:
+    """A trained agent in its own setup, or in that of the protocol; one for any craft with the named one."""
     folder = name.own_folder
     run = load_exported(folder) if is_exported(folder) else load_policy(folder)
     if name.adapts:
         run = adapting(run)
     if name.craft:
         craft = load_spacecraft(typed(name.craft))
-        timing = None if period is None else timing_for(craft, run.timing, period)
+        timing = None if terms.period is None else timing_for(craft, run.timing, terms.period)
         run = for_spacecraft(run, craft, timing)
     if name.frugality:
         run = frugal(run, name.frugality)
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), name)
-    return LoadedRun(run.controller, *under_protocol(protocol, own)[:4])
+    return LoadedRun(run.controller, *under_protocol(terms.protocol, own)[:4])
+
+
+_LOADERS: dict[Kind, Callable[[ContestantName, Terms], LoadedRun]] = {
+    "run folder": _agent,
+    "pretrained": _agent,
+    "controller": _controller,
+    "policy": _policy,
+    "flights": _flights,
+}
+"""What loads the contestants of a kind."""
 
 
 def with_spacecraft(spec: str, spacecraft: str | None) -> str:
@@ -165,11 +200,13 @@ def in_protocol(agent: object, protocol: ProtocolName, period: float | None = No
     return LoadedRun(run.controller, *changed)
 
 
-def judged_separately(spec: str) -> list[str]:
-    """Names of the evaluations of a contestant: its own, or one for each task of a multi-task agent."""
-    if ContestantName.parse(spec).kind == "policy":
-        return [spec]
-    return [f"{spec}#{name}" if name else spec for name in contestant(spec).task.parts()]
+def judged_separately(who: str | ContestantName) -> list[ContestantName]:
+    """Contestants that are judged in the place of one: itself, or each task of a multi-task agent."""
+    name = ContestantName.parse(who)
+    if name.kind == "policy":
+        return [name]
+    parts = contestant(name).task.parts()
+    return [ContestantName.parse(f"{name}#{part}") if part else name for part in parts]
 
 
 def view_command(

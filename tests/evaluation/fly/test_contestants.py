@@ -247,7 +247,8 @@ def test_an_lqr_under_a_protocol_knows_its_spacecraft() -> None:
 
 
 def test_a_multi_task_agent_is_judged_on_each_of_its_tasks(multi: Path) -> None:
-    assert judged_separately(str(multi)) == [f"{multi}#go-to-position", f"{multi}#track-velocity"]
+    parts = [f"{multi}#go-to-position", f"{multi}#track-velocity"]
+    assert [*map(str, judged_separately(str(multi)))] == parts
     picked = contestant(f"{multi}#track-velocity", "paper")
     assert (picked.task, picked.timing.episode_steps) == (TrackVelocity(), 250)
     assert ContestantName.parse(f"{multi}#track-velocity").output_folder == multi

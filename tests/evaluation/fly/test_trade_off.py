@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from rans.evaluation.compare.entrants import contest_of, enlist, trade_off_positions
+from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.flight import fly
 from rans.model.fields import leaves
@@ -63,7 +64,7 @@ def test_who_needs_no_training_sees_no_trade_off() -> None:
 
 @pytest.mark.slow
 def test_a_trade_off_is_turned_where_nobody_holds_it(agent: str, tmp_path: Path) -> None:
-    assert trade_off_positions(agent, 5) == [
+    assert [*map(str, trade_off_positions(ContestantName.parse(agent), 5))] == [
         f"{agent}#{trade_off}" for trade_off in ("0", "0.25", "0.5", "0.75", "1")
     ]
     for other in (
@@ -72,6 +73,6 @@ def test_a_trade_off_is_turned_where_nobody_holds_it(agent: str, tmp_path: Path)
         "pretrained:multi-task-2d",
         "python:some:policy",
         str(tmp_path / "nobody"),
-        "no such thing",
     ):
-        assert trade_off_positions(other, 5) == [other]
+        name = ContestantName.parse(other)
+        assert trade_off_positions(name, 5) == [name]

@@ -76,7 +76,7 @@ class Assurance:
         if len(parts := judged_separately(self.spec)) > 1:
             raise ConfigError(
                 f"{self.spec} has several tasks, and each is assured by itself: name one of "
-                f"{', '.join(parts)}."
+                f"{', '.join(map(str, parts))}."
             )
         return result
 
