@@ -52,7 +52,7 @@ def test_prover_and_checker_read_every_problem(run: ModuleType) -> None:
     from rans_proof.check import problem_table, statement
 
     files = {row.problem for row in run.ROWS.values()}
-    assert set(FOLDER.glob("*.toml")) <= files
+    assert set(FOLDER.glob("*.toml")) - {FOLDER / "rendezvous.toml"} <= files  # that has no network
     for file in files:
         problem = read_problem(file)
         assert f"to {problem.steps * problem.period:.10g} s" in statement(
