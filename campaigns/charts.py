@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from rans_assurance.assure.bounds import lower, upper
+from rans_missions.orbits.elliptic import EllipticOrbit
+from rans_missions.orbits.perturbed import PerturbedOrbit
 from scipy.spatial import ConvexHull
 
 from campaigns.standings import MISSIONS, rows
 from rans.api.agent import load_agent
 from rans.evaluation.measure.metrics import arrival_times, impulses, settling_times
 from rans.files import read_json, read_text
-from rans.model.drift import ClohessyWiltshire, Drift, EllipticOrbit, PerturbedOrbit
+from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.fields import Vec3
 from rans.model.spacecraft import wrenches_either_way
 from rans.model.spacecraft_file import load_spacecraft

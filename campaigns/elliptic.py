@@ -14,17 +14,18 @@ from typing import Any
 import numpy as np
 from rans_missions.bounds.transfers import optimum, transfer_bounds
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.orbits.elliptic import EllipticOrbit, mean_anomaly
 from rans_missions.tasks import Dock, TargetOrbit
+from rans_missions.two_body import TwoBodyMover, relative_motion
 
 from campaigns.missions import row, row_of
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import Flight, fly
-from rans.model.drift import ClohessyWiltshire, Drift, EllipticOrbit, mean_anomaly
+from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.fields import Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED, scenarios
-from validation.two_body import TwoBodyMover, relative_motion
 
 _ECCENTRICITIES = (0.1, 0.3, 0.5, 0.7)
 """The last is about that of a transfer to geostationary orbit."""

@@ -1,9 +1,9 @@
 """What Clohessy-Wiltshire leaves out of two-body gravity, by mission: ``python -m campaigns.orbits``.
 
-Free coasts from random states near the target, flown by RANS's equations and by `validation.two_body`: in two-body
-gravity, with the oblate Earth (J2), and with drag as well. The last columns have the errors of the equations for
-the oblate Earth and drag, for coasts of up to half an orbit. Also the starts of dock as the code of the benchmark
-draws them, counted above the speed limit.
+Free coasts from random states near the target, flown by RANS's equations and by `rans_missions.two_body`: in
+two-body gravity, with the oblate Earth (J2), and with drag as well. The last columns have the errors of the
+equations for the oblate Earth and drag, for coasts of up to half an orbit. Also the starts of dock as the code of
+the benchmark draws them, counted above the speed limit.
 """
 
 from __future__ import annotations
@@ -13,18 +13,19 @@ from typing import Any
 
 import numpy as np
 import tyro
+from rans_missions.orbits.earth import EARTH, EARTH_RADIUS
+from rans_missions.orbits.perturbed import PerturbedOrbit
 from rans_missions.tasks import Dock
 from rans_missions.tasks.hold import Hold
 from rans_missions.tasks.inspect import Inspect
 from rans_missions.tasks.rendezvous import Rendezvous
+from rans_missions.two_body import Perturbations, density, perturbed_motion, relative_motion
 
 from campaigns.command import ended
-from rans.model.drift import EARTH, EARTH_RADIUS, PerturbedOrbit
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.terminal import Terminal
-from validation.two_body import Perturbations, density, perturbed_motion, relative_motion
 
 _COASTS: tuple[tuple[str, Any, float, tuple[float, ...]], ...] = (
     ("dock, 150 m", Dock(), 150.0, (600.0, 2000.0)),

@@ -14,17 +14,18 @@ from typing import Any
 import numpy as np
 from rans_missions.bounds.transfers import transfer_bounds
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.orbits.perturbed import PerturbedOrbit
 from rans_missions.tasks import TargetOrbit
 from rans_missions.tasks.hold import Hold
+from rans_missions.two_body import Perturbations, TwoBodyMover, perturbed_motion
 
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import fly
-from rans.model.drift import ClohessyWiltshire, PerturbedOrbit
+from rans.model.drift import ClohessyWiltshire
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import EVALUATION_SEED, scenarios
-from validation.two_body import Perturbations, TwoBodyMover, perturbed_motion
 
 _DEADLINE = 1000.0
 """s"""

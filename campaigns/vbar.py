@@ -27,12 +27,13 @@ from typing import Any
 import numpy as np
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.control.navigation_filter import NavigationFilter
+from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.tasks.dock import Dock
 from rans_missions.tasks.hold import Hold
 from rans_missions.tasks.orbital import OrbitalMission
 from scipy.linalg import solve_discrete_are
 
-from rans.model.drift import ClohessyWiltshire, velocity_to_reach
+from rans.model.drift import ClohessyWiltshire
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec2, Vec3
 from rans.model.spacecraft_file import load_spacecraft

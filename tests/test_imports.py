@@ -59,7 +59,7 @@ LAYERS: list[set[str]] = [
     {"rans.evaluation"},
     {"rans.deploy"},
     {"rans.show"},
-    {"validation.two_body", "validation.peers"},
+    {"validation.peers"},
     {"validation.study"},
     {"validation.speed"},
     {"validation.judges"},
@@ -247,8 +247,8 @@ def test_an_element_elsewhere_is_noticed() -> None:
 
 def test_the_judge_knows_nothing_of_our_equations() -> None:
     values = {f"rans.model.{name}" for name in ("spacecraft", "actuators", "body", "drift")}
-    own = {f"rans.reference.{name}" for name in ("parts", "nozzles", "further")}
-    for judge in ("plant.py", "parts.py", "nozzles.py", "further.py"):
+    own = {f"rans.reference.{name}" for name in ("parts", "nozzles", "further", "frames")}
+    for judge in ("plant.py", "parts.py", "nozzles.py", "further.py", "frames.py"):
         ours = {
             name for name in imports(ROOT / "rans" / "reference" / judge) if name.startswith(ROOMS)
         }

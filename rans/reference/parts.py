@@ -20,15 +20,9 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from rans.errors import ConfigError
 from rans.model.actuators import Wheel
 from rans.model.body import Body
-from rans.model.drift import (
-    ClohessyWiltshire,
-    Drift,
-    EllipticOrbit,
-    FreeFlight,
-    PerturbedOrbit,
-    UniformGravity,
-)
+from rans.model.drift import Drift, FreeFlight, UniformGravity
 from rans.model.spacecraft import Spacecraft, Thruster
+from rans.reference.frames import FRAMES, DrakeFrame, drake_frame
 
 
 def designed(craft: Spacecraft) -> Body:
@@ -39,8 +33,6 @@ def designed(craft: Spacecraft) -> Body:
     return Body(craft.mass, moments, (0.0,) * craft.dimension, (1.0,) * count, (0.0,) * count)
 
 
-_KEPLER_STEPS = 50
-"""Steps of Newton's method for Kepler's equation; ten are enough up to an eccentricity of 0.9."""
 _WHEEL_MASS = 1e-3
 """Mass of a wheel as a share of the craft's: only Drake wants one, as the wheel's stands in the craft's."""
 
@@ -154,16 +146,12 @@ def gravity(drift: Drift) -> np.ndarray:
     """
     if isinstance(drift, UniformGravity):
         return np.append(drift.acceleration, 0.0)[:3]
-    if not isinstance(drift, FreeFlight | Orbit):
+    if not isinstance(drift, FreeFlight) and drake_frame(drift) is None:
         raise ConfigError(
-            "Drake knows free flight, uniform gravity, Clohessy-Wiltshire frames, elliptic and perturbed orbits, "
-            f"got {drift!r}."
+            f"Drake knows free flight, uniform gravity and the drifts {', '.join(FRAMES)}, got {drift!r}: describe "
+            "another in the group rans.drake_frames of a package's entry points."
         )
     return np.zeros(3)
-
-
-Orbit = ClohessyWiltshire | EllipticOrbit | PerturbedOrbit
-"""Drifts of which `OrbitForces` are the pseudo-forces."""
 
 
 class OrbitForces(LeafSystem):
@@ -174,15 +162,13 @@ class OrbitForces(LeafSystem):
     pseudo-accelerations of all parts of a body that turns with u relative to the frame add up to the torque
     -J w' - w x J w + tr(J) u x w - 2 u x J w, of a wheel with the momentum h relative to the body to h x w besides.
     If the drift says so, the gradient of gravity turns the craft too.
-    Circles have a constant w along z. On ellipses w and G follow from Kepler's equation at the time. Around an
-    oblate planet w tilts with the plane of the orbit, and G has the part of J2.
+    What w, w' and G are on an orbit is said by its `DrakeFrame`.
 
     The input of masses (N,) is in kg, that of inertias (N, 3, 3) about the centre of mass with wheels that do not
-    turn in kg m^2, that of angles at time 0 (N,) in rad: mean anomalies on an ellipse, arguments of latitude around
-    an oblate planet.
+    turn in kg m^2, that of angles of the targets at time 0 (N,) in rad (`DrakeFrame.angle`).
 
     Args:
-        drift: the orbit.
+        frame: of the orbit.
         places: where the coordinates of each spacecraft's joint stand among the plant's positions, (N, 3 or 7).
         speeds: where its velocities stand among the plant's velocities and generalised forces, (N, 3 or 6).
         spins: where the rates of its wheels stand there, (N, wheels).
@@ -194,7 +180,7 @@ class OrbitForces(LeafSystem):
 
     def __init__(
         self,
-        drift: Orbit,
+        frame: DrakeFrame,
         places: np.ndarray,
         speeds: np.ndarray,
         spins: np.ndarray,
@@ -204,8 +190,7 @@ class OrbitForces(LeafSystem):
         count: int,
     ) -> None:
         super().__init__()
-        self._drift = drift
-        self._n = drift.mean_motion
+        self._frame = frame
         self._positions = positions
         # Drake's planar joint has x, y and the angle, its floating joint the rotation first.
         self._planar = speeds.shape[1] == 3
@@ -234,12 +219,11 @@ class OrbitForces(LeafSystem):
         position[:, :dimension] = state[self._places]
         speed[:, :dimension] = state[self._positions + self._speeds]
         spin[:, -self._turning.shape[1] :] = state[self._positions + self._turning]
-        rate, change, gradient = self._orbit(angles, context.get_time())
+        rate, change, gradient = self._frame.motion(angles, context.get_time())
         turn = _crossing(rate)
         pull = ((gradient - _crossing(change) - turn @ turn) @ position[:, :, None])[:, :, 0]
         pull -= 2.0 * (turn @ speed[:, :, None])[:, :, 0]
-        if isinstance(self._drift, PerturbedOrbit):
-            pull[:, 1] -= self._drift.drag
+        pull[:, 1] -= self._frame.drag
         total[self._speeds] += masses[:, None] * pull[:, :dimension]
 
         # Torques in W: of the whole craft, and along the axes of its wheels.
@@ -256,7 +240,7 @@ class OrbitForces(LeafSystem):
             torque -= turn @ axes @ (self._rotors * speeds)[:, :, None]
             along = axes.transpose(0, 2, 1) @ (across - change[:, :, None])
             total[self._spins] += self._rotors * along[:, :, 0]
-        if getattr(self._drift, "gravity_gradient", False):
+        if self._frame.gravity_gradient:
             torque += _gravity_torques(inertia, gradient)[:, :, None]
         total[self._turning] += torque[:, -self._turning.shape[1] :, 0]
         output.SetFromVector(total)
@@ -272,30 +256,7 @@ class OrbitForces(LeafSystem):
 
     def rates(self, angles: np.ndarray, time: float) -> np.ndarray:
         """Angular velocities of the frame (N, 3), rad/s, at a time, s, of angles at time 0."""
-        return self._orbit(angles, time)[0]
-
-    def _orbit(self, angles: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Angular velocity of the frame (N, 3), rad/s, its change, and the gradient of gravity (N, 3, 3), 1/s^2."""
-        n = self._n
-        rate, change = np.zeros((2, len(angles), 3))
-        if isinstance(self._drift, ClohessyWiltshire):
-            rate[:, 2] = n
-            return rate, change, np.broadcast_to(n * n * _SPHERE, (len(angles), 3, 3))
-        if isinstance(self._drift, PerturbedOrbit):
-            return _oblate_orbit(self._drift, angles, time)
-        e = self._drift.eccentricity
-        # Kepler's equation by Newton's method, which converges from pi (Battin 1999, section 5.4).
-        mean = np.mod(angles + n * time, 2.0 * np.pi)
-        anomaly = np.full(mean.shape, np.pi)
-        for _ in range(_KEPLER_STEPS):
-            step = (anomaly - e * np.sin(anomaly) - mean) / (1.0 - e * np.cos(anomaly))
-            anomaly = anomaly - step
-            if np.abs(step).max() < 1e-15:
-                break
-        radius = 1.0 - e * np.cos(anomaly)
-        rate[:, 2] = n * np.sqrt(1.0 - e * e) / radius**2
-        change[:, 2] = -2.0 * rate[:, 2] * n * e * np.sin(anomaly) / radius**2
-        return rate, change, (n * n / radius**3)[:, None, None] * _SPHERE
+        return self._frame.motion(angles, time)[0]
 
 
 def _gravity_torques(inertia: np.ndarray, gradient: np.ndarray) -> np.ndarray:
@@ -327,38 +288,3 @@ def _crossing(vectors: np.ndarray) -> np.ndarray:
         matrices[:, before, after] = vectors[:, axis]
         matrices[:, after, before] = -vectors[:, axis]
     return matrices
-
-
-def _oblate_orbit(
-    orbit: PerturbedOrbit, latitudes: np.ndarray, time: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """As `OrbitForces._orbit`: the orbit around an oblate planet that is nearest to a circle.
-
-    J2 pulls with K (5 (r.a)^2 r / r^7 - r / r^5 - 2 (r.a) a / r^5) for the planet's axis a, and the gradient is the
-    derivative of this vector. `rans.model.drift` has the matrix of its components.
-    """
-    n, k = orbit.mean_motion, orbit.oblateness
-    si, ci = np.sin(orbit.inclination), np.cos(orbit.inclination)
-    # The plane's angle grows by the frame's rate, less what the node moves back.
-    mean = n * (1.0 + 0.5 * k * (1.0 - 1.5 * si**2))
-    u = latitudes + (mean + n * k * ci**2) * time
-    rate, change = np.zeros((2, len(u), 3))
-    rate[:, 0] = -2.0 * k * n * si * ci * np.sin(u)
-    change[:, 0] = -2.0 * k * n**2 * si * ci * np.cos(u)
-    rate[:, 2] = mean + n * k / 6.0 * si**2 * np.cos(2.0 * u)
-    change[:, 2] = -(n**2) * k / 3.0 * si**2 * np.sin(2.0 * u)
-    radius = 1.0 + k / 6.0 * si**2 * np.cos(2.0 * u)
-    # The planet's axis in the Hill frame, and its component along the radius e.
-    axis = np.stack([si * np.sin(u), si * np.cos(u), np.full(len(u), ci)], axis=1)
-    e, one = np.array([1.0, 0.0, 0.0]), np.eye(3)
-    z = axis[:, :1, None]
-    along, across = axis[:, None, :], axis[:, :, None]
-    both = e[:, None] * along + across * e
-    oblate = 10.0 * z * both + (5.0 * z**2 - 1.0) * one
-    oblate = oblate + (5.0 - 35.0 * z**2) * np.outer(e, e) - 2.0 * across * along
-    sphere = n * n / radius[:, None, None] ** 3 * _SPHERE
-    return rate, change, sphere + k * n * n * oblate
-
-
-_SPHERE = np.diag([2.0, -1.0, -1.0])
-"""Gradient of a sphere's gravity, in its size over the distance."""

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -43,12 +42,12 @@ from pydrake.systems.primitives import Integrator
 
 from rans.errors import ConfigError, positive
 from rans.model.body import Body
-from rans.model.drift import FREE, Drift, EllipticOrbit, PerturbedOrbit
+from rans.model.drift import FREE, Drift
 from rans.model.spacecraft import Spacecraft
+from rans.reference.frames import drake_frame
 from rans.reference.further import DrakeMass, drake_effectors
 from rans.reference.nozzles import Failure, Nozzles, Segment
 from rans.reference.parts import (
-    Orbit,
     OrbitForces,
     centre_of_mass,
     designed,
@@ -107,6 +106,7 @@ class Plant:
         self.count = count
         self._body = body or designed(craft)
         self._drift = drift
+        self._frame = drake_frame(drift)
         self._nozzles = Nozzles.of(craft, self._body, count)
         self._further = drake_effectors(craft.mounted)
         self._masses = [one for one in self._further if isinstance(one, DrakeMass)]
@@ -372,7 +372,7 @@ class Plant:
     def _export_forces(self, builder: DiagramBuilder) -> None:
         """The input for disturbances, through the orbit's pull where there is an orbit."""
         forces = self._plant.get_applied_generalized_force_input_port()
-        if not isinstance(self._drift, Orbit):
+        if self._frame is None:
             for mass in self._masses:
                 if (friction := mass.friction()) is None:
                     continue
@@ -383,7 +383,7 @@ class Plant:
             builder.ExportInput(forces, "disturbance")
             return
         orbit = OrbitForces(
-            self._drift,
+            self._frame,
             self._position,
             self._velocity,
             self._spins,
@@ -498,23 +498,9 @@ class Plant:
 
     def _set_angles(self, drift: Drift | None) -> None:
         """Say where targets are on their orbits at time 0."""
-        own = self._drift
-        drift = own if drift is None else drift
-        if not isinstance(own, Orbit):
+        if self._frame is None:
             return
-        angle: Any = 0.0
-        if isinstance(own, EllipticOrbit):
-            if not isinstance(drift, EllipticOrbit) or own != replace(
-                drift, mean_anomaly=own.mean_anomaly
-            ):
-                raise ConfigError(f"the plant was built for {own!r}, got {drift!r}.")
-            angle = drift.mean_anomaly
-        elif isinstance(own, PerturbedOrbit):
-            if not isinstance(drift, PerturbedOrbit) or own != replace(
-                drift, latitude=own.latitude
-            ):
-                raise ConfigError(f"the plant was built for {own!r}, got {drift!r}.")
-            angle = drift.latitude
+        angle = self._frame.angle(self._drift if drift is None else drift)
         angles = np.asarray(angle, dtype=np.float64).ravel()
         self._angles = np.broadcast_to(angles, self.count)
         self._simulator.get_system().GetInputPort("angles").FixValue(self._context, self._angles)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import rans.reference.frames
 import rans.reference.nozzles
 import rans.reference.parts
 import rans.reference.plant
@@ -58,6 +59,7 @@ def test_imports_nothing_of_ours_but_the_spacecraft() -> None:
             rans.reference.plant,
             rans.reference.parts,
             rans.reference.nozzles,
+            rans.reference.frames,
         )
     )
     ours = set()
@@ -69,6 +71,8 @@ def test_imports_nothing_of_ours_but_the_spacecraft() -> None:
             ours.add(node.module)
     assert {m for m in ours if m and m.startswith(("rans", "validation"))} == {
         "rans.errors",
+        "rans.registry",
+        "rans.reference.frames",
         "rans.reference.parts",
         "rans.reference.nozzles",
         "rans.reference.further",

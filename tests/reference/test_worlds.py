@@ -12,20 +12,12 @@ import pytest
 import torch
 
 import rans.model.dynamics
-from rans.effectors.motion import held, states_at_checks
+from rans.effectors.motion import held
 from rans.errors import ConfigError
 from rans.model.actuators import Actuators, OnOff, Pulsed, Throttle
 from rans.model.body import Body
-from rans.model.drift import (
-    ClohessyWiltshire,
-    Drift,
-    EllipticOrbit,
-    FreeFlight,
-    PerturbedOrbit,
-    UniformGravity,
-)
-from rans.model.dynamics import Wrench
-from rans.model.fields import Vec2, Vec3, leaves, map_leaves, unflatten
+from rans.model.drift import ClohessyWiltshire, Drift, FreeFlight, UniformGravity
+from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import rows_from_states, states_from_rows
@@ -307,52 +299,3 @@ class Wind(Drift):
 def test_a_drift_unknown_to_drake_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"Drake knows free flight, .* got"):
         Plant(nasty_planar(), drift=Wind())
-
-
-ELLIPSE = EllipticOrbit(0.11, 0.4, 0.0)
-OBLATE = PerturbedOrbit(0.11, 1e-4, 0.9, 1e-3, 0.0)
-"""What is of the second order in its oblateness, 1e-8 of the pull of the orbit, is below the tolerance."""
-
-
-@pytest.mark.parametrize(
-    ("dimension", "kind", "own"),
-    [
-        (2, "few counts", ELLIPSE),
-        (3, "on-off", ELLIPSE),
-        (3, "few counts", OBLATE),
-        (2, "few counts", replace(OBLATE, inclination=0.0)),
-    ],
-)
-def test_unsteady_orbits_and_faulty_craft_that_are_pushed_fly_alike(
-    dimension: Any, kind: str, own: Any
-) -> None:
-    """Both craft are at other places of an orbit that lasts a minute; pulses and substeps divide its periods."""
-    built = world(dimension, "orbit", ACTUATORS[kind])
-    places = np.array([0.3, 2.0])
-    if isinstance(own, EllipticOrbit):
-        drift: Any = replace(own, mean_anomaly=places)
-    else:
-        drift = replace(own, latitude=places)
-    push: Any = (
-        Wrench(Vec2(0.02, -0.03), 0.004)
-        if dimension == 2
-        else Wrench(Vec3(0.02, -0.03, 0.01), Vec3(0.004, 0.002, -0.003))
-    )
-    disturbances = np.tile(leaves(push), (COUNT, 1))
-    plant = Plant(built.craft, COUNT, 0.005, built.body, own)
-    state: Any = random_states(dimension, COUNT, 3, speed=0.1, spin=0.1)
-    rows = rows_from_states(state)
-    commands = np.random.default_rng(2).integers(0, 2, (6, COUNT, len(built.craft.thrusters)))
-    for k, command in enumerate(commands):
-        now = drift.later(0.2 * k)
-        state = states_at_checks(
-            state,
-            built.craft,
-            built.body,
-            tuple(command.astype(float).T),
-            built.timing,
-            now,
-            disturbance=push,
-        )[-1]
-        rows = plant.advance(rows, command.astype(float), 0.2, disturbances, drift=now)
-    assert gap(states_from_rows(rows, state).normalised(), state) < TOLERANCE

@@ -2,36 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from itertools import chain
 from pathlib import Path
 
+from rans.errors import ConfigError
+from rans.registry import Registry
 from rans.table import Table
-from validation.judges import brick, contact, jeod, lvlh
+from validation.judges import brick, contact, lvlh
 from validation.judges.judge import Row
-from validation.judges.logs import logged
+
+Judged = tuple[list[Row], list[str]]
+"""A row for each case, and sentences on cases that were left out."""
+
+WITH_LOGS: Registry[Callable[[Path | None], Judged]] = Registry(
+    "judge", "rans.judges", {}, lambda judged: judged
+)
+"""Judges of packages, each a function of a folder with longer logs, or None."""
 
 
-def judged(folder: Path | None = None) -> tuple[list[Row], list[str]]:
+def judged(folder: Path | None = None) -> Judged:
     """A row for each case of each judge, and sentences on cases that were left out.
 
     Args:
-        folder: with longer logs of JEOD, in folders RUN_X; None: the figures that come with RANS.
+        folder: with longer logs, such as those of JEOD in folders RUN_X; None: the figures that come with RANS.
 
     Raises:
-        ConfigError: see `validation.judges.logs.logged`.
+        ConfigError: a judge refuses its logs, or no judge with logs is installed.
     """
-    runs, left = ({}, []) if folder is None else logged(folder)
-    left += [f"JEOD {names}: {reason}." for names, reason in jeod.NOT_FLOWN.items()]
-    shipped = {
-        name: (run, f"RUN_{name}/log_state_ASCII.csv")
-        for name, run in jeod.RUNS.items()
-        if name not in runs
-    }
-    rows: Iterator[Row] = chain(
-        jeod.rows({**shipped, **runs}), brick.rows(), contact.rows(), lvlh.rows()
-    )
-    return list(rows), left
+    if folder is not None and not WITH_LOGS:
+        raise ConfigError(
+            f"--judges {folder} takes JEOD's logs, and their judge is in a package that is not installed: pip "
+            "install 'rans[missions]'"
+        )
+    found = [WITH_LOGS[name](folder) for name in WITH_LOGS]
+    own = chain(brick.rows(), contact.rows(), lvlh.rows())
+    return [*chain(*(rows for rows, _ in found)), *own], [*chain(*(left for _, left in found))]
 
 
 def table(rows: list[Row]) -> Table:

@@ -23,9 +23,10 @@ import numpy as np
 from rans.errors import ConfigError, RansWarning, brief, checked, counted
 from rans.files import read_text, write_text
 from rans.flight import Flight
-from rans.model.drift import EARTH, ClohessyWiltshire
+from rans.model.drift import ClohessyWiltshire
 from rans.model.fields import Quat, map_leaves
 from rans.tasks import Task
+from rans_missions.orbits.earth import EARTH
 
 FRAME = "EME2000"
 """Inertial frame of messages: x towards the vernal equinox, z along the Earth's axis, at J2000."""

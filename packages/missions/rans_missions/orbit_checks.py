@@ -1,7 +1,7 @@
 """Missions near a target in orbit, flown in true two-body gravity instead of Clohessy-Wiltshire's equations.
 
 Drake moves craft by the same linear equations as RANS there. Here mission guidance flies in the gravity of a
-point mass (`validation.two_body`), of which the linear equations are the first term.
+point mass (`rans_missions.two_body`), of which the linear equations are the first term.
 """
 
 from __future__ import annotations
@@ -13,16 +13,17 @@ import numpy as np
 
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import fly
-from rans.model.drift import ClohessyWiltshire, EllipticOrbit
+from rans.model.drift import ClohessyWiltshire
 from rans.model.spacecraft import Spacecraft
 from rans.scenario import scenarios
 from rans.tasks import TASKS
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.orbits.elliptic import EllipticOrbit
 from rans_missions.tasks import Dock, TargetOrbit
 from rans_missions.tasks.orbital import OrbitalMission
+from rans_missions.two_body import TwoBodyMover
 from validation.study.checks import Check
 from validation.study.study import Scope
-from validation.two_body import TwoBodyMover
 
 _COUNT = 4
 """Starts of each mission."""

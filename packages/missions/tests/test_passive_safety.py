@@ -15,9 +15,8 @@ from rans_missions.passive_safety import (
     pieces_of_periods,
     single_coasts,
 )
+from rans_missions.two_body import relative_motion
 from scipy.integrate import solve_ivp
-
-from validation.two_body import relative_motion
 
 N = 1.1e-3
 ORBIT = 2.0 * math.pi / N

@@ -9,7 +9,6 @@ import numpy as np
 
 from rans.drawing import columns, outlines
 from rans.flight import Flight
-from rans.model.drift import ClohessyWiltshire, EllipticOrbit, PerturbedOrbit
 from rans.model.fields import map_leaves
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import BLUE, GREY, INK, RED, SKY, label
@@ -85,7 +84,7 @@ def _views(flight: Flight) -> tuple[_View, ...]:
     """Projections that show a flight of this task."""
     if flight.task.optimal_problem == "landing":
         return (_DESCENT,)
-    if isinstance(flight.task.drift, ClohessyWiltshire | EllipticOrbit | PerturbedOrbit):
+    if flight.task.drift.rate() is not None:
         return _ORBIT[: flight.craft.dimension - 1]
     return (_PLANE,)
 

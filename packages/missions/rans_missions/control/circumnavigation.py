@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rans.model.drift import velocity_to_reach
 from rans.model.fields import Vec2, Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -19,6 +18,7 @@ from rans.randomization.conditions import Conditions, bounds, largest
 from rans.tasks.base import Task
 from rans_missions.control.navigation_filter import NavigationFilter
 from rans_missions.control.velocity_guidance import PassivelySafeGuidance, closed_ellipse
+from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.passive_safety import (
     PRECISION,
     Pieces,

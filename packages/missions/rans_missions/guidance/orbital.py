@@ -13,13 +13,13 @@ from functools import cache, partial
 from itertools import combinations
 from typing import Any
 
-from rans.model.drift import velocity_to_reach
 from rans.model.fields import Field, Vec3, absolute, at_least, map_leaves, sin, where
 from rans_missions.guidance.arrival import PLANS, TIME_ROUNDING, best_arrival, whole_periods
 from rans_missions.guidance.coasts import COAST_POINTS, Coasts
 from rans_missions.guidance.few_burns import ArrivalTolerance, Coast, KeepOut
 from rans_missions.guidance.impulses import LEAST_SAVING, Pair, axis_price, two_impulses
 from rans_missions.guidance.limits import KeepOutBall, Limits
+from rans_missions.orbits.reach import velocity_to_reach
 
 LATER_BURNS = tuple(200.0 * k for k in range(8, 0, -1))
 """Times before the planned arrival to which a part of a single impulse may be postponed, s: evenly over the quarter

@@ -7,14 +7,11 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from rans.model.drift import (
-    ClohessyWiltshire,
-    Drift,
-    EllipticOrbit,
-    PerturbedOrbit,
-    velocity_to_reach,
-)
+from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.fields import at_least, map_leaves, where, within
+from rans_missions.orbits.elliptic import EllipticOrbit
+from rans_missions.orbits.perturbed import PerturbedOrbit
+from rans_missions.orbits.reach import velocity_to_reach
 
 _COASTING_PART = 0.8
 """Part of both tolerances within which a craft coasts on: the rest is for what no coast foresees."""

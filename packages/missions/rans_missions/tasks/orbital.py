@@ -8,17 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from rans.display import Settings
 from rans.errors import ConfigError, is_finite
-from rans.model.drift import (
-    EARTH,
-    EARTH_RADIUS,
-    MOST_ECCENTRIC,
-    ClohessyWiltshire,
-    Drift,
-    EllipticOrbit,
-    PerturbedOrbit,
-    mean_anomaly,
-    velocity_to_reach,
-)
+from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field, at_least, cos, sin, where
 from rans.model.random import Random
@@ -38,6 +28,11 @@ from rans_missions.guidance.coasts import Coasts
 from rans_missions.guidance.limits import Limits
 from rans_missions.guidance.orbital import FewBurns, OrbitalGuidance, SingleImpulse
 from rans_missions.guidance.staying import balancing_velocity, staying_velocity
+from rans_missions.orbits.earth import EARTH, EARTH_RADIUS
+from rans_missions.orbits.elliptic import MOST_ECCENTRIC, EllipticOrbit, mean_anomaly
+from rans_missions.orbits.perturbed import PerturbedOrbit
+from rans_missions.orbits.reach import velocity_to_reach
+from rans_missions.orbits.uneven import UnevenOrbit
 
 if TYPE_CHECKING:
     from rans.model.spacecraft import Spacecraft
@@ -424,10 +419,8 @@ class OrbitalMission(SingleTask):
         notes: Plan = goal.notes
         angle = notes.angle
         drift = self.drift_at(goal).later(time)
-        if isinstance(drift, EllipticOrbit):
-            angle = drift.mean_anomaly
-        elif isinstance(drift, PerturbedOrbit):
-            angle = drift.latitude
+        if isinstance(drift, UnevenOrbit):
+            angle = drift.angle
         deadline, arrival = notes.deadline - time, notes.arrival - time
         return replace(goal, notes=replace(notes, deadline=deadline, arrival=arrival, angle=angle))
 

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_missions.guidance.staying import balancing_velocity, staying_velocity
+from rans_missions.orbits.perturbed import PerturbedOrbit
 from rans_missions.tasks import Hold, TargetOrbit
 from rans_missions.tasks.hold import HoldPlan
 
-from rans.model.drift import ClohessyWiltshire, PerturbedOrbit
+from rans.model.drift import ClohessyWiltshire
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 

@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.tasks import Dock
 from rans_missions.tasks.orbital import Plan
 from scipy.linalg import expm
@@ -18,7 +19,7 @@ from rans.episode import Setup, World, step
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.flight import fly
-from rans.model.drift import ClohessyWiltshire, velocity_to_reach
+from rans.model.drift import ClohessyWiltshire
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec2, Vec3, leaves
 from rans.model.spacecraft_file import load_spacecraft

@@ -10,20 +10,22 @@ import numpy as np
 import pytest
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.control.passive_entry import PassiveEntry
+from rans_missions.orbits.earth import EARTH
+from rans_missions.orbits.elliptic import EllipticOrbit
 from rans_missions.tasks import Dock
 from rans_missions.tasks.orbital import TargetOrbit
+from rans_missions.two_body import TwoBodyMover
 
 from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import fly
-from rans.model.drift import EARTH, ClohessyWiltshire, EllipticOrbit
+from rans.model.drift import ClohessyWiltshire
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.lqr import LQR
 from rans.reference.flight import DrakeMover
 from rans.reference.plant import Plant
 from rans.scenario import scenarios
-from validation.two_body import TwoBodyMover
 
 DEPUTY = load_spacecraft("afrl-deputy")
 TRANSFER = TargetOrbit(eccentricity=0.5, semi_major_axis_km=13_556.0)

@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 from rans_missions.bounds.transfers import optimum, transfer_bounds
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.orbits.perturbed import PerturbedOrbit
 from rans_missions.tasks import Dock
 from rans_missions.tasks.hold import Hold
 from rans_missions.tasks.orbital import TargetOrbit
 from rans_missions.tasks.rendezvous import Rendezvous
+from rans_missions.two_body import Perturbations, TwoBodyMover
 
 from rans.errors import ConfigError
 from rans.flight import fly
-from rans.model.drift import ClohessyWiltshire, PerturbedOrbit
+from rans.model.drift import ClohessyWiltshire
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
@@ -25,7 +27,6 @@ from rans.optimal.control.lqr import LQR
 from rans.reference.flight import DrakeMover
 from rans.reference.plant import Plant
 from rans.scenario import scenarios
-from validation.two_body import Perturbations, TwoBodyMover
 
 LOW = TargetOrbit(oblate=True, inclination_degrees=51.6, target_drag=4e-6, ballistic_ratio=0.5)
 """Ten times the drag at 500 km, so that it shows within a minute."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_missions.orbits.elliptic import EllipticOrbit
 from rans_missions.tasks import Dock, TargetOrbit
 
 import rans.model.dynamics
@@ -14,7 +15,7 @@ from rans.effectors import motion
 from rans.effectors.motion import states_at_checks
 from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.model.drift import ClohessyWiltshire, Drift, EllipticOrbit
+from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft

@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 import torch
+from rans_missions.orbits.elliptic import EllipticOrbit
+from rans_missions.orbits.perturbed import PerturbedOrbit
 
 from rans.fast.engine import Engine
-from rans.model.drift import EllipticOrbit, PerturbedOrbit
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPosition

@@ -15,10 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from rans.model.arc import from_arc
 from rans.model.body import Body
-from rans.model.drift import Drift, EllipticOrbit, eccentric_anomaly
+from rans.model.drift import Drift
 from rans.model.dynamics import SpatialState, Wrench, advance
 from rans.model.fields import Quat, Vec3
-from validation.judges import jeod_facts as facts
+from rans_missions.judges import jeod_facts as facts
+from rans_missions.orbits.elliptic import EllipticOrbit, eccentric_anomaly
 from validation.judges.judge import Judge, Largest, Row
 from validation.study.checks import Check
 

@@ -11,8 +11,10 @@ from pathlib import Path
 
 from rans.errors import ConfigError
 from rans.files import read_text
-from validation.judges.jeod import RUNS, Run
-from validation.judges.jeod_facts import Motion, Turning
+from rans_missions.judges import jeod
+from rans_missions.judges.jeod import RUNS, Run
+from rans_missions.judges.jeod_facts import Motion, Turning
+from validation.judges.judge import Row
 
 FILE = "log_state_ASCII.csv"
 """Name of a log in its folder RUN_X."""
@@ -32,6 +34,25 @@ _LARGEST = 4_000_000
 """Bytes: a log of 481 rows has 820,000."""
 _ALIKE = {"2": "8A", "9C": "9A", "10B": "10A"}
 """Runs whose start is in their log only, each with one under the same torques."""
+
+
+def judged(folder: Path | None) -> tuple[list[Row], list[str]]:
+    """Rows of JEOD's runs, and sentences on those that are left out; a judge of `validation.judges.table`.
+
+    Args:
+        folder: with logs; None: the figures that stand here.
+
+    Raises:
+        ConfigError: see `logged`.
+    """
+    runs, left = ({}, []) if folder is None else logged(folder)
+    left += [f"JEOD {names}: {reason}." for names, reason in jeod.NOT_FLOWN.items()]
+    shipped = {
+        name: (run, f"RUN_{name}/log_state_ASCII.csv")
+        for name, run in jeod.RUNS.items()
+        if name not in runs
+    }
+    return list(jeod.rows({**shipped, **runs})), left
 
 
 def logged(folder: Path) -> tuple[dict[str, tuple[Run, str]], list[str]]:

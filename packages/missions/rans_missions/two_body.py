@@ -18,11 +18,13 @@ from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.model.drift import EARTH, EllipticOrbit, PerturbedOrbit
 from rans.model.fields import Vec3, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.parameters import StepInputs
+from rans_missions.orbits.earth import EARTH
+from rans_missions.orbits.elliptic import EllipticOrbit
+from rans_missions.orbits.perturbed import PerturbedOrbit
 
 J2 = 1.08262668e-3
 """Oblateness of the Earth's gravity (EGM96)."""

@@ -8,18 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.orbits.earth import EARTH
+from rans_missions.orbits.elliptic import EllipticOrbit, mean_anomaly
 from rans_missions.tasks import Dock
-from scipy.integrate import solve_ivp
-
-from rans.errors import ConfigError
-from rans.flight import fly
-from rans.model.drift import EARTH, ClohessyWiltshire, EllipticOrbit, mean_anomaly
-from rans.model.fields import Vec3
-from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
-from rans.scenario import draws, scenarios
-from validation.two_body import (
+from rans_missions.two_body import (
     J2,
     Perturbations,
     TwoBodyMover,
@@ -27,6 +19,16 @@ from validation.two_body import (
     perturbed_motion,
     relative_motion,
 )
+from scipy.integrate import solve_ivp
+
+from rans.errors import ConfigError
+from rans.flight import fly
+from rans.model.drift import ClohessyWiltshire
+from rans.model.fields import Vec3
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
+from rans.scenario import draws, scenarios
 
 N = 0.001027
 """rad/s, AFRL's orbit."""

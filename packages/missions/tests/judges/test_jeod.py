@@ -1,4 +1,4 @@
-"""Flights on orbits against NASA's JEOD (`validation.judges.jeod_facts` has the figures and their source)."""
+"""Flights on orbits against NASA's JEOD (`rans_missions.judges.jeod_facts` has the figures and their source)."""
 
 from __future__ import annotations
 
@@ -9,6 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_missions.judges import jeod
+from rans_missions.judges.jeod import RUNS, Run, differences, rows
+from rans_missions.judges.logs import COLUMNS, TIME, logged
+from rans_missions.orbits.elliptic import EllipticOrbit
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -16,12 +20,9 @@ from rans.cli import main
 from rans.errors import ConfigError
 from rans.model import dynamics
 from rans.model.body import Body
-from rans.model.drift import ClohessyWiltshire, EllipticOrbit
+from rans.model.drift import ClohessyWiltshire
 from rans.model.dynamics import SpatialState, Wrench, advance
 from rans.model.fields import Quat, Vec3
-from validation.judges import jeod
-from validation.judges.jeod import RUNS, Run, differences, rows
-from validation.judges.logs import COLUMNS, TIME, logged
 
 SHORT = {"8A": 14400, "8B": 14400, "9A": 2160, "9B": 2160, "9D": 2400, "10C": 480}
 """Times, s, at which the default tests end."""

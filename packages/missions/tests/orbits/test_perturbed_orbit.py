@@ -9,14 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from rans_missions.orbits.earth import EARTH, EARTH_RADIUS, J2
+from rans_missions.orbits.perturbed import PerturbedOrbit
+from rans_missions.two_body import Perturbations, density, perturbed_motion
 from scipy.integrate import solve_ivp
 
 from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.model.drift import EARTH, EARTH_RADIUS, J2, ClohessyWiltshire, PerturbedOrbit
+from rans.model.drift import ClohessyWiltshire
 from rans.model.dynamics import SpatialState, Wrench, advance
 from rans.model.fields import Quat, Vec2, Vec3, leaves
-from validation.two_body import Perturbations, density, perturbed_motion
 
 N = 0.0011068
 """rad/s, a low orbit."""

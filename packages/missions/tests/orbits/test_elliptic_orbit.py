@@ -11,18 +11,14 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from rans_missions.orbits.earth import EARTH
+from rans_missions.orbits.elliptic import EllipticOrbit, eccentric_anomaly, mean_anomaly
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.model.drift import (
-    EARTH,
-    ClohessyWiltshire,
-    EllipticOrbit,
-    eccentric_anomaly,
-    mean_anomaly,
-)
+from rans.model.drift import ClohessyWiltshire
 from rans.model.dynamics import PlanarState, Wrench, advance
 from rans.model.fields import Heading, Vec2, Vec3, leaves
 
