@@ -211,23 +211,19 @@ def _parse(arguments: list[str]) -> Any:
     if "--trust" in arguments:
         command = _parse([word for word in arguments if word != "--trust"] or ["--help"])
         return replace(command, trust=True) if hasattr(command, "trust") else command
-    from rans.cli.mistakes import COMMAND_NAMES, check_options
+    from rans.cli.mistakes import check_options
     from rans.cli.numbers import registry
 
     if arguments[0] == "help":
         arguments = [*arguments[1:], "--help"]
     bare = arguments[0].removeprefix("--")
-    if arguments[0] not in COMMANDS and (
-        not arguments[0].startswith("-") or bare in (*COMMANDS, *COMMAND_NAMES)
-    ):
+    if arguments[0] not in COMMANDS and (not arguments[0].startswith("-") or bare in COMMANDS):
         absent = sentence_of_absent(bare, f"rans {bare}")
         if absent:
             raise ConfigError(absent)
-        near = meant(bare, COMMANDS)
-        if bare in COMMAND_NAMES:
-            near = f" (did you mean {COMMAND_NAMES[bare]}?)"
         raise ConfigError(
-            f"there is no command {brief(arguments[0])}{near}; commands are {', '.join(COMMANDS)}."
+            f"there is no command {brief(arguments[0])}{meant(bare, COMMANDS)}; commands are "
+            f"{', '.join(COMMANDS)}."
         )
     candidates = [c for c in COMMANDS if c in arguments[:1]] or COMMANDS
     commands = {c: COMMANDS[c] for c in candidates}

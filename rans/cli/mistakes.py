@@ -1,4 +1,4 @@
-"""Options and commands that people type from habit: each leads by a sentence to what it is called here.
+"""Options and words that a command does not have: a sentence leads to the nearest that it has.
 
 Nothing here imports torch, so that the answer comes at once.
 """
@@ -20,84 +20,9 @@ from rans.errors import ConfigError, brief, meant
 from rans.files import read_text
 from rans.structure import LARGEST_TOML, read_toml
 
-COMMAND_NAMES = {
-    "benchmarks": "benchmark",
-    "bound": "optimal",
-    "check": "validate",
-    "demo": "view",
-    "deploy": "export",
-    "eval": "evaluate",
-    "fit": "train",
-    "learn": "train",
-    "ls": "list",
-    "mpc": "compare",
-    "new": "init",
-    "optimise": "optimal",
-    "optimize": "optimal",
-    "play": "view",
-    "plot": "report",
-    "race": "compare",
-    "render": "view",
-    "resume": "train",
-    "robustness": "stress",
-    "run": "evaluate",
-    "score": "evaluate",
-    "search": "sweep",
-    "show": "view",
-    "simulate": "view",
-    "solve": "optimal",
-    "sysid": "identify",
-    "test": "evaluate",
-    "verify": "prove",
-    "video": "view",
-    "visualize": "view",
-    "watch": "view",
-}
-"""Commands by words of other programs."""
-
 _YES_OR_NO = ("yes", "no", "true", "false", "on", "off", "1", "0")
 """Values that people give to switches, in lower case."""
 _TASK = "the task follows the command without an option, as in `rans {command} go-to-pose`"
-_OPTIONS = {
-    "checkpoint": ("resume",),
-    "checkpoint-dir": ("output",),
-    "config-file": ("config",),
-    "continue": ("resume",),
-    "craft": ("spacecraft",),
-    "cuda": ("device",),
-    "dir": ("output",),
-    "eval-episodes": ("episodes",),
-    "exp-name": ("output",),
-    "experiment": ("output",),
-    "gpu": ("device",),
-    "load": ("resume",),
-    "log-dir": ("output",),
-    "logdir": ("output",),
-    "model": ("spacecraft",),
-    "n-episodes": ("episodes",),
-    "n-eval-episodes": ("episodes",),
-    "name": ("output",),
-    "num-episodes": ("episodes",),
-    "num-seeds": ("seeds",),
-    "out": ("output",),
-    "output-dir": ("output",),
-    "randomization": ("conditions",),
-    "render": ("view",),
-    "restart": ("resume",),
-    "robot": ("spacecraft",),
-    "run-name": ("output",),
-    "runs": ("episodes",),
-    "samples": ("episodes",),
-    "save": ("output",),
-    "save-dir": ("output",),
-    "starts": ("episodes",),
-    "track": ("log",),
-    "trials": ("episodes",),
-    "vehicle": ("spacecraft",),
-    "wandb": ("log",),
-    "world": ("conditions",),
-}
-"""Options of a command by names of other programs; a command may have none of them."""
 
 
 def check_options(name: str, command: type, words: Sequence[str]) -> None:
@@ -292,16 +217,14 @@ def _flags(command: type) -> Iterable[tuple[str, tuple[str, ...]]]:
         ]
         for name in (f"--{(names or [field.name])[0]}", *others):
             yield name.replace("_", "-"), choices
-        yield f"--no-{field.name}".replace("_", "-"), ()
+        if kind is bool:
+            yield f"--no-{field.name}".replace("_", "-"), ()
 
 
 def _hint(command: str, flag: str, value: str, options: Mapping[str, tuple[str, ...]]) -> str:
     """What to write in its place, as the middle of a sentence; empty if that is not known."""
     if flag in ("task", "env", "env-id") and command in ("train", "sweep", "optimal"):
         return f": {_TASK.format(command=command)}"
-    for option in _OPTIONS.get(flag, ()):
-        if f"--{option}" in options:
-            return f" (did you mean --{option}?)"
     if "--set" in options and (setting := _setting(flag.replace("-", "_"))):
         value = value if value and not value.startswith("-") else "VALUE"
         return f": it is a setting, --set {setting}={value}"
