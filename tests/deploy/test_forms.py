@@ -115,7 +115,7 @@ KINDS: list[dict[str, Any]] = [
         "symmetric": True,
         "filters": FilterSettings((0.1,)),
     },
-    {"memory": MemorySettings("recurrent", units=12)},
+    {"memory": MemorySettings("recurrent")},
     {"privileged_critic": True},
 ]
 

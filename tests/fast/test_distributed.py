@@ -7,7 +7,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 import torch
@@ -36,7 +36,16 @@ from tests.support.processes import PATIENCE, python
 from tests.support.training import CONFIG, TINY, weights
 
 ROOT = Path(__file__).parents[2]
-SETTINGS = replace(TINY, max_grad_norm=0.1, learning_rate=2.0**-9)
+
+
+class Clipped(PPOSettings):
+    """Every gradient is longer than this, so that each process scales it by the norm of all."""
+
+    max_grad_norm: ClassVar[float] = 0.1
+
+
+_VALUES: Any = vars(TINY) | {"learning_rate": 2.0**-9}
+SETTINGS = Clipped(**_VALUES)
 
 
 def started(world: Processes = ALONE, members: int = 1) -> PPOLearner:

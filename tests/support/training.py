@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +55,14 @@ EASY = GoToPose(
 """Solved by whoever does not fail."""
 
 
+def settings_with(settings: PPOSettings, **values: Any) -> PPOSettings:
+    """The settings with other values; of constants, too, which are those of a class made for this."""
+    names = {one.name for one in fields(settings)}
+    constants = {name: values.pop(name) for name in [*values] if name not in names}
+    kind: Any = type("Other", (type(settings),), constants) if constants else type(settings)
+    return kind(**{name: getattr(settings, name) for name in names} | values)
+
+
 def tiny_learner(
     craft: Any = PLATFORM,
     seed: int = 0,
@@ -64,7 +72,7 @@ def tiny_learner(
     **settings: Any,
 ) -> PPOLearner:
     """PPO, by default where many episodes fail and others are cut off by time; SB3 knows its network."""
-    chosen = replace(TINY, **{"symmetric": False} | settings)
+    chosen = settings_with(TINY, **{"symmetric": False} | settings)
     craft = replace(craft, actuators=Throttle()) if continuous else craft
     engine = Engine(craft, task, chosen.n_envs, SHORT, seed=seed, dtype=dtype)
     return begin(engine, [chosen], [seed])

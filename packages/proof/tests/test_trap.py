@@ -76,7 +76,7 @@ def files() -> dict[str, bytes]:
     config = {
         "task": "track-velocity",
         "spacecraft": "floating-platform",
-        "ppo": {"layers": [8], "activation": "tanh"},
+        "ppo": {"layers": [8]},
         "timing": {"control_period": PERIOD},
     }
     return {

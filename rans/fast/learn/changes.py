@@ -22,8 +22,6 @@ OTHERS_NAMES = {
     "discount": "ppo.gamma",
     "gae": "ppo.gae_lambda",
     "lmbda": "ppo.gae_lambda",
-    "clip_coef": "ppo.clip_range",
-    "ent": "ppo.ent_coef",
     "hidden": "ppo.layers",
     "network": "ppo.layers",
     "steps": "total_timesteps",
@@ -37,11 +35,6 @@ OTHERS_NAMES = {
     "num_epochs": "ppo.n_epochs",
     "epochs": "ppo.n_epochs",
     "lam": "ppo.gae_lambda",
-    "clip": "ppo.clip_range",
-    "clip_param": "ppo.clip_range",
-    "e_clip": "ppo.clip_range",
-    "entropy_coef": "ppo.ent_coef",
-    "entropy": "ppo.ent_coef",
     "target_kl": "ppo.schedule.desired_kl",
     "kl_threshold": "ppo.schedule.desired_kl",
     "net_arch": "ppo.layers",
@@ -102,17 +95,16 @@ def check_memory(table: Mapping[str, Any], changes: Iterable[str]) -> None:
         changes: names of the entries that were changed, full or their last parts.
 
     Raises:
-        ConfigError: a history's length or a recurrent memory's units were changed, and the memory is another.
+        ConfigError: a history's length was changed, and the memory has none.
     """
     memory = table["ppo"]["memory"]
     kind = memory["kind"] if isinstance(memory, Mapping) else memory
-    for entry, kinds in (("history", ("history", "commands")), ("units", ("recurrent",))):
-        names = {f"ppo.memory.{entry}", f"memory.{entry}", entry}
-        if kind not in kinds and not names.isdisjoint(changes):
-            raise ConfigError(
-                f"ppo.memory.{entry} is of {' or '.join(map(repr, kinds))} memories, and this one is {kind!r}: set "
-                f"ppo.memory.kind={kinds[0]} too."
-            )
+    names = {"ppo.memory.history", "memory.history", "history"}
+    if kind not in ("history", "commands") and not names.isdisjoint(changes):
+        raise ConfigError(
+            f"ppo.memory.history is of 'history' or 'commands' memories, and this one is {kind!r}: set "
+            "ppo.memory.kind=history too."
+        )
 
 
 def _typed(value: Any) -> Any:

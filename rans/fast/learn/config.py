@@ -8,14 +8,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from numbers import Integral
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, get_args
 
 from rans.display import Settings
 from rans.errors import ConfigError, brief, fits
 from rans.fast.learn.curriculum import Ramp, check_ramps
 from rans.fast.learn.learners import complete
 from rans.model.timing import Timing
-from rans.policy.activations import ACTIVATIONS
 from rans.policy.backbone_registry import ATTENTION, trainable
 from rans.randomization.conditions import Conditions
 from rans.structure import structure
@@ -27,10 +26,6 @@ if TYPE_CHECKING:
 Precision = Literal["float32", "tf32", "bf16"]
 """Precision of a GPU's matrix products: 24, 11 or, in hidden layers, 8 significant bits (docs/speed.md)."""
 
-if TYPE_CHECKING:
-    Activation = str
-else:
-    Activation = Literal[tuple(ACTIVATIONS)]
 Head = Literal["auto", "gated", "guided"]
 MemoryKind = Literal["none", "history", "commands", "recurrent"]
 
@@ -75,13 +70,13 @@ class MemorySettings(Settings):
     of it: the fraction of the average that remains at every step. They separate constant signals from noise and
     reach further back than a history. The average of commands that halves at every step has the last command as its
     first binary digit, the one before as its second."""
-    units: int = 64
-    """Hidden units of the recurrent memory."""
+
+    units: ClassVar[int] = 64
+    """Hidden units of the recurrent memory: as many as the last layer of the plain agents has."""
 
     def __post_init__(self) -> None:
         kinds = get_args(MemoryKind)
         require_bounds(self, f"one of {', '.join(kinds)}", lambda x: x in kinds, "kind")
-        require_bounds(self, f">= 1 and <= {MOST_UNITS:,}", lambda x: 1 <= x <= MOST_UNITS, "units")
         require_bounds(
             self, f">= 0 and <= {MOST_UNITS:,}", lambda x: 0 <= x <= MOST_UNITS, "history"
         )
@@ -232,20 +227,10 @@ class PPOSettings:
     """Discount per control period."""
     gae_lambda: float = 0.95
     """Bias-variance trade-off of the advantages."""
-    clip_range: float = 0.2
-    """Clipping range of the probability ratio."""
-    ent_coef: float = 0.0
-    """Weight of the entropy bonus."""
-    vf_coef: float = 0.5
-    """Weight of the value loss."""
-    max_grad_norm: float = 1.0
-    """Largest norm of a gradient, to which longer ones are scaled down."""
     reward_scale: float = 0.1
     """Factor on every reward."""
     layers: tuple[int, ...] = (64, 64)
     """Units of the hidden layers, which actor and critic share."""
-    activation: Activation = "tanh"
-    """Activation function of the hidden layers."""
     backbone: str = "dense"
     """Network from features to commands: "dense" has a last layer; installed packages have others, such as
     attention over the effectors (examples/plugins/attention)."""
@@ -271,6 +256,19 @@ class PPOSettings:
     exploration: ExplorationSettings = _EXPLORATION
     """Distribution of the commands before the first update."""
 
+    clip_range: ClassVar[float] = 0.2
+    """Clipping range of the probability ratio (J. Schulman et al., "Proximal policy optimization algorithms",
+    arXiv:1707.06347, table 3)."""
+    ent_coef: ClassVar[float] = 0.0
+    """Weight of the entropy bonus: none. `exploration` sets how random policies begin, and no recipe needs more."""
+    vf_coef: ClassVar[float] = 0.5
+    """Weight of the value loss, that of SB3."""
+    max_grad_norm: ClassVar[float] = 1.0
+    """Largest norm of a gradient, to which longer ones are scaled down; `reward_scale` sets their size."""
+    activation: ClassVar[str] = "tanh"
+    """Activation function of the hidden layers, with which all recipes train. Networks that were trained elsewhere
+    may have others of `rans.policy.activations.ACTIVATIONS`."""
+
     def __post_init__(self) -> None:
         # Sizes of a rollout and of its batches.
         require_bounds(
@@ -289,17 +287,12 @@ class PPOSettings:
             "finite and > 0",
             lambda x: 0 < x < math.inf,
             "learning_rate",
-            "clip_range",
-            "max_grad_norm",
             "reward_scale",
         )
-        require_bounds(
-            self, "finite and >= 0", lambda x: 0 <= x < math.inf, "ent_coef", "vf_coef", "zoom"
-        )
+        require_bounds(self, "finite and >= 0", lambda x: 0 <= x < math.inf, "zoom")
         require_bounds(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
         # The network: names first, then sizes, then what does not go together.
         for name, kind in (
-            ("activation", Activation),
             ("head", Head),
             ("matmul", Precision),
         ):
@@ -331,7 +324,7 @@ class PPOSettings:
 
 
 class Coefficients(NamedTuple):
-    """Hyper-parameters that may differ between members, by their last names in `PPOSettings`.
+    """Hyper-parameters of the members' updates, by their last names in `PPOSettings`.
 
     Each is (K,), with NaN for None.
     """

@@ -37,7 +37,6 @@ _COMPILING = 30.0
 _CHECKPOINT_SECONDS = 5.0
 _ARCHITECTURE = (
     "layers",
-    "activation",
     "zoom",
     "symmetric",
     "memory",

@@ -98,7 +98,7 @@ NEAR = GoToPose(spawn_distance=(0.2, 0.35), position_tolerance=0.4, attitude_tol
     [
         (NEAR, spared, {}),
         (NEAR, spared, {"memory": MemorySettings("history", 3, (0.5,))}),
-        (CHATTERING, earned, {"memory": MemorySettings("recurrent", units=8)}),
+        (CHATTERING, earned, {"memory": MemorySettings("recurrent")}),
     ],
 )
 def test_it_gives_what_brute_force_finds_best(

@@ -16,6 +16,7 @@ from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import Batch, minibatches
 from rans.tasks import GoToPose
 from tests.support.engines import FLYER, PLATFORM
+from tests.support.training import settings_with
 
 pytestmark = [
     pytest.mark.gpu,
@@ -28,7 +29,6 @@ SETTINGS = PPOSettings(
     batch_size=16384,
     layers=(128, 128),
     matmul="bf16",
-    ent_coef=0.01,
     reward_scale=1.0,
 )
 
@@ -81,7 +81,7 @@ WIDE = {"layers": (256, 192), "memory": MemorySettings("history", averages=(0.5,
     ],
 )
 def test_gradients_are_as_good_as_torchs(craft: Any, settings: Any) -> None:
-    given = replace(SETTINGS, **settings)
+    given = settings_with(SETTINGS, **{"ent_coef": 0.01} | settings)
     learner = begin(Engine(craft, GoToPose(), given.n_envs, device="cuda"), [given], [0])
     kernel = learner.backend
     network = learner.network

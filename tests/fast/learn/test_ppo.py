@@ -15,7 +15,16 @@ from rans.fast.learn.member import begin, statistics
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import minibatches
 from tests.support.engines import NEAR, PLATFORM, SHORT, both_crafts
-from tests.support.training import TINY, sb3_policy, sb3_twin, scatter, seen, tiny_learner, weights
+from tests.support.training import (
+    TINY,
+    sb3_policy,
+    sb3_twin,
+    scatter,
+    seen,
+    settings_with,
+    tiny_learner,
+    weights,
+)
 
 ONE_BATCH: dict[str, Any] = {
     "n_envs": 32,
@@ -63,7 +72,7 @@ def filled(
     kept.log_prob.copy_(
         log_prob.reshape(steps, count) + 0.3 * torch.randn(steps, count, generator=generator)
     )
-    twin = sb3_twin(learner, replace(TINY, **given))
+    twin = sb3_twin(learner, settings_with(TINY, **given))
     _fill(twin, learner, last)
     return learner, twin
 

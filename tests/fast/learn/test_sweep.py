@@ -30,16 +30,12 @@ CHOICES: list[dict[str, Any]] = [
     {
         "learning_rate": 2.0**-9,
         "gamma": 0.9,
-        "ent_coef": 0.01,
-        "clip_range": 0.1,
         "reward_scale": 0.3,
         "schedule": ScheduleSettings(max_learning_rate=2.0**-9, anneal=0.8),
     },
     {
         "learning_rate": 2.0**-8,
         "schedule": ScheduleSettings(desired_kl=None),
-        "max_grad_norm": 0.05,
-        "vf_coef": 1.0,
         "gae_lambda": 0.8,
     },
 ]
