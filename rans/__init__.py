@@ -36,17 +36,11 @@ if TYPE_CHECKING:
     from rans.api.names import load_conditions, load_spacecraft, load_task
     from rans.api.pages import export, report, view
     from rans.api.training import sweep, train, tune
-    from rans.api.trajectory import OptimalTrajectory
     from rans.errors import (
         ConfigError,
-        NonFiniteState,
         RansError,
         RansWarning,
-        SolverFailed,
-        WorkerLost,
     )
-    from rans.evaluation.fly.controllers import CONTROLLERS
-    from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
     from rans.evaluation.fly.pilot import Pilot
     from rans.executors import run_on
     from rans.fast.engine import Engine
@@ -54,37 +48,24 @@ if TYPE_CHECKING:
     from rans.fast.envs.single import SpacecraftEnv
     from rans.fast.envs.vector import SpacecraftVectorEnv
     from rans.fast.learn.config import (
-        ExplorationSettings,
-        FilterSettings,
-        MemorySettings,
         PPOSettings,
-        ScheduleSettings,
     )
     from rans.fast.learn.front import PPO
-    from rans.flight import Controller, Flight
-    from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
     from rans.model.spacecraft import Spacecraft, Thruster
-    from rans.model.spacecraft_file import spacecraft_names
     from rans.model.timing import Timing
     from rans.optimal.control.lqr import LQR
     from rans.optimal.control.mpc import MPC
-    from rans.optimal.control.observer import ObserverMPC
-    from rans.optimal.control.sampling import MPPI
     from rans.optimal.control.switching import Switching
-    from rans.pretrained import pretrained_names
     from rans.randomization.conditions import (
         BodyConditions,
         Conditions,
         DisturbanceConditions,
         FaultConditions,
-        LayoutConditions,
         SensorConditions,
         SensorsConditions,
         ThrusterConditions,
     )
-    from rans.randomization.conditions_file import conditions_names
     from rans.registry import trust_files
-    from rans.scenario import Scenario
     from rans.tasks import (
         GoToAttitude,
         GoToPose,
@@ -117,18 +98,11 @@ _LAZY = {
     "report": "rans.api.pages",
     "export": "rans.api.pages",
     "optimal_trajectory": "rans.api.limits",
-    "OptimalTrajectory": "rans.api.trajectory",
     "certify": "rans.api.limits",
     "state": "rans.api.limits",
     "Spacecraft": "rans.model.spacecraft",
     "Thruster": "rans.model.spacecraft",
-    "OnOff": "rans.model.actuators",
-    "Pulsed": "rans.model.actuators",
-    "Throttle": "rans.model.actuators",
-    "Wheel": "rans.model.actuators",
-    "Propellant": "rans.model.actuators",
     "load_spacecraft": "rans.api.names",
-    "spacecraft_names": "rans.model.spacecraft_file",
     "GoToAttitude": "rans.tasks",
     "GoToPose": "rans.tasks",
     "GoToPosePriced": "rans.tasks",
@@ -143,45 +117,27 @@ _LAZY = {
     "BodyConditions": "rans.randomization.conditions",
     "ThrusterConditions": "rans.randomization.conditions",
     "FaultConditions": "rans.randomization.conditions",
-    "LayoutConditions": "rans.randomization.conditions",
     "DisturbanceConditions": "rans.randomization.conditions",
     "SensorConditions": "rans.randomization.conditions",
     "SensorsConditions": "rans.randomization.conditions",
     "load_conditions": "rans.api.names",
-    "conditions_names": "rans.randomization.conditions_file",
-    "CONTROLLERS": "rans.evaluation.fly.controllers",
-    "Controller": "rans.flight",
     "LQR": "rans.optimal.control.lqr",
     "Switching": "rans.optimal.control.switching",
     "MPC": "rans.optimal.control.mpc",
-    "ObserverMPC": "rans.optimal.control.observer",
-    "MPPI": "rans.optimal.control.sampling",
-    "Lookahead": "rans.evaluation.fly.lookahead",
-    "ArrivalCost": "rans.evaluation.fly.lookahead",
     "Pilot": "rans.evaluation.fly.pilot",
-    "pretrained_names": "rans.pretrained",
-    "Scenario": "rans.scenario",
     "Timing": "rans.model.timing",
-    "Flight": "rans.flight",
     "fly": "rans.api.flying",
     "trust_files": "rans.registry",
     "run_on": "rans.executors",
     "Engine": "rans.fast.engine",
     "PPO": "rans.fast.learn.front",
     "PPOSettings": "rans.fast.learn.config",
-    "MemorySettings": "rans.fast.learn.config",
-    "FilterSettings": "rans.fast.learn.config",
-    "ScheduleSettings": "rans.fast.learn.config",
-    "ExplorationSettings": "rans.fast.learn.config",
     "SB3VecEnv": "rans.fast.envs.sb3",
     "SpacecraftEnv": "rans.fast.envs.single",
     "SpacecraftVectorEnv": "rans.fast.envs.vector",
     "ConfigError": "rans.errors",
-    "NonFiniteState": "rans.errors",
     "RansError": "rans.errors",
     "RansWarning": "rans.errors",
-    "SolverFailed": "rans.errors",
-    "WorkerLost": "rans.errors",
 }
 """Module of each public name, loaded on first use."""
 
@@ -203,18 +159,11 @@ __all__ = [
     "report",
     "export",
     "optimal_trajectory",
-    "OptimalTrajectory",
     "certify",
     "state",
     "Spacecraft",
     "Thruster",
-    "OnOff",
-    "Pulsed",
-    "Throttle",
-    "Wheel",
-    "Propellant",
     "load_spacecraft",
-    "spacecraft_names",
     "TASKS",
     "GoToAttitude",
     "GoToPose",
@@ -230,45 +179,27 @@ __all__ = [
     "BodyConditions",
     "ThrusterConditions",
     "FaultConditions",
-    "LayoutConditions",
     "DisturbanceConditions",
     "SensorConditions",
     "SensorsConditions",
     "load_conditions",
-    "conditions_names",
-    "CONTROLLERS",
-    "Controller",
     "LQR",
     "Switching",
     "MPC",
-    "ObserverMPC",
-    "MPPI",
-    "Lookahead",
-    "ArrivalCost",
     "Pilot",
-    "pretrained_names",
-    "Scenario",
     "Timing",
-    "Flight",
     "fly",
     "trust_files",
     "run_on",
     "Engine",
     "PPO",
     "PPOSettings",
-    "MemorySettings",
-    "FilterSettings",
-    "ScheduleSettings",
-    "ExplorationSettings",
     "SB3VecEnv",
     "SpacecraftEnv",
     "SpacecraftVectorEnv",
     "ConfigError",
-    "NonFiniteState",
     "RansError",
     "RansWarning",
-    "SolverFailed",
-    "WorkerLost",
     "__version__",
 ]
 

@@ -516,8 +516,9 @@ def _check_controller(controller: Controller, craft: Spacecraft) -> None:
     """Reject (`ConfigError`) a value that is not a controller, or a controller of another kind of spacecraft."""
     if not (_takes(controller, "reset", 1) and _takes(controller, "act", 3)):
         raise ConfigError(
-            "a controller has the methods reset(count) and act(state, goal, observation), see rans.Controller, "
-            f"such as rans.load_agent(...).controller or a rans.LQR; got {brief(controller)}."
+            "a controller has the methods reset(count) and act(state, goal, observation), see "
+            f"rans.flight.Controller, such as rans.load_agent(...).controller or a rans.LQR; "
+            f"got {brief(controller)}."
         )
     own_craft = getattr(controller, "craft", None)
     if isinstance(own_craft, Spacecraft) and _form(own_craft) != _form(craft):

@@ -76,7 +76,8 @@ class OnOff(Actuators):
 class Throttle(Actuators):
     """Throttled thrusters: they hold any share of their full force between two levels.
 
-    >>> dataclasses.replace(rans.load_spacecraft("floating-platform"), actuators=rans.Throttle()).actuators
+    >>> from rans.model.actuators import Throttle
+    >>> dataclasses.replace(rans.load_spacecraft("floating-platform"), actuators=Throttle()).actuators
     Throttle(least=0.0, most=1.0, always_lit=False)
 
     A command is the share of full force. Engines that are always lit take commands from ``least`` to ``most``.
@@ -148,7 +149,8 @@ class Throttle(Actuators):
 class Pulsed(Actuators):
     """Pulse-width modulated valves: each opens at the start of a control period for a whole number of counts.
 
-    >>> rans.Pulsed(counts=10, least=2)  # with a period of 0.1 s: steps of 10 ms, pulses of 20 ms or more
+    >>> from rans.model.actuators import Pulsed
+    >>> Pulsed(counts=10, least=2)  # with a period of 0.1 s: steps of 10 ms, pulses of 20 ms or more
     Pulsed(counts=10, least=2)
 
     A duty cycle d opens a thruster at full force for the first round(d * counts) counts, with halves rounded up.
@@ -216,7 +218,8 @@ KINDS: dict[str, type[Actuators]] = {kind.kind: kind for kind in (OnOff, Pulsed,
 class Wheel:
     """Reaction wheel: a rotor whose motor turns the craft in the opposite direction.
 
-    >>> rans.Wheel(axis=(0.0, 0.0, 1.0), max_torque=0.007, max_momentum=0.0236, inertia=4.1e-5).max_torque
+    >>> from rans.model.actuators import Wheel
+    >>> Wheel(axis=(0.0, 0.0, 1.0), max_torque=0.007, max_momentum=0.0236, inertia=4.1e-5).max_torque
     0.007
 
     A command from -1 to 1 is the motor's torque on the wheel as a share of ``max_torque``; the craft is turned
@@ -242,7 +245,8 @@ class Wheel:
 class Propellant:
     """Propellant of the thrusters: mass in a full tank and specific impulse.
 
-    >>> round(rans.Propellant(mass=400.0, specific_impulse=225.0).exhaust_speed, 3)
+    >>> from rans.model.actuators import Propellant
+    >>> round(Propellant(mass=400.0, specific_impulse=225.0).exhaust_speed, 3)
     2206.496
 
     Thrusters with the forces F_i use sum(F_i) / exhaust_speed kilograms per second. The mass and inertia of the

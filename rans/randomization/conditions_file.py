@@ -91,7 +91,7 @@ CONDITIONS = Registry(
 def conditions_names() -> list[str]:
     """Names of the conditions of RANS and of installed packages.
 
-    >>> "lab" in rans.conditions_names()
+    >>> "lab" in rans.randomization.conditions_file.conditions_names()
     True
     """
     return list(CONDITIONS)

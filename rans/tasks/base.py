@@ -231,7 +231,8 @@ class SingleTask(Prices, Task):
 
     observed_thrusters: int = 0
     """Number of thrusters whose accelerations policies observe, for craft with random layouts
-    (`rans.LayoutConditions`): at least that of the craft. 0: policies do not observe them."""
+    (`rans.randomization.conditions.LayoutConditions`): at least that of the craft. 0: policies do not observe
+    them."""
 
     flag: ClassVar[float] = -1.0
     """Task flag tf of the paper, which policies observe. The tasks of the paper have 0 to 4; others may keep -1."""

@@ -122,7 +122,11 @@ def test_columns_that_no_thruster_has_are_refused() -> None:
 
 @pytest.mark.parametrize(
     "craft",
-    [CRAFT, rans.load_spacecraft("freeflyer2"), replace(IN_SPACE, actuators=rans.Pulsed(3))],
+    [
+        CRAFT,
+        rans.load_spacecraft("freeflyer2"),
+        replace(IN_SPACE, actuators=rans.model.actuators.Pulsed(3)),
+    ],
     ids=lambda craft: f"{craft.name} {craft.actuators.kind}",
 )
 def test_episodes_fly_as_spacecraft_of_their_own(craft: rans.Spacecraft) -> None:

@@ -32,7 +32,8 @@ CHANGE_WITHIN = 1.0
 class ArrivalCost:
     """Prices of late arrival, thrust and errors; the unit is a second with all thrusters open.
 
-    >>> rans.Lookahead(rans.load_agent("go-to-pose-2d-fast"), arrival=rans.ArrivalCost(late=1.5))
+    >>> from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
+    >>> Lookahead(rans.load_agent("go-to-pose-2d-fast"), arrival=ArrivalCost(late=1.5))
     <Lookahead: go-to-pose-2d-fast, 8 s ahead>
 
     Raises:
@@ -155,9 +156,10 @@ class _ControllerPolicy:
 class Lookahead:
     """An agent or controller that compares its own commands with one change of a thruster in one period.
 
-    >>> rans.Lookahead(rans.load_agent("go-to-pose-2d-fast"), horizon=4.0)
+    >>> from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
+    >>> Lookahead(rans.load_agent("go-to-pose-2d-fast"), horizon=4.0)
     <Lookahead: go-to-pose-2d-fast, 4 s ahead>
-    >>> rans.Lookahead(rans.load_agent("lqr:go-to-pose-2d"), arrival=rans.ArrivalCost())
+    >>> Lookahead(rans.load_agent("lqr:go-to-pose-2d"), arrival=ArrivalCost())
     <Lookahead: LQR, 8 s ahead>
 
     It simulates every change, with its own commands in all other periods, without randomization and from the state
@@ -192,7 +194,7 @@ class Lookahead:
         loaded = run_of(run)
         if loaded is None:
             raise ConfigError(
-                "look-ahead takes the result of rans.load_agent, as in rans.Lookahead("
+                "look-ahead takes the result of rans.load_agent, as in Lookahead("
                 f"rans.load_agent('go-to-pose-2d-fast')), got {brief(run)}."
             )
         if arrival is not None:

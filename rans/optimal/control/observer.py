@@ -110,8 +110,8 @@ _TRUST = Trust()
 class ObserverMPC(MPC):
     """An `MPC` that counters what an `Observer` estimates, and knows of it when it rests.
 
-    >>> from rans.optimal.control.observer import Trust
-    >>> rans.ObserverMPC("floating-platform", "go-to-pose", trust=Trust(share=0.05))
+    >>> from rans.optimal.control.observer import ObserverMPC, Trust
+    >>> ObserverMPC("floating-platform", "go-to-pose", trust=Trust(share=0.05))
     <MPC + observer: GoToPose for floating-platform>
 
     It plans for a craft on which nothing but the task's drift acts, and takes the estimate off the wrench it

@@ -68,8 +68,8 @@ _DRAWS = Sampling()
 class MPPI(ModelBased):
     """Plans patterns of open thrusters for the next seconds by sampling, and flies the first of the best.
 
-    >>> from rans.optimal.control.sampling import Sampling
-    >>> rans.MPPI("floating-platform", "go-to-pose", draws=Sampling(samples=64))
+    >>> from rans.optimal.control.sampling import MPPI, Sampling
+    >>> MPPI("floating-platform", "go-to-pose", draws=Sampling(samples=64))
     <MPPI: GoToPose for floating-platform>
 
     A plan is a chance of every thruster to be open in each of the next `PERIODS`. Plans are drawn from it and

@@ -205,7 +205,7 @@ def test_a_wheel_the_other_way_round_is_noticed() -> None:
 
 
 def test_others_refuse_wheels() -> None:
-    for refused in (rans.MPPI, rans.ObserverMPC):
+    for refused in (rans.optimal.control.sampling.MPPI, rans.optimal.control.observer.ObserverMPC):
         with pytest.raises(ConfigError, match="3 reaction wheels"):
             refused(CUBESAT, "go-to-pose")
     with pytest.raises(ConfigError, match="optimal trajectories command thrusters alone"):

@@ -277,7 +277,7 @@ class _OnlyTarget:
 @pytest.mark.parametrize(
     "other",
     [
-        rans.Conditions(layouts=rans.LayoutConditions(count=8)),
+        rans.Conditions(layouts=rans.randomization.conditions.LayoutConditions(count=8)),
         rans.Conditions(thrusters=rans.ThrusterConditions(on_off=0.5)),
         rans.Conditions(thrusters=rans.ThrusterConditions(least_pulse=(0.01, 0.05))),
     ],

@@ -326,8 +326,8 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     ``time`` (s) is needed, the pose (`POSE_COLUMNS`), and ``u0`` to ``u<C-1>``, the commands from this row on;
     the velocities (`RATE_COLUMNS`) and the speeds of wheels, ``s0`` and so on (rad/s), may be missing. An empty
     cell is a value that was not measured, or the last command; an empty line counts as none. The file that
-    `rans.Flight.to_csv` writes is such a file: units in parentheses and underscores are left out, and ``t`` and
-    ``w`` are ``time`` and ``spin``. Columns of other names are not read.
+    `rans.flight.Flight.to_csv` writes is such a file: units in parentheses and underscores are left out, and ``t``
+    and ``w`` are ``time`` and ``spin``. Columns of other names are not read.
 
     Raises:
         ConfigError: the file cannot be read, a column is missing or there twice, or a cell is no number.
