@@ -203,7 +203,12 @@ def _tolerated(margins: dict[str, Any], rest: str) -> str:
     parts = []
     for quantity in QUANTITIES:
         holds = margins[quantity.name]["holds"]
-        interval = "nowhere" if holds is None else f"{holds[0]:g} to {holds[1]:g} {quantity.unit}"
+        if holds is None:
+            interval = "nowhere"
+        elif not any(holds):
+            interval = "none"  # not even the smallest that is tried
+        else:
+            interval = f"{holds[0]:g} to {holds[1]:g} {quantity.unit}"
         parts.append(f"{quantity.name} {interval}")
     return (
         f"At least {margins['wanted_share']:.0%} solved, all else {rest}, at: {'; '.join(parts)}."
