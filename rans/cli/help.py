@@ -22,9 +22,9 @@ _QUOTED = re.compile(r"`[^`\n]{1,30}`")
 """A command short enough for any terminal; no line is broken within."""
 
 START = {
-    "rans train go-to-pose --output runs/first": "an agent in seconds",
-    "rans compare runs/first": "with controllers and bounds",
-    "rans view runs/first": "in three dimensions",
+    "rans init mine.toml": "your spacecraft, from its data sheet",
+    "rans compare mine.toml": "agents, controllers, bounds",
+    "rans train go-to-pose --spacecraft mine.toml": "an agent of its own",
 }
 """First commands, each with its result."""
 

@@ -201,6 +201,7 @@ class Init(Options):
         agent = FOR_ANY_CRAFT[craft.dimension]
         flown = _fly(console, craft, agent)
         console.suggest(
+            *([f"rans compare {self.file}"] if flown else []),
             *([f"rans view {agent}@{self.file}"] if flown else []),
             f"rans list {self.file}",
             # What cannot be steered is not worth a training.

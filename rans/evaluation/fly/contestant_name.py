@@ -164,6 +164,10 @@ class ContestantName:
                 f"there is no run folder {brief(agent)}, and no agent of this name{near}; `rans list AGENTS` "
                 "prints the agents."
             )
+        if not craft and whole.endswith(".toml"):
+            raise ConfigError(
+                f"there is no spacecraft file {brief(whole)}{meant_file(whole)}; `rans init {whole}` writes it."
+            )
         if not craft and not is_path:
             raise ConfigError(
                 f"there is no run folder {brief(whole)}{meant_file(whole)}, and no controller or agent of this "

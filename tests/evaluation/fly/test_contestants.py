@@ -164,6 +164,7 @@ def test_the_number_of_dimensions_may_be_left_out(spec: str, spacecraft: str) ->
         ("lqr:-2d", "no task named ''"),
         ("lqr:dock-2d", "asks for 2d, but afrl-deputy moves in 3"),
         ("nowhere", "there is no run folder 'nowhere'"),
+        ("nowhere.toml", "there is no spacecraft file 'nowhere.toml'; `rans init nowhere.toml`"),
         ("dock", "dock is a task, .* type mission:dock"),
         ("avoid", "type avoid-2d or avoid-3d or lqr:avoid"),
         (
