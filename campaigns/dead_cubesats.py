@@ -1,4 +1,4 @@
-"""Can a CubeSat without a thruster reach its goal in time? ``python -m campaigns.dead_cubesats``.
+"""Can a CubeSat without a thruster reach its goal in time? ``python -m campaigns dead-cubesats``.
 
 A flight made by hand is timed: the wheels turn the craft to the goal's attitude about one axis, and partly open
 thrusters then take it there from rest to rest while the wheels balance their torques within torque and momentum.
@@ -11,19 +11,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import tyro
 from scipy import sparse
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
-from campaigns.command import ended
 from rans.evaluation.fly.contestants import contestant
 from rans.model.spacecraft import Spacecraft
 from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
-from rans.terminal import Terminal
 
 _AGENTS = "go-to-pose-3d-cubesat-3u", "go-to-pose-3d-cubesat-6u"
 """Agents whose craft, task and episodes are asked about."""
@@ -130,24 +127,13 @@ def _balanced(craft: Spacecraft) -> Balanced:
 
 @dataclass(frozen=True)
 class DeadCubesats:
-    """Time the flight with every thruster dead in turn, and print the table."""
+    """Time the flight with every thruster dead in turn."""
 
     episodes: int = 4
     """Held-out starts."""
 
-    def run(self) -> int:
-        """Print."""
-        headings = (
-            "craft",
-            "median, all thrusters, s",
-            "median, one dead, s",
-            "longest, s",
-            "by the last fifth",
-        )
-        Terminal(room=120).show("CubeSats without a thruster", headings, [*self._rows()])
-        return 0
-
-    def _rows(self) -> Iterator[list[str]]:
+    def measured(self) -> Iterator[dict[str, Any]]:
+        """Times of each craft, s."""
         for name in _AGENTS:
             own = contestant(f"pretrained:{name}")
             craft = own.craft
@@ -165,13 +151,13 @@ class DeadCubesats:
             # Settled flights are within the tolerances in the last fifth.
             due = 0.8 * own.timing.episode_steps * own.timing.control_period
             times = np.array(dead)
-            yield [
-                craft.name,
-                f"{np.median(whole):.0f}",
-                f"{np.median(times):.0f}",
-                f"{times.max():.0f}",
-                f"{(times <= due).sum()} of {times.size} (in {due:.0f} s)",
-            ]
+            yield {
+                "craft": craft.name,
+                "whole": float(np.median(whole)),
+                "dead": float(np.median(times)),
+                "longest": float(times.max()),
+                "in time": f"{(times <= due).sum()} of {times.size} (in {due:.0f} s)",
+            }
 
 
 def _time(wheels: Balanced, inertia: np.ndarray, start: Scenario) -> float:
@@ -185,7 +171,3 @@ def _matrix(rows: object) -> np.ndarray:
     """Rotation from B to W, of its first two rows."""
     first, second = np.array(rows, float).reshape(2, 3)
     return np.vstack([first, second, np.cross(first, second)])
-
-
-if __name__ == "__main__":
-    raise SystemExit(ended("dead cubesats", lambda: tyro.cli(DeadCubesats).run()))

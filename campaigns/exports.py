@@ -8,7 +8,6 @@ every compiler of `c_compilers` that is here, with all its warnings as errors.
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -25,12 +24,10 @@ from rans.deploy.export import write_agent
 from rans.episode import Setup
 from rans.fast.agent_files.agent import SavedPolicy, read_policy
 from rans.fast.learn.run_folder import RunFolder
-from rans.files import environment, read_json, write_json
 from rans.policy.heads import OnOff
 from rans.policy.network import Network
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.processes import Workers, nothing
-from rans.terminal import Terminal
 from validation.speed.exported import Answer, answers
 
 DUTY_TOLERANCE = 1e-4
@@ -164,55 +161,23 @@ def _tables(_: None, name: str, count: int) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True)
 class Exports:
-    """Compare exported agents with the agents themselves."""
+    """Compare exported agents with the agents themselves; it fails where one commands otherwise."""
 
-    agents: Positional[tuple[str, ...]] = ()
-    """Names of shipped agents; none: all of them."""
+    only: Positional[tuple[str, ...]] = ()
+    """Names of shipped agents; none: all of them. Rows of the others stay as they are in the evidence."""
     count: int = 100_000
     """Observations for each."""
-    output: Path = Path("docs/validation/exports.json")
-    """Where the table goes."""
     workers: int | None = None
     """Number of processes; by default one per processor."""
 
-    def run(self) -> int:
-        """Print the table; 0 if every export commands what its agent does.
-
-        The file is written after every agent, and keeps the rows of agents that are not asked for.
-        """
+    def measured(self) -> Iterator[dict[str, Any]]:
+        """A row of each agent and form."""
         torch.set_num_threads(1)
-        before = read_json(self.output)["rows"] if self.output.exists() else []
-        shipped = pretrained_names()
-        by_agent = {name: [row for row in before if row["agent"] == name] for name in shipped}
-        found: list[Row] = []
-        names = self.agents or shipped
+        jobs = [(name, self.count) for name in self.only or pretrained_names()]
         workers = Workers(nothing, count=self.workers, work="asked agents")
-        every = workers.ordered(_tables, [(name, self.count) for name in names])
-        for name, measured in zip(names, every, strict=True):
-            found += [Row(**row) for row in measured]
-            by_agent[name] = measured
-            ordered = [row for one in sorted(by_agent) for row in by_agent[one]]
-            write_json(self.output, {"environment": environment(), "rows": ordered})
-        headings = "agent", "form", "observations", "other commands", "beyond rounding", "memory"
-        Terminal(room=110).show(
-            "Exports",
-            headings,
-            (
-                (
-                    row.agent,
-                    row.form,
-                    f"{row.observations:,}",
-                    str(row.unequal),
-                    str(row.beyond_rounding),
-                    f"{row.memory:.1e}",
-                )
-                for row in found
-            ),
-        )
-        return 0 if all(row.passed for row in found) else 1
+        for measured in workers.ordered(_tables, jobs):
+            yield from measured
 
-
-if __name__ == "__main__":
-    import tyro
-
-    sys.exit(tyro.cli(Exports).run())
+    def failed(self, evidence: Any) -> bool:
+        """Whether an export commands something else than its agent does."""
+        return not all(Row(**row).passed for row in evidence["rows"])

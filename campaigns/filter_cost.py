@@ -1,4 +1,4 @@
-"""Processor time of a filtered step of one spacecraft: ``python -m campaigns.filter_cost``.
+"""Processor time of a filtered step of one spacecraft: ``python -m campaigns filter-cost``.
 
 Random commands fly first, so that the predictions of a mission are traced before the adversary is timed.
 """
@@ -6,21 +6,19 @@ Random commands fly first, so that the predictions of a mission are traced befor
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import tyro
 from rans_missions.guard import safety_filter
 from rans_missions.guard.ahead import Ahead
 
-from campaigns.command import ended
 from campaigns.guard import MISSIONS, SEED, adversary, setup_of
 from rans.episode import Setup, World
 from rans.errors import one_of
 from rans.model.fields import map_leaves
 from rans.scenario import scenario
-from rans.terminal import Terminal
 
 _PERIODS = 120
 """Control periods of a flight, in which the adversary reaches a boundary."""
@@ -28,26 +26,29 @@ _PERIODS = 120
 
 @dataclass(frozen=True)
 class FilterCost:
-    """Fly one spacecraft after the other behind the filter, and print what a step costs."""
+    """Fly one spacecraft after the other behind the filter, and time its steps."""
 
     missions: tuple[str, ...] = tuple(MISSIONS)
     """Names of the missions that are flown, keys of `campaigns.guard.MISSIONS`."""
     seconds: float = 25.0
     """Time for the random commands of a mission, and for its adversary."""
 
-    def run(self) -> int:
-        """Print a line of each mission and pilot."""
+    def measured(self) -> Iterator[dict[str, Any]]:
+        """Steps of each mission and pilot, ms."""
         for mission in self.missions:
             one_of("a mission", mission, MISSIONS)
             setup = setup_of(mission)
             for who in ("random", "adversary"):
                 costs = 1e3 * np.array(_costs(setup, who, self.seconds))
-                Terminal().say(
-                    f"{mission:18} {who:9} {len(costs):6,} steps of {1e3 * setup.timing.control_period:6,.0f} ms: "
-                    f"median {np.median(costs):.1f} ms, 99 % {np.percentile(costs, 99):.1f} ms, "
-                    f"largest {costs.max():.1f} ms"
-                )
-        return 0
+                yield {
+                    "mission": mission,
+                    "who": who,
+                    "steps": len(costs),
+                    "period": 1e3 * setup.timing.control_period,
+                    "median": float(np.median(costs)),
+                    "99 %": float(np.percentile(costs, 99)),
+                    "largest": float(costs.max()),
+                }
 
 
 def _costs(setup: Setup, who: str, seconds: float) -> list[float]:
@@ -82,7 +83,3 @@ def _costs(setup: Setup, who: str, seconds: float) -> list[float]:
             if time.perf_counter() > end:
                 break
     return costs
-
-
-if __name__ == "__main__":
-    raise SystemExit(ended("filter_cost", lambda: tyro.cli(FilterCost).run()))

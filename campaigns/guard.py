@@ -1,4 +1,4 @@
-"""What the safety filter keeps, and what it costs: ``python -m campaigns.guard``.
+"""What the safety filter keeps, and what it costs: ``python -m campaigns guard``.
 
 Of every mission and policy, unfiltered and behind the filter: flights with a violated constraint, the share of
 control periods with another command than the wanted one, what was won or reached, mean impulse, and flights
@@ -11,13 +11,12 @@ hold are counted apart (`rans_missions.guard`).
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-import tyro
 from rans_missions.guard import safety_filter
 from rans_missions.guard.manoeuvres import slope_of_least
 
@@ -40,7 +39,6 @@ from rans.randomization.conditions import (
 )
 from rans.registry import trust_files
 from rans.tasks import load_task
-from rans.terminal import Terminal
 
 MISSIONS = {
     "avoid-2d": ("avoid", "floating-platform"),
@@ -58,45 +56,6 @@ SEED = 2031
 """Starts that nobody was trained, chosen or judged on."""
 Policy = Callable[[Any, Any, tuple[Field, ...]], tuple[Field, ...]]
 """Commands for states, goals and observations."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """Flights of one policy, filtered or not."""
-
-    mission: str
-    policy: str
-    filtered: bool
-    flights: int
-    unsafe: int
-    """Starts from which the filter does not hold."""
-    violated: int
-    """Flights from the other starts in which a margin was negative."""
-    violated_unsafe: int
-    """Flights from those starts in which one was."""
-    least: float
-    """The least margin of any flight from the other starts."""
-    interventions: float
-    """Share of the control periods flown with another command than the wanted one."""
-    reached: float
-    """Share of flights that were won; of missions without an end, within all tolerances in the last fifth."""
-    settled: float
-    """Median time until that, s."""
-    impulse: float
-    """Mean impulse of a flight, N s."""
-    rate: float
-    """Steps a second."""
-
-    def line(self) -> str:
-        """For a terminal."""
-        who = f"{self.policy}{', filtered' if self.filtered else ''}"
-        return (
-            f"{self.mission:13} {who:20} {self.flights:9,} flights: {self.violated:7,} violated "
-            f"(least margin {self.least:.4f}); {self.unsafe} starts outside the filter's set, "
-            f"{self.violated_unsafe} of them violated; interventions {100 * self.interventions:5.2f} %; "
-            f"reached {100 * self.reached:6.2f} % after {self.settled:.1f} s; {self.impulse:.2f} N s; "
-            f"{self.rate:,.0f} steps/s"
-        )
 
 
 def adversary(world: World) -> Policy:
@@ -244,7 +203,7 @@ def flown(
     device: str,
     plain: bool = False,
     conditions: Conditions | None = None,
-) -> Row:
+) -> dict[str, Any]:
     """Fly them all, in single precision."""
     setup = setup_of(mission, conditions)
     craft, task = setup.craft, setup.task
@@ -299,28 +258,32 @@ def flown(
         after = flying
     total = float(flying.sum())
     inside = holds
-    return Row(
-        mission,
-        policy,
-        filtered,
-        count,
-        int((~inside).sum()),
-        int((violated & inside).sum()),
-        int((violated & ~inside).sum()),
-        float(least[inside].min()),
-        float(changed.sum()) / total,
-        float(won.sum()) / count,
-        float(np.median(torch.as_tensor(after)[torch.as_tensor(won)].cpu().numpy()))
+    return {
+        "mission": mission,
+        "who": f"{policy}{', filtered' if filtered else ''}",
+        "flights": count,
+        # Starts from which the filter does not hold, and flights in which a margin was negative, from the others
+        # and from those.
+        "unsafe": int((~inside).sum()),
+        "violated": int((violated & inside).sum()),
+        "violated_unsafe": int((violated & ~inside).sum()),
+        "least": float(least[inside].min()),
+        # Share of the control periods flown with another command than the wanted one.
+        "interventions": float(changed.sum()) / total,
+        # Share of flights that were won; of missions without an end, within all tolerances in the last fifth.
+        "reached": float(won.sum()) / count,
+        # Median time until that, s.
+        "settled": float(np.median(torch.as_tensor(after)[torch.as_tensor(won)].cpu().numpy()))
         * task.timing.control_period
         if bool(won.any())
         else float("nan"),
-        float(impulse.sum()) / count,
-        (k + 1) * count / seconds,
-    )
+        "impulse": float(impulse.sum()) / count,
+        "rate": (k + 1) * count / seconds,
+    }
 
 
 @dataclass(frozen=True)
-class Campaign:
+class Guarded:
     """Fly missions behind the safety filter, and without it."""
 
     missions: tuple[str, ...] = ("avoid-2d", "avoid-3d", "dock-port-2d", "dock")
@@ -340,9 +303,8 @@ class Campaign:
     plain: bool = False
     """Step torch's tensors on a CPU too."""
 
-    def run(self) -> None:
-        """Print a line of each."""
-        say = Terminal().say
+    def measured(self) -> Iterator[dict[str, Any]]:
+        """Flights of every mission and policy."""
         for mission in self.missions:
             for policy in self.policies:
                 for filtered in (True, False):
@@ -350,7 +312,7 @@ class Campaign:
                         self.flights if filtered or self.unfiltered is None else self.unfiltered
                     )
                     if wanted:
-                        row = flown(
+                        yield flown(
                             mission,
                             policy,
                             filtered,
@@ -359,8 +321,3 @@ class Campaign:
                             self.plain,
                             noise_and_delay(mission, self.noise, self.delay),
                         )
-                        say(row.line())
-
-
-if __name__ == "__main__":
-    tyro.cli(Campaign).run()

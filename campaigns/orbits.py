@@ -1,4 +1,4 @@
-"""What Clohessy-Wiltshire leaves out of two-body gravity, by mission: ``python -m campaigns.orbits``.
+"""What Clohessy-Wiltshire leaves out of two-body gravity, by mission: ``python -m campaigns orbits``.
 
 Free coasts from random states near the target, flown by RANS's equations and by `rans_missions.two_body`: in
 two-body gravity, with the oblate Earth (J2), and with drag as well. The last columns have the errors of the
@@ -8,11 +8,11 @@ the benchmark draws them, counted above the speed limit.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import tyro
 from rans_missions.orbits.earth import EARTH, EARTH_RADIUS
 from rans_missions.orbits.perturbed import PerturbedOrbit
 from rans_missions.tasks import Dock
@@ -21,11 +21,9 @@ from rans_missions.tasks.inspect import Inspect
 from rans_missions.tasks.rendezvous import Rendezvous
 from rans_missions.two_body import Perturbations, density, perturbed_motion, relative_motion
 
-from campaigns.command import ended
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED, scenarios
-from rans.terminal import Terminal
 
 _COASTS: tuple[tuple[str, Any, float, tuple[float, ...]], ...] = (
     ("dock, 150 m", Dock(), 150.0, (600.0, 2000.0)),
@@ -47,7 +45,7 @@ _EARTH_RATE = 7.292115e-5
 
 @dataclass(frozen=True)
 class Orbits:
-    """Print both tables."""
+    """Fly coasts, and sample starts."""
 
     coasts: int = 256
     """Coasts of each mission, in random directions, at up to 1.6 n times the distance, as inspect starts."""
@@ -56,8 +54,8 @@ class Orbits:
     seed: int = EVALUATION_SEED
     """Of both."""
 
-    def run(self) -> int:
-        """Print."""
+    def measured(self) -> dict[str, Any]:
+        """Errors of coasts, and starts of dock."""
         rows = []
         for name, task, distance, times in _COASTS:
             n = task.mean_motion
@@ -78,33 +76,17 @@ class Orbits:
             perturbed = PerturbedOrbit.around_earth(n, float(_INCLINATION), drag, latitude)
             for number, time in enumerate(times):
                 linear, _ = task.drift.carry(Vec3(*p.T), Vec3(*v.T), time)
-                cells = [name, f"{time:,.0f} s"]
-                for truth in truths:
-                    away = np.stack(linear.columns(), axis=1) - truth[number]
-                    gap = np.linalg.norm(away, axis=1)
-                    cells += [_metres(np.median(gap)), _metres(gap.max())]
-                if n * time > np.pi:
-                    cells += ["-", "-"]
-                else:
+                gaps = [_gap(linear, truth[number]) for truth in truths]
+                # Half an orbit is as far as the perturbed orbit's equations go.
+                own = (math.nan, math.nan)
+                if n * time <= math.pi:
                     ours, _ = perturbed.carry(Vec3(*p.T), Vec3(*v.T), time)
-                    away = np.stack(ours.columns(), axis=1) - truths[2][number]
-                    gap = np.linalg.norm(away, axis=1)
-                    cells += [_metres(np.median(gap)), _metres(gap.max())]
-                rows.append(cells)
-        headings = (
-            "coast from",
-            "for",
-            *(f"{x}{name}" for name in ("", ", J2", ", J2, drag") for x in ("median", "largest")),
-            "median of the perturbed orbit",
-            "largest",
-        )
-        Terminal().show(f"Errors of Clohessy-Wiltshire, seed {self.seed}", headings, rows)
+                    own = _gap(ours, truths[2][number])
+                rows.append({"from": name, "time": time, "gaps": [*gaps, own]})
         task = replace(Dock(), starts_as_coded=True)
         drawn: Any = scenarios(task, load_spacecraft("afrl-deputy"), self.seed, self.starts)
         above = task.constraints(drawn.start, drawn.goal)["speed"] < 0.0
-        cells = [[f"{self.starts:,}", f"{100.0 * above.mean():.1f} %"]]
-        Terminal().show("dock, starts_as_coded=true", ("starts", "above the speed limit"), cells)
-        return 0
+        return {"rows": rows, "coded": [{"starts": self.starts, "above": float(above.mean())}]}
 
     def _directions(self, random: np.random.Generator) -> np.ndarray:
         """Uniform unit vectors, (coasts, 3)."""
@@ -112,10 +94,7 @@ class Orbits:
         return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
-def _metres(x: float) -> str:
-    """With two digits."""
-    return f"{float(f'{x:.2g}'):g} m"
-
-
-if __name__ == "__main__":
-    raise SystemExit(ended("orbits", lambda: tyro.cli(Orbits).run()))
+def _gap(vectors: Vec3, truth: np.ndarray) -> tuple[float, float]:
+    """Median and largest distance, m."""
+    gap = np.linalg.norm(np.stack(vectors.columns(), axis=1) - truth, axis=1)
+    return float(np.median(gap)), float(gap.max())

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from fnmatch import fnmatch
 from pathlib import Path
 
-from campaigns.table import ROWS
+from campaigns.table import CAMPAIGNS, ROWS
 from rans.files import write_text
 
 PICTURES: dict[str, str] = {
@@ -33,7 +33,6 @@ RECORDS: dict[str, tuple[str, str]] = {
         "python -m campaigns.bounds --craft 2000 --output docs/validation/bounds.json",
     ),
     "breaking.json": ("verification.md", "python -m campaigns.breaking"),
-    "exports.json": ("export.md", "python -m campaigns.exports"),
     "floating-platform.html": (
         "validation.md",
         "rans validate floating-platform --output FOLDER",
@@ -46,8 +45,13 @@ RECORDS: dict[str, tuple[str, str]] = {
         "proof/proofs.md",
         "python -m campaigns.proof_conditions docs/validation/proof-conditions.json PICTURE.svg",
     ),
-    "robots.json": ("robot/robots.md", "python -m campaigns.robots"),
     "tradeoff*.json": ("speed.md", "python -m campaigns.tradeoff"),
+}
+_WRITTEN = {name for source in ROWS.values() for name in source.evidence}
+RECORDS |= {
+    one.evidence[0]: (one.page, one.measured_by(name)[0])
+    for name, one in CAMPAIGNS.items()
+    if not one.tables and one.evidence and one.evidence[0] not in _WRITTEN
 }
 """Other files in docs/validation: the page of their figures, and what writes them."""
 
@@ -157,14 +161,13 @@ def _pictures() -> Iterator[str]:
 
 
 def _records() -> Iterator[str]:
-    for name, (where, command) in RECORDS.items():
+    for name, (where, command) in sorted(RECORDS.items()):
         yield f"| [{Path(where).stem}]({_in_repository(where)}) | `{name}` | `{command}` |"
 
 
 def unlisted(docs: Path) -> set[str]:
     """Files of evidence and pictures of which nothing says what makes them."""
-    evidence = {name for source in ROWS.values() for name in source.evidence}
-    files = {file.name for file in (docs / "validation").iterdir()} - evidence
+    files = {file.name for file in (docs / "validation").iterdir()} - _WRITTEN
     pictures = {
         file.relative_to(docs / "pictures").as_posix() for file in (docs / "pictures").rglob("*.*")
     }

@@ -1,8 +1,8 @@
 """Does a node keep its rate, and do valves shut when either side is killed?
 
-``python -m campaigns.robots`` flies the shipped agent for ten minutes at 10 Hz against the twin, two
+``python -m campaigns robots`` flies the shipped agent for ten minutes at 10 Hz against the twin, two
 processes over loopback, gives the bag to the agent again, then kills the node or the twin 100 times at random
-moments, prints both tables and writes JSON. An agent decides every 0.2 s; for the rate alone its contract is
+moments. An agent decides every 0.2 s; for the rate alone its contract is
 changed to 0.1 s. On a machine that does other work run it as ``chrt -f 20 python -m ...``: as a robot does.
 """
 
@@ -14,6 +14,7 @@ import shutil
 import signal
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -25,11 +26,10 @@ from rans_robot.node import fly_over, replay_bag
 from rans_robot.pilot import Plan, export_for_flight
 from rans_robot.twin import VALVES_TOPIC, TwinPlan, run_twin
 
-from rans.files import environment, read_json, write_json
+from rans.files import read_json, write_json
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import pretrained_folder
 from rans.registry import trust_files
-from rans.terminal import Terminal
 
 AGENT = "go-to-pose-2d"
 CRAFT = "floating-platform"
@@ -189,7 +189,7 @@ def kill(folder: Path, bus_name: BusName, side: str, after: float, domain: int) 
 
 @dataclass(frozen=True)
 class Robots:
-    """Fly for long, and kill either side."""
+    """Fly for long, and kill either side; it fails where the rate was not kept, or valves did not shut."""
 
     seconds: float = 600.0
     """Length of the flight."""
@@ -197,11 +197,9 @@ class Robots:
     """Kills, of the node and of the twin by turns."""
     bus: BusName = "udp"
     """Transport."""
-    output: Path = Path("docs/validation/robots.json")
-    """Where the results go."""
 
-    def run(self) -> int:
-        """Print the tables; 0 if the rate was kept and all valves shut."""
+    def measured(self) -> dict[str, Any]:
+        """The long flight, and all kills."""
         trust_files()  # the flights are ours, and so is the code beside their bags
         folder = Path(tempfile.mkdtemp())
         try:
@@ -220,21 +218,25 @@ class Robots:
             ]
         finally:
             shutil.rmtree(folder)
-        terminal = Terminal(room=110)
-        terminal.show("Loop at 10 Hz", ("quantity", "value"), _rows(loop))
-        headings = "killed", "kills", "valves open then", "shut in time", "latest, s"
-        sides = [_side([one for one in kills if one.side == side]) for side in ("node", "twin")]
-        terminal.show("Kills", headings, (row for row in sides if row))
-        write_json(
-            self.output,
-            {
-                "environment": environment(),
-                "bus": self.bus,
-                "loop": asdict(loop),
-                "kills": [asdict(one) for one in kills],
-            },
-        )
-        return 0 if loop.passed and all(one.passed for one in kills) else 1
+        return {"loop": asdict(loop), "kills": [asdict(one) for one in kills]}
+
+    def failed(self, evidence: Any) -> bool:
+        """Whether the rate was not kept, or valves did not shut."""
+        kills = [Kill(**one) for one in evidence["kills"]]
+        return not (Loop(**evidence["loop"]).passed and all(one.passed for one in kills))
+
+
+def in_words(evidence: Any) -> tuple[tuple[str, str], list[tuple[str, str]]]:
+    """Headings and rows of the loop."""
+    return ("quantity", "value"), _rows(Loop(**evidence["loop"]))
+
+
+def sides(evidence: Any) -> Iterator[tuple[str, ...]]:
+    """Rows of the kills of either side."""
+    kills = [Kill(**one) for one in evidence["kills"]]
+    for side in ("node", "twin"):
+        if own := [one for one in kills if one.side == side]:
+            yield _side(own)
 
 
 def _rows(loop: Loop) -> list[tuple[str, str]]:
@@ -251,8 +253,6 @@ def _rows(loop: Loop) -> list[tuple[str, str]]:
 
 
 def _side(kills: list[Kill]) -> tuple[str, ...]:
-    if not kills:
-        return ()
     times: list[Any] = [one.shut for one in kills if one.shut is not None]
     return (
         kills[0].side,
@@ -261,11 +261,3 @@ def _side(kills: list[Kill]) -> tuple[str, ...]:
         str(sum(one.passed for one in kills)),
         f"{max(times, default=float('nan')):.2f}",
     )
-
-
-if __name__ == "__main__":
-    import sys
-
-    import tyro
-
-    sys.exit(tyro.cli(Robots).run())

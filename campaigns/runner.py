@@ -11,7 +11,7 @@ import math
 import re
 import string
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -53,9 +53,9 @@ class Campaign:
     tables: Mapping[str, Shown]
     """By their names, which are also the marks of their places in the pages."""
     page: str
-    """Page that has them, from docs."""
-    prints: Shown | None = None
-    """Another table for the terminal."""
+    """Page that has them or speaks of it, from docs."""
+    prints: Mapping[str, Shown] = field(default_factory=dict)
+    """Further tables, for the terminal alone, by their titles."""
     measure: str = ""
     """MODULE:CLASS of what measures: a dataclass, whose fields are options, with a method ``measured`` that gives
     the evidence or its rows; empty: other commands do."""
@@ -193,7 +193,7 @@ def run(campaign: Campaign, plan: Any, docs: Path | None) -> int:
     Returns:
         1 if the plan says of the evidence that it failed.
     """
-    file = None if docs is None else campaign.file(docs)
+    file = campaign.file(docs) if docs is not None and campaign.evidence else None
     options = {x: _plain(value) for x, value in vars(plan).items() if x not in ("only", "workers")}
     about = {**options, "environment": environment()}
     before: dict[str, Any] = {}
@@ -212,8 +212,8 @@ def run(campaign: Campaign, plan: Any, docs: Path | None) -> int:
     for name in campaign.tables:
         if docs is not None:
             campaign.table(docs, name).write(docs)
-    for name, shown in {**campaign.tables, "": campaign.prints}.items():
-        if shown is not None and not shown.reads:
+    for name, shown in {**campaign.tables, **campaign.prints}.items():
+        if not shown.reads:
             Terminal().show(name, *texts(shown, plain(evidence)))
     return int(hasattr(plan, "failed") and plan.failed(evidence))
 

@@ -1,31 +1,29 @@
-"""What it costs to stay at the hold point for whole orbits: ``python -m campaigns.station_keeping``."""
+"""What it costs to stay at the hold point for whole orbits: ``python -m campaigns station-keeping``."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-import tyro
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.tasks import Hold, TargetOrbit
 
-from campaigns.command import ended
 from campaigns.error_sources import SIZES, sources
 from rans.evaluation.measure.metrics import solved
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.lqr import LQR
 from rans.scenario import EVALUATION_SEED, draws, scenarios
-from rans.terminal import Terminal
 
 _DAY = 86_400.0
 
 
 @dataclass(frozen=True)
 class StationKeeping:
-    """Fly hold with whole orbits in place of 600 s within the tolerances, and print the impulse of a day.
+    """Fly hold with whole orbits in place of 600 s within the tolerances, for the impulse of a day.
 
     Without errors the bound is zero.
     """
@@ -50,8 +48,8 @@ class StationKeeping:
     orbit: TargetOrbit = field(default_factory=TargetOrbit)
     """Orbit of the target, which mission guidance knows; by default a circle."""
 
-    def run(self) -> int:
-        """Fly and print."""
+    def measured(self) -> Iterator[dict[str, Any]]:
+        """What the first and the last orbit cost those that hold."""
         usual = Hold(orbit=self.orbit)
         orbit = 2.0 * math.pi / usual.mean_motion
         seconds = self.orbits * orbit
@@ -72,15 +70,12 @@ class StationKeeping:
         luck = draws(EVALUATION_SEED, self.episodes) if varied else None
         flight = fly(craft, task, controller, starts, timing, conditions=varied, draws=luck)
         won = solved(flight) & ~flight.violated()
-        say = Terminal().say
         if not won.any():
-            say(f"{self.controller}: none of {self.episodes} holds for {seconds:,.0f} s")
-            return 0
+            return
         # A success ends a flight: what it spent in its first and in its last orbit within the tolerances.
         lengths = np.full(self.episodes, steps) if flight.lengths is None else flight.lengths
         forces = np.array([thruster.force for thruster in craft.thrusters])
         spent = flight.commands @ forces * period
-        say(f"{self.controller}: {int(won.sum())} of {self.episodes} hold for {seconds:,.0f} s")
         for name, before in (("first", seconds), ("last", orbit)):
             orbital = np.array(
                 [
@@ -90,12 +85,14 @@ class StationKeeping:
                     for row, end in enumerate(lengths)
                 ]
             )[won]
-            say(
-                f"  {name} orbit: median {np.median(orbital):,.2f} N s, {orbital.min():,.2f} to "
-                f"{orbital.max():,.2f} N s; of a day {np.median(orbital) * _DAY / orbit:,.0f} N s"
-            )
-        return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(ended("station_keeping", lambda: tyro.cli(StationKeeping).run()))
+            median = float(np.median(orbital))
+            yield {
+                "who": self.controller,
+                "hold": f"{int(won.sum())} of {self.episodes}",
+                "seconds": seconds,
+                "orbit": name,
+                "median": median,
+                "least": float(orbital.min()),
+                "largest": float(orbital.max()),
+                "day": median * _DAY / orbit,
+            }
