@@ -29,6 +29,8 @@ def identify(
     """Identify forces, inertia, centre of mass, delays and disturbances of a spacecraft from logs of its flights.
 
     Motion determines forces and inertia only in proportion to the mass: the mass of ``spacecraft`` must be right.
+    Of a satellite that reaction wheels alone turn it determines moments of inertia and wheels only in proportion to
+    one another: the sum of the moments stays that of the file.
 
     >>> with tempfile.NamedTemporaryFile("w", suffix=".csv") as log:
     ...     print("time,x,y,heading", *(f"u{k}" for k in range(8)), sep=",", file=log)
@@ -41,11 +43,11 @@ def identify(
 
     Args:
         logs: bags (.mcap) of `rans fly` or ROS 2, or folders of ``ros2 bag record``, ULog files (.ulg) of PX4, CSV
-            files (`rans_robot.identify.log.read_csv`), or logs.
+            files (`rans_robot.identify.log.read_csv`), folders of InnoCube's telemetry, or logs.
         spacecraft: name, TOML file or `Spacecraft`: the data sheet, from which the fit begins.
         robot: kind of robot whose topics a bag has; None: the bag says it, or "ros".
         window: the log is predicted over windows of this length, s; None: of 5 s, doubled while the model explains
-            the readings.
+            the readings. Of a satellite without thrusters there are none.
         namespace: name before the topics of the robot in a bag, such as "robot1" for /robot1/pose.
 
     Raises:
@@ -108,10 +110,13 @@ def excite(
 
 def _read(log: str | Path, craft: Spacecraft, robot: RobotName | None, namespace: str) -> FlightLog:
     from rans_robot.identify.log import read_csv
+    from rans_robot.identify.telemetry import is_telemetry, read_telemetry
 
     file = Path(log)
     if file.suffix == ".csv":
         return read_csv(file, craft)
+    if file.is_dir() and is_telemetry(file):
+        return read_telemetry(file, craft)
     if file.suffix == ".mcap" or file.is_dir():
         from rans_robot.logs import read_bag
 

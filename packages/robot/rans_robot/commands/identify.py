@@ -17,9 +17,10 @@ from rans.terminal import Terminal, doing
 class Identify:
     """Identify forces, inertia, centre of mass, delays and disturbances from logs of flights.
 
-    Motion determines forces and inertia only in proportion to the mass, so weigh the spacecraft first. Writes
-    spacecraft.toml, conditions.toml with the intervals, and identified.json. With --excite it writes an agent
-    that flies the most informative commands, instead.
+    Motion determines forces and inertia only in proportion to the mass, so weigh the spacecraft first. Of a
+    satellite that wheels alone turn, attitude, rates and speeds of the wheels give inertia and wheels in
+    proportion. Writes spacecraft.toml, conditions.toml with the intervals, and identified.json. With --excite it
+    writes an agent that flies the most informative commands, instead.
     """
 
     group = "Deploy"
@@ -28,7 +29,9 @@ class Identify:
 
     logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG...")]
     """Bags (.mcap) of `rans fly` or of ROS 2, folders of `ros2 bag record`, ULog files (.ulg) of PX4, or CSV files
-    with the columns time, x, y, heading (in space x, y, z, qw, qx, qy, qz), u0, u1, ... and perhaps velocities."""
+    with the columns time, x, y, heading (in space x, y, z, qw, qx, qy, qz), u0, u1, ... and perhaps velocities. Of
+    a satellite with wheels alone: CSV files with time, qw, qx, qy, qz, wx, wy, wz, s0, s1, ..., or folders of
+    InnoCube's telemetry."""
     spacecraft: str = ""
     """Data sheet from which to begin: a name, or a TOML file."""
     excite: str = ""
@@ -81,22 +84,25 @@ class Identify:
             [channel.name, f"{channel.before:.4g}", f"{channel.after:.4g}", UNITS[channel.name]]
             for channel in result.channels()
         ]
+        window = result.fit.window
         console.show(
-            f"Error of predictions over {result.fit.window:g} s, rms",
+            "Error of predictions" + ("" if window is None else f" over {window:g} s") + ", rms",
             ("reading", "data sheet", "identified", "unit"),
             predictions,
         )
-        console.say(
-            f"The force follows a command {1e3 * result.delay:.1f} ms later in the mean (95 %: "
-            f"+-{1.96e3 * result.delay_deviation:.1f} ms)."
-        )
+        if result.delay is not None:
+            console.say(
+                f"The force follows a command {1e3 * result.delay:.1f} ms later in the mean (95 %: "
+                f"+-{1.96e3 * result.delay_deviation:.1f} ms)."
+            )
         for sentence in result.notes():
             console.say(sentence)
         folder = result.write(self.output or Path("identified"))
         console.say(f"Written to {folder}. Train for it:")
         spacecraft = ["--spacecraft", str(folder / "spacecraft.toml")]
         conditions = ["--conditions", str(folder / "conditions.toml")]
-        console.command(shlex.join(["rans", "train", "go-to-pose", *spacecraft, *conditions]))
+        task = "go-to-pose" if result.fit.craft.thrusters else "go-to-attitude"
+        console.command(shlex.join(["rans", "train", task, *spacecraft, *conditions]))
         return 0
 
     def _excite(self) -> int:

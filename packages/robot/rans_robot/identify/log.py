@@ -7,6 +7,7 @@ import io
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,9 @@ LARGEST_LOG = 2**28
 """Bytes of a CSV file: an hour of readings at 100 Hz has a quarter of it."""
 _FEWEST_READINGS = 20
 """Readings of a log: fewer leave no residuals to judge a fit of a dozen parameters by."""
+_FEWEST_TOGETHER = 10
+"""Rows of a satellite's log with everything: each has three equations, and a log has some ten unknowns of its
+own."""
 MOST_READINGS = 2**19
 """Readings of a log: an hour at 100 Hz has 360,000, and a fit takes some kilobytes for each."""
 _LONGEST_LOG = 7200.0
@@ -76,6 +80,9 @@ class FlightLog:
     steady_times: np.ndarray | None = None
     """(T,), s: when commands were given if they left at a steady rate, where the log has only when they came; None:
     `command_times` are right. The fit takes what explains the readings better."""
+    frames: np.ndarray | None = None
+    """(M,), number of the inertial frame that attitudes are in, which rises where a satellite that reads its
+    attitude relative to its goal is given another one; None: all are in one."""
 
     @property
     def duration(self) -> float:
@@ -166,6 +173,78 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
     return replace(log, **parts)
 
 
+def checked_satellite_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
+    """The log, if it can be of this satellite without thrusters: attitudes, rates and speeds of all wheels.
+
+    Raises:
+        ConfigError: there are too few rows with all of them, times do not ascend or cannot be seconds, numbers are
+            beyond all measure, or attitudes and rates are not of one motion in the same order and units.
+    """
+    what = f"the log {log.source}"
+    speeds = log.wheel_speeds
+    if speeds is None or speeds.shape[1] != craft.wheel_count:
+        raise ConfigError(
+            f"{what} has speeds of {0 if speeds is None else speeds.shape[1]} wheels, but {craft.name!r} has "
+            f"{craft.wheel_count}, and without thrusters all of them are needed."
+        )
+    _check_times(what, "readings", log.times)
+    parts = {
+        "times": log.times,
+        "position": log.position,
+        "attitude": log.attitude,
+        "velocity": log.velocity,
+        "spin": log.spin,
+        "wheel_speeds": speeds,
+    }
+    _check_bounds(what, parts)
+    together = np.all(np.isfinite(np.column_stack([log.attitude, log.spin, speeds])), axis=1)
+    if together.sum() < _FEWEST_TOGETHER:
+        raise ConfigError(
+            f"{what} has {counted(int(together.sum()), 'row')} with attitude, rates and speeds of all wheels; at "
+            f"least {_FEWEST_TOGETHER} are needed."
+        )
+    if len(log.times) > MOST_READINGS:
+        raise ConfigError(
+            f"{what} has {len(log.times):,} readings; at most {MOST_READINGS:,} are fitted: cut it, or thin it out."
+        )
+    _check_turns(what, log, together)
+    if log.frames is not None:
+        return log
+    frames = _frames(log, together)
+    if not frames.any():
+        return log
+    note = (
+        f"{log.source}: the attitude jumps {counted(int(frames[-1]), 'time')} by more than the rates say, so it is "
+        "read as relative to a goal, and each jump as another goal."
+    )
+    return replace(log, frames=frames, notes=(*log.notes, note))
+
+
+_JUMP = np.deg2rad(60.0)
+"""Turn between two rows, beyond that of the rates, from which on an attitude is relative to another goal. Rates and
+gaps in the rows of InnoCube leave up to 25 degrees; new goals are 107 degrees away and more."""
+
+
+def _frames(log: FlightLog, together: np.ndarray) -> np.ndarray:
+    """Number of the frame (M,) of each attitude, which rises where the attitude jumps."""
+    rows = np.flatnonzero(together)
+    R = rotations(log.attitude[rows])
+    mean = 0.5 * (log.spin[rows][1:] + log.spin[rows][:-1])
+    turns = turn(mean * np.diff(log.times[rows])[:, None])
+    trace = np.einsum("nij,njk,nik->n", R[:-1], turns, R[1:])
+    jumps = np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0)) > _JUMP
+    result = np.zeros(len(log.times), int)
+    result[rows[1:]] = jumps
+    return np.cumsum(result)
+
+
+def turn(vectors: np.ndarray) -> np.ndarray:
+    """Rotation matrices (M, 3, 3) of rotation vectors (M, 3), rad."""
+    angle = np.linalg.norm(vectors, axis=1, keepdims=True)
+    sine = 0.5 * np.sinc(0.5 * angle / np.pi)
+    return rotations(np.concatenate([np.cos(0.5 * angle), sine * vectors], axis=1))
+
+
 def _check_times(what: str, name: str, times: np.ndarray) -> None:
     """Refuse times that do not ascend, or that cannot be those of one flight in seconds."""
     with np.errstate(over="ignore", invalid="ignore"):  # of times of 1e308
@@ -201,6 +280,25 @@ def _check_times(what: str, name: str, times: np.ndarray) -> None:
 
 def _check_readings(what: str, parts: dict[str, np.ndarray]) -> None:
     """Refuse readings beyond all measure, quaternions that are none, and logs without poses."""
+    _check_bounds(what, parts)
+    times = parts["times"]
+    position, attitude = parts["position"], parts["attitude"]
+    has_pose = ~np.isnan(position).any(axis=1)
+    has_pose &= ~np.isnan(attitude.reshape(len(times), -1)).any(axis=1)
+    if not has_pose.any():
+        lacks = [
+            name
+            for name, values in (("positions", position), ("attitudes", attitude))
+            if np.isnan(values).all()
+        ]
+        raise ConfigError(
+            f"{what} has no {' and no '.join(lacks) or 'reading with both position and attitude'}: a fit of a "
+            "craft with thrusters needs positions in the world and attitudes."
+        )
+
+
+def _check_bounds(what: str, parts: dict[str, np.ndarray]) -> None:
+    """Refuse readings beyond all measure and quaternions that are none."""
     times = parts["times"]
     for (name, (bound, unit)), values in zip(
         _BOUNDS.items(), list(parts.values())[1:], strict=True
@@ -213,7 +311,7 @@ def _check_readings(what: str, parts: dict[str, np.ndarray]) -> None:
                 f"{what}: the {name} at {times[row]:g} s is {rows[row, column]:g} {unit}, beyond {bound:g} {unit}; "
                 "is it in other units, or damaged?"
             )
-    position, attitude = parts["position"], parts["attitude"]
+    attitude = parts["attitude"]
     if attitude.ndim == 2:
         length = np.linalg.norm(attitude, axis=1)
         # Of four digits each, as people write them, it is within 1e-4 of 1.
@@ -224,18 +322,6 @@ def _check_readings(what: str, parts: dict[str, np.ndarray]) -> None:
                 f"{what}: the quaternion at {times[row]:g} s has the length {length[row]:.4g} instead of 1; is the "
                 "order of columns another one?"
             )
-    has_pose = ~np.isnan(position).any(axis=1)
-    has_pose &= ~np.isnan(attitude.reshape(len(times), -1)).any(axis=1)
-    if not has_pose.any():
-        lacks = [
-            name
-            for name, values in (("positions", position), ("attitudes", attitude))
-            if np.isnan(values).all()
-        ]
-        raise ConfigError(
-            f"{what} has no {' and no '.join(lacks) or 'reading with both position and attitude'}: a fit needs "
-            "positions in the world and attitudes, and a log of attitudes alone, as of a satellite, is not fitted."
-        )
 
 
 _FEWEST_STEPS = 20
@@ -282,6 +368,67 @@ def _check_rates(what: str, parts: dict[str, np.ndarray]) -> None:
         )
 
 
+_TURNING = 0.5
+"""Median difference between turns of attitude and of rates, as a part of the turn, from which they are of two
+motions: stamps of whole seconds leave a quarter."""
+_SMALL_TURN = 2.0
+"""rad: turns between two rows above it are not compared, since one of more than half a turn seems a smaller one."""
+
+
+def _check_turns(what: str, log: FlightLog, together: Any) -> None:
+    """Refuse attitudes and rates that are not of one motion, and say which reading of them would be.
+
+    Between two rows the attitude turns by the mean of the rates, whatever drives the craft.
+    """
+    step = np.diff(log.times[together])
+    spin = log.spin[together]
+    attitude = log.attitude[together]
+
+    def difference(order: tuple[int, ...], back: float, factor: float) -> float:
+        """Median difference, as a part of the median turn."""
+        q = attitude[:, order] * [1.0, back, back, back]
+        turned = _turns(q)
+        expected = 0.5 * factor * (spin[1:] + spin[:-1]) * step[:, None]
+        angle = np.linalg.norm(expected, axis=1)
+        compared = (angle < _SMALL_TURN) & (angle > 0.0)
+        compared &= angle >= np.median(angle[compared]) if compared.any() else False
+        if compared.sum() < _FEWEST_TOGETHER // 2:
+            return np.nan
+        # Small rotations of `_turns` are twice a sine.
+        expected = expected * (2.0 * np.sin(0.5 * angle) / np.maximum(angle, 1e-12))[:, None]
+        apart = np.linalg.norm(turned - expected, axis=1)[compared]
+        return float(np.median(apart) / np.median(angle[compared]))
+
+    first, last = (0, 1, 2, 3), (3, 0, 1, 2)
+    usual = {
+        "are the quaternions from world to body": (first, -1.0, 1.0),
+        "is the scalar of the quaternions the last one": (last, 1.0, 1.0),
+        "are they from world to body with the scalar last": (last, -1.0, 1.0),
+        "are the rates in degrees/s": (first, 1.0, np.radians(1.0)),
+    }
+    differences = {text: difference(*change) for text, change in usual.items()}
+    near = [text for text, value in differences.items() if value < 0.5 * _TURNING]
+    own = difference(first, 1.0, 1.0)
+    # Turns that are all too large to be compared say nothing, unless others fit.
+    if own <= _TURNING or (np.isnan(own) and not near):
+        return
+    raise ConfigError(
+        f"{what}: its attitudes do not turn as its rates say: "
+        f"{near[0] if near else 'is one of them in another order, frame or unit, or the time'}?"
+    )
+
+
+def rotations(attitude: np.ndarray) -> np.ndarray:
+    """Rotation matrices (M, 3, 3) of quaternions (M, 4), from body to world."""
+    w, x, y, z = (attitude / np.linalg.norm(attitude, axis=1, keepdims=True)).T
+    rows = (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
 def _turns(attitude: np.ndarray) -> np.ndarray:
     """Small rotations (M - 1, 3), rad, in the body, between successive quaternions (M, 4)."""
     w, v = attitude[:, :1], attitude[:, 1:]
@@ -323,11 +470,12 @@ def _column(cell: str, what: str) -> str:
 def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     """Log of a CSV file whose first line names its columns.
 
-    ``time`` (s) is needed, the pose (`POSE_COLUMNS`), and ``u0`` to ``u<C-1>``, the commands from this row on;
-    the velocities (`RATE_COLUMNS`) and the speeds of wheels, ``s0`` and so on (rad/s), may be missing. An empty
-    cell is a value that was not measured, or the last command; an empty line counts as none. The file that
-    `rans.flight.Flight.to_csv` writes is such a file: units in parentheses and underscores are left out, and ``t``
-    and ``w`` are ``time`` and ``spin``. Columns of other names are not read.
+    Of a satellite without thrusters ``time`` (s), the attitude, the angular velocity in the body and the speeds of
+    all wheels are needed. Of other craft ``time`` is needed, the pose (`POSE_COLUMNS`), and ``u0`` to ``u<C-1>``,
+    the commands from this row on; the velocities (`RATE_COLUMNS`) and the speeds of wheels, ``s0`` and so on
+    (rad/s), may be missing. An empty cell is a value that was not measured, or the last command; an empty line
+    counts as none. The file that `rans.flight.Flight.to_csv` writes is such a file: units in parentheses and
+    underscores are left out, and ``t`` and ``w`` are ``time`` and ``spin``. Columns of other names are not read.
 
     Raises:
         ConfigError: the file cannot be read, a column is missing or there twice, or a cell is no number.
@@ -352,17 +500,21 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     wheels = [f"s{k}" for k in range(craft.wheel_count)]
     d = craft.dimension
     needed = ["time", *POSE_COLUMNS[d], *inputs]
+    read = {*needed, *RATE_COLUMNS[d], *wheels}
+    if not craft.thrusters and d == 3:
+        # What turns a satellite with wheels is their speeds; it needs no position and no command.
+        needed = ["time", *POSE_COLUMNS[d][d:], *RATE_COLUMNS[d][d:], *wheels]
     if missing := [name for name in needed if name not in header]:
         raise ConfigError(
-            f"{what} has no {', '.join(missing)} among its columns, {brief(', '.join(names))}; the "
-            f"commands of {craft.name} are {inputs[0]} to {inputs[-1]}."
+            f"{what} has no {', '.join(missing)} among its columns, {brief(', '.join(names))}; "
+            f"{craft.name} has the commands {inputs[0]} to {inputs[-1]}"
+            f"{f' and wheels of the speeds {wheels[0]} to {wheels[-1]}' if wheels else ''}."
         )
     if more := [name for name in header if re.fullmatch(r"u\d+", name) and name not in inputs]:
         raise ConfigError(
             f"{what} has the commands {', '.join(more)} too, but those of {craft.name} are {inputs[0]} to "
             f"{inputs[-1]}; the usual cause is another spacecraft."
         )
-    read = {*needed, *RATE_COLUMNS[d], *wheels}
     if twice := [name for name in header if name in read and header.count(name) > 1]:
         raise ConfigError(f"{what} has the column {twice[0]} twice.")
     # Cells: an empty one is NaN, since commands and readings have lines of their own.

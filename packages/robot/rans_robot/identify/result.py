@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, counted
 from rans.files import ready_folder, write_json, write_text
 from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft
@@ -23,6 +23,7 @@ from rans.randomization.conditions import (
 )
 from rans.randomization.conditions_file import conditions_text
 from rans_robot.identify.fit import CHANNELS, Fit, channel_columns
+from rans_robot.identify.momentum import MomentumFit
 
 _EXPLAINED = 0.9
 """Noise of a channel as a part of what a coast leaves, up to which the model explains something of it."""
@@ -30,6 +31,11 @@ _PERFECT = 1e-5
 """Noise (SI) below which nothing is left to explain: ten times the least that a fit assumes."""
 _LARGEST_ANGLE = 0.5
 """rad: noise of an attitude, above which it is none; angles that say nothing have 1.8 rad."""
+_OUTSIDE = 0.3
+"""External torque as a part of that of the wheels (rms) above which the wheels do not explain the motion."""
+_ALIKE = 3.0
+"""Readings of which one counts, from which on the wheels do not explain the motion: 1.6 in InnoCube's worst log,
+3.4 and more where the order of its wheels is exchanged."""
 _AT_LIMIT = 0.99
 """Part of a wheel's largest speed from which it counts as at its limit."""
 SPREAD = 1.96
@@ -94,6 +100,8 @@ class Identification:
         craft = self.fit.craft
         count = craft.thruster_count
         values = [float(x) for x in self.fit.values]
+        if self.fit.momentum is not None:
+            return self._satellite()
         thrusters = tuple(
             replace(thruster, force=force)
             for thruster, force in zip(craft.thrusters, values[:count], strict=True)
@@ -124,6 +132,41 @@ class Identification:
             centre_of_mass=tuple(map(float, centre)),
         )
 
+    def _satellite(self) -> Spacecraft:
+        """The satellite with the identified inertia and wheels, which accelerate as those of the file do."""
+        craft = self.fit.craft
+        xx, xy, xz, yy, yz, zz = (float(x) for x in self.fit.values[:6])
+        wheels = []
+        for k, wheel in enumerate(craft.wheels):
+            rotor = self.fit.value(f"rotor of wheel {k}")
+            torque = wheel.max_torque * rotor / wheel.inertia
+            wheels.append(replace(wheel, inertia=rotor, max_torque=torque))
+        return replace(
+            craft,
+            name=f"{craft.name}-identified",
+            inertia=((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)),
+            wheels=tuple(wheels),
+        )
+
+    def _satellite_conditions(self, momentum: MomentumFit) -> Conditions:
+        """Ranges of inertia, external torque and noise."""
+        low, high = self._relative([0, 3, 5])
+        sizes = np.concatenate([np.linalg.norm(one.torque, axis=1) for one in momentum.torques])
+        return Conditions(
+            body=BodyConditions(inertia=(low, high)),
+            disturbances=DisturbanceConditions(torque=(float(sizes.min()), float(sizes.max()))),
+            sensors=SensorsConditions(
+                attitude=SensorConditions(noise=round(momentum.spreads["attitude"], 6)),
+                spin=SensorConditions(noise=round(momentum.spreads["spin"], 6)),
+            ),
+            description=f"identified from {len(self.fit.logs)} log(s) of {self.fit.craft.name}",
+        )
+
+    def _relative(self, rows: list[int]) -> tuple[float, float]:
+        """Range of the factor on quantities of these numbers that the largest of their intervals has."""
+        part = SPREAD * float(np.max(self.fit.deviations[rows] / self.fit.values[rows]))
+        return round(max(1.0 - part, 0.05), 4), round(1.0 + part, 4)
+
     @property
     def conditions(self) -> Conditions:
         """Conditions whose ranges are the intervals of what was identified, for the identified spacecraft.
@@ -134,25 +177,19 @@ class Identification:
             ConfigError: a channel is not explained (`check`).
         """
         self.check()
+        if self.fit.momentum is not None:
+            return self._satellite_conditions(self.fit.momentum)
         rows = {row.name: row for row in self.rows()}
         craft = self.fit.craft
         count = craft.thruster_count
-        deviations = self.fit.deviations
-
-        def factor(relative: float) -> tuple[float, float]:
-            return round(max(1.0 - SPREAD * relative, 0.05), 4), round(1.0 + SPREAD * relative, 4)
-
-        forces = np.maximum(self.fit.values[:count], 1e-9)
-        moments = len(Body.of(craft).inertia)
-        diagonal = [0] if moments == 1 else [0, 3, 5]
-        inertia = np.array([deviations[count + k] / self.fit.values[count + k] for k in diagonal])
+        diagonal = [0] if len(Body.of(craft).inertia) == 1 else [0, 3, 5]
         axes = "xyz"[: craft.dimension]
         centre = float(
             np.linalg.norm([rows[f"centre {a}"].high - rows[f"centre {a}"].value for a in axes])
         )
         names = [parameter.name for parameter in self.fit.parameters]
         latency, rise = (names.index(name) for name in ("latency", "rise"))
-        thrusters = ThrusterConditions(thrust=factor(float(np.max(deviations[:count] / forces))))
+        thrusters = ThrusterConditions(thrust=self._relative(list(range(count))))
         if rows["rise"].is_identifiable:
             thrusters = replace(
                 thrusters,
@@ -170,7 +207,8 @@ class Identification:
         )
         return Conditions(
             body=BodyConditions(
-                inertia=factor(float(np.max(inertia))), centre=(0.0, round(centre, 5))
+                inertia=self._relative([count + k for k in diagonal]),
+                centre=(0.0, round(centre, 5)),
             ),
             thrusters=thrusters,
             disturbances=DisturbanceConditions(
@@ -182,14 +220,18 @@ class Identification:
         )
 
     @property
-    def delay(self) -> float:
-        """Mean delay of the force after a command, s: latency plus half of the rise."""
+    def delay(self) -> float | None:
+        """Mean delay of the force after a command, s: latency plus half of the rise; None without thrusters."""
+        if self.fit.momentum is not None:
+            return None
         return self.fit.value("latency") + 0.5 * self.fit.value("rise")
 
     @property
     def delay_deviation(self) -> float:
         """Standard deviation of `delay`, s."""
         names = [parameter.name for parameter in self.fit.parameters]
+        if "latency" not in names:
+            return 0.0
         weights = np.zeros(len(names))
         weights[names.index("latency")] = 1.0
         weights[names.index("rise")] = 0.5
@@ -256,10 +298,25 @@ class Identification:
                 "written. The usual cause is a column in other units, such as a heading in degrees, or in another "
                 "frame or order, a filter that lags, or another spacecraft."
             )
+        if self.fit.momentum is not None and self.fit.momentum.inflation > _ALIKE:
+            raise ConfigError(
+                f"successive residuals of {self.fit.craft.name!r} are alike, as if only one of "
+                f"{self.fit.momentum.inflation:.0f} readings counted: its wheels do not explain the motion, and "
+                "nothing is written. The usual cause is wheels in another order, or another spacecraft."
+            )
+        if self.fit.momentum is not None and self.fit.momentum.outside > _OUTSIDE:
+            raise ConfigError(
+                f"the momentum of {self.fit.craft.name!r} with its wheels changes by "
+                f"{100.0 * self.fit.momentum.outside:.0f} % of what the wheels exchange, and {100.0 * _OUTSIDE:g} "
+                "% is the most that external torques are: nothing is written. The usual cause is wheels in another "
+                "order, thrusters or torquers that fired, or another spacecraft."
+            )
 
     def notes(self) -> list[str]:
         """Sentences on what the logs do not determine, and whether the intervals can be believed."""
         craft = self.fit.craft
+        if self.fit.momentum is not None:
+            return self._satellite_notes(self.fit.momentum)
         result = [
             f"Motion determines forces and inertia only in proportion to the mass: the mass is {craft.mass:g} kg, "
             "as in the file. Weigh the spacecraft."
@@ -305,6 +362,38 @@ class Identification:
             )
         return [*result, *(note for log in self.fit.logs for note in log.notes)]
 
+    def _satellite_notes(self, momentum: MomentumFit) -> list[str]:
+        """Sentences on scale, torque and rows that were left out."""
+        total = float(np.trace(np.array(self.fit.craft.inertia)))
+        result = [
+            "Wheels determine moments of inertia and their own only in proportion: the sum of the moments is "
+            f"{total:g} kg m^2, as in the file. Measure one of them, and scale all with it."
+        ]
+        size = np.concatenate([np.linalg.norm(one.torque, axis=1) for one in momentum.torques])
+        spread = np.concatenate([np.linalg.norm(one.deviation, axis=1) for one in momentum.torques])
+        least, most = int(np.argmin(size)), int(np.argmax(size))
+        result.append(
+            f"The external torque along the logs is {size[least]:.2g} (95 %: +-{SPREAD * spread[least]:.1g}) to "
+            f"{size[most]:.2g} N m (+-{SPREAD * spread[most]:.1g}); identified.json has its course. What part is "
+            "of gravity, of a dipole and of drag, only position and magnetic field could say."
+        )
+        silent = [row.name for row in self.rows() if not row.is_identifiable]
+        if silent:
+            result.append(
+                f"The logs do not determine: {', '.join(silent)}. Their intervals are those assumed before; turn "
+                "the satellite about every axis, fast and with all wheels."
+            )
+        if momentum.outliers:
+            result.append(
+                f"{counted(momentum.outliers, 'row')} that no error of reading explains were left out."
+            )
+        if momentum.inflation > 1.0:
+            result.append(
+                f"Successive residuals are alike, so that intervals are {np.sqrt(momentum.inflation):.2f} times as "
+                "wide as those of independent ones."
+            )
+        return [*result, *(note for log in self.fit.logs for note in log.notes)]
+
     def _wheels_at_limit(self) -> list[int]:
         """Numbers of the wheels whose measured speeds came to the largest."""
         result = []
@@ -330,15 +419,29 @@ class Identification:
 
     def table(self) -> dict[str, Any]:
         """Quantities, prediction, notes and sources as plain values."""
-        return {
+        result: dict[str, Any] = {
             "logs": [log.source for log in self.fit.logs],
             "seconds": sum(log.duration for log in self.fit.logs),
-            "window, s": self.fit.window,
             "quantities": [vars(row) for row in self.rows()],
-            "mean delay, s": [self.delay, SPREAD * self.delay_deviation],
             "prediction": [vars(channel) for channel in self.channels()],
             "notes": self.notes(),
         }
+        momentum = self.fit.momentum
+        if momentum is None:
+            result["window, s"] = self.fit.window
+            result["mean delay, s"] = [self.delay, SPREAD * self.delay_deviation]
+            return result
+        result["covariance"] = self.fit.covariance.tolist()
+        result["external torque"] = [
+            {
+                "log": one.source,
+                "ends of stretches, s": one.times.tolist(),
+                "N m in the axes of the first attitudes": one.torque.tolist(),
+                "half of the interval of 95 %, N m": (SPREAD * one.deviation).tolist(),
+            }
+            for one in momentum.torques
+        ]
+        return result
 
 
 def _positive(low: float, high: float) -> tuple[float, float]:

@@ -1,0 +1,561 @@
+"""Inertia of a satellite whose reaction wheels alone turn it, from attitude, rates and wheel speeds.
+
+Wheels do not change the angular momentum of the whole in inertial axes, R (J w + the sum of a_i I_i s_i), with the
+inertia J of body and locked wheels, and the axes a_i, inertias I_i and speeds s_i of the wheels; only an external
+torque does. One row of a log gives this momentum without a derivative and without its time stamp, so that stamps of
+whole seconds do no harm. The rate that the momentum predicts is compared with the rate that was read.
+
+The external torque is not known, and changes along the orbit. It has two parts, whose sizes the log decides: a
+torque of a lever that is fixed in the body in a field that changes slowly in inertial axes (a magnetic dipole, drag
+beside the centre of mass), and a random walk of the momentum (gravity gradient, and whatever else acts).
+
+Errors are those of rates, speeds and attitudes, and of the instants at which speeds and attitudes of one row were
+read beside its rates: a mean delay, which is fitted, and a jitter, which counts in proportion to the acceleration
+of the wheels and to the turn of the momentum in the body. Their standard deviations are those of restricted maximum
+likelihood (Patterson and Thompson, Biometrika 58, 1971), the values those of generalised least squares at adjusted
+rates and speeds: a regression on what was read would shrink inertia and wheels (errors in variables: Fuller,
+Measurement Error Models, 1987).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from rans.errors import ConfigError
+from rans.model.spacecraft import Spacecraft
+from rans_robot.identify.log import FlightLog, rotations, turn
+
+_COMPONENTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""Entries of the inertia tensor in the order of `Body.inertia`."""
+_WALK_KNOT = 45.0
+"""s: least distance of the knots of the random walk."""
+_MOST_WALK = 40
+"""Most of its knots, so that a log of hours costs what one of minutes does."""
+_FIELD_KNOT = 300.0
+"""s: least distance of the knots of the field: it turns once in 47 minutes, half a low orbit."""
+_MOST_FIELD = 12
+"""Most of its knots."""
+_FIELD_TIME = 600.0
+"""s over which the field keeps its direction: a fifth of a turn."""
+_FLAT = 1e3
+"""Standard deviation of a momentum before, in the units of the largest one that was read."""
+_ROUNDS = 6
+"""Most rounds of values and standard deviations; three suffice."""
+_STEPS = 30
+"""Most steps for values; ten suffice."""
+_OUTLIER = 5.0
+"""Standard deviations (of three numbers together) from which a row is left out: one of 200,000 normal ones is."""
+
+
+@dataclass(frozen=True)
+class _Spread:
+    """A standard deviation that the log decides."""
+
+    name: str
+    first: float
+    """Where the search begins."""
+    low: float
+    high: float
+
+
+_SPREADS = (
+    _Spread("spin", 1e-3, 1e-6, 0.1),
+    _Spread("wheel speed", 0.1, 1e-3, 20.0),
+    _Spread("attitude", 3e-3, 1e-5, 0.2),
+    _Spread("jitter of speeds", 0.1, 1e-4, 3.0),
+    _Spread("jitter of attitudes", 0.1, 1e-4, 3.0),
+    _Spread("walk", 1e-2, 1e-5, 1.0),
+    _Spread("lever", 1e-3, 1e-6, 0.3),
+)
+"""rad/s, rad/s, rad, s, s; then in units of a wheel's inertia: rad/s per root of s, and rad/s^2."""
+_PRIOR_SPREAD = 3.0
+"""Standard deviation of the logarithm of each before: a factor of 20."""
+
+
+@dataclass(frozen=True)
+class Torque:
+    """External torque during a log, the mean of each stretch between two knots."""
+
+    source: str
+    """The log."""
+    times: np.ndarray
+    """(K + 1,), s: ends of the stretches."""
+    torque: np.ndarray
+    """(K, 3), N m, in the inertial axes of the log's attitudes (the first of its frames)."""
+    deviation: np.ndarray
+    """(K, 3), standard deviation of it, N m."""
+
+
+@dataclass(frozen=True)
+class MomentumFit:
+    """Values, their covariance and what they leave; see `rans_robot.identify.fit.Fit` for the arrays."""
+
+    values: np.ndarray
+    """(8 + W,): moments and products of inertia, kg m^2; inertias of wheels; delays of speeds and attitudes, s."""
+    covariance: np.ndarray
+    spreads: dict[str, float]
+    """Standard deviations of errors."""
+    residuals: tuple[np.ndarray, ...]
+    """(M, 3) of each log, rad/s: rates that were read minus predicted ones; NaN where a row was left out."""
+    nominal_residuals: tuple[np.ndarray, ...]
+    """Those of the data sheet."""
+    white: tuple[np.ndarray, ...]
+    """(M, 3), residuals in their standard deviations."""
+    torques: tuple[Torque, ...]
+    outliers: int
+    """Rows that were left out, since they were off by more than `_OUTLIER`."""
+    outside: float
+    """External torque as a part of the torque of the wheels, both root mean squares."""
+    inflation: float
+    """Factor by which variances are larger, since successive residuals are alike."""
+
+
+class _Rows:
+    """Readings of a log in which everything was measured, and the momenta that external torques give."""
+
+    def __init__(self, log: FlightLog, unit: float) -> None:
+        assert log.wheel_speeds is not None
+        read = np.isfinite(log.attitude).all(axis=1) & np.isfinite(log.spin).all(axis=1)
+        read &= np.isfinite(log.wheel_speeds).all(axis=1)
+        self.log = log
+        self.unit = unit
+        self.index = np.flatnonzero(read)
+        self.t = log.times[read] - log.times[read][0]
+        self.rates = log.spin[read]
+        self.speeds = log.wheel_speeds[read]
+        self.rotation = rotations(log.attitude[read])
+        frames = log.frames
+        self.frame = np.zeros(len(self.t), int) if frames is None else frames[read]
+        self.acceleration = np.gradient(self.speeds, self.t, axis=0)
+        # Three points give the change of the acceleration, and that of the first row is that of the second.
+        slopes = np.diff(self.speeds, axis=0) / np.diff(self.t)[:, None]
+        jerk = 2.0 * np.diff(slopes, axis=0) / (self.t[2:] - self.t[:-2])[:, None]
+        self.jerk = np.concatenate([jerk[:1], jerk, jerk[-1:]])
+        self.weight = np.ones(len(self.t))
+        """(N,), 0 for rows that are left out."""
+        self.rate_errors = np.zeros_like(self.rates)
+        self.speed_errors = np.zeros_like(self.speeds)
+        """(N, 3) and (N, W), rad/s: errors of readings as the present values say, most probable ones."""
+        # Axes of all frames are those of the first, so that a field keeps its direction when a goal changes.
+        aligned = self._aligned()
+        count = len(self.t)
+        own = [np.where(self.frame == number, 1.0, 0.0) for number in np.unique(self.frame)]
+        self.starts = np.stack(own, axis=1)
+
+        # Random walk: each stretch between two knots adds a momentum.
+        length = max(self.t[-1], 1.0)
+        stretches = int(np.clip(np.ceil(length / _WALK_KNOT), 1, _MOST_WALK))
+        self.knots = np.linspace(0.0, length, stretches + 1)
+        self.stretch = length / stretches
+        ramps = np.clip((self.t[:, None] - self.knots[:-1]) / self.stretch, 0.0, 1.0)
+
+        # A lever fixed in the body in a field of hats: the integral of (R e_i) x e_c.
+        fields = int(np.clip(np.ceil(length / _FIELD_KNOT), 1, _MOST_FIELD)) + 1
+        self.fields = np.linspace(0.0, length, fields)
+        hats = np.stack([np.interp(self.t, self.fields, row) for row in np.eye(fields)], axis=1)
+        across = np.cross(aligned.mT[:, :, None, :], np.eye(3))  # (N, i, c, 3)
+        density = np.einsum("nl,nicx->nxlic", hats, across).reshape(count, 3, -1)
+        steps = 0.5 * (density[1:] + density[:-1]) * np.diff(self.t)[:, None, None]
+        self.lever = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
+        walk = np.einsum("nk,xy->nxky", ramps, np.eye(3)).reshape(count, 3, -1)
+        # Momenta are compared in the frame in which they were read.
+        turned = np.concatenate([walk, self.lever], axis=2)
+        turned = self.rotation @ aligned.mT @ turned
+        starts = np.einsum("nf,xy->nxfy", self.starts, np.eye(3)).reshape(count, 3, -1)
+        self.columns = np.concatenate([starts, turned], axis=2)
+        """(N, 3, P), momentum in the frame of its row of each unknown of this log."""
+        apart = (self.fields[:, None] - self.fields) / _FIELD_TIME
+        near = np.exp(-0.5 * apart**2) + 1e-6 * np.eye(fields)
+        self.field_information = np.kron(np.linalg.inv(near), np.eye(9))
+        self.field_log_volume = -9.0 * float(np.linalg.slogdet(near)[1])
+
+    def _aligned(self) -> np.ndarray:
+        """Attitudes in the axes of the first frame; rates carry them over the change of a frame."""
+        result = self.rotation.copy()
+        for k in np.flatnonzero(np.diff(self.frame)) + 1:
+            mean = 0.5 * (self.rates[k - 1] + self.rates[k])
+            before = result[k - 1] @ turn((mean * (self.t[k] - self.t[k - 1]))[None])[0]
+            result[k:] = before @ self.rotation[k].T @ self.rotation[k:]
+        return result
+
+    def information(self, walk: float, lever: float, largest: float) -> tuple[np.ndarray, float]:
+        """Information (P, P) about the unknowns before, and its log determinant."""
+        starts = 3 * self.starts.shape[1]
+        walks = 3 * (len(self.knots) - 1)
+        size = self.columns.shape[2]
+        result = np.zeros((size, size))
+        result[:starts, :starts] = np.eye(starts) / (_FLAT * largest) ** 2
+        part = slice(starts, starts + walks)
+        result[part, part] = np.eye(walks) / (walk**2 * self.stretch)
+        result[starts + walks :, starts + walks :] = self.field_information / lever**2
+        volume = -walks * np.log(walk**2 * self.stretch) + self.field_log_volume
+        volume -= len(self.field_information) * np.log(lever**2)
+        return result, volume
+
+
+class _Momentum:
+    """The model of `fit_momentum` for all logs of one satellite."""
+
+    def __init__(
+        self, craft: Spacecraft, logs: Sequence[FlightLog], nominal: np.ndarray, prior: np.ndarray
+    ) -> None:
+        self.axes = np.array([wheel.axis for wheel in craft.wheels]).T
+        """(3, W)."""
+        self.unit = float(np.mean([wheel.inertia for wheel in craft.wheels]))
+        """kg m^2: momenta are in units of it."""
+        self.rows = [_Rows(log, self.unit) for log in logs]
+        units = np.full(len(nominal), self.unit)
+        units[-2:] = 1.0
+        self.nominal = nominal / units
+        self.prior = prior / units
+        # The scale of everything is that of the file: the sum of the moments stays, so that zz follows from xx, yy.
+        count = len(self.nominal)
+        self.free = np.delete(np.eye(count), 5, axis=1)
+        self.free[5, 0] = self.free[5, 3] = -1.0
+        """(8 + W, 7 + W): values from free ones."""
+        self.prior_information = self.free.T @ np.diag(1.0 / self.prior**2) @ self.free
+
+    def tensor(self, values: np.ndarray) -> np.ndarray:
+        """Inertia (3, 3) of body and locked wheels."""
+        result = np.zeros((3, 3))
+        for value, (i, j) in zip(values[:6], _COMPONENTS, strict=True):
+            result[i, j] = result[j, i] = value
+        return result + self.axes * values[6:-2] @ self.axes.T
+
+    def momentum(self, rows: _Rows, values: np.ndarray) -> tuple[np.ndarray, ...]:
+        """In the body (N, 3): momentum as read, its change by a delay of speeds and of attitudes, and their sum."""
+        rotors = values[6:-2]
+        read = rows.rates @ self.tensor(values) + (rows.speeds * rotors) @ self.axes.T
+        change = rows.acceleration + 0.5 * values[-2] * rows.jerk
+        by_speeds = (change * rotors) @ self.axes.T
+        by_attitudes = np.cross(rows.rates, read)
+        return (
+            read,
+            by_speeds,
+            by_attitudes,
+            read + values[-2] * by_speeds + values[-1] * by_attitudes,
+        )
+
+    def whitening(
+        self, rows: _Rows, values: np.ndarray, spread: dict[str, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What makes momenta (N, 3) in the frame of their row white, (N, 3, 3), and log det of rates' errors."""
+        tensor = self.tensor(values)
+        read, by_speeds, by_attitudes, _ = self.momentum(rows, values)
+        of_wheels = self.axes * values[6:-2] ** 2 @ self.axes.T
+        covariance = tensor @ tensor * spread["spin"] ** 2 + of_wheels * spread["wheel speed"] ** 2
+        square = np.sum(read**2, axis=1)[:, None, None] * np.eye(3)
+        covariance = covariance + spread["attitude"] ** 2 * (square - _outer(read))
+        covariance += spread["jitter of speeds"] ** 2 * _outer(by_speeds)
+        covariance += spread["jitter of attitudes"] ** 2 * _outer(by_attitudes)
+        lower = np.linalg.cholesky(covariance)
+        volume = 2.0 * np.log(np.einsum("nii->ni", lower)).sum(axis=1)
+        volume -= 2.0 * np.linalg.slogdet(tensor)[1]
+        whitening = np.linalg.inv(lower) @ rows.rotation.mT
+        return whitening * rows.weight[:, None, None], volume * rows.weight
+
+    def derivatives(self, rows: _Rows, values: np.ndarray) -> np.ndarray:
+        """Derivatives (N, 3, 7 + W) of momenta in the body by free values, at adjusted rates and speeds."""
+        rates = rows.rates - rows.rate_errors
+        speeds = rows.speeds - rows.speed_errors
+        columns = []
+        for i, j in _COMPONENTS:
+            unit = np.zeros((3, 3))
+            unit[i, j] = unit[j, i] = 1.0
+            columns.append(rates @ unit)
+        changes = rows.acceleration + 0.5 * values[-2] * rows.jerk
+        for axis, speed, change in zip(self.axes.T, speeds.T, changes.T, strict=True):
+            whole = speed + rates @ axis + values[-2] * change
+            columns.append(whole[:, None] * axis)
+        _, by_speeds, by_attitudes, _ = self.momentum(rows, values)
+        further = 0.5 * values[-2] * (rows.jerk * values[6:-2]) @ self.axes.T
+        columns += [by_speeds + further, by_attitudes]
+        return np.stack(columns, axis=-1) @ self.free
+
+
+def _outer(vectors: np.ndarray) -> np.ndarray:
+    return vectors[:, :, None] * vectors[:, None, :]
+
+
+class _Linear:
+    """Linear problem at values: weighed columns of free values and of each log's own unknowns."""
+
+    def __init__(
+        self,
+        model: _Momentum,
+        values: np.ndarray,
+        spread: dict[str, float],
+        derivatives: Sequence[np.ndarray],
+    ) -> None:
+        count = model.free.shape[1]
+        self.volume = 0.0
+        self.square = 0.0
+        corner = model.prior_information.copy()
+        offset = np.linalg.lstsq(model.free, values - model.nominal, rcond=None)[0]
+        right = -model.prior_information @ offset
+        self.square += float(offset @ model.prior_information @ offset)
+        self.parts = []
+        for rows, change in zip(model.rows, derivatives, strict=True):
+            whitening, volume = model.whitening(rows, values, spread)
+            momentum = model.momentum(rows, values)[3]
+            largest = float(np.abs(momentum).max()) + 1e-9
+            y = (whitening @ (rows.rotation @ momentum[..., None]))[..., 0].ravel()
+            D = (whitening @ (rows.rotation @ change)).reshape(len(y), -1)
+            X = (whitening @ rows.columns).reshape(len(y), -1)
+            before, before_volume = rows.information(spread["walk"], spread["lever"], largest)
+            block = X.T @ X + before
+            lower = np.linalg.cholesky(block)
+            side = np.linalg.solve(lower, X.T @ D)
+            own = np.linalg.solve(lower, X.T @ y)
+            corner += D.T @ D - side.T @ side
+            right -= D.T @ y - side.T @ own
+            self.square += float(y @ y - own @ own)
+            self.volume += float(volume.sum()) - before_volume
+            self.volume += 2.0 * float(np.log(np.diag(lower)).sum())
+            self.parts.append((y, D, X, lower, side, own))
+        self.corner = corner
+        self.change = np.linalg.solve(corner, right)
+        """(7 + W,): change of the free values that minimises the squares."""
+        self.count = count
+
+    def evidence(self) -> float:
+        """Minus twice the log likelihood of the spreads, values and unknowns integrated out, up to a constant."""
+        square = self.square - float(self.change @ self.corner @ self.change)
+        return square + self.volume + float(np.linalg.slogdet(self.corner)[1])
+
+    def unknowns(self, number: int, change: np.ndarray) -> np.ndarray:
+        """Unknowns (P,) of a log for a change of the free values."""
+        _, _, _, lower, side, own = self.parts[number]
+        return np.linalg.solve(lower.T, own + side @ change)
+
+
+def fit_momentum(
+    craft: Spacecraft, logs: Sequence[FlightLog], nominal: np.ndarray, prior: np.ndarray
+) -> MomentumFit:
+    """Inertia, wheels and delays of a satellite without thrusters, from logs of attitude, rates and wheel speeds.
+
+    Args:
+        craft: data sheet, with reaction wheels.
+        logs: flights of it.
+        nominal: (8 + W,), values of the data sheet in the order of `MomentumFit.values`.
+        prior: (8 + W,), their standard deviations before.
+    """
+    model = _Momentum(craft, logs, nominal, prior)
+    spread = {one.name: one.first for one in _SPREADS}
+    centre = np.array([np.log(one.first) for one in _SPREADS])
+    bounds = [(np.log(one.low), np.log(one.high)) for one in _SPREADS]
+    values = model.nominal.copy()
+    outliers = 0
+    for number in range(_ROUNDS):
+        # First all errors are those of rates: the equation is homogeneous, and with errors of a wrong proportion an
+        # axis with its wheel shrinks to nothing.
+        values, adjusted = _solved(model, values, spread, number == 0)
+        # Rows that no error of reading explains.
+        left_out = _leave_out(model, adjusted) if number else 0
+        outliers += left_out
+
+        # Standard deviations, at these values.
+        derivatives = [model.derivatives(rows, values) for rows in model.rows]
+
+        def cost(logarithms: np.ndarray) -> float:
+            of = _named(logarithms)
+            result = _Linear(model, values, of, derivatives).evidence()  # noqa: B023
+            return result + float(np.sum((logarithms - centre) ** 2)) / _PRIOR_SPREAD**2
+
+        before = np.array([np.log(spread[one.name]) for one in _SPREADS])
+        found = minimize(
+            cost, before, method="L-BFGS-B", bounds=bounds, options={"maxiter": 30, "ftol": 1e-7}
+        )
+        spread = _named(found.x)
+        if number and not left_out and np.max(np.abs(found.x - before)) < 0.05:
+            break
+    values, adjusted = _solved(model, values, spread)
+    _refuse_reversed(craft, model, values)
+    return _result(model, values, spread, adjusted, outliers)
+
+
+def _named(logarithms: np.ndarray) -> dict[str, float]:
+    """Standard deviations of `_SPREADS` from their logarithms."""
+    return {one.name: float(np.exp(x)) for one, x in zip(_SPREADS, logarithms, strict=True)}
+
+
+def _solved(
+    model: _Momentum, values: np.ndarray, spread: dict[str, float], of_rates: bool = False
+) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
+    """Values that minimise the squares for these standard deviations, and the errors of momenta (`_adjust`)."""
+    adjusted = []
+    for _ in range(_STEPS):
+        derivatives = [model.derivatives(rows, values) for rows in model.rows]
+        linear = _Linear(model, values, spread, derivatives)
+        step = model.free @ linear.change
+        # A step of a standard deviation of the prior at most: far away the weights are wrong.
+        step /= max(1.0, float(np.max(np.abs(step) / model.prior)))
+        adjusted = _adjust(model, values, spread, linear, np.zeros_like(linear.change))
+        if of_rates:
+            inverse = np.linalg.inv(model.tensor(values))
+            for rows, (error, _) in zip(model.rows, adjusted, strict=True):
+                rows.rate_errors = error @ inverse
+                rows.speed_errors = np.zeros_like(rows.speed_errors)
+        values = values + step
+        if np.max(np.abs(step) / np.sqrt(np.diag(_covariance(model, linear)))) < 0.01:
+            break
+    return values, adjusted
+
+
+def _covariance(model: _Momentum, linear: _Linear) -> np.ndarray:
+    """Covariance (8 + W, 8 + W); a value that is fixed has a least variance, so that one may divide by it."""
+    result = model.free @ np.linalg.inv(linear.corner) @ model.free.T
+    return result + 1e-18 * np.diag(model.prior**2)
+
+
+def _refuse_reversed(craft: Spacecraft, model: _Momentum, values: np.ndarray) -> None:
+    """Refuse speeds that are counted against the axis of a wheel."""
+    for k, rotor in enumerate(values[6:-2]):
+        if rotor < 0.0:
+            raise ConfigError(
+                f"the speeds of wheel {k} turn {craft.name!r} as if the wheel had a negative inertia "
+                f"({rotor * model.unit:.3g} kg m^2); the usual cause is a speed that is counted against the axis "
+                "in the spacecraft's file, or another order of the wheels."
+            )
+
+
+def _adjust(
+    model: _Momentum,
+    values: np.ndarray,
+    spread: dict[str, float],
+    linear: _Linear,
+    change: np.ndarray,
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Errors of momenta (N, 3) in the body of each log, and the same white; readings' errors are set by them.
+
+    Of an error e of the momentum with the covariance C, the rate has S J C^-1 e, where S is the variance of its
+    errors, and speeds alike.
+    """
+    result = []
+    for number, rows in enumerate(model.rows):
+        whole = rows.columns @ linear.unknowns(number, change)
+        momentum = model.momentum(rows, values)[3]
+        error = momentum - (rows.rotation.mT @ whole[..., None])[..., 0]
+        whitening, _ = model.whitening(rows, values, spread)
+        whitening = whitening @ rows.rotation
+        white = (whitening @ error[..., None])[..., 0]
+        weighed = (whitening.mT @ white[..., None])[..., 0]
+        rows.rate_errors = spread["spin"] ** 2 * weighed @ model.tensor(values)
+        rows.speed_errors = spread["wheel speed"] ** 2 * (weighed @ model.axes) * values[6:-2]
+        result.append((error, white))
+    return result
+
+
+def _leave_out(model: _Momentum, adjusted: Sequence[tuple[np.ndarray, np.ndarray]]) -> int:
+    """Leave out rows beyond `_OUTLIER`, and count them."""
+    count = 0
+    for rows, (_, white) in zip(model.rows, adjusted, strict=True):
+        beyond = (np.linalg.norm(white, axis=1) > _OUTLIER) & (rows.weight > 0.0)
+        rows.weight[beyond] = 0.0
+        count += int(beyond.sum())
+    return count
+
+
+def _result(
+    model: _Momentum,
+    values: np.ndarray,
+    spread: dict[str, float],
+    adjusted: Sequence[tuple[np.ndarray, np.ndarray]],
+    outliers: int,
+) -> MomentumFit:
+    """The fit in SI units, with the torque along each log."""
+    derivatives = [model.derivatives(rows, values) for rows in model.rows]
+    linear = _Linear(model, values, spread, derivatives)
+    none = np.zeros_like(linear.change)
+    unit = np.full(len(values), model.unit)
+    unit[-2:] = 1.0
+    white = [part for _, part in adjusted]
+    left = [error @ np.linalg.inv(model.tensor(values)) for error, _ in adjusted]
+    # The data sheet, with the momenta that fit it best.
+    at_sheet = _Linear(model, model.nominal, spread, derivatives)
+    sheet = [
+        error @ np.linalg.inv(model.tensor(model.nominal))
+        for error, _ in _adjust(model, model.nominal, spread, at_sheet, none)
+    ]
+    torques = []
+    inflation = _inflation(model, white)
+    for number, rows in enumerate(model.rows):
+        starts = 3 * rows.starts.shape[1]
+        _, _, _, lower, _, _ = linear.parts[number]
+        unknown = linear.unknowns(number, none)
+        stretches = len(rows.knots) - 1
+        # Momentum gained in each stretch: of the walk, and of the lever between its ends.
+        gained = np.zeros((stretches, 3, len(unknown)))
+        at = np.stack(
+            [
+                np.stack([np.interp(rows.knots, rows.t, column) for column in part.T], axis=-1)
+                for part in np.moveaxis(rows.lever, 1, 0)
+            ],
+            axis=1,
+        )
+        gained[:, :, starts + 3 * stretches :] = np.diff(at, axis=0)
+        for k in range(stretches):
+            gained[k, :, starts + 3 * k : starts + 3 * k + 3] = np.eye(3)
+        scale = model.unit / rows.stretch
+        spreads = np.linalg.solve(lower, gained.reshape(-1, len(unknown)).T)
+        deviation = np.sqrt(np.sum(spreads**2, axis=0)).reshape(stretches, 3)
+        torques.append(
+            Torque(
+                rows.log.source,
+                rows.log.times[rows.index[0]] + rows.knots,
+                scale * (gained @ unknown),
+                scale * deviation * np.sqrt(inflation),
+            )
+        )
+
+    def whole(parts: list[np.ndarray]) -> tuple[np.ndarray, ...]:
+        result = []
+        for rows, part in zip(model.rows, parts, strict=True):
+            full = np.full((len(rows.log.times), 3), np.nan)
+            full[rows.index[rows.weight > 0.0]] = part[rows.weight > 0.0]
+            result.append(full)
+        return tuple(result)
+
+    return MomentumFit(
+        values * unit,
+        inflation * _covariance(model, linear) * np.outer(unit, unit),
+        spread,
+        whole(left),
+        whole(sheet),
+        whole(white),
+        tuple(torques),
+        outliers,
+        _outside(model, values * unit, torques),
+        inflation,
+    )
+
+
+def _outside(model: _Momentum, values: np.ndarray, torques: Sequence[Torque]) -> float:
+    """See `MomentumFit.outside`; wheels' torques are means over the stretches of external ones, as they are."""
+    of_wheels = []
+    for rows in model.rows:
+        at = np.stack([np.interp(rows.knots, rows.t, column) for column in rows.speeds.T], axis=1)
+        of_wheels.append(np.diff(at * values[6:-2], axis=0).ravel() / rows.stretch)
+    inside = np.sqrt(np.mean(np.concatenate(of_wheels) ** 2))
+    outside = np.sqrt(np.mean(np.concatenate([one.torque.ravel() for one in torques]) ** 2))
+    return float(outside / max(inside, 1e-300))
+
+
+def _inflation(model: _Momentum, white: list[np.ndarray]) -> float:
+    """Factor of variances by which fewer samples count, if successive white residuals are alike.
+
+    Of N samples with the correlation rho of successive ones, N (1 - rho) / (1 + rho) count (Bartlett, 1946).
+    """
+    pairs = []
+    power = []
+    for rows, part in zip(model.rows, white, strict=True):
+        used = rows.weight > 0.0
+        both = used[1:] & used[:-1]
+        pairs.append((part[1:] * part[:-1])[both])
+        power.append(part[used] ** 2)
+    rho = float(np.mean(np.concatenate(pairs)) / np.mean(np.concatenate(power)))
+    return (1.0 + rho) / (1.0 - rho) if rho > 0.0 else 1.0
