@@ -11,6 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from rans.model.fields import Vec2, Vector
 from rans.model.spacecraft import Spacecraft
+from rans.outline import Nozzle, Outline
 from rans.tasks import Task
 from rans.tasks.shapes import Ball, Cone, GlideSlope, Shape
 
@@ -65,9 +66,7 @@ class Scene:
         self.width = width
         self.height = height
         self._view = _view(craft.dimension)
-        nozzles = np.array([t.position for t in craft.thrusters]).reshape(-1, 3)
-        self._nozzles = nozzles - craft.centre_of_mass
-        self._exhausts = -np.array([t.direction for t in craft.thrusters]).reshape(-1, 3)
+        self._outline = Outline(craft)
         self._font = ImageFont.load_default(13 * _SMOOTHING)
 
     def render(
@@ -195,20 +194,19 @@ class Scene:
 
     def _draw_great_circles(self, centre: np.ndarray, turn: np.ndarray) -> None:
         """Draw the visible halves of the sphere's great circles in the coordinate planes of the body."""
-        angle = np.linspace(0.0, math.tau, 49)[:, None]
-        for first, second in ((0, 1), (1, 2), (2, 0)):
-            ring = self.craft.radius * (
-                np.cos(angle) * turn[:, first] + np.sin(angle) * turn[:, second]
-            )
+        for own in self._outline.rings:
+            ring = own @ turn.T
             in_front = ring @ self._view[2] > 0.0
             for start in np.flatnonzero(in_front[:-1] & in_front[1:]):
                 self._line(list(centre + ring[start : start + 2]), _SHADOW, 1.0)
 
     def _draw_craft(self, position: np.ndarray, turn: np.ndarray, command: np.ndarray) -> None:
         """Draw the craft from back to front: thrusters and axes behind the body, the body, those before it."""
-        nozzles = self._nozzles @ turn.T
-        exhausts = self._exhausts @ turn.T
-        in_front = nozzles @ self._view[2] >= -1e-9
+        nozzles = [
+            Nozzle(turn @ nozzle.root, turn @ nozzle.mouth, turn @ nozzle.exhaust, nozzle.strength)
+            for nozzle in self._outline.nozzles
+        ]
+        in_front = np.array([nozzle.root @ self._view[2] >= -1e-9 for nozzle in nozzles])
         for near in (False, True):
             if near:
                 self._disc(position, _BODY, _EDGE)
@@ -216,16 +214,18 @@ class Scene:
                     self._draw_great_circles(position, turn)
             self._draw_axes(position, turn, (near,))
             for index in np.flatnonzero(in_front == near):
-                self._draw_thruster(position + nozzles[index], exhausts[index], command[index])
+                self._draw_thruster(position, nozzles[index], command[index])
 
-    def _draw_thruster(self, position: np.ndarray, exhaust: np.ndarray, opening: float) -> None:
+    def _draw_thruster(self, position: np.ndarray, nozzle: Nozzle, opening: float) -> None:
+        """Draw a nozzle of a craft at a position; its vectors are in W."""
         radius = self.craft.radius
-        mouth = position + 0.3 * radius * exhaust
+        mouth = position + nozzle.mouth
         if opening > 0.0:
-            side = np.cross(exhaust, self._view[2]) * 0.13 * radius
-            tip = mouth + opening * 1.1 * radius * exhaust
+            side = np.cross(nozzle.exhaust, self._view[2]) * 0.13 * radius
+            tip = mouth + opening * 1.1 * radius * nozzle.exhaust
             self._pen.polygon(self._pixels([mouth - side, tip, mouth + side]), fill=_FLAME)
-        self._line([position, mouth], _NOZZLE, 0.16 * radius * self._scale / _SMOOTHING)
+        width = 0.16 * radius * self._scale / _SMOOTHING
+        self._line([position + nozzle.root, mouth], _NOZZLE, width)
 
 
 def _view(dimension: int) -> np.ndarray:

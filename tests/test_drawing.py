@@ -204,7 +204,7 @@ def test_layout_shows_every_thruster(dimension: Literal[2, 3]) -> None:
     (axes,) = figure.axes
     assert {text.get_text() for text in axes.texts} == {str(i) for i in range(len(craft.thrusters))}
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x, m", "y, m")
-    assert craft.name in axes.get_title()
+    assert craft.name in axes.get_title(loc="left") + axes.get_title()
 
 
 def test_numbers_of_facing_thrusters_do_not_overlap() -> None:

@@ -47,7 +47,7 @@ LAYERS: list[set[str]] = [
     {"rans.effectors"},
     {"rans.randomization"},
     {"rans.tasks"},
-    {"rans.scenario", "rans.episode"},
+    {"rans.scenario", "rans.episode", "rans.outline"},
     {"rans.safety_filters"},
     {"rans.verdict"},
     {"rans.flight", "rans.flight_statistics"},
@@ -229,6 +229,30 @@ def elements(text: str) -> list[str]:
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
         if (found := ELEMENT.search(node.value))
     ]
+
+
+def geometry(text: str) -> list[int]:
+    """Lines of a module that read where thrusters are from the centre of mass, or where they point to."""
+    return [
+        node.lineno
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Attribute) and node.attr in ("centre_of_mass", "direction")
+    ]
+
+
+def test_the_outline_of_a_craft_has_one_room() -> None:
+    """Drawings take it from `rans.outline`; tables print the numbers of the spacecraft's file."""
+    found = {
+        name: lines
+        for name, file in (MODULES | PACKAGED).items()
+        if name.startswith(("rans.show", "rans.drawing")) or {"figures", "pages"} & {*file.parts}
+        if name != "rans.show.tables.listing" and (lines := geometry(file.read_text("utf-8")))
+    }
+    assert not found
+
+
+def test_an_outline_elsewhere_is_noticed() -> None:
+    assert geometry("def nozzle(t, craft):\n    return t.position - craft.centre_of_mass") == [2]
 
 
 def test_html_has_one_room() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from rans.model.spacecraft import Spacecraft
+from rans.outline import Outline
 from rans.show.figures.figures import styled
 from rans.show.figures.plotting import Circle, Figure
 
@@ -29,13 +30,14 @@ def draw_layout(craft: Spacecraft) -> Figure:
     """
     figure = Figure(figsize=(6.0, 6.0), layout="constrained")
     axes: Any = figure.add_subplot(projection="3d" if craft.dimension == 3 else None)
-    positions = np.array([t.position for t in craft.thrusters]).reshape(-1, 3)[:, : craft.dimension]
-    forces = craft.wrenches[:, : craft.dimension]
-    largest = np.linalg.norm(forces, axis=1).max(initial=1e-9)
-    arrows = forces * (0.5 * craft.radius / largest)
+    outline = Outline(craft)
+    roots = np.array([nozzle.root for nozzle in outline.nozzles]).reshape(-1, 3) + outline.centre
+    positions = roots[:, : craft.dimension]
+    forces = [-nozzle.exhaust * nozzle.strength for nozzle in outline.nozzles]
+    arrows = 0.5 * craft.radius * np.array(forces).reshape(-1, 3)[:, : craft.dimension]
     axes.plot(*positions.T, "o", color=_NOZZLE, markersize=5, label="thruster")
     axes.plot(
-        *([x] for x in craft.centre_of_mass[: craft.dimension]),
+        *([x] for x in outline.centre[: craft.dimension]),
         "P",
         color=_FLAME,
         markersize=9,
@@ -69,13 +71,19 @@ def _closest(points: np.ndarray) -> float:
 
 def _outline(axes: Any, craft: Spacecraft) -> None:
     """Draw the outer radius around the centre of mass."""
-    centre = craft.centre_of_mass
+    centre = Outline(craft).centre
     if craft.dimension == 2:
         axes.grid(color=_GRID)
         axes.set_axisbelow(True)
         axes.ticklabel_format(useOffset=False)
         axes.add_patch(
-            Circle(centre[:2], craft.radius, facecolor=_BODY, edgecolor=_EDGE, zorder=0.6)
+            Circle(
+                (float(centre[0]), float(centre[1])),
+                craft.radius,
+                facecolor=_BODY,
+                edgecolor=_EDGE,
+                zorder=0.6,
+            )
         )
         return
     around, down = np.meshgrid(np.linspace(0.0, math.tau, 25), np.linspace(0.0, math.pi, 13))

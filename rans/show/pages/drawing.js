@@ -29,7 +29,7 @@ function judged() {
 function drawPlan() {
   const [pen, width, height] = ready(plan), reach = Math.max(...design.thrusters.map(({at: place}) => Math.hypot(...place)), 0.15);
   if (!held) half = 1.9 * reach;
-  const [u0, v0] = onPlan([0, 0]), largest = Math.max(...design.thrusters.map(({force}) => force), 1e-9);
+  const largest = Math.max(...design.thrusters.map(({force}) => force), 1e-9);
   // A grid of 10 cm, axes of B, and the craft.
   pen.strokeStyle = ink("--line"); pen.lineWidth = 1;
   const step = half > 4 ? 1 : half > 1.5 ? 0.5 : 0.1;
@@ -38,10 +38,8 @@ function drawPlan() {
     path(pen, [[u, 0], [u, height]]); pen.stroke();
     path(pen, [[0, v], [width, v]]); pen.stroke();
   }
-  pen.fillStyle = pen.strokeStyle = ink("--link"); pen.lineWidth = 2;
-  pen.beginPath(); pen.arc(u0, v0, DATA.radius * planScale(), 0, 7); pen.globalAlpha = 0.15; pen.fill(); pen.globalAlpha = 1; pen.stroke();
-  path(pen, [[u0, v0], onPlan([1.25 * DATA.radius, 0])]); pen.lineWidth = 3; pen.stroke();
-  pen.font = "12px system-ui"; pen.fillText("x", onPlan([1.3 * DATA.radius, 0])[0], v0 + 4);
+  hull(pen, DATA, onPlan, ink("--link"));
+  pen.font = "12px system-ui"; pen.fillText("x", onPlan([1.05 * DATA.radius, 0])[0], onPlan([0, 0])[1] + 4);
   design.thrusters.forEach((thruster, k) => {
     const [u, v] = onPlan(thruster.at), [x, y] = tipOf(thruster), active = k === selected;
     const size = 0.4 + 0.6 * thruster.force / largest;

@@ -183,7 +183,7 @@ function goal(pen) {
     return;
   }
   if (!DATA.planar) {
-    pen.globalAlpha = 0.6; box(pen, place, "--good"); pen.globalAlpha = 1;
+    pen.globalAlpha = 0.6; hull(pen, DATA, point => drawn(place, point), ink("--good")); pen.globalAlpha = 1;
     return;
   }
   const [x, y] = shown(place);
@@ -199,19 +199,9 @@ function goal(pen) {
   }
 }
 function craft(pen, pose) {
-  const size = DATA.radius * scale() * enlarged(), open = flight.open, [x, y] = shown(pose);
-  pen.lineCap = "round"; pen.lineWidth = Math.max(3, size / 6); pen.strokeStyle = ink("--plume");
-  DATA.thrusters.forEach((thruster, k) => {
-    if (!open[k]) return;
-    const way = thruster.along.map(u => u * DATA.radius * 0.9 * open[k]);
-    path(pen, [drawn(pose, thruster.at), drawn(pose, thruster.at.map((u, n) => u - way[n]))]);
-    pen.stroke();
-  });
-  if (DATA.planar) {
-    pen.fillStyle = ink("--link"); pen.strokeStyle = ink("--link"); pen.lineWidth = 2;
-    pen.beginPath(); pen.arc(x, y, size, 0, 7); pen.globalAlpha = 0.25; pen.fill(); pen.globalAlpha = 1; pen.stroke();
-    pen.lineWidth = 3; path(pen, [[x, y], shown(turn(pose, [DATA.radius, 0]))]); pen.stroke();
-  } else box(pen, pose, "--link");
+  const size = DATA.radius * scale() * enlarged(), place = point => drawn(pose, point);
+  plumes(pen, DATA, place, flight.open, ink("--plume"), Math.max(3, size / 6));
+  hull(pen, DATA, place, ink("--link"));
   pen.font = "600 11px system-ui"; pen.textAlign = "center"; pen.textBaseline = "middle";
   const places = nozzles(pose), apart = places.every(([u, v], k) => places.slice(0, k).every(([x, y]) => Math.hypot(u - x, v - y) > 13));
   places.forEach(([u, v], k) => {
@@ -221,30 +211,6 @@ function craft(pen, pose) {
     if (marked || (apart && size > (DATA.planar ? 22 : 90))) pen.fillText(k, u, v);
   });
   pen.textAlign = "start"; pen.textBaseline = "alphabetic";
-}
-// A box as large as the thrusters lie apart: the faces that are seen, and its x axis, which is longer, with its y and z axes.
-const HALVES = DATA.planar ? [] : [0, 1, 2].map(k => Math.max(0.25 * DATA.radius, ...DATA.thrusters.map(({at: place}) => Math.abs(place[k]))));
-function box(pen, pose, colour) {
-  const towards = camera()[2], middle = pose.slice(0, 3);
-  pen.fillStyle = pen.strokeStyle = ink(colour); pen.lineWidth = 1.5;
-  [0, 1, 2].forEach(k => [-1, 1].forEach(side => {
-    const normal = [0, 0, 0]; normal[k] = side;
-    const facing = dot(turn(pose, normal).map((x, n) => x - middle[n]), towards);
-    if (facing <= 0) return;
-    const [m, n] = [(k + 1) % 3, (k + 2) % 3];
-    const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([u, v]) => {
-      const point = [0, 0, 0];
-      [point[k], point[m], point[n]] = [side * HALVES[k], u * HALVES[m], v * HALVES[n]];
-      return drawn(pose, point);
-    });
-    const before = pen.globalAlpha;
-    path(pen, corners); pen.closePath();
-    pen.globalAlpha = before * (0.15 + 0.35 * facing); pen.fill(); pen.globalAlpha = before; pen.stroke();
-  }));
-  [1.9, 1.3, 1.3].forEach((length, k) => {
-    const tip = [0, 0, 0]; tip[k] = length * DATA.radius;
-    pen.lineWidth = k ? 1 : 3; path(pen, [shown(middle), drawn(pose, tip)]); pen.stroke();
-  });
 }
 // Where the numbers of thrusters stand, all of them only where there is room, or else that under the pointer: inwards of the nozzle, along its force, so that two of a corner are apart.
 const nozzles = pose => DATA.thrusters.map(({at: place, along}) => {

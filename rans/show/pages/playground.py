@@ -32,6 +32,7 @@ from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
 from rans.model.trace import UNTRACEABLE, Symbol
+from rans.outline import Outline
 from rans.policy.allocation import FALL, MOST_SUBSETS, PASSES, PRICE
 from rans.policy.any_craft import RANGES, is_for_any_craft
 from rans.policy.architecture import Architecture
@@ -105,7 +106,7 @@ class Playground:
             is_agent=self.is_agent,
             draws=draws,
             script=markup.code(self.script),
-            page=markup.code(*map(_text, ("playground.js", "drawing.js")[: 1 + draws])),
+            page=markup.code(*map(_text, ("craft.js", "playground.js", "drawing.js")[: 2 + draws])),
         )
 
     def write(self, file: Path) -> None:
@@ -501,7 +502,7 @@ def _allocation_data(architecture: Architecture, choices: list[Frugality]) -> di
 def _drawing_data(run: LoadedRun) -> dict[str, Any]:
     """What a visitor may change, and the ranges of the training; lengths in m, angles in rad."""
     craft = run.craft
-    centre = np.array(craft.centre_of_mass)
+    nozzles = Outline(craft).nozzles
     return {
         "craft": {
             "name": craft.name,
@@ -510,11 +511,11 @@ def _drawing_data(run: LoadedRun) -> dict[str, Any]:
             "shared": craft.thrust_sharing == "split",
             "thrusters": [
                 {
-                    "at": (np.array(thruster.position) - centre)[:2].tolist(),
-                    "angle": math.atan2(thruster.direction[1], thruster.direction[0]),
+                    "at": nozzle.root[:2].tolist(),
+                    "angle": math.atan2(-nozzle.exhaust[1], -nozzle.exhaust[0]),
                     "force": thruster.force,
                 }
-                for thruster in craft.thrusters
+                for nozzle, thruster in zip(nozzles, craft.thrusters, strict=True)
             ],
         },
         "most": _MOST_DRAWN,
@@ -537,8 +538,6 @@ def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int, memory: int)
     """Data of the page; lengths in m, angles in rad, times in s."""
     world = traced.world
     craft = world.craft
-    centre = np.array(craft.centre_of_mass)
-    largest = max((thruster.force for thruster in craft.thrusters), default=1.0)
     errors = world.task.errors(traced.episode.state, traced.episode.goal)
     tolerances = world.task.tolerances()
     # A delay of the training's conditions, without which the agent may not fly: the middle of its range.
@@ -550,8 +549,7 @@ def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int, memory: int)
     )
     longest = max(parameters.delay for parameters in every)
     delay = round(0.5 * (shortest + longest) / world.timing.control_period, 6)
-    return {
-        "planar": craft.dimension == 2,
+    return Outline(craft).values(6) | {
         "pace": pace(run.judged),
         "period": world.timing.control_period,
         "delay": delay,
@@ -566,16 +564,6 @@ def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int, memory: int)
         # Missions on an orbit have planned for their goal, and others far away leave the range of the sliders.
         "moves": may_move_goal(world.task) and world.task.drift == FREE,
         "turned": "attitude" in errors,
-        "radius": craft.radius,
-        "thrusters": [
-            {
-                "at": np.round(np.array(thruster.position) - centre, 6).tolist(),
-                "along": np.round(
-                    np.array(thruster.direction) * (thruster.force / largest), 6
-                ).tolist(),
-            }
-            for thruster in craft.thrusters
-        ],
         "errors": [
             {
                 "name": name,

@@ -14,6 +14,7 @@ from rans.flight import Flight
 from rans.model.dynamics import State
 from rans.model.fields import Vec2, Vec3, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
+from rans.outline import Outline
 from rans.show.figures.panels import series_style
 from rans.tasks.shapes import Ball, Cone, GlideSlope
 
@@ -56,25 +57,8 @@ def race(
         Positions in W (m), two axes of B in W, and commands as digits from 0 (shut) to 9 (open). Numbers have
         three decimals.
     """
-    planar = craft.dimension == 2
-    largest = max((thruster.force for thruster in craft.thrusters), default=1.0)
-    centre = np.array(craft.centre_of_mass)
     results = [_start(label, tracks, craft) for label, tracks in starts]
-    return Race(
-        {
-            "planar": planar,
-            "radius": craft.radius,
-            "thrusters": [
-                {
-                    "at": _rounded(np.array(thruster.position) - centre),
-                    "along": _rounded(np.array(thruster.direction) * (thruster.force / largest)),
-                }
-                for thruster in craft.thrusters
-            ],
-            "starts": results,
-        },
-        caption,
-    )
+    return Race(Outline(craft).values(3) | {"starts": results}, caption)
 
 
 def has_place(flight: Flight) -> bool:

@@ -19,6 +19,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from rans.model.solids import Solid, triangles
 from rans.model.spacecraft import Spacecraft
+from rans.outline import BELL, Outline
 
 FLOOR = -0.62
 """Where a platform's air pads end, in radii from its centre of mass along z."""
@@ -32,8 +33,6 @@ _PANEL = Rgba(0.10, 0.18, 0.42)
 _GLASS = Rgba(0.05, 0.07, 0.10)
 _CORE = Rgba(1.0, 0.62, 0.10)
 _HALO = Rgba(1.0, 0.50, 0.05, 0.30)
-_BELL = 0.30
-"""Length of a nozzle's bell, in radii."""
 _SIDES = 20
 """Of the polygon that stands for a circle."""
 
@@ -51,9 +50,10 @@ def craft_parts(craft: Spacecraft, body: Rgba) -> list[Part]:
     """Hull, axes x, y, z (red, green, blue; in the plane only x, the heading) and nozzles, in B."""
     r = craft.radius
     parts = [*hull_parts(craft, body), *triad(craft, 1.55, 0.04)]
-    for i, (bell, thruster) in enumerate(zip(exhausts(craft, 0.0), craft.thrusters, strict=True)):
-        parts.append(Part(f"nozzle {i}", frustum(0.045 * r, 0.12 * r, _BELL * r), _DARK, bell))
-        position = np.array(thruster.position) - craft.centre_of_mass
+    outline = Outline(craft)
+    for i, (bell, nozzle) in enumerate(zip(_frames(outline, False), outline.nozzles, strict=True)):
+        parts.append(Part(f"nozzle {i}", frustum(0.045 * r, 0.12 * r, BELL * r), _DARK, bell))
+        position = nozzle.root
         parts.append(
             Part(f"valve {i}", Box(0.15 * r, 0.15 * r, 0.15 * r), _STEEL, RigidTransform(position))
         )
@@ -65,7 +65,7 @@ def craft_parts(craft: Spacecraft, body: Rgba) -> list[Part]:
 
 def plumes(craft: Spacecraft) -> list[RigidTransform]:
     """Frames in B of the mouths of all nozzles, whose z axes point along the exhausts."""
-    return exhausts(craft, _BELL)
+    return _frames(Outline(craft), True)
 
 
 def plume_parts(craft: Spacecraft, command: float = 1.0) -> list[Part]:
@@ -157,7 +157,7 @@ def _solid(craft: Spacecraft, solid: Solid, body: Rgba, scale: float, name: str)
     else:
         shape = {"box": Box, "cylinder": Cylinder, "sphere": Sphere}[solid.shape](*size)
     turn = RotationMatrix.MakeFromOneVector(np.array(solid.axis), 2)
-    position = scale * (np.array(solid.position) - craft.centre_of_mass)
+    position = scale * (np.array(solid.position) - Outline(craft).centre)
     if solid.shape == "cone":
         position = position - turn @ [0.0, 0.0, size[1] / 2.0]
     colour = (
@@ -168,13 +168,14 @@ def _solid(craft: Spacecraft, solid: Solid, body: Rgba, scale: float, name: str)
     return Part(name, shape, colour, RigidTransform(turn, position))
 
 
-def exhausts(craft: Spacecraft, along: float) -> list[RigidTransform]:
-    """Frames in B whose z axes point along the exhausts, so many radii from the thrusters."""
-    away = [-np.array(thruster.direction) for thruster in craft.thrusters]
-    positions = [np.array(thruster.position) - craft.centre_of_mass for thruster in craft.thrusters]
+def _frames(outline: Outline, at_mouths: bool) -> list[RigidTransform]:
+    """Frames in B of the nozzles' mouths or roots, whose z axes point along the exhausts."""
     return [
-        RigidTransform(RotationMatrix.MakeFromOneVector(z, 2), position + along * craft.radius * z)
-        for z, position in zip(away, positions, strict=True)
+        RigidTransform(
+            RotationMatrix.MakeFromOneVector(nozzle.exhaust, 2),
+            nozzle.mouth if at_mouths else nozzle.root,
+        )
+        for nozzle in outline.nozzles
     ]
 
 

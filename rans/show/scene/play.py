@@ -20,6 +20,7 @@ from pydrake.math import RigidTransform
 from rans.drawing import columns
 from rans.evaluation.fly.agent import LoadedRun
 from rans.model.fields import map_leaves
+from rans.outline import Outline
 from rans.show.scene import craft, scene
 from rans.show.scene.camera import fitted_camera
 from rans.show.scene.interactive import InteractiveFlight
@@ -298,14 +299,13 @@ class LivePlayground:
 
     def _mark_faults(self) -> None:
         """Red balls at dead thrusters, yellow ones at those stuck open."""
-        craft = self.flight.world.craft
+        outline = Outline(self.flight.world.craft)
         self._meshcat.Delete("/play/craft/faults")
         for failed, colour in ((self.flight.dead, _DEAD), (self.flight.stuck, _STUCK)):
             for number in failed:
-                position = np.array(craft.thrusters[number].position) - craft.centre_of_mass
                 path = f"/play/craft/faults/{number}"
-                self._meshcat.SetObject(path, Sphere(0.18 * craft.radius), colour)
-                self._meshcat.SetTransform(path, RigidTransform(position))
+                self._meshcat.SetObject(path, Sphere(0.18 * outline.radius), colour)
+                self._meshcat.SetTransform(path, RigidTransform(outline.nozzles[number].root))
 
     def _draw(self, state: Any) -> None:
         """Craft, goal, plumes, scenery and trail at a state, fields (1,)."""

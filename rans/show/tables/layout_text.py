@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from rans.model.spacecraft import Spacecraft
+from rans.outline import Outline
 
 _ARROWS = "→↗↑↖←↙↓↘"
 TOWARDS = "⊙"
@@ -20,18 +21,16 @@ def layout_text(craft: Spacecraft) -> str:
     Each thruster is its index with the direction of its force: an arrow, or ⊙ towards the viewer and
     ⊗ away; + is the centre of mass and the dots are the outer radius.
     """
-    arms = [
-        [p - c for p, c in zip(t.position, craft.centre_of_mass, strict=True)]
-        for t in craft.thrusters
-    ]
-    unit = max([craft.radius, *(math.hypot(x, y) / _WIDEST for x, y, _ in arms)])
+    nozzles = Outline(craft).nozzles
+    unit = max([craft.radius, *(math.hypot(*nozzle.root[:2]) / _WIDEST for nozzle in nozzles)])
     cells: dict[tuple[int, int], str] = {}
     for angle in range(0, 360, 6):
         x, y = (craft.radius / unit * f(math.radians(angle)) for f in (math.cos, math.sin))
         cells[_cell((x, y), 1.0)] = "·"
     _put(cells, (0.0, 0.0), "+")
-    for index, (thruster, (x, y, _)) in enumerate(zip(craft.thrusters, arms, strict=True)):
-        dx, dy, dz = thruster.direction
+    for index, nozzle in enumerate(nozzles):
+        x, y, _ = nozzle.root.tolist()
+        dx, dy, dz = (-nozzle.exhaust).tolist()
         mark = _ARROWS[round(math.atan2(dy, dx) / (math.pi / 4)) % 8]
         if abs(dz) > math.hypot(dx, dy):
             mark = TOWARDS if dz > 0 else AWAY

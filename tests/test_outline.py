@@ -1,0 +1,106 @@
+"""The outline of a craft, by numbers worked out by hand."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import warnings
+from importlib.resources import files
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from rans.errors import RansWarning
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.outline import Outline
+
+THRUSTERS = (
+    Thruster((1.5, 0.0, 0.0), (0.0, 1.0, 0.0), 2.0),
+    Thruster((0.5, -1.0, 0.0), (-0.6, 0.8, 0.0), 0.5),
+)
+INERTIA = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def crafted(dimension: Literal[2, 3], thrusters: tuple[Thruster, ...]) -> Spacecraft:
+    """A craft of radius 2 m, whose centre of mass is half a metre from the origin of its file."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RansWarning)  # they cannot push it in every direction
+        return Spacecraft("some", dimension, 1.0, INERTIA, thrusters, (0.5, 0.0, 0.0), radius=2.0)
+
+
+CRAFT = crafted(2, THRUSTERS)
+
+
+def test_nozzles_lie_about_the_centre_of_mass_against_their_forces() -> None:
+    first, second = Outline(CRAFT).nozzles
+    np.testing.assert_allclose(first.root, (1.0, 0.0, 0.0))
+    np.testing.assert_allclose(first.exhaust, (0.0, -1.0, 0.0))
+    np.testing.assert_allclose(first.mouth, (1.0, -0.6, 0.0))  # 0.3 radii of 2 m
+    np.testing.assert_allclose(second.root, (0.0, -1.0, 0.0))
+    np.testing.assert_allclose(second.mouth, (0.36, -1.48, 0.0))
+    assert (first.strength, second.strength) == (1.0, 0.25)
+
+
+def test_a_page_is_given_places_and_forces() -> None:
+    values = Outline(CRAFT).values(3)
+    assert (values["planar"], values["radius"]) == (True, 2.0)
+    assert values["thrusters"][1] == {"at": [0.0, -1.0, 0.0], "along": [-0.15, 0.2, 0.0]}
+    assert "-0.0" not in str(values)
+
+
+@pytest.mark.parametrize(("dimension", "count"), [(2, 1), (3, 3)])
+def test_rings_have_the_outer_radius(dimension: Literal[2, 3], count: int) -> None:
+    rings = Outline(crafted(dimension, THRUSTERS)).rings
+    assert len(rings) == count
+    np.testing.assert_allclose(np.linalg.norm(rings, axis=-1), 2.0)
+    assert all(np.ptp(ring, axis=0).min() < 1e-12 for ring in rings)  # each in a plane of two axes
+
+
+SCRIPT = """
+const calls = [];
+const pen = new Proxy({globalAlpha: 1}, {
+  get: (own, name) => name in own ? own[name] : (...values) => { calls.push([name, ...values]); },
+});
+"""
+"""A canvas's pen that lists what it is told."""
+
+
+def faces(place: str, tmp_path: Path) -> int:
+    """Number of faces of a box that are filled in the view of this projection."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("needs Node.js to run JavaScript")
+    code = (files("rans.show.pages") / "craft.js").read_text("utf-8")
+    craft = "{planar: false, radius: 1, thrusters: [{at: [1, 0.5, 0.25], along: [1, 0, 0]}]}"
+    file = tmp_path / "hull.js"
+    file.write_text(
+        f'{SCRIPT}{code}\nhull(pen, {craft}, {place}, "red");\n'
+        'console.log(calls.filter(([name]) => name === "fill").length);',
+        "utf-8",
+    )
+    return int(subprocess.run([node, str(file)], check=True, capture_output=True).stdout)
+
+
+def test_a_box_shows_the_faces_towards_the_viewer(tmp_path: Path) -> None:
+    """From above one face, from an oblique direction three; y points down in a canvas."""
+    assert faces("([x, y, z]) => [x, -y]", tmp_path) == 1
+    assert faces("([x, y, z]) => [0.8 * y - 0.6 * x, 0.3 * x + 0.4 * y - 0.85 * z]", tmp_path) == 3
+
+
+def test_plumes_leave_against_the_force(tmp_path: Path) -> None:
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("needs Node.js to run JavaScript")
+    code = (files("rans.show.pages") / "craft.js").read_text("utf-8")
+    craft = "{planar: true, radius: 2, thrusters: [{at: [1, 0], along: [0, 0.5]}, {at: [0, 1], along: [1, 0]}]}"
+    file = tmp_path / "plumes.js"
+    file.write_text(
+        f'{SCRIPT}{code}\nplumes(pen, {craft}, point => point, [0.5, 0], "red", 1);\n'
+        'console.log(JSON.stringify(calls.filter(([name]) => name.endsWith("To"))));',
+        "utf-8",
+    )
+    done = subprocess.run([node, str(file)], check=True, capture_output=True, text=True)
+    # The second is shut; 0.9 radii of 2 m, half the force, half open.
+    assert done.stdout.strip() == '[["moveTo",1,0],["lineTo",1,-0.45]]'
