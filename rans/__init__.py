@@ -20,188 +20,74 @@ import gymnasium
 
 from rans import display
 from rans.abilities import PUBLIC, sentence_of_absent
+from rans.lazy import homes
 from rans.tasks import TASKS, gymnasium_ids
 
 if TYPE_CHECKING:
-    from rans.api.agent import Agent, load_agent
-    from rans.api.drafting import (
-        init_spacecraft,
-        join_at_contact,
-        join_spacecraft,
-        part,
-    )
-    from rans.api.flying import fly
-    from rans.api.judging import benchmark, compare, evaluate, validate
-    from rans.api.limits import certify, optimal_trajectory, state
-    from rans.api.names import load_conditions, load_spacecraft, load_task
-    from rans.api.pages import export, report, view
-    from rans.api.training import sweep, train, tune
-    from rans.errors import (
-        ConfigError,
-        RansError,
-        RansWarning,
-    )
-    from rans.evaluation.fly.pilot import Pilot
-    from rans.executors import run_on
-    from rans.fast.engine import Engine
-    from rans.fast.envs.sb3 import SB3VecEnv
-    from rans.fast.envs.single import SpacecraftEnv
-    from rans.fast.envs.vector import SpacecraftVectorEnv
-    from rans.fast.learn.config import (
-        PPOSettings,
-    )
-    from rans.fast.learn.front import PPO
-    from rans.model.spacecraft import Spacecraft, Thruster
-    from rans.model.timing import Timing
-    from rans.optimal.control.lqr import LQR
-    from rans.optimal.control.mpc import MPC
-    from rans.optimal.control.switching import Switching
-    from rans.randomization.conditions import (
-        BodyConditions,
-        Conditions,
-        DisturbanceConditions,
-        FaultConditions,
-        SensorConditions,
-        SensorsConditions,
-        ThrusterConditions,
-    )
-    from rans.registry import trust_files
-    from rans.tasks import (
-        GoToAttitude,
-        GoToPose,
-        GoToPosePriced,
-        GoToPosition,
-        MultiTask,
-        RestReward,
-        TrackTwist,
-        TrackVelocity,
-        TrackVelocityHeading,
-    )
+    from rans.api.agent import Agent as Agent
+    from rans.api.agent import load_agent as load_agent
+    from rans.api.drafting import init_spacecraft as init_spacecraft
+    from rans.api.drafting import join_at_contact as join_at_contact
+    from rans.api.drafting import join_spacecraft as join_spacecraft
+    from rans.api.drafting import part as part
+    from rans.api.flying import fly as fly
+    from rans.api.judging import benchmark as benchmark
+    from rans.api.judging import compare as compare
+    from rans.api.judging import evaluate as evaluate
+    from rans.api.judging import validate as validate
+    from rans.api.limits import certify as certify
+    from rans.api.limits import optimal_trajectory as optimal_trajectory
+    from rans.api.limits import state as state
+    from rans.api.names import load_conditions as load_conditions
+    from rans.api.names import load_spacecraft as load_spacecraft
+    from rans.api.names import load_task as load_task
+    from rans.api.pages import export as export
+    from rans.api.pages import report as report
+    from rans.api.pages import view as view
+    from rans.api.training import sweep as sweep
+    from rans.api.training import train as train
+    from rans.api.training import tune as tune
+    from rans.errors import ConfigError as ConfigError
+    from rans.errors import RansError as RansError
+    from rans.errors import RansWarning as RansWarning
+    from rans.evaluation.fly.pilot import Pilot as Pilot
+    from rans.executors import run_on as run_on
+    from rans.fast.engine import Engine as Engine
+    from rans.fast.envs.sb3 import SB3VecEnv as SB3VecEnv
+    from rans.fast.envs.single import SpacecraftEnv as SpacecraftEnv
+    from rans.fast.envs.vector import SpacecraftVectorEnv as SpacecraftVectorEnv
+    from rans.fast.learn.config import PPOSettings as PPOSettings
+    from rans.fast.learn.front import PPO as PPO
+    from rans.model.spacecraft import Spacecraft as Spacecraft
+    from rans.model.spacecraft import Thruster as Thruster
+    from rans.model.timing import Timing as Timing
+    from rans.optimal.control.lqr import LQR as LQR
+    from rans.optimal.control.mpc import MPC as MPC
+    from rans.optimal.control.switching import Switching as Switching
+    from rans.randomization.conditions import BodyConditions as BodyConditions
+    from rans.randomization.conditions import Conditions as Conditions
+    from rans.randomization.conditions import DisturbanceConditions as DisturbanceConditions
+    from rans.randomization.conditions import FaultConditions as FaultConditions
+    from rans.randomization.conditions import SensorConditions as SensorConditions
+    from rans.randomization.conditions import SensorsConditions as SensorsConditions
+    from rans.randomization.conditions import ThrusterConditions as ThrusterConditions
+    from rans.registry import trust_files as trust_files
+    from rans.tasks import GoToAttitude as GoToAttitude
+    from rans.tasks import GoToPose as GoToPose
+    from rans.tasks import GoToPosePriced as GoToPosePriced
+    from rans.tasks import GoToPosition as GoToPosition
+    from rans.tasks import MultiTask as MultiTask
+    from rans.tasks import RestReward as RestReward
+    from rans.tasks import TrackTwist as TrackTwist
+    from rans.tasks import TrackVelocity as TrackVelocity
+    from rans.tasks import TrackVelocityHeading as TrackVelocityHeading
 
     __version__: str
 
-_LAZY = {
-    "train": "rans.api.training",
-    "sweep": "rans.api.training",
-    "tune": "rans.api.training",
-    "load_agent": "rans.api.agent",
-    "Agent": "rans.api.agent",
-    "evaluate": "rans.api.judging",
-    "compare": "rans.api.judging",
-    "init_spacecraft": "rans.api.drafting",
-    "join_spacecraft": "rans.api.drafting",
-    "join_at_contact": "rans.api.drafting",
-    "part": "rans.api.drafting",
-    "validate": "rans.api.judging",
-    "benchmark": "rans.api.judging",
-    "view": "rans.api.pages",
-    "report": "rans.api.pages",
-    "export": "rans.api.pages",
-    "optimal_trajectory": "rans.api.limits",
-    "certify": "rans.api.limits",
-    "state": "rans.api.limits",
-    "Spacecraft": "rans.model.spacecraft",
-    "Thruster": "rans.model.spacecraft",
-    "load_spacecraft": "rans.api.names",
-    "GoToAttitude": "rans.tasks",
-    "GoToPose": "rans.tasks",
-    "GoToPosePriced": "rans.tasks",
-    "GoToPosition": "rans.tasks",
-    "TrackVelocity": "rans.tasks",
-    "TrackTwist": "rans.tasks",
-    "TrackVelocityHeading": "rans.tasks",
-    "MultiTask": "rans.tasks",
-    "RestReward": "rans.tasks",
-    "load_task": "rans.api.names",
-    "Conditions": "rans.randomization.conditions",
-    "BodyConditions": "rans.randomization.conditions",
-    "ThrusterConditions": "rans.randomization.conditions",
-    "FaultConditions": "rans.randomization.conditions",
-    "DisturbanceConditions": "rans.randomization.conditions",
-    "SensorConditions": "rans.randomization.conditions",
-    "SensorsConditions": "rans.randomization.conditions",
-    "load_conditions": "rans.api.names",
-    "LQR": "rans.optimal.control.lqr",
-    "Switching": "rans.optimal.control.switching",
-    "MPC": "rans.optimal.control.mpc",
-    "Pilot": "rans.evaluation.fly.pilot",
-    "Timing": "rans.model.timing",
-    "fly": "rans.api.flying",
-    "trust_files": "rans.registry",
-    "run_on": "rans.executors",
-    "Engine": "rans.fast.engine",
-    "PPO": "rans.fast.learn.front",
-    "PPOSettings": "rans.fast.learn.config",
-    "SB3VecEnv": "rans.fast.envs.sb3",
-    "SpacecraftEnv": "rans.fast.envs.single",
-    "SpacecraftVectorEnv": "rans.fast.envs.vector",
-    "ConfigError": "rans.errors",
-    "RansError": "rans.errors",
-    "RansWarning": "rans.errors",
-}
+_LAZY = homes(__file__)
 """Module of each public name, loaded on first use."""
 
-__all__ = [
-    "train",
-    "sweep",
-    "tune",
-    "load_agent",
-    "Agent",
-    "evaluate",
-    "compare",
-    "init_spacecraft",
-    "join_spacecraft",
-    "join_at_contact",
-    "part",
-    "validate",
-    "benchmark",
-    "view",
-    "report",
-    "export",
-    "optimal_trajectory",
-    "certify",
-    "state",
-    "Spacecraft",
-    "Thruster",
-    "load_spacecraft",
-    "TASKS",
-    "GoToAttitude",
-    "GoToPose",
-    "GoToPosePriced",
-    "GoToPosition",
-    "TrackVelocity",
-    "TrackTwist",
-    "TrackVelocityHeading",
-    "MultiTask",
-    "RestReward",
-    "load_task",
-    "Conditions",
-    "BodyConditions",
-    "ThrusterConditions",
-    "FaultConditions",
-    "DisturbanceConditions",
-    "SensorConditions",
-    "SensorsConditions",
-    "load_conditions",
-    "LQR",
-    "Switching",
-    "MPC",
-    "Pilot",
-    "Timing",
-    "fly",
-    "trust_files",
-    "run_on",
-    "Engine",
-    "PPO",
-    "PPOSettings",
-    "SB3VecEnv",
-    "SpacecraftEnv",
-    "SpacecraftVectorEnv",
-    "ConfigError",
-    "RansError",
-    "RansWarning",
-    "__version__",
-]
+__all__ = [*_LAZY, "TASKS", "__version__"]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:

@@ -9,39 +9,29 @@ import importlib
 import re
 from typing import TYPE_CHECKING, Any
 
+from rans.lazy import homes
 from rans.registry import Registry
 
 if TYPE_CHECKING:
-    from rans.tasks.base import SingleTask, Task, observation
-    from rans.tasks.derived import observation_columns, observation_width
-    from rans.tasks.go_to_attitude import GoToAttitude
-    from rans.tasks.go_to_pose import GoToPose
-    from rans.tasks.go_to_pose_priced import GoToPosePriced
-    from rans.tasks.go_to_position import GoToPosition
-    from rans.tasks.multi_task import MultiTask
-    from rans.tasks.names import load_task, registered_name
-    from rans.tasks.rewards import RestReward, Transition
-    from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
+    from rans.tasks.base import SingleTask as SingleTask
+    from rans.tasks.base import Task as Task
+    from rans.tasks.base import observation as observation
+    from rans.tasks.derived import observation_columns as observation_columns
+    from rans.tasks.derived import observation_width as observation_width
+    from rans.tasks.go_to_attitude import GoToAttitude as GoToAttitude
+    from rans.tasks.go_to_pose import GoToPose as GoToPose
+    from rans.tasks.go_to_pose_priced import GoToPosePriced as GoToPosePriced
+    from rans.tasks.go_to_position import GoToPosition as GoToPosition
+    from rans.tasks.multi_task import MultiTask as MultiTask
+    from rans.tasks.names import load_task as load_task
+    from rans.tasks.names import registered_name as registered_name
+    from rans.tasks.rewards import RestReward as RestReward
+    from rans.tasks.rewards import Transition as Transition
+    from rans.tasks.tracking import TrackTwist as TrackTwist
+    from rans.tasks.tracking import TrackVelocity as TrackVelocity
+    from rans.tasks.tracking import TrackVelocityHeading as TrackVelocityHeading
 
-_LAZY = {
-    "GoToAttitude": "rans.tasks.go_to_attitude",
-    "GoToPose": "rans.tasks.go_to_pose",
-    "GoToPosePriced": "rans.tasks.go_to_pose_priced",
-    "GoToPosition": "rans.tasks.go_to_position",
-    "MultiTask": "rans.tasks.multi_task",
-    "RestReward": "rans.tasks.rewards",
-    "SingleTask": "rans.tasks.base",
-    "Task": "rans.tasks.base",
-    "TrackTwist": "rans.tasks.tracking",
-    "TrackVelocity": "rans.tasks.tracking",
-    "TrackVelocityHeading": "rans.tasks.tracking",
-    "Transition": "rans.tasks.rewards",
-    "load_task": "rans.tasks.names",
-    "observation": "rans.tasks.base",
-    "observation_columns": "rans.tasks.derived",
-    "observation_width": "rans.tasks.derived",
-    "registered_name": "rans.tasks.names",
-}
+_LAZY = homes(__file__)
 """Module of each name of this package, loaded on first use."""
 
 TASKS: Registry[type[Any]] = Registry(
@@ -89,24 +79,4 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-__all__ = [
-    "TASKS",
-    "GoToAttitude",
-    "GoToPose",
-    "GoToPosePriced",
-    "GoToPosition",
-    "MultiTask",
-    "RestReward",
-    "SingleTask",
-    "Task",
-    "TrackTwist",
-    "TrackVelocity",
-    "TrackVelocityHeading",
-    "Transition",
-    "gymnasium_ids",
-    "load_task",
-    "observation",
-    "observation_columns",
-    "observation_width",
-    "registered_name",
-]
+__all__ = [*_LAZY, "TASKS", "gymnasium_ids"]  # pyright: ignore[reportUnsupportedDunderAll]
