@@ -31,17 +31,17 @@ class GoToAttitude(SingleTask):
     Observed task data: first two rows of R_WB^T R_WGoal (6 columns).
     """
 
-    start_spin: tuple[float, float] = (0.0, 0.1)
+    start_spin: ClassVar[tuple[float, float]] = (0.0, 0.1)
     """Range of the angular rate at the start, rad/s."""
-    turn_scale: float = 1.0
+    turn_scale: ClassVar[float] = 1.0
     """Attitude error at which the wide attitude reward has fallen to 1/e, rad: a third of the largest error."""
-    attitude_scale: float = 0.25
+    attitude_scale: ClassVar[float] = 0.25
     """Attitude error at which the attitude reward has fallen to 1/e, rad, as in go-to-pose."""
     fine_scale: float = 0.02
     """Attitude error at which the narrow attitude reward has fallen to 1/e, rad."""
-    rest_weight: float = 1.0
+    rest_weight: ClassVar[float] = 1.0
     """Weight of the reward of low spin near the goal."""
-    rest_scale: float = 0.02
+    rest_scale: ClassVar[float] = 0.02
     """Angular rate at which the reward of low spin has fallen to 1/e, rad/s."""
     torque_weight: float = 0.02
     """Reward lost per step and wheel, times its squared command; it also prevents chattering at the goal."""

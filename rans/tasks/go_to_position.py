@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import ClassVar
 
 from rans.model.dynamics import State
 from rans.model.fields import Field
@@ -29,11 +30,11 @@ class GoToPosition(SingleTask):
     """Range of the start's distance from the goal in training, m (original system)."""
     evaluation_distance: tuple[float, float] = (3.0, 4.0)
     """Range of the start's distance from the goal in evaluations, m (paper, section 4.1; 1 to 5 m in space)."""
-    position_scale: float = 0.25
+    position_scale: ClassVar[float] = 0.25
     """Error at which the position reward has fallen to 1/e, m (original system, 2023)."""
     approach_weight: float = 0.5
     """Weight of the wide position reward, for large distances; 0 gives the reward of the original system."""
-    approach_scale: float = 1.5
+    approach_scale: ClassVar[float] = 1.5
     """Distance at which the approach reward has fallen to 1/e, m."""
     stillness_weight: float = 0.5
     """Weight of the reward for low spin; without it agents spin at 3 to 7 rad/s."""

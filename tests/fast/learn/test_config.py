@@ -3,7 +3,10 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from dataclasses import fields, replace
+import tomllib
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import hypothesis
@@ -260,3 +263,34 @@ def test_what_no_network_is(given: dict[str, Any], message: str) -> None:
 def test_one_transition_has_no_spread_to_normalise() -> None:
     with pytest.raises(ConfigError, match=r"batch_size must be >= 2 and < 2\^31, got 1"):
         PPOSettings(batch_size=1)
+
+
+def test_every_setting_of_ppo_is_set_by_somebody() -> None:
+    """A recipe or agent of this repository has another value than the default; what nobody sets is a constant."""
+    root = Path(__file__).parents[3]
+    recipes = (root / folder for folder in ("rans/data/recipes", "examples", "campaigns"))
+    tables = [
+        part.get("ppo", {})
+        for recipe in itertools.chain.from_iterable(folder.rglob("*.toml") for folder in recipes)
+        for table in [tomllib.loads(recipe.read_text("utf-8"))]
+        for part in (table, table.get("gpu", {}))
+        if isinstance(part, dict)
+    ]
+    agents = [
+        *root.glob("rans/data/pretrained/*/config.json"),
+        *root.glob("agents/*/*/config.json"),
+    ]
+    tables += [json.loads(path.read_text("utf-8")).get("ppo", {}) for path in agents]
+    assert len(agents) > 40
+
+    def never_set(settings: Any, found: list[dict[str, Any]], place: str = "") -> Iterator[str]:
+        for field in fields(settings):
+            given = [table[field.name] for table in found if field.name in table]
+            default = getattr(settings, field.name)
+            if is_dataclass(default):
+                yield from never_set(default, given, f"{place}{field.name}.")
+            elif all(json.dumps(value) == json.dumps(default) for value in given):
+                yield place + field.name
+
+    # examples/plugins/attention sets the backbone on its command line.
+    assert [*never_set(PPOSettings(), tables)] == ["backbone"]

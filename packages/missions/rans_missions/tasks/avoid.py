@@ -58,15 +58,15 @@ class Avoid(GoToPose):
     """Range of the radii of zones, m."""
     zone_speed: tuple[float, float] = (0.0, 0.04)
     """Range of the speeds of zones, m/s."""
-    zone_offset: float = 0.5
+    zone_offset: ClassVar[float] = 0.5
     """Largest distance of a zone's centre from the line between start and goal when it crosses, m."""
-    crossing_time: tuple[float, float] = (0.0, 12.0)
+    crossing_time: ClassVar[tuple[float, float]] = (0.0, 12.0)
     """Range of the time at which a zone is at its offset, s; moving zones come from the side."""
-    clearance: float = 0.4
+    clearance: ClassVar[float] = 0.4
     """Least distance of start and goal from every zone, m."""
     zone_weight: float = 0.5
     """Reward lost per step at the surface of a zone."""
-    zone_scale: float = 0.15
+    zone_scale: ClassVar[float] = 0.15
     """Distance from the surface at which the zone penalty has fallen to 1/e, m."""
     violation_weight: float = 20.0
     """Reward lost once when a zone is entered, which ends the episode."""

@@ -47,7 +47,7 @@ class Dock(OrbitalMission):
     """Distance from the target that counts as contact, m."""
     velocity_tolerance: float = 0.2
     """Largest speed of docking at contact, m/s; also the speed limit there."""
-    limit_slope: float = 0.002054
+    limit_slope: ClassVar[float] = 0.002054
     """Increase of the speed limit per metre, 1/s: 2 n."""
     done_weight: float = 1.0
     violation_weight: float = 1.0

@@ -52,7 +52,7 @@ class DockPort(SingleTask):
     """Range of the start's distance from the target's centre, m."""
     port_rate: tuple[float, float] = (0.0, math.radians(3.0))
     """Range of the target's angular rate, rad/s."""
-    standoff: float = 0.65
+    standoff: ClassVar[float] = 0.65
     """Distance of the docked spacecraft's centre from the target's, m."""
     target_radius: float = 0.5
     """Radius of the keep-out ball around the target's centre, m."""
@@ -60,7 +60,7 @@ class DockPort(SingleTask):
     """Angle between the approach cone's axis and its surface, rad."""
     cone_length: float = 1.0
     """Distance from the cone's apex below which the spacecraft must be inside, m."""
-    cone_depth: float = 0.1
+    cone_depth: ClassVar[float] = 0.1
     """Distance of the cone's apex behind the docked position, m: room for the tolerances there."""
     position_tolerance: float = 0.02
     """Distance from the docked position that counts as docked, m."""
@@ -73,21 +73,21 @@ class DockPort(SingleTask):
     platform by 17.4 degrees/s, so that every rate is within half of that of a reachable one."""
     approach_weight: float = 1.5
     """Weight of a wide position reward, for large distances."""
-    approach_scale: float = 1.5
+    approach_scale: ClassVar[float] = 1.5
     """Distance at which the approach reward has fallen to 1/e, m."""
-    turn_weight: float = 0.5
+    turn_weight: ClassVar[float] = 0.5
     """Weight of a wide attitude reward, for large errors."""
-    turn_scale: float = 1.0
+    turn_scale: ClassVar[float] = 1.0
     """Attitude error at which the turn reward has fallen to 1/e, rad."""
-    position_scale: float = 0.25
+    position_scale: ClassVar[float] = 0.25
     """Error at which the position reward has fallen to 1/e, m."""
-    attitude_scale: float = 0.25
+    attitude_scale: ClassVar[float] = 0.25
     """Error at which the attitude reward has fallen to 1/e, rad."""
-    soft_weight: float = 0.5
+    soft_weight: ClassVar[float] = 0.5
     """Weight of a reward for matching the port's velocity and spin near it."""
-    velocity_scale: float = 0.1
+    velocity_scale: ClassVar[float] = 0.1
     """Error at which the velocity part of the soft reward has fallen to 1/e, m/s."""
-    spin_scale: float = 0.2
+    spin_scale: ClassVar[float] = 0.2
     """Error at which the spin part of the soft reward has fallen to 1/e, rad/s."""
     done_weight: float = 400.0
     """Reward for docking, once: more than the discounted return of waiting at the port (5 a step, gamma 0.985)."""

@@ -92,7 +92,7 @@ class Inspect(SingleTask):
     """Mean motion n of the target's orbit, rad/s."""
     points: int = 100
     """Number of points."""
-    surface_distance: float = 10.0
+    surface_distance: ClassVar[float] = 10.0
     """Radius of the sphere of points, m."""
     view_degrees: float = 90.0
     """Largest angle at a point between its normal and the craft, degrees."""

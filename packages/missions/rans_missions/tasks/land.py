@@ -68,13 +68,13 @@ class Land(SingleTask):
     """Speed below which the craft has landed, m/s."""
     thrust_weight: float = 0.0
     """Reward lost per step and open thruster; zero because propellant has a price."""
-    propellant_weight: float = 1.0
+    propellant_weight: ClassVar[float] = 1.0
     """Reward lost per kg of propellant used."""
     approach_weight: float = 0.9
     """Reward per m/s by which the velocity change of the guidance law decreases."""
-    missed_weight: float = 1.5
+    missed_weight: ClassVar[float] = 1.5
     """Reward lost at a failure, per m/s of velocity change that the guidance law would still need."""
-    haste: float = 2.0
+    haste: ClassVar[float] = 2.0
     """Weight of time in the guidance law, m^2/s^4; a larger one lands sooner."""
     done_weight: float = 30.0
     """Reward for landing."""

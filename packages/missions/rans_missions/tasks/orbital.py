@@ -290,7 +290,7 @@ class OrbitalMission(SingleTask):
     gain_weight: float = 1.2
     """Reward per m/s by which the velocity to gain decreases, summed over the axes; by default the price of 1 m/s
     for 12 kg."""
-    most_gain: float = 1.0
+    most_gain: ClassVar[float] = 1.0
     """Upper bound of the velocity to gain in rewards and observations, m/s."""
     fail_distance: float = 1000.0
     """Distance from the goal beyond which an episode fails, m."""
@@ -303,11 +303,11 @@ class OrbitalMission(SingleTask):
     optimal_problem = "rendezvous"
     braking_time: float = 20.0
     """Time between the latest planned arrival and the deadline, s; only of missions that brake."""
-    braking: float = 0.02
+    braking: ClassVar[float] = 0.02
     """Acceleration along each axis with which the craft brakes, m/s^2; only of missions that brake."""
     speed_reserve: float = 0.03
     """Share of a speed limit that recommended velocities stay below it: the limit may fall within a period."""
-    keep_out_reserve: float = 4.0
+    keep_out_reserve: ClassVar[float] = 4.0
     """Distance that recommended velocities keep from keep-out balls, m: coasts are checked at a few points."""
     brakes: ClassVar[bool] = False
     """Whether plans and rewards include the velocity change of braking at the arrival, and guidance brakes."""

@@ -50,9 +50,9 @@ class Rendezvous(OrbitalMission):
     """Range of the start's distance from the target along the cone's axis, m."""
     cone_length: float = 100.0
     """Distance from the target within which the cone applies, m."""
-    cone_degrees: float = 30.0
+    cone_degrees: ClassVar[float] = 30.0
     """Half angle of the cone, degrees."""
-    spawn_degrees: float = 25.0
+    spawn_degrees: ClassVar[float] = 25.0
     """Angle from the cone's axis within which episodes start, degrees."""
     position_tolerance: float = 1.0
     """Distance from the target that counts as contact, m."""
