@@ -49,7 +49,7 @@ _BITS = 80
 """Bits of a ball's middle."""
 LARGEST = 2**28
 """Bytes of a certificate that is read; a million cells of four states have 10^8."""
-_STATES, _UNITS, _NODES = 12, 1024, 100
+_STATES, _UNITS, _NODES = 16, 1024, 100
 """Largest numbers of states, of numbers between two operations of a network, and of its operations."""
 _SAMPLES = 1000
 """States on which layers are compared with onnx.reference; it takes half a second."""
@@ -1036,7 +1036,7 @@ class Loop:
         )
         self._plant = Plant(problem["derivative"], commands, problem["period"])
         self._keep = Property(problem["keep"], count) if "keep" in problem else None
-        self._end = Property({"within": problem["end"]}, count) if "end" in problem else None
+        self._end = Property({"within": _last(problem)}, count) if "end" in problem else None
         self._begins = problem.get("begins", 0)
         self._earliest = problem.get("end", {}).get("earliest", 0) or problem["steps"]
 
@@ -1114,6 +1114,17 @@ class Loop:
         worst = min(lowest, default=math.inf)
         need(worst < 0.0, f"its flight does not surely break the property: {worst:.3g}.")
         return worst
+
+
+def _last(problem: dict[str, Any]) -> dict[str, list[float]]:
+    """Box in which flights end; a state that never changes and starts in it needs no margin, and has no ends."""
+    start, end = problem["start"], problem["end"]
+    box = {"lower": list(end["lower"]), "upper": list(end["upper"])}
+    for i, rate in enumerate(problem["derivative"]):
+        is_inside = end["lower"][i] <= start["lower"][i] and start["upper"][i] <= end["upper"][i]
+        if rate.strip() == "0" and is_inside:
+            box["lower"][i], box["upper"][i] = -1e9, 1e9
+    return box
 
 
 def _set(cell: Iterable[tuple[float, float]]) -> tuple[Any, Any]:

@@ -14,7 +14,7 @@ from rans.files import read_text
 from rans.structure import read_toml
 from rans_proof.formula import formula_value
 
-MOST_STATES = 12
+MOST_STATES = 16
 """Largest number of states."""
 MOST_STEPS = 10_000
 """Largest number of control periods."""
@@ -131,7 +131,8 @@ class Problem:
     keep: Property | None
     """None: nothing but their end is asked of flights."""
     end: Within | None = None
-    """Box in which every flight ends; None: anywhere."""
+    """Box in which every flight ends; None: anywhere. A state that never changes and starts in it has no ends here,
+    since it needs no margin."""
     text: str = ""
     """Text of the file."""
     inputs: tuple[str, ...] = ()
@@ -300,6 +301,14 @@ def problem_of(text: str, where: object = "the problem") -> Problem:
     if "inputs" in table:
         _linear_rows(inputs, count, f"{where}: inputs")
     end, earliest = _end(table["end"], count, steps, where) if "end" in table else (None, 0)
+    if end is not None:
+        for i, rate in enumerate(derivative):
+            is_inside = end.lower[i] <= lower[i] and upper[i] <= end.upper[i]
+            if rate.strip() == "0" and is_inside:
+                ends = (
+                    (*x[:i], edge, *x[i + 1 :]) for x, edge in ((end.lower, -1e9), (end.upper, 1e9))
+                )
+                end = Within(*ends)
     problem = Problem(
         name,
         tuple(derivative),

@@ -88,6 +88,36 @@ def test_flights_end_in_a_box(tmp_path: Path) -> None:
     assert not prove(problem_of((SETTLING + end).replace("= 40", "= 4")), layers).is_whole
 
 
+def test_a_state_that_never_changes_needs_no_margin_at_the_end(tmp_path: Path) -> None:
+    """An unknown push of up to 0.01 m/s^2 is a state of rate 0: it ends where it starts."""
+    network = written(
+        [Layer(np.array([[-0.3, -1.0, 0.0]]), np.zeros(1), "tanh")], tmp_path / "net.onnx"
+    )
+    text = (
+        SETTLING.replace('"u0"', '"u0 + x2", "0"')
+        .replace("-0.2]", "-0.2, -0.01]")
+        .replace("0.2]\n", "0.2, 0.01]\n")
+        .replace("-9.0]", "-9.0, -9.0]")
+        .replace("9.0]\n[end", "9.0, 9.0]\n[end")
+        + "[end]\nlower = [-0.5, -0.1, -0.01]\nupper = [0.5, 0.1, 0.01]\n"
+    ).replace("upper = [9.0, 9.0]", "upper = [9.0, 9.0, 9.0]")
+    layers, content = read_network(network), network.read_bytes()
+    proof = prove(problem_of(text), layers)
+    assert proof.is_whole
+    write_certificate(proof, content, tmp_path / "push.json")
+    assert verdict((tmp_path / "push.json").read_bytes(), content) > 0.0
+    # It is not in a narrower box, and one that changes by nothing in sum is no such state.
+    from rans_proof.balls import Refused
+
+    for old, new in (("0.1, 0.01]", "0.1, 0.005]"), ('"0"', '"0.001 * x2"')):
+        assert old in text
+        assert not prove(problem_of(text.replace(old, new)), layers, smallest=0.5).is_whole
+        table = json.loads((tmp_path / "push.json").read_text())
+        table["problem"] = table["problem"].replace(old, new)
+        with pytest.raises(Refused):
+            verdict(json.dumps(table).encode(), content)
+
+
 @pytest.fixture(scope="module")
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("proof")

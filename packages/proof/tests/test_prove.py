@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,8 @@ from rans_proof.flights import lowest_margins
 from rans_proof.network import Layer, read_network
 from rans_proof.problem import SpeedLimit, Within, problem_of, read_problem
 from rans_proof.prove import ClosedLoop, prove
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
 from tests.support.processes import ROOT
@@ -196,6 +199,83 @@ def test_the_pose_agent_stays_for_ever() -> None:
     loop = ClosedLoop(short, network, torch.device("cpu"))
     margin = loop.margins(np.array([problem.lower]), np.array([problem.upper]))[0][0]
     assert 0.0 < margin <= lowest_margins(short, network, start).min()
+
+
+FREE_FLYER = ROOT / "examples/proofs/free-flyer-agent"
+
+
+def test_the_free_flyers_states_move_as_a_rigid_body() -> None:
+    """The formulas against a flight in the world frame, with SciPy's rotations."""
+    problem = read_problem(FREE_FLYER.with_suffix(".toml"))
+    random = np.random.default_rng(0)
+    x = 0.6 * random.normal(size=16)
+    x[12] = 1.04
+    u = random.uniform(-1.0, 1.0, 6)
+    tolerances = {"rtol": 1e-10, "atol": 1e-12}
+    after = solve_ivp(lambda _, y: problem.rates(y, u), (0.0, 1.5), x, **tolerances).y[:, -1]
+
+    def turn(vector: np.ndarray) -> Rotation:
+        return Rotation.from_mrp(vector / 4.0)
+
+    def world(_: float, y: np.ndarray) -> np.ndarray:
+        attitude, spin = Rotation.from_quat(y[6:10] / np.linalg.norm(y[6:10])), y[10:]
+        force = attitude.apply(0.263 * x[12] * u[:3])
+        q = y[6:10]
+        change = 0.5 * np.array(
+            [
+                q[3] * spin[0] + q[1] * spin[2] - q[2] * spin[1],
+                q[3] * spin[1] + q[2] * spin[0] - q[0] * spin[2],
+                q[3] * spin[2] + q[0] * spin[1] - q[1] * spin[0],
+                -q[:3] @ spin,
+            ]
+        )
+        return np.concatenate((y[3:6], force, change, 2.0 * x[12] * u[3:]))
+
+    first = turn(x[6:9])
+    begin = (first.apply(x[:3]), first.apply(x[3:6]), first.as_quat(), x[9:12])
+    end = solve_ivp(world, (0.0, 1.5), np.concatenate(begin), **tolerances).y[:, -1]
+    last = Rotation.from_quat(end[6:10])
+    np.testing.assert_allclose(last.inv().apply(end[:3]), after[:3], atol=1e-7)
+    np.testing.assert_allclose(last.inv().apply(end[3:6]), after[3:6], atol=1e-7)
+    assert (last.inv() * turn(after[6:9])).magnitude() < 1e-7
+    np.testing.assert_allclose(end[10:], after[9:12], atol=1e-9)
+
+
+def test_the_free_flyer_stays_for_ever() -> None:
+    """10 cm and 5 degrees, 5 % of mass and 1 mm of the readings; its limits are 15 cm and 8 degrees."""
+    problem = read_problem(FREE_FLYER.with_suffix(".toml"))
+    network = read_network(FREE_FLYER.with_suffix(".onnx"))
+    upper = np.array(problem.upper)
+    assert (upper[:3] >= 0.1).all()
+    assert (4.0 * np.arctan(upper[6:9] / 4.0) >= np.deg2rad(5.0)).all()
+    assert problem.lower[12] <= 1 / 1.05 < 1 / 0.95 <= problem.upper[12]
+    assert (upper[13:] >= 0.001).all()
+    assert problem.end is not None
+    assert problem.end.lower[:12] == problem.lower[:12]
+    assert problem.end.upper[:12] == problem.upper[:12]
+    assert isinstance(problem.keep, Within)
+    assert max(problem.keep.upper[:3]) <= 0.15
+    assert max(problem.keep.upper[6:9]) <= np.deg2rad(8.0)
+    start = np.random.default_rng(4).uniform(problem.lower, problem.upper, (100, 16))
+    assert lowest_margins(problem, network, start).min() > 0.0
+    # A part of the proof; all of it takes seven seconds.
+    short = replace(problem, steps=1, end=None)
+    loop = ClosedLoop(short, network, torch.device("cpu"))
+    margin = loop.margins(np.array([problem.lower]), np.array([problem.upper]))[0][0]
+    assert 0.0 < margin <= lowest_margins(short, network, start).min()
+
+
+@pytest.mark.slow
+def test_the_free_flyer_is_proved() -> None:
+    problem = read_problem(FREE_FLYER.with_suffix(".toml"))
+    proof = prove(problem, read_network(FREE_FLYER.with_suffix(".onnx")))
+    assert proof.is_whole
+    pytest.importorskip("flint")
+    from rans_proof.certificate import table
+    from rans_proof.check import check
+
+    content = FREE_FLYER.with_suffix(".onnx").read_bytes()
+    assert check(json.dumps(table(proof, content)).encode(), content) > 0.0
 
 
 @pytest.mark.slow
