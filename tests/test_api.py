@@ -28,7 +28,6 @@ MODULES = sorted(
         "rans.api",
         "rans.tasks.formula",
         # Of classes and functions that scripts reach through their modules.
-        "rans.evaluation.fly.lookahead",
         "rans.model.actuators",
         "rans.model.spacecraft_file",
         "rans.optimal.control.observer",

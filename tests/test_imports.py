@@ -432,7 +432,6 @@ LEFT_ALONE = {
         "rans.optimal.control",
         "rans.reference",
         "rans.evaluation.compare",
-        "rans.evaluation.fly.lookahead",
         "rans.evaluation.fly.foreign_policy",
         "rans.deploy",
     ),

@@ -154,7 +154,6 @@ WORDS: dict[str, tuple[str, ...]] = {
         "differentiable simulation",
     ),
     "limits": ("limitations", "known issues", "contact dynamics"),
-    "lookahead": ("look-ahead", "lookahead", "policy improvement", "rollout", "tree search"),
     "memory": (
         "kalman filter",
         "state estimation",

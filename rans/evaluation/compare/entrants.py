@@ -17,7 +17,6 @@ from rans.evaluation.fly.controllers import CONTROLLERS, Maker
 from rans.evaluation.fly.episodes import EngineName
 from rans.evaluation.fly.exported import OBSERVERS, is_exported
 from rans.evaluation.fly.flights_file import FlightsFile
-from rans.evaluation.fly.lookahead import Lookahead
 from rans.evaluation.fly.make_controller import CheckedController, controller
 from rans.evaluation.fly.object_policy import ObjectPolicy
 from rans.evaluation.fly.trade_off import without_trade_off
@@ -78,7 +77,7 @@ def _invited(entrant: object) -> object:
     if isinstance(entrant, PathLike):
         return str(entrant)
     run = run_of(entrant)
-    if run is None or isinstance(entrant, Lookahead):
+    if run is None or run.controller is entrant:  # a wrapper, which knows its setup
         return entrant
     return getattr(entrant, "spec", "") or run
 
@@ -228,7 +227,7 @@ def enlist(who: Named, contest: Contest, trust: bool = False) -> Contestant:
         return Contestant(
             run.controller.name, run.controller, _MODEL, effort, registered=named.controller
         )
-    sees = _MODEL if named.looks_ahead else _OBSERVATION
+    sees = _MODEL if named.wrapper else _OBSERVATION
     return Contestant(
         run.controller.name,
         run.controller,

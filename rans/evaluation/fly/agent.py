@@ -119,7 +119,7 @@ class LoadedRun(NamedTuple):
 
 
 def run_of(candidate: object) -> LoadedRun | None:
-    """The object if it is a `LoadedRun`, else its ``run``, as of `rans.Agent` and `Lookahead`, or None."""
+    """The object if it is a `LoadedRun`, else its ``run``, as of `rans.Agent`, or None."""
     result = candidate if isinstance(candidate, LoadedRun) else getattr(candidate, "run", None)
     return result if isinstance(result, LoadedRun) else None
 

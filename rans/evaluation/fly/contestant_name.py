@@ -12,9 +12,9 @@ from typing import Literal
 
 from rans.errors import ConfigError, brief, meant, meant_file
 from rans.evaluation.fly.any_craft import ADAPTIVE, flies_any_craft, write_for_spacecraft
-from rans.evaluation.fly.controllers import CONTROLLERS
+from rans.evaluation.fly.controllers import CONTROLLERS, WRAPPERS
 from rans.evaluation.fly.flights_file import is_flights_file
-from rans.evaluation.fly.policy_text import LOOKAHEAD, is_user_policy, split_policy
+from rans.evaluation.fly.policy_text import is_user_policy, split_policy
 from rans.files import distinct
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import FOR_ANY_CRAFT, missing_agents, pretrained_folder, pretrained_names
@@ -22,7 +22,7 @@ from rans.registry import allow_current_folder, typed
 from rans.tasks import TASKS
 
 FORMS = (
-    f"a run folder, pretrained:NAME, or either after {LOOKAHEAD}: or, for any craft, {ADAPTIVE}:, "
+    f"a run folder, pretrained:NAME, or, for any craft, either after {ADAPTIVE}:, "
     f"{', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)}, sb3:FILE.zip:TASK-2d, onnx:FILE:TASK-2d, "
     "python:MODULE:FUNCTION:TASK-2d or MODULE:NAME:TASK-2d (or -3d, with @SPACECRAFT if you like)"
 )
@@ -74,8 +74,8 @@ class ContestantName:
     """How much time an agent for any craft takes to save thrust, from 0 to 1, after "#"."""
     adapts: bool = False
     """Whether an agent for any craft estimates in flight what its file does not state ("adaptive:" before it)."""
-    looks_ahead: bool = False
-    """Whether `rans.evaluation.fly.lookahead` improves its commands ("lookahead:" before the others)."""
+    wrapper: str = ""
+    """Word before the others, of what flies in its place (`WRAPPERS`); empty: none."""
 
     def __str__(self) -> str:
         """The text, as sentences have it."""
@@ -105,16 +105,18 @@ class ContestantName:
         whole += at + craft
         first, _, rest = whole.partition(":")
         # Forms with a colon.
-        if first == LOOKAHEAD and rest:
-            inner = cls.parse(text.removeprefix(f"{LOOKAHEAD}:"))
-            if inner.looks_ahead:
-                raise ConfigError(f"{brief(text)} has {LOOKAHEAD}: twice; write {inner.text}.")
-            return replace(inner, text=text, looks_ahead=True)
+        if first in WRAPPERS and rest:
+            inner = cls.parse(text.removeprefix(f"{first}:"))
+            if inner.wrapper:
+                raise ConfigError(
+                    f"{brief(text)} has {first}: before {inner.wrapper}:; write {inner.text}."
+                )
+            return replace(inner, text=text, wrapper=first)
         if first == ADAPTIVE and rest:
             inner = cls.parse(text.removeprefix(f"{ADAPTIVE}:"))
             if inner.adapts:
                 raise ConfigError(f"{brief(text)} has {ADAPTIVE}: twice; write {inner.text}.")
-            if inner.looks_ahead or inner.kind not in ("run folder", "pretrained"):
+            if inner.wrapper or inner.kind not in ("run folder", "pretrained"):
                 raise ConfigError(
                     f"{brief(rest)} is no agent for any craft, and no other adapts in flight: name "
                     f"{ADAPTIVE}:any-craft-2d or {ADAPTIVE}:any-craft-3d."
@@ -131,7 +133,7 @@ class ContestantName:
             own, _, setup = rest.partition(":")
             if own and setup:
                 return cls(text, "controller", f"{first}:{own}", setup, part=part)
-            near = CONTROLLERS.meant(first, ("pretrained", LOOKAHEAD, ADAPTIVE))
+            near = CONTROLLERS.meant(first, ("pretrained", ADAPTIVE, *WRAPPERS))
             raise ConfigError(f"there is no contestant {brief(whole)}{near}; known are {FORMS}.")
         # Names alone: a folder, an agent, or a mistake.
         agents = (*pretrained_names(), *missing_agents())
@@ -201,10 +203,10 @@ class ContestantName:
 
     @property
     def alone(self) -> ContestantName:
-        """The contestant whose commands are improved by looking ahead, or this one."""
-        if not self.looks_ahead:
+        """The contestant in whose place a wrapper flies, or this one."""
+        if not self.wrapper:
             return self
-        return replace(self, text=self.text.removeprefix(f"{LOOKAHEAD}:"), looks_ahead=False)
+        return replace(self, text=self.text.removeprefix(f"{self.wrapper}:"), wrapper="")
 
     @property
     def needs_setup(self) -> bool:
@@ -231,7 +233,7 @@ class ContestantName:
     @property
     def controller(self) -> str:
         """Name of the controller without training; empty for other contestants."""
-        return self.name if self.kind == "controller" and not self.looks_ahead else ""
+        return self.name if self.kind == "controller" and not self.wrapper else ""
 
     @property
     def folder(self) -> Path:
@@ -256,7 +258,7 @@ class ContestantName:
             ConfigError: it is no trained agent, or one that is not in the package.
         """
         name = self.without_earlier()
-        if self.looks_ahead or name.kind not in ("run folder", "pretrained"):
+        if self.wrapper or name.kind not in ("run folder", "pretrained"):
             raise ConfigError(
                 f"{brief(self.text)} is no trained agent: name a run folder, or pretrained:NAME."
             )
@@ -277,7 +279,7 @@ class ContestantName:
             ConfigError: it needs the setup of an earlier contestant.
         """
         name = self.without_earlier()
-        if self.looks_ahead:
+        if self.wrapper:
             text = self.text.partition("#")[0]
         elif name.kind == "run folder" and not (name.craft or name.adapts or name.frugality):
             return Path(name.name)
@@ -311,7 +313,7 @@ def _is_bare_controller(text: str) -> bool:
     if text in CONTROLLERS:
         return True
     module, _, name = text.partition(":")
-    if module in ("pretrained", LOOKAHEAD, ADAPTIVE, *CONTROLLERS) or _exists(text):
+    if module in ("pretrained", ADAPTIVE, *WRAPPERS, *CONTROLLERS) or _exists(text):
         return False
     if not all(part.isidentifier() for part in f"{module}.{name}".split(".")):
         return False

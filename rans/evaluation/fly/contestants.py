@@ -12,6 +12,7 @@ from rans.errors import ConfigError, brief
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_policy, run_of
 from rans.evaluation.fly.any_craft import adapting, for_spacecraft, frugal
 from rans.evaluation.fly.contestant_name import ContestantName, Kind
+from rans.evaluation.fly.controllers import WRAPPERS
 from rans.evaluation.fly.exported import is_exported, load_exported
 from rans.evaluation.fly.flights_file import FlightsFile
 from rans.evaluation.fly.make_controller import controller
@@ -78,21 +79,19 @@ def contestant(
 
 def _loaded(name: ContestantName, terms: Terms) -> LoadedRun:
     """Load a contestant by what is of its kind."""
-    if name.looks_ahead:
-        return _looking_ahead(name, terms)
+    if name.wrapper:
+        return _wrapped(name, terms)
     if not (name.needs_setup and terms.setup is not None):
         name = name.without_earlier()
     return _LOADERS[name.kind](name, terms)
 
 
-def _looking_ahead(name: ContestantName, terms: Terms) -> LoadedRun:
-    """A contestant whose commands look-ahead improves."""
-    from rans.evaluation.fly.lookahead import looking_ahead
-
+def _wrapped(name: ContestantName, terms: Terms) -> LoadedRun:
+    """What flies in a contestant's place, in its setup."""
     # A controller's name alone takes the earlier setup; everybody else has one.
     setup = terms.setup if name.needs_setup else None
     run = _loaded(name.alone, terms._replace(setup=setup, trust=False))
-    return run._replace(controller=looking_ahead(run))
+    return run._replace(controller=WRAPPERS[name.wrapper](run))
 
 
 def _flights(name: ContestantName, terms: Terms) -> LoadedRun:

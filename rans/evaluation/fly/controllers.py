@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rans.registry import Registry
 
 if TYPE_CHECKING:
+    from rans.evaluation.fly.agent import LoadedRun
     from rans.flight import Controller
     from rans.tasks import Task
 
@@ -48,6 +49,12 @@ CONTROLLERS: Registry[Maker] = Registry(
 )
 """Makers of controllers by name, with default settings; `controller` of the module `make_controller` makes one with
 tuned settings."""
+
+WRAPPERS: Registry[Callable[[LoadedRun], Controller]] = Registry(
+    kind="wrapper of contestants", group="rans.wrappers", built_in={}, checked=lambda wrap: wrap
+)
+"""What installed packages make of other contestants, by the word before their names, as in ``WORD:AGENT``:
+functions of a loaded contestant, which give the controller that flies in its place."""
 
 BESIDE = ("lqr", "switching", "mpc", "optimal")
 """Default opponents of a comparison: controllers, and the best that is possible."""

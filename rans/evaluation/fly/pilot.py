@@ -28,7 +28,7 @@ class Pilot:
 
     Args:
         who: a name of `rans.evaluation.fly.controllers.CONTROLLERS`, or MODULE:NAME, see `controller`; or
-            the result of `rans.load_agent`, or a `Lookahead`.
+            the result of `rans.load_agent`.
         env: environment of `rans.environment`, in any wrappers.
 
     Raises:

@@ -12,8 +12,6 @@ OPENED_BY = {
 }
 """What opens a policy, by the word before the first colon of its text: a function of the rest, the craft, the task
 and trust."""
-LOOKAHEAD = "lookahead"
-"""Word before an agent's name, with a colon, for the same agent with look-ahead."""
 
 USER_POLICIES = "sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION"
 """Forms of names that `user_policy` accepts, for messages and help.

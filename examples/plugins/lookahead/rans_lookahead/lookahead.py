@@ -14,7 +14,6 @@ from torch import Tensor
 from rans.episode import Outcome, Setup, World, step
 from rans.errors import ConfigError, brief, checked, is_finite
 from rans.evaluation.fly.agent import Agent, LoadedRun, run_of
-from rans.evaluation.fly.policy_text import LOOKAHEAD
 from rans.model.actuators import ON_OFF
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
@@ -22,6 +21,8 @@ from rans.tasks.base import Task
 from rans.tasks.goal_set import arrived, asks_rest
 from rans.tasks.rewards import RestReward, paid
 
+LOOKAHEAD = "lookahead"
+"""Word before a contestant's name, with a colon."""
 HORIZON = 8.0
 """Length of simulations, s: a flight to a pose takes about 6 s, and the price of its rest shows soon after."""
 CHANGE_WITHIN = 1.0
@@ -32,7 +33,7 @@ CHANGE_WITHIN = 1.0
 class ArrivalCost:
     """Prices of late arrival, thrust and errors; the unit is a second with all thrusters open.
 
-    >>> from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
+    >>> from rans_lookahead.lookahead import ArrivalCost, Lookahead
     >>> Lookahead(rans.load_agent("go-to-pose-2d-fast"), arrival=ArrivalCost(late=1.5))
     <Lookahead: go-to-pose-2d-fast, 8 s ahead>
 
@@ -156,7 +157,7 @@ class _ControllerPolicy:
 class Lookahead:
     """An agent or controller that compares its own commands with one change of a thruster in one period.
 
-    >>> from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
+    >>> from rans_lookahead.lookahead import ArrivalCost, Lookahead
     >>> Lookahead(rans.load_agent("go-to-pose-2d-fast"), horizon=4.0)
     <Lookahead: go-to-pose-2d-fast, 4 s ahead>
     >>> Lookahead(rans.load_agent("lqr:go-to-pose-2d"), arrival=ArrivalCost())

@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from rans_lookahead.lookahead import ArrivalCost, Lookahead
 
 import rans
 from rans.episode import Setup
@@ -16,7 +17,6 @@ from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.trade_off import FixedTradeOff
 from rans.fast.learn.config import MemorySettings
@@ -27,9 +27,12 @@ from rans.policy.network import Network
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosePriced
 from rans.tasks.goal_set import arrived
+from tests.support import plugins
 from tests.support.engines import PLATFORM
 from tests.support.switching import SwitchingGoToPose
 from tests.support.training import scatter, tiny_learner
+
+plugins.register()
 
 PERIODS = 4
 FAST = "pretrained:go-to-pose-2d-fast"

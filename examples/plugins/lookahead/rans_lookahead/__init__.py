@@ -1,0 +1,1 @@
+"""Look-ahead for RANS: `rans compare lookahead:go-to-pose-2d-fast`."""
