@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import io
 import os
-import re
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -14,12 +13,11 @@ import gymnasium
 import pytest
 from hypothesis import settings
 
-from rans.abilities import EXTRA_OF
-from rans.errors import EXTRAS, MissingPackage, RansError, is_installed
-from rans.model.foreign import IMPORTERS
+from rans.errors import EXTRAS, MissingPackage
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import TASKS
+from tests.support import packages
 from tests.support.crafts import FREE_CRAFT, nasty_planar, nasty_spatial
 
 # The same examples in every run, and no deadline: the machine may be busy.
@@ -39,8 +37,7 @@ def pytest_collection_finish() -> None:
 READERS = {"ccsds_ndm", "distributed", "fmpy", "mcap_ros2"}
 """Libraries of the extra dev that only tests import."""
 
-PACKAGES = {f"rans_{extra}" for extra in (*EXTRA_OF.values(), *IMPORTERS.extra_of.values())}
-"""Packages of this repository, without which the core's own tests run."""
+packages.hide_absent()
 
 
 class Module(pytest.Module):
@@ -61,23 +58,9 @@ class Module(pytest.Module):
             else:
                 missing = cause.name if isinstance(cause, ModuleNotFoundError) else None
             # Not one of its modules, which would be misspelt.
-            if missing in {*EXTRAS, *READERS, *PACKAGES}:
+            if missing in {*EXTRAS, *READERS, *packages.MODULES}:
                 pytest.skip(f"needs {missing}", allow_module_level=True)
             raise
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_pyfunc_call() -> Iterator[None]:
-    """Pass a test of the core over that needs an ability of a package that is not installed."""
-    try:
-        return (yield)
-    except (RansError, AttributeError) as error:
-        wanted = re.search(
-            r"needs a package that is not installed: pip install 'rans\[(\w+)\]", str(error)
-        )
-        if wanted and f"rans_{wanted[1]}" in PACKAGES and not is_installed(f"rans_{wanted[1]}"):
-            pytest.skip(str(error))
-        raise
 
 
 def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Module:

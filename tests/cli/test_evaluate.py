@@ -12,6 +12,7 @@ from rans.cli import main
 from rans.cli.evaluate import Evaluate
 from rans.show.pages.report import report_from_run
 from rans.tasks.multi_task import MultiTask
+from tests.support.packages import needs
 from tests.support.training import CONFIG, tiny_trainer
 
 
@@ -233,6 +234,7 @@ def test_next_commands_have_the_options_of_the_last_one(capsys: pytest.CaptureFi
     )
 
 
+@needs("missions")
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize("guard", [[], ["--guard"]])

@@ -18,6 +18,7 @@ from rans.fast.learn.member import SOLVED_IN_A_ROW
 from rans.fast.learn.recipes import training
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.structure import structure
+from tests.support import packages
 from tests.support.packages import needs_command
 
 
@@ -46,7 +47,9 @@ from tests.support.packages import needs_command
         ("evaluate anycraft2d@a.toml", "did you mean any-craft-2d?"),
         ("compare lqr:go-to-pose-2d optimum", "--with optimal"),
         ("compare lqr:go-to-pose-2d --with lqr,mpc", "write --with lqr mpc"),
-        ("optimal lqr:dock-3d@a.toml", "rans optimal dock --spacecraft a.toml"),
+        packages.of(
+            "missions", "optimal lqr:dock-3d@a.toml", "rans optimal dock --spacecraft a.toml"
+        ),
         ("optimal pretrained:go-to-pose-2d-fast", "rans optimal go-to-pose"),
         ("evaluate lqr:go-to-pose-2d@nowhere.toml", "rans init nowhere.toml"),
         ("faults go-to-pose-2d-pingu --picture a.png", "rans faults pingu --picture a.png"),
@@ -58,10 +61,14 @@ from tests.support.packages import needs_command
         ("twin go-to-pose-2d --seed 3", "rans twin floating-platform --seed 3"),
         ("identify --excite avoid-2d,box=2", "--excite floating-platform,box=2"),
         ("identify a.csv --spacecraft=land-3d", "--spacecraft=mars-lander-steered"),
-        ("train dock --spacecraft inspect-3d", "rans train dock --spacecraft afrl-deputy"),
+        packages.of(
+            "missions",
+            "train dock --spacecraft inspect-3d",
+            "rans train dock --spacecraft afrl-deputy",
+        ),
         ("tune go-to-pose-2d", "`rans tune lqr pretrained:NAME`"),
         ("tune pretrained:go-to-pose-2d", "`rans tune lqr pretrained:NAME`"),
-        ("tune dock-3d", "as in lqr:dock-3d"),
+        packages.of("missions", "tune dock-3d", "as in lqr:dock-3d"),
         ("benchmark go-to-pose-2d", "rans benchmark floating-platform"),
         ("train go-to-pose --set ppo.memory.history=8", "set ppo.memory.kind=history too"),
         ("train", "say what to train"),

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from rans.pretrained import pretrained_names
+from tests.support.packages import needs
 
 ONE_OF_EACH_KIND = {
     "avoid-2d",  # constraints, and an observation of zones
@@ -20,11 +21,21 @@ ONE_OF_EACH_KIND = {
 }
 
 
+OF_MISSIONS = ("avoid", "dock", "hold", "inspect", "land", "rendezvous")
+"""Tasks of the package missions, with which names of agents begin."""
+
+
 def shipped_agents() -> list[Any]:
     """Names of all shipped agents, for ``parametrize`` or the parameters of a fixture."""
     names = pretrained_names()
     assert set(names) >= ONE_OF_EACH_KIND
     return [
-        pytest.param(name, marks=() if name in ONE_OF_EACH_KIND else pytest.mark.slow)
+        pytest.param(
+            name,
+            marks=[
+                *([] if name in ONE_OF_EACH_KIND else [pytest.mark.slow]),
+                *([needs("missions")] if name.startswith(OF_MISSIONS) else []),
+            ],
+        )
         for name in names
     ]

@@ -18,6 +18,7 @@ from rans.show.tables.comparison_tables import gap_rows, gaps, measures
 from rans.tasks import TASKS, GoToPose, TrackVelocity
 from tests.support.contests import CONTEST, IDLE
 from tests.support.evaluation_flights import flight_of
+from tests.support.packages import needs
 
 
 def test_half_certified_starts_are_left_out() -> None:
@@ -113,8 +114,12 @@ def test_horizons_scale_with_the_craft() -> None:
     assert slow.horizons() == pytest.approx((12.0, 16.0, 20.0, 25.0))
     one_period = Comparison(replace(CONTEST, timing=Timing(episode_steps=1)))
     assert one_period.horizons() == (0.2,)
-    # A fifth of the episode stands for what has no bound: a motion with constraints.
-    moving = replace(usual.contest, task=TASKS["avoid"]())
+
+
+@needs("missions")
+def test_a_fifth_of_the_episode_stands_for_what_has_no_bound() -> None:
+    """A motion with constraints has none."""
+    moving = replace(CONTEST, timing=Timing(), task=TASKS["avoid"]())
     assert Comparison(moving).least_time == pytest.approx(5.0)
 
 
