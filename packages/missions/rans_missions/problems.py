@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +21,8 @@ from rans_missions.tasks.orbital import OrbitalMission
 
 if TYPE_CHECKING:
     from rans.cli.optimal import Optimal
+    from rans.evaluation.compare.contest import Entry
+    from rans.evaluation.compare.mission_bounds import MissionBounds
 
 
 def transfers(command: Optimal, craft: Spacecraft, task: Task) -> int:
@@ -91,9 +94,42 @@ def landings(command: Optimal, craft: Spacecraft, task: Task) -> int:
     return 1 if lost else 0
 
 
-RENDEZVOUS = Problem(bounded, mission_bounds, steps_of, solve=transfers)
+def paths_on_orbits(
+    entries: Sequence[Entry], bounds: MissionBounds | None
+) -> Iterator[tuple[Any, str]]:
+    """Paths of a comparison's entries in the orbital plane, and what stands below."""
+    from rans_missions.figures.orbit_figures import orbital_plane
+
+    text = "Paths in the Hill frame of the target. Markers are the ends."
+    yield orbital_plane(entries), text
+
+
+def pictures_of_landings(
+    entries: Sequence[Entry], bounds: MissionBounds | None
+) -> Iterator[tuple[Any, str]]:
+    """Descents, thrust and tilt, and propellant beside its bounds, of a comparison's entries; texts stand below."""
+    from rans_missions.figures import landing_figures
+
+    yield (
+        landing_figures.descent(entries, bounds),
+        "Paths in the vertical plane of the site and the start. The dashed one gives the bound, and need not be "
+        "flyable.",
+    )
+    yield (
+        landing_figures.thrust_and_tilt(entries),
+        "Least, largest and tilt limit are dashed. The optimum has the largest thrust, the least, and the largest "
+        "again.",
+    )
+    if bounds is not None and np.isfinite(bounds.lower).any():
+        text = "Contestants without a marker did not land from this start."
+        yield landing_figures.propellant_beside_bounds(entries, bounds), text
+
+
+RENDEZVOUS = Problem(bounded, mission_bounds, steps_of, solve=transfers, pictures=paths_on_orbits)
 """The least impulse to a position near a target on an orbit, by a deadline."""
-LANDING = Problem(bounded, mission_bounds, steps_of, ("landing", "optimal"), landings)
+LANDING = Problem(
+    bounded, mission_bounds, steps_of, ("landing", "optimal"), landings, pictures_of_landings
+)
 """The least propellant of a landing."""
 INSPECTION = Problem(bounded, mission_bounds, steps_of, ("circumnavigation", "visiting", "optimal"))
 """A lower bound of the impulse of an inspection; no optimum is known."""

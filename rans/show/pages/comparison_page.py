@@ -12,10 +12,11 @@ import numpy as np
 from rans.errors import counted
 from rans.evaluation.compare.front import Front
 from rans.evaluation.compare.run import Comparison
+from rans.evaluation.problems import problem_of
 from rans.files import environment
 from rans.flight import Flight, fly
 from rans.show.figures import comparison_figures as figures
-from rans.show.figures import landing_figures, mission_figures
+from rans.show.figures import mission_figures
 from rans.show.figures.layout_figure import draw_layout
 from rans.show.figures.panels import FOUND, series_style
 from rans.show.pages.chart import Chart
@@ -131,31 +132,14 @@ def _mission(comparison: Comparison) -> Iterator[Section]:
     bounds = comparison.mission
     pictures = []
     result = []
-    problem = comparison.contest.task.optimal_problem
-    # Paths, in the axes that the kind of mission needs.
-    if problem == "landing":
-        pictures += [
-            Picture.of(
-                landing_figures.descent(entries, bounds),
-                "Paths in the vertical plane of the site and the start. The dashed one gives the bound, and need "
-                "not be flyable.",
-            ),
-            Picture.of(
-                landing_figures.thrust_and_tilt(entries),
-                "Least, largest and tilt limit are dashed. The optimum has the largest thrust, the least, and the "
-                "largest again.",
-            ),
-        ]
-    if problem == "rendezvous":
-        text = "Paths in the Hill frame of the target. Markers are the ends."
-        pictures.append(Picture.of(mission_figures.orbital_plane(entries), text))
+    # Paths and whatever else the kind of mission needs.
+    problem = problem_of(comparison.contest.task)
+    if problem is not None and problem.pictures is not None:
+        drawn = problem.pictures(entries, bounds)
+        pictures += [Picture.of(figure, text) for figure, text in drawn]
     # Cost beside the certified bounds.
     if bounds is not None:
         result.append(Table(*bounds.table(entries), "Over the certified least, start by start"))
-        if problem == "landing" and np.isfinite(bounds.lower).any():
-            figure = landing_figures.propellant_beside_bounds(entries, bounds)
-            text = "Contestants without a marker did not land from this start."
-            pictures.append(Picture.of(figure, text))
         if len(bounds.times):
             figure = mission_figures.spent_over_time(entries, bounds)
             pictures.append(Picture.of(figure, _BOUNDED[bounds.spending]))

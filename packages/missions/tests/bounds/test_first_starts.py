@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rans_missions.bounds.first_starts import bounded, mission_bounds, steps_of
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.figures.orbit_figures import orbital_plane
 from rans_missions.tasks import Dock, Inspect
 
 from rans.evaluation.compare import run
@@ -17,11 +18,7 @@ from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.metrics import impulses
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions import Conditions
-from rans.show.figures.mission_figures import (
-    margins_over_time,
-    orbital_plane,
-    spent_over_time,
-)
+from rans.show.figures.mission_figures import margins_over_time, spent_over_time
 from rans.show.tables.comparison_tables import differences, outcome, scoreboard
 from rans.tasks import GoToPose
 from tests.support.comparisons import points

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from rans_missions.bounds.first_starts import bounded, mission_bounds, steps_of
 from rans_missions.control.landing_guidance import LandingGuidance
 from rans_missions.convex.landing import Descent, Lander, landing
+from rans_missions.figures.landing_figures import descent, propellant_beside_bounds, thrust_and_tilt
 from rans_missions.tasks.land import Land
 
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
@@ -19,7 +20,6 @@ from rans.evaluation.fly.controllers import default_opponents
 from rans.evaluation.measure.metrics import impulses, propellant_used
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions import BodyConditions, Conditions, FaultConditions
-from rans.show.figures.landing_figures import descent, propellant_beside_bounds, thrust_and_tilt
 from rans.show.figures.mission_figures import margins_over_time, spent_over_time
 from rans.show.pages.comparison_page import page
 from rans.tasks import GoToPose

@@ -1,0 +1,1 @@
+"""Figures of missions in comparisons: paths on orbits, and landings."""
