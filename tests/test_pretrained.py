@@ -26,8 +26,11 @@ from rans.pretrained import (
 )
 from tests.support.crafts import REAL_CRAFT
 from tests.support.processes import ROOT
+from tests.support.shipped import of_missions
 
-every_agent = pytest.mark.parametrize("name", pretrained_names())
+every_agent = pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=of_missions(name)) for name in pretrained_names()]
+)
 
 
 @every_agent
@@ -95,7 +98,7 @@ def test_without_the_second_distribution(
         contestant("pretrained:avoid-2d")
     with pytest.raises(MissingPackage):
         contestant("avoid-2d")
-    assert contestant("land-3d").controller.name == "land-3d"
+    assert contestant("go-to-pose-3d").controller.name == "go-to-pose-3d"
     assert main(["list", "agents"]) == 0
     assert "44 more agents: pip install 'rans[agents]'" in capsys.readouterr().out
 

@@ -39,7 +39,11 @@ REAL_CRAFT = [
 what others of their kind of actuators show."""
 MISSION_CRAFT = ["afrl-deputy", "arpod-chaser", "mars-lander-steered", "vbar-chaser"]
 """Craft that only missions fly, which a package adds."""
-FREE_CRAFT = [name for name in spacecraft_names() if name not in {*MISSION_CRAFT, *REAL_CRAFT}]
+FREE_CRAFT = [
+    name
+    for name in spacecraft_names()
+    if name not in {*OWN_CRAFT.values(), *MISSION_CRAFT, *REAL_CRAFT}
+]
 """Craft that fly every task."""
 
 Tensor = tuple[tuple[float, float, float], ...]

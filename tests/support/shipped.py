@@ -34,8 +34,13 @@ def shipped_agents() -> list[Any]:
             name,
             marks=[
                 *([] if name in ONE_OF_EACH_KIND else [pytest.mark.slow]),
-                *([needs("missions")] if name.startswith(OF_MISSIONS) else []),
+                *of_missions(name),
             ],
         )
         for name in names
     ]
+
+
+def of_missions(name: str) -> list[pytest.MarkDecorator]:
+    """The mark of an agent whose task is one of the package missions."""
+    return [needs("missions")] if name.startswith(OF_MISSIONS) else []
