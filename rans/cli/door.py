@@ -149,7 +149,7 @@ def argument_texts(function: Callable[..., Any]) -> dict[str, str]:
             module, other, more = same.groups()
             described = getattr(import_module(module or function.__module__), other)
             other_text = argument_texts(inspect.unwrap(described))[name]
-            texts[name] = f"{other_text} {(more or '').capitalize()}".rstrip()
+            texts[name] = f"{other_text} {_sentence(more or '')}".rstrip()
     return texts
 
 
@@ -161,8 +161,12 @@ def _terminal_texts(kinds: dict[str, Any], texts: dict[str, str]) -> dict[str, s
         text = texts.get(name, "").replace("``", "`").removeprefix("whether to ")
         form = _FORMS.get(kind, "") if kind not in explained else ""
         explained.append(kind)
-        results[name] = f"{text[:1].upper()}{text[1:]} {form}".rstrip()
+        results[name] = f"{_sentence(text)} {form}".rstrip()
     return results
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _kind(name: str, parameter: inspect.Parameter, function: Callable[..., Any]) -> Any:
@@ -176,11 +180,12 @@ def _kind(name: str, parameter: inspect.Parameter, function: Callable[..., Any])
     parts = tuple(part for part in parts if part is not NoneType)
     if State in parts:
         return OwnState
-    if get_origin(kind) is Sequence:
-        (each,) = get_args(kind)
+    if get_origin(parts[0]) is Sequence:
+        (each,) = get_args(parts[0])
         if get_origin(each) is Sequence:
             return OwnZones
-        return Annotated[tuple[each, ...], arg(metavar="NAME...")]
+        several = tuple[each, ...] | None if _is_optional(kind) else tuple[each, ...]
+        return Annotated[several, arg(metavar="NAME...")]
     if {Spacecraft, Conditions} & {*parts}:  # a name or a file
         return kind if len(parts) == 1 else str | None if _is_optional(kind) else str
     if {*parts} == {str, Path}:

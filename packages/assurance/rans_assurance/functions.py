@@ -40,7 +40,7 @@ def stress(
     conditions: Sequence[str] | None = None,
     only: Sequence[str] = (),
     episodes: int = 256,
-    slow_episodes: int = 32,
+    slow_episodes: int | None = None,
     seed: int = EVALUATION_SEED,
     worst: int = 3,
     trust: bool = False,
@@ -56,20 +56,21 @@ def stress(
     ['latency', 's']
 
     Args:
-        *contestants: as for `compare`; the others are compared with the first.
-        conditions: sets of conditions to fly under as well, by name or TOML file; None: lab, roboran, orbit and
-            harsh, or with ``only`` none.
-        only: names of single disturbances, such as "latency"; by default all, and failed thrusters.
-        episodes: number of flights of each contestant at each magnitude and in each set of conditions.
-        slow_episodes: the same for slow controllers, such as MPC.
+        *contestants: see `rans.api.judging.compare`; after it, the name of a controller is enough, such as lqr.
+        conditions: sets of conditions to fly under, by name (see `rans list CONDITIONS`) or TOML file; by default
+            lab, roboran, orbit and harsh, with `only` none.
+        only: fly under these disturbances only, such as latency "noise of position"; by default under all, and with
+            failed thrusters.
+        episodes: number of flights at each magnitude and in each set of conditions; an eighth of it for slow
+            controllers such as mpc.
+        slow_episodes: the same for slow controllers; by default the eighth.
         seed: random seed of starts, goals and disturbances.
         worst: number of worst episodes that the report lists for each contestant.
-        trust: see `compare`.
-        workers: processes; None: one per processor.
-        output: folder to write stress.html and stress.json into; None: nothing is written, see
-            `rans_assurance.pages.stress_page.StressReport.write`.
-        guard: see `evaluate`.
-        guard_slack: see `evaluate`.
+        trust: see `rans.api.judging.compare`.
+        workers: number of processes; by default one per processor.
+        output: folder of the results; by default that of the first contestant, and in Python none is written.
+        guard: see `rans.api.judging.evaluate`.
+        guard_slack: see `rans.api.judging.evaluate`.
 
     Raises:
         ConfigError: there is no such contestant or disturbance, or a number is out of its range.
@@ -85,7 +86,9 @@ def stress(
         first, whole("episodes", episodes), seed, trust=trust, guard=guard, slack=guard_slack
     )
     sets = conditions_by_name(stress_conditions(conditions, only))
-    planned = prepared(contest, invited, sets, only, whole("slow_episodes", slow_episodes), trust)
+    # Slow controllers fly 32 of 256 starts: their interval is then about three times as wide.
+    slow = max(1, episodes // 8) if slow_episodes is None else whole("slow_episodes", slow_episodes)
+    planned = prepared(contest, invited, sets, only, slow, trust)
     folder = Path() if output is None else ready_folder(Path(output))
     report = StressReport(planned, folder, whole("worst", worst, least=0), "rans.stress")
     with watched() as stage:
@@ -124,21 +127,22 @@ def assure(
     (2000, True)
 
     Args:
-        agent: an `Agent`, or a name as `load_agent` takes it.
-        conditions: domain randomization, disturbances, faults and sensors; None: those of the training.
-        episodes: number of flights; None: 100,000, or with ``failure_below`` as many as it takes.
+        agent: run folder, agent that comes with RANS, or any other contestant, such as CONTROLLER:TASK-2d or
+            sb3:FILE.zip:TASK-2d; these fly more slowly.
+        conditions: see `rans.api.judging.evaluate`.
+        episodes: number of flights, by default 100,000; where a probability is to be shown, the largest number.
         failure_below: failure probability to show or to refute, such as 1e-4; the campaign ends as soon as
             its count decides.
         confidence: confidence of every bound.
         worst: number of failed flights of each kind that are flown again in Drake.
-        rare: number of flights as drawn, at least 1600, to estimate rarer failures by subset simulation; a
-            probability of 1e-6 takes about 85 times as many. 0: none.
-        search: name of conditions; searches for the smallest disturbance that makes the agent fail, in units of
-            these. None: no search.
+        rare: also estimate the probability of rarer failures, by subset simulation with this many flights as drawn
+            (at least 1600): a probability of 1e-6 takes about 85 times as many.
+        search: also search for the smallest disturbance that makes the agent fail, in units of these conditions,
+            such as lab.
         seed: random seed of starts, goals and conditions.
         device: "auto" (a GPU if there is one), "cpu" or "cuda".
-        trust: see `compare`.
-        output: folder to write assurance.html and assurance.json into; None: nothing is written.
+        trust: see `rans.api.judging.compare`.
+        output: folder of the results; by default that of the agent, and in Python none is written.
 
     Raises:
         ConfigError: there is no such agent, or a number is out of its range.

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import shlex
 import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-from tyro.conf import Positional, arg
+from typing import TYPE_CHECKING
 
 from rans.cli import check_count
-from rans.cli.options import Trust
+from rans.cli.door import Options, command_of, word
 from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder, write_json
 from rans.scenario import ASSURANCE_SEED
 from rans.terminal import Terminal, doing, progress, stages, writing_at_end
+from rans_assurance.functions import assure
 
 if TYPE_CHECKING:
     from rans_assurance.assure.assurance import Assurance
@@ -29,14 +27,18 @@ _KEPT = 10.0
 """Seconds between two writes of the results so far."""
 
 
-@dataclass(frozen=True)
-class Assure:
+@command_of(
+    assure,
+    without=("confidence", "worst", "seed", "device"),
+    agent=word("AGENT"),
+)
+class Assure(Options):
     """Bound the failure probability of an agent by Monte Carlo simulation, and fly the failures again.
 
     Writes assurance.json and assurance.html, a report with lines for signatures. Failed flights are repeated
     in NumPy and in Drake; `rans view` shows them. With --failure-below the exit code is 1 unless the bound
     was shown. Ctrl-C keeps what was flown, and the same command continues. --gpus all divides the flights
-    among GPUs.
+    among GPUs. --episodes 0 flies nothing, and prints how many flights the campaign takes.
     """
 
     group = "Judge"
@@ -46,28 +48,6 @@ class Assure:
         "rans assure runs/first --failure-below 1e-3",
         "rans assure runs/first --conditions lab --search lab",
     )
-
-    agent: Annotated[str, Positional, arg(metavar="AGENT")]
-    """A run folder, pretrained:NAME, or any other contestant, such as CONTROLLER:TASK-2d or
-    sb3:FILE.zip:TASK-2d; these fly more slowly."""
-    conditions: str | None = None
-    """Domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), perfect
-    (none), or your own TOML file; by default those of the training."""
-    episodes: int | None = None
-    """Number of flights, by default 100,000; with --failure-below the largest number. 0 flies nothing, and
-    prints how many flights the campaign takes."""
-    failure_below: float | None = None
-    """Failure probability to show or to refute, such as 1e-4; the campaign ends as soon as its count decides."""
-    rare: int = 0
-    """Also estimate the probability of rarer failures, by subset simulation with this many flights as
-    drawn (at least 1600): a probability of 1e-6 takes about 85 times as many."""
-    search: str | None = None
-    """Also search for the smallest disturbance that makes the agent fail, in units of these conditions, such
-    as lab."""
-    output: Path | None = None
-    """Folder of the results; by default that of the agent."""
-    trust: Trust = False
-    """Whether code that files name may run, by --trust."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""

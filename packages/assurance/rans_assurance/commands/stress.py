@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import tyro
+from typing import TYPE_CHECKING
 
 from rans.cli import check_count
-from rans.cli.options import Trust
+from rans.cli.door import Options, command_of, word
 from rans.errors import ConfigError
 from rans.files import command_line, inside, ready_folder
 from rans.registry import are_files_trusted
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, doing, progress, stages, writing_at_end
+from rans_assurance.functions import stress, stress_conditions
 
 if TYPE_CHECKING:
     from rans_assurance.pages.stress_page import StressReport
@@ -25,11 +22,14 @@ _SHOWN = 5
 """Number of commands that the terminal lists."""
 _WORST = 3
 """Number of worst episodes that the page lists for each contestant."""
-_SHIPPED = ("lab", "roboran", "orbit", "harsh")
 
 
-@dataclass(frozen=True)
-class Stress:
+@command_of(
+    stress,
+    without=("slow_episodes", "seed", "worst", "workers"),
+    contestants=word("RUN...", tuple[str, ...]),
+)
+class Stress(Options):
     """Fly under one disturbance at a time, at increasing magnitude, to measure robustness.
 
     The sweep also flies under whole sets of conditions. Writes stress.html, stress.json and a folder stress
@@ -44,29 +44,6 @@ class Stress:
         "rans stress runs/first lqr",
         'rans stress runs/first --only latency "noise of position"',
     )
-
-    contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
-    """Contestants as for `rans compare`. The first sets task, spacecraft and control rate; the others are
-    compared with it. After it, the name of a controller is enough, such as lqr."""
-    conditions: tuple[str, ...] | None = None
-    """Sets of conditions to fly under, by name (see `rans list CONDITIONS`) or TOML file; by default lab,
-    roboran, orbit and harsh, with --only none."""
-    only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...")] = ()
-    """Fly under these disturbances only, such as latency "noise of position"; by default under all, and with
-    failed thrusters."""
-    episodes: int = 256
-    """Number of flights at each magnitude and in each set of conditions; an eighth of it for slow controllers such
-    as mpc."""
-    guard: bool = False
-    """Fly behind a safety filter, which replaces commands that would violate a constraint
-    (docs/missions/guard.md)."""
-    guard_slack: float | None = None
-    """With --guard: least margin that it keeps, in the unit of each constraint (m or m/s); by default 0.002, and a
-    reserve for the conditions' noise."""
-    output: Path | None = None
-    """Folder of the results; by default that of the first contestant."""
-    trust: Trust = False
-    """Whether code that files name may run, by --trust."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -93,7 +70,7 @@ class Stress:
             guard=self.guard,
             slack=self.guard_slack,
         )
-        sets = self.conditions if self.conditions is not None else () if self.only else _SHIPPED
+        sets = stress_conditions(self.conditions, self.only)
         stress = prepared(
             contest,
             self.contestants,
