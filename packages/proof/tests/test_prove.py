@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -211,8 +212,10 @@ def test_the_free_flyers_states_move_as_a_rigid_body() -> None:
     x = 0.6 * random.normal(size=16)
     x[12] = 1.04
     u = random.uniform(-1.0, 1.0, 6)
-    tolerances = {"rtol": 1e-10, "atol": 1e-12}
-    after = solve_ivp(lambda _, y: problem.rates(y, u), (0.0, 1.5), x, **tolerances).y[:, -1]
+    tolerances: dict[str, Any] = {"rtol": 1e-10, "atol": 1e-12}
+    after = solve_ivp(
+        lambda _, y: problem.rates(y.tolist(), u.tolist()), (0.0, 1.5), x, **tolerances
+    ).y[:, -1]
 
     def turn(vector: np.ndarray) -> Rotation:
         return Rotation.from_mrp(vector / 4.0)
