@@ -15,6 +15,7 @@ from rans.deploy.export import EXPORTERS
 from rans.deploy.forms import FORMATS
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.model.foreign import IMPORTERS
+from rans.model.spacecraft_file import EFFECTORS, SPACECRAFT
 from rans.tasks import TASKS
 from tests.support import packages
 
@@ -69,6 +70,8 @@ def test_what_a_package_adds_is_there_and_its_absence_names_its_extra(folder: Pa
         "rans.export_formats": FORMATS,
         "rans.exporters": EXPORTERS,
         "rans.importers": IMPORTERS,
+        "rans.effector": EFFECTORS,
+        "rans.spacecraft": SPACECRAFT,
         "rans.tasks": TASKS,
     }
     for group, registry in registries.items():

@@ -91,6 +91,7 @@ SPACECRAFT = Registry(
         ),
         ".xml": "MJCF is not read; write it as URDF or SDF for `rans init FILE.toml --from FILE`",
     },
+    extra_of=dict.fromkeys(("arpod-chaser", "vbar-chaser"), "missions"),
 )
 """Spacecraft by name."""
 
@@ -210,7 +211,7 @@ def parse_spacecraft(text: str, source: str) -> Spacecraft:
 def spacecraft_label(craft: Spacecraft) -> str:
     """Label of a spacecraft in file names: its name, with a digest unless it comes with RANS."""
     text = to_toml(craft)
-    if craft.name in SPACECRAFT.built_in and to_toml(SPACECRAFT[craft.name].craft) == text:
+    if SPACECRAFT.comes_with_rans(craft.name) and to_toml(SPACECRAFT[craft.name].craft) == text:
         return craft.name
     return distinct(craft.name, text)
 

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import (
+    SPACECRAFT,
     load_spacecraft,
     parse_spacecraft,
     spacecraft_names,
@@ -46,11 +47,11 @@ def edited(old: str, new: str) -> str:
 
 
 def test_shipped_spacecraft_are_found() -> None:
-    assert spacecraft_names() == [
+    of_packages = {*SPACECRAFT.extra_of}
+    assert [name for name in spacecraft_names() if name not in of_packages] == [
         "afrl-12kg",
         "afrl-deputy",
         "apollo-csm",
-        "arpod-chaser",
         "astrobee-granite",
         "astrobee-iss",
         "atmos",
@@ -69,7 +70,6 @@ def test_shipped_spacecraft_are_found() -> None:
         "pingu",
         "roboran-platform",
         "spheres",
-        "vbar-chaser",
     ]
 
 

@@ -37,8 +37,8 @@ REAL_CRAFT = [
 ]
 """Real craft with tests of their own (`tests.model.test_real_craft`): elsewhere they would repeat
 what others of their kind of actuators show."""
-MISSION_CRAFT = ["afrl-deputy", "arpod-chaser", "mars-lander-steered", "vbar-chaser"]
-"""Craft that only missions fly, which a package adds."""
+MISSION_CRAFT = ["afrl-deputy", "mars-lander-steered"]
+"""Craft of the core that only missions fly, whose tasks a package adds."""
 FREE_CRAFT = [
     name
     for name in spacecraft_names()
