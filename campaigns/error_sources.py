@@ -14,14 +14,17 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from rans_missions.bounds.transfers import transfer_bounds
 from rans_missions.control.mission_guidance import MissionGuidance
-from rans_missions.tasks import Hold
+from rans_missions.tasks import Dock, Hold
 
 from campaigns.linear_covariance import LinearCovariance, linear_covariance, spread
+from campaigns.missions import row_of
 from rans.evaluation.measure.metrics import PERCENTILES, impulses, settling_times, solved
 from rans.evaluation.measure.statistics import figure as rounded
 from rans.files import number
 from rans.flight import fly
+from rans.model.actuators import Pulsed
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
@@ -139,6 +142,61 @@ class ErrorSources:
             mine = parts[k * len(firsts) : (k + 1) * len(firsts)]
             found = _row(*(np.concatenate(values) for values in zip(*mine, strict=True)))
             yield {"mission": mission, "error": name, **found}
+
+
+def worlds() -> dict[str, tuple[Conditions, Pulsed | None]]:
+    """Conditions and valves of docking, by what its page calls them; valves None: throttles."""
+    of_dock = sources(SIZES["dock"])
+    late, inexact, noise = (
+        of_dock[name] for name in ("command delay", "thrust error", "navigation noise")
+    )
+    three = replace(noise, thrusters=replace(late.thrusters, thrust=inexact.thrusters.thrust))
+    # Pulses of whole tenths of a second in a control period of 10 s.
+    pulsed = Pulsed(counts=100)
+    return {
+        "perfect": (of_dock[_NONE], None),
+        "command delay 0 to 1 s": (late, None),
+        "thrust 0.95 to 1.05": (inexact, None),
+        "noise 5 cm, 1 mm/s": (noise, None),
+        "delay, thrust and noise": (three, None),
+        "pulses of 0.1 s": (of_dock[_NONE], pulsed),
+        "pulses, delay, thrust and noise": (three, pulsed),
+    }
+
+
+@dataclass(frozen=True)
+class DockErrors:
+    """Dock by 1,000 s with errors of sensors and thrusters, beside the bounds of a perfect world."""
+
+    episodes: int = 1024
+    """Held-out starts, the same for every world."""
+    bounded: int = 32
+    """The first of them, whose bounds are found."""
+    seed: int = EVALUATION_SEED
+    """Of the starts and of the errors."""
+
+    def measured(self) -> Iterator[dict[str, Any]]:
+        """A row of each world."""
+        craft = load_spacecraft("afrl-deputy")
+        deadline = 1000.0
+        task: Any = Dock(deadline=(deadline, deadline)).for_evaluation()
+        starts = scenarios(task, craft, self.seed, self.episodes)
+        few = scenarios(task, craft, self.seed, self.bounded)
+        lower = np.full(self.episodes, np.nan)
+        answers = transfer_bounds(craft, task, few, deadline)
+        lower[: self.bounded] = [answer.lower for answer in answers]
+        for name, (conditions, valves) in worlds().items():
+            own = craft if valves is None else replace(craft, actuators=valves)
+            flight = fly(
+                own,
+                task,
+                MissionGuidance(own, task, task.timing, conditions),
+                starts,
+                task.timing,
+                conditions=conditions.or_none,
+                draws=draws(self.seed, self.episodes) if conditions.or_none else None,
+            )
+            yield row_of(f"{deadline:,.0f} s", name, flight, impulses(flight), lower)
 
 
 def flown(_: int, mission: str, name: str, seed: int, first: int, count: int) -> tuple[Any, ...]:

@@ -28,10 +28,11 @@ from rans.evaluation.measure.statistics import share
 from rans.files import environment
 from rans.flight import Controller, Flight, fly
 from rans.model.body import Body
-from rans.model.spacecraft import Spacecraft, controls_every_direction, wrenches_either_way
+from rans.model.spacecraft import Spacecraft, controls_every_direction
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.processes import Workers, nothing
+from rans.randomization.faults import margin_left
 from rans.scenario import Scenario, scenarios
 from rans.tasks import GoToPosition
 
@@ -118,44 +119,12 @@ def degraded(
 
 
 def recoverable(craft: Spacecraft, faults: Faults) -> np.ndarray:
-    """(N,) whether the craft can still push and turn every way.
-
-    As `rans.randomization.faults.margin`, for thrusters that fail in different ways: the wrenches that are left
-    have full rank, and some shares strictly between shut and open balance what is stuck.
-    """
-    from scipy.optimize import linprog
-
-    table = wrenches_either_way(craft).T
-    scale = np.linalg.norm(table, axis=0)
-    thrusters = len(craft.thrusters)
+    """(N,) whether the craft can still push and turn every way, see `rans.randomization.faults.margin_left`."""
     # Weak thrusters push the same ways as sound ones.
     found = (faults.gain > 0.0).all(axis=1) & (faults.leak == 0.0).all(axis=1)
     found &= controls_every_direction(craft)
     for row in np.flatnonzero(~found):
-        gain = faults.gain[row]
-        leak = faults.leak[row]
-        left = np.append(gain, np.ones(len(table) - thrusters))
-        sound = ((table * left[:, None])[left > 0.0] / scale).T
-        stuck = leak @ (table[:thrusters] / scale)
-        if np.linalg.matrix_rank(sound, tol=1e-9) < craft.degrees_of_freedom:
-            continue
-        # The largest m with m <= u <= 1 - m and stuck + sound u = 0.
-        count = sound.shape[1]
-        rows = np.vstack(
-            [
-                np.column_stack([-np.eye(count), np.ones(count)]),
-                np.column_stack([np.eye(count), np.ones(count)]),
-            ]
-        )
-        best = linprog(
-            np.append(np.zeros(count), -1.0),
-            A_ub=rows,
-            b_ub=np.append(np.zeros(count), np.ones(count)),
-            A_eq=np.column_stack([sound, np.zeros(len(sound))]),
-            b_eq=-stuck,
-            bounds=[(None, None)] * count + [(None, 0.5)],
-        )
-        found[row] = best.success and -best.fun > _MARGIN
+        found[row] = margin_left(craft, faults.gain[row], faults.leak[row]) > _MARGIN
     return found
 
 

@@ -448,7 +448,7 @@ CAMPAIGNS: dict[str, Campaign] = {
             )
         },
         page="missions/dock.md",
-        measure="dock_errors:DockErrors",
+        measure="error_sources:DockErrors",
         quick=("--episodes 48 --bounded 4",),
         flights=(1024, 48),
         uncompared=("worst",),

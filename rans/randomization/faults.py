@@ -110,21 +110,34 @@ def failed(
 
 
 def margin(craft: Spacecraft, lost: Sequence[int], gain: float = 0.0, leak: float = 0.0) -> float:
-    """Margin of the thrusters after a fault (`FaultSet`): largest m with w_stuck + W u = 0, m <= u_i <= 1 - m.
+    """Margin of the thrusters after a fault (`FaultSet`), of which the failed ones have this gain and leak."""
+    gains = np.ones(craft.thruster_count)
+    leaks = np.zeros(craft.thruster_count)
+    gains[list(lost)] = gain
+    leaks[list(lost)] = leak
+    return margin_left(craft, gains, leaks)
 
-    It is the solution of a linear program. The failed thrusters give gain * u_i + leak of their force; without
-    gain they have no u_i. With u_i = 1/2 + z_i / s and |z_i| <= 1 the margin is 1/2 - 1/s, and the program for
-    the largest s has one constraint for each degree of freedom, whatever the number of thrusters. Reaction
-    wheels contribute in both directions, as long as they are not saturated.
+
+def margin_left(craft: Spacecraft, gains: np.ndarray, leaks: np.ndarray) -> float:
+    """Margin of thrusters that fail in ways of their own: largest m with w_stuck + W u = 0, m <= u_i <= 1 - m.
+
+    It is the solution of a linear program. A thruster gives gain * u_i + leak of its force; without gain it has
+    no u_i. With u_i = 1/2 + z_i / s and |z_i| <= 1 the margin is 1/2 - 1/s, and the program for the largest s has
+    one constraint for each degree of freedom, whatever the number of thrusters. Reaction wheels contribute in
+    both directions, as long as they are not saturated.
+
+    Args:
+        craft: with its thrusters as designed.
+        gains: (thrusters,) shares of the command that thrusters give.
+        leaks: (thrusters,) shares of their force that they give whatever the command.
     """
     from scipy.optimize import linprog
 
     wrenches = wrenches_either_way(craft).T
     scale = np.linalg.norm(wrenches, axis=0).max()
-    gains = np.ones(len(wrenches))
-    gains[list(lost)] = gain
-    sound = ((wrenches * gains[:, None])[gains > 0.0]).T / scale
-    stuck = leak * wrenches[list(lost)].sum(axis=0) / scale
+    left = np.append(gains, np.ones(len(wrenches) - len(gains)))
+    sound = ((wrenches * left[:, None])[left > 0.0]).T / scale
+    stuck = leaks @ wrenches[: len(leaks)] / scale
     if np.linalg.matrix_rank(sound, tol=1e-9) < craft.degrees_of_freedom:
         return 0.0
     count = sound.shape[1]

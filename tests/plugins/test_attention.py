@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from rans_attention.study import begun, train
 
-from campaigns.attention import begun, train
 from rans.cli import main
 from rans.deploy.export import Form, write_agent
 from rans.deploy.program import agent_program

@@ -1,7 +1,7 @@
 """One policy for random layouts of thrusters: what attention over effectors learns, and carries over.
 
-``pip install ./examples/plugins/attention ./examples/plugins/gradient`` and ``python -m campaigns.attention`` train
-it for about two minutes and print the table.
+``pip install ./examples/plugins/attention ./examples/plugins/gradient`` and ``python -m rans_attention.study``
+train it for about two minutes and print the table.
 """
 
 from __future__ import annotations
