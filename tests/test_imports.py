@@ -415,6 +415,8 @@ LEFT_ALONE = {
         "torch",
         "rans.policy",
         "rans.tasks.",
+        "rans.api",
+        "rans.cli.door",
         "rans.fast",
         "rans.optimal",
         "rans_missions",

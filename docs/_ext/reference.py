@@ -21,8 +21,7 @@ from task_pictures import save_task_picture
 
 import rans
 from rans.cli.commands import COMMANDS
-from rans.cli.door import texts_of
-from rans.cli.options import EVERYWHERE, is_in_help, option_name
+from rans.cli.options import EVERYWHERE, is_in_help, option_name, texts_of
 from rans.display import default, meanings
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.fast.learn.config import (

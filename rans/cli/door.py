@@ -29,7 +29,6 @@ from tyro.conf import Positional, arg
 
 from rans.cli.options import Trust, option_name
 from rans.cli.states import OwnState, OwnZones
-from rans.display import meanings
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
@@ -201,8 +200,3 @@ def _written(value: Any, kind: Any) -> Any:
     """A default of the function as the terminal has it: nothing is written where Python has None."""
     plain = get_args(kind)[0] if get_origin(kind) is Annotated else kind
     return () if value is None and get_origin(plain) is tuple else value
-
-
-def texts_of(described: type) -> dict[str, str]:
-    """Texts of the options of a command by name: those of its function, and those of its own fields."""
-    return meanings(described) | getattr(described, "texts", {})

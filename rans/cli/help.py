@@ -14,8 +14,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from rans.cli.commands import Command
-from rans.cli.door import texts_of
-from rans.cli.options import EVERYWHERE, is_in_help, option_name
+from rans.cli.options import EVERYWHERE, is_in_help, option_name, texts_of
 
 _STYLES = re.compile(r"\x1b\[[0-9;]*m")
 _QUOTED = re.compile(r"`[^`\n]{1,30}`")

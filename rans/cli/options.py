@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any, get_origin
 
+from rans.display import meanings
 from rans.executors import FORMS
 
 
@@ -40,3 +41,8 @@ def option_name(field: str, hint: Any) -> str:
     """Option of a field, such as --guard-slack of guard_slack, unless its annotation has another name."""
     named = (getattr(annotation, "name", None) for annotation in _annotations(hint))
     return f"--{next(filter(None, named), field).replace('_', '-')}"
+
+
+def texts_of(described: type) -> dict[str, str]:
+    """Texts of the options of a command by name: those of its function, and those of its own fields."""
+    return meanings(described) | getattr(described, "texts", {})

@@ -12,7 +12,8 @@ import pytest
 
 import rans
 from rans.cli.commands import COMMANDS
-from rans.cli.door import Options, argument_texts, command_of, texts_of
+from rans.cli.door import Options, argument_texts, command_of
+from rans.cli.options import texts_of
 from rans.evaluation.fly.contestant_name import ContestantName
 from tests.support.command_codes import code_of
 

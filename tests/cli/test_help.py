@@ -13,8 +13,7 @@ import pytest
 
 from rans import cli
 from rans.cli.commands import COMMANDS
-from rans.cli.door import texts_of
-from rans.cli.options import is_in_help
+from rans.cli.options import is_in_help, texts_of
 from tests.support.command_codes import code_of
 
 
