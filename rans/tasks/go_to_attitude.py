@@ -22,7 +22,7 @@ from rans.tasks.rewards import Transition, is_used, nearness, speed
 class GoToAttitude(SingleTask):
     """Turn to an attitude and stay there at rest; the position is free.
 
-    >>> rans.Engine("innocube", rans.GoToAttitude(start_spin=(0.0, 0.05)), num_envs=4)
+    >>> rans.Engine("innocube", rans.GoToAttitude(), num_envs=4)
     <Engine: 4 x innocube, GoToAttitude, on cpu>
 
     Reaction wheels suffice: it is the task for craft without thrusters. Goal: any attitude, at rest. Start: any
