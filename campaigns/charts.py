@@ -27,7 +27,7 @@ from rans.model.spacecraft import wrenches_either_way
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, series_style
+from rans.show.palette import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, series_style
 
 _DOCS = Path(__file__).parents[1] / "docs"
 

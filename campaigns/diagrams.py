@@ -32,7 +32,7 @@ from rans.randomization.conditions import Conditions, FaultConditions, ThrusterC
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import EVALUATION_SEED, Endpoints, draws, scenarios
 from rans.show.figures.figures import learning_curve, styled
-from rans.show.figures.panels import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, series_style
+from rans.show.palette import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, series_style
 from rans.tasks import GoToPose
 
 _START = state((3.0, 1.0), attitude=0.7)

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import BLUE, GREY, INK, ORANGE
+from rans.show.palette import BLUE, GREY, INK, ORANGE
 
 PALE = "#DCE6F0"
 """Fill of a craft and of boxes, which dark pages change (`rans.show.figures.svg`)."""

@@ -25,8 +25,9 @@ from rans.fast.learn.trainer import check_device
 from rans.files import environment, ready_folder, write_json, write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import BLUE, GREY, INK, label
+from rans.show.figures.panels import label
 from rans.show.figures.svg import svg
+from rans.show.palette import BLUE, GREY, INK
 from validation.speed.training import Success, train_until_solved
 
 _MINIBATCHES = 4

@@ -15,7 +15,6 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from rans.errors import ConfigError
 
@@ -23,6 +22,10 @@ _PAGE = b"""<!doctype html><title>RANS</title>
 <body style="margin: 0; display: grid; place-items: center; height: 100vh">
 <img src="/film" style="max-width: 100vw; max-height: 100vh">"""
 _PART = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n"
+
+
+PORTS = range(7000, 7100)
+"""Ports of pages, of which the first that is free is taken."""
 
 
 class Window:
@@ -47,6 +50,8 @@ class Window:
 
     def show(self, frame: np.ndarray) -> None:
         """Display a frame (height, width, 3), uint8, when it is due."""
+        from PIL import Image  # which pages without frames do not need
+
         time.sleep(max(0.0, self._due - time.monotonic()))
         self._due = time.monotonic() + self._period
         file = io.BytesIO()

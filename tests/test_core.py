@@ -97,6 +97,7 @@ for line in (
     "export run --format numpy --output numpy --episodes 4",
     "export run --format c --output c --episodes 4",
     "view run --play --save page.html",
+    "view run lqr --episodes 2 --save replay.html",
     "evaluate lqr:go-to-pose-2d --episodes 2",
 ):
     assert main(line.split()) == 0, line
@@ -195,7 +196,7 @@ rans_command.run()
 MISSING = [
     [
         ("pydrake", "evaluate lqr:go-to-pose-2d --engine drake --episodes 2"),
-        ("pydrake", "view go-to-pose-2d"),
+        ("pydrake", "view go-to-pose-2d --save frames.png"),
         ("pydrake", "validate --quick"),
         ("casadi", "optimal go-to-pose"),
         ("casadi", "evaluate mpc:go-to-pose-2d --episodes 2"),

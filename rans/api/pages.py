@@ -13,6 +13,7 @@ from rans.api.judging import ConditionsLike, flown, own_endpoints
 from rans.api.names import conditions_if_named
 from rans.choices import EngineName
 from rans.errors import ConfigError, brief, one_of, require, text_of_name, whole
+from rans.files import write_text
 from rans.model.dynamics import State
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.scenario import EVALUATION_SEED
@@ -21,7 +22,6 @@ from rans.settled import settled_alone
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
     from rans.flight import Flight
-    from rans.show.scene.view import View
     from rans.window import Served
 
 _HEIGHT = 480
@@ -36,7 +36,7 @@ class Replay:
     title: str
 
     def __post_init__(self) -> None:
-        self._page: View | None = None
+        self._html: str | None = None
         self._served: Served | None = None
 
     def __repr__(self) -> str:
@@ -45,7 +45,11 @@ class Replay:
 
     def html(self) -> str:
         """HTML text of the page, complete and offline."""
-        return self._made().html()
+        if self._html is None:
+            from rans.show.viewing import replay_html
+
+            self._html, _ = replay_html(self.flights, self.title)
+        return self._html
 
     def save(self, file: str | Path) -> Path:
         """Write the page to an HTML file that replays offline, and return the file.
@@ -58,7 +62,7 @@ class Replay:
             raise ConfigError(
                 f"a replay is a page, whose name must end in .html, got {str(file)!r}."
             )
-        self._made().save(file)
+        write_text(file, self.html())
         return file
 
     def film(self, file: str | Path) -> Path:
@@ -78,10 +82,10 @@ class Replay:
 
     def open(self) -> str:
         """Open the page in the browser and return its address; it is served while this Python process runs."""
-        from rans.window import open_browser
+        from rans.window import PORTS, Served, open_browser
 
         if self._served is None:
-            self._served = self._made().serve()
+            self._served = Served(self.html, PORTS)
         open_browser(self._served.url)
         return self._served.url
 
@@ -92,14 +96,6 @@ class Replay:
             f'<iframe srcdoc="{markup.text(self.html())}" '
             f'style="width:100%;height:{_HEIGHT}px;border:0"></iframe>'
         )
-
-    def _made(self) -> View:
-        if self._page is None:
-            from rans.show.scene.view import View
-
-            self._page = View()
-            self._page.show(self.flights, self.title)
-        return self._page
 
 
 @settled_alone

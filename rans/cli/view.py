@@ -14,6 +14,7 @@ from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.cli.states import written_endpoints
 from rans.errors import ConfigError
+from rans.files import write_text
 from rans.terminal import Terminal, doing, progress, stages
 
 if TYPE_CHECKING:
@@ -170,23 +171,22 @@ class View(Options):
         return results
 
     def _show(self, flights: list[Flight]) -> None:
-        from rans.show.scene.view import View as Page
-        from rans.window import open_browser
+        from rans.show.viewing import replay_html
+        from rans.window import PORTS, Served, open_browser
 
-        page = Page()
-        colours = page.show(flights, title_of(flights, self.conditions))
+        html, colours = replay_html(flights, title_of(flights, self.conditions))
         names = [flight.controller for flight in flights]
-        legend = ", ".join(
-            f"{name} ({colour})" for name, colour in zip(names, colours, strict=True)
-        )
+        if colours:
+            names = [f"{name} ({colour})" for name, colour in zip(names, colours, strict=True)]
+        legend = ", ".join(names)
         if self.save is not None:
-            page.save(self.save)
+            write_text(self.save, html)
             Terminal().say(f"{self.save} replays {legend} in any browser.")
             return
         with contextlib.suppress(
             KeyboardInterrupt
         ):  # Ctrl-C is expected from the first printed sentence on
-            url = page.serve().url
+            url = Served(lambda: html, PORTS).url
             Terminal().say(f"{legend}: shown at {url} until Ctrl-C.")
             open_browser(url)
             while True:

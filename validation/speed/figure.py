@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from functools import partial
 
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import BLUE, GREEN, INK, ORANGE, RED, label
+from rans.show.figures.panels import label
 from rans.show.figures.plotting import Axes, Figure, FuncFormatter
+from rans.show.palette import BLUE, GREEN, INK, ORANGE, RED
 from validation.speed.measurement import Measurement
 from validation.speed.ratios import Ratio
 

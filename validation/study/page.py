@@ -10,10 +10,11 @@ import numpy as np
 
 from rans.files import environment
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY, label
+from rans.show.figures.panels import label
 from rans.show.figures.plotting import Axes, Figure
 from rans.show.pages.page import Page, Picture, Section, header
 from rans.show.pages.report import validation_section
+from rans.show.palette import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY
 from rans.table import Table
 from validation.study.checks import Check, Curve, Study
 

@@ -9,7 +9,7 @@ from matplotlib.colors import to_hex
 from rans_assurance.figures.path_figures import following_figure
 from rans_assurance.follow.paths import LookAhead, helix
 
-from rans.show.figures.panels import BLUE, GREY
+from rans.show.palette import BLUE, GREY
 from tests.support.path_flights import FLYER, by_hand, flown
 
 

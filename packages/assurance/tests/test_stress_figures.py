@@ -9,7 +9,7 @@ import pytest
 from rans_assurance.figures import stress_figures
 from rans_assurance.stress.run import Stress
 
-from rans.show.figures.panels import BLUE, ORANGE
+from rans.show.palette import BLUE, ORANGE
 from tests.support.stress_runs import FIRST, small
 
 

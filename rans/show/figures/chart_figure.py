@@ -8,10 +8,11 @@ from typing import Any
 
 from rans.show.figures.comparison_figures import logarithmic
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import GREY, INK, STYLE, label
+from rans.show.figures.panels import STYLE, label
 from rans.show.figures.picture_file import save_picture
 from rans.show.figures.plotting import Axes, Figure, rc_context
 from rans.show.pages.chart import Chart, Mark, Series
+from rans.show.palette import GREY, INK
 
 _COLOURS = {"var(--ink)": INK, "var(--soft)": GREY}
 """Colours of pages that follow the reader's choice of light or dark, on paper."""

@@ -13,8 +13,9 @@ from rans.evaluation.measure.statistics import Estimate
 from rans.flight import Flight
 from rans.show.figures import panels
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import FOUND, GREY, INK, PLAIN, label, series_style
+from rans.show.figures.panels import PLAIN, label
 from rans.show.figures.plotting import Axes, Axis, Figure, LogLocator, NullLocator
+from rans.show.palette import FOUND, GREY, INK, series_style
 from rans.show.tables.comparison_tables import RETURN, Scores
 from rans.tasks.quantities import QUANTITIES
 

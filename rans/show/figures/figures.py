@@ -17,21 +17,10 @@ from rans.files import write_text
 from rans.flight import Flight
 from rans.show.figures import panels
 from rans.show.figures.axes import settle
-from rans.show.figures.panels import (
-    BLUE,
-    GREEN,
-    GREY,
-    MILLIONS,
-    ORANGE,
-    PURPLE,
-    RED,
-    SKY,
-    STYLE,
-    label,
-    only,
-)
+from rans.show.figures.panels import MILLIONS, STYLE, label, only
 from rans.show.figures.plotting import Axes, Figure, MaxNLocator, rc_context
 from rans.show.figures.svg import svg
+from rans.show.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -11,8 +11,9 @@ from rans.drawing import columns, outlines
 from rans.flight import Flight
 from rans.model.fields import map_leaves
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import BLUE, GREY, INK, RED, SKY, label
+from rans.show.figures.panels import label
 from rans.show.figures.plotting import Axes, Figure
+from rans.show.palette import BLUE, GREY, INK, RED, SKY
 from rans.tasks.shapes import Ball, GlideSlope
 
 _SHOWN = 3

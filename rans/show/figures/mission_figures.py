@@ -10,8 +10,9 @@ from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.mission_bounds import MissionBounds
 from rans.flight import Flight
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import GREY, INK, RED, label, series_style
+from rans.show.figures.panels import label
 from rans.show.figures.plotting import Figure
+from rans.show.palette import GREY, INK, RED, series_style
 
 
 @styled

@@ -11,8 +11,9 @@ import numpy as np
 from rans.errors import counted
 from rans.evaluation.compare.optima import Optimum
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import BLUE, GREEN, INK, keep_out, label, timeline
+from rans.show.figures.panels import keep_out, label, timeline
 from rans.show.figures.plotting import Figure, MaxNLocator
+from rans.show.palette import BLUE, GREEN, INK
 
 
 @styled

@@ -10,8 +10,9 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 
 from rans.errors import ConfigError, brief
-from rans.show.figures.panels import BLUE, GREY, INK, LINES, STYLE
+from rans.show.figures.panels import STYLE
 from rans.show.figures.plotting import Axes, Bbox, Figure, SubFigure, rc_context
+from rans.show.palette import BLUE, GREY, INK, LINES
 
 _SVG = "http://www.w3.org/2000/svg"
 _LINK = "http://www.w3.org/1999/xlink"

@@ -9,19 +9,9 @@ from rans.errors import counted
 from rans.fast.learn.member import Member
 from rans.fast.learn.sweep import Sweep, short
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import (
-    BLUE,
-    GREEN,
-    GREY,
-    MILLIONS,
-    ORANGE,
-    PURPLE,
-    RED,
-    SKY,
-    label,
-    only,
-)
+from rans.show.figures.panels import MILLIONS, label, only
 from rans.show.figures.plotting import Axes, Figure
+from rans.show.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
 
 _COLOURS = (BLUE, GREEN, PURPLE, SKY, RED, GREY)
 

@@ -13,8 +13,8 @@ from rans.evaluation.compare.front import Front, point
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.statistics import Bootstrap
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
-from rans.show.figures.panels import FOUND, RELAXED, series_style
 from rans.show.pages.chart import Chart, Mark, Series
+from rans.show.palette import FOUND, RELAXED, series_style
 
 INK = "var(--ink)"
 GREY = "var(--soft)"

@@ -18,12 +18,12 @@ from rans.flight import Flight, fly
 from rans.show.figures import comparison_figures as figures
 from rans.show.figures import mission_figures
 from rans.show.figures.layout_figure import draw_layout
-from rans.show.figures.panels import FOUND, series_style
 from rans.show.pages.chart import Chart
 from rans.show.pages.comparison_charts import front_chart, plane_chart
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header
 from rans.show.pages.race import Race, Track, has_place, race
 from rans.show.pages.report import comparison_section
+from rans.show.palette import FOUND, series_style
 from rans.show.tables import comparison_tables as tables
 from rans.show.tables import front_tables
 from rans.table import Table

@@ -15,7 +15,7 @@ from rans.model.dynamics import State
 from rans.model.fields import Vec2, Vec3, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.outline import Outline
-from rans.show.figures.panels import series_style
+from rans.show.palette import series_style
 from rans.tasks.shapes import Ball, Cone, GlideSlope
 
 FRAMES = 300
@@ -54,8 +54,8 @@ def race(
         caption: what readers see.
 
     Returns:
-        Positions in W (m), two axes of B in W, and commands as digits from 0 (shut) to 9 (open). Numbers have
-        three decimals.
+        Positions in W (m), two axes of B in W, and commands as digits from 0 (shut) to 9 (open); for tasks that are
+        nowhere also velocities (m/s). Numbers have three decimals.
     """
     results = [_start(label, tracks, craft) for label, tracks in starts]
     return Race(Outline(craft).values(3) | {"starts": results}, caption)
@@ -95,8 +95,9 @@ def _start(label: str, tracks: Sequence[Track], craft: Spacecraft) -> dict[str, 
     period = first.flight.timing.control_period
     steps = max(len(track.flight.commands) for track in tracks)
     stride = math.ceil(steps / FRAMES)
-    goals = _motion(first.flight.goals, first.episode, stride)
-    if all(row == goals["p"][0] for row in goals["p"]):
+    follows = not has_place(first.flight)
+    goals = _motion(first, first.flight.goals, stride, follows)
+    if all(row == rows[0] for rows in goals.values() for row in rows):
         goals = {name: rows[:1] for name, rows in goals.items()}
     aims = first.flight.task.errors(first.flight.states, first.flight.goals)
     return {
@@ -104,6 +105,7 @@ def _start(label: str, tracks: Sequence[Track], craft: Spacecraft) -> dict[str, 
         "period": stride * period,
         "goal": goals,
         "turned": "attitude" in aims,
+        "follows": follows,
         **_scenery(first, stride),
         "tracks": [
             {
@@ -111,19 +113,27 @@ def _start(label: str, tracks: Sequence[Track], craft: Spacecraft) -> dict[str, 
                 "colour": track.colour or series_style(k)[0],
                 "arrival": track.arrival if math.isfinite(track.arrival) else None,
                 "u": _levels(track, stride, craft.thruster_count),
-                **_motion(track.flight.states, track.episode, stride),
+                **_motion(track, track.flight.states, stride, follows),
             }
             for k, track in enumerate(tracks)
         ],
     }
 
 
-def _motion(states: State, episode: int, stride: int) -> dict[str, list[list[float]]]:
-    """Positions, and the first two axes of B, at every kept instant."""
+def _kept(track: Track, field: Any, stride: int) -> np.ndarray:
+    """A field of states or goals at every kept instant: (T, N), or the same at all instants, (N,) or a number."""
+    values = np.asarray(field)
+    if values.ndim == 2:
+        return values[::stride, track.episode]
+    instants = len(track.flight.commands) // stride + 1
+    return np.full(instants, values[track.episode] if values.ndim else values)
+
+
+def _motion(track: Track, states: State, stride: int, moves: bool) -> dict[str, list[list[float]]]:
+    """Positions, the first two axes of B, and velocities where they are asked for, at every kept instant."""
 
     def of_episode(field: Any) -> np.ndarray:
-        values = np.asarray(field, dtype=float)
-        return (values[:, episode] if values.ndim > 1 else values)[::stride]
+        return _kept(track, field, stride)
 
     attitude: Any = states.attitude
     planar = isinstance(states.p, Vec2)
@@ -134,10 +144,14 @@ def _motion(states: State, episode: int, stride: int) -> dict[str, list[list[flo
     rotated = [
         np.stack([of_episode(x) for x in attitude.rotate(axis).columns()], 1) for axis in axes
     ]
-    return {
+    result = {
         "p": [_rounded(row) for row in position],
         "e": [_rounded(row) for row in np.concatenate(rotated, axis=1)],
     }
+    if moves:
+        velocity = np.stack([of_episode(x) for x in states.v.columns()], axis=1)
+        result["v"] = [_rounded(row) for row in velocity]
+    return result
 
 
 def _scenery(track: Track, stride: int) -> dict[str, Any]:
@@ -147,15 +161,7 @@ def _scenery(track: Track, stride: int) -> dict[str, Any]:
     the first kept instant at which the mission has dealt with it, -1: never.
     """
     flight = track.flight
-    instants = len(flight.commands) // stride + 1
-
-    def kept(field: Any) -> np.ndarray:
-        values = np.asarray(field)
-        if values.ndim == 2:
-            return values[::stride, track.episode]
-        return np.full(instants, values[track.episode] if values.ndim else values)
-
-    goals = map_leaves(kept, flight.goals)
+    goals = map_leaves(lambda field: _kept(track, field, stride), flight.goals)
     count = len(next(iter(leaves(goals))))
     shapes = []
     for shape in flight.task.scenery(goals):

@@ -18,10 +18,10 @@ from rans.files import folders_with, inside, number, read_json, read_json_lines,
 from rans.model.spacecraft_file import read_spacecraft
 from rans.registry import Registry
 from rans.show.figures.layout_figure import draw_layout
-from rans.show.figures.panels import series_style
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header, named, show
 from rans.show.pages.screen import Screen
+from rans.show.palette import series_style
 from rans.table import Table
 
 SOLVED_SHARE = 100.0 * WANTED

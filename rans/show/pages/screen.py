@@ -150,7 +150,8 @@ def _start(content: Mapping[str, Any]) -> dict[str, Any]:
         "period": float(content["period"]),
         "goal": _rows(content["goal"]),
         "turned": bool(content["turned"]),
-        # Files of former versions have none.
+        # Files of former versions have none of these.
+        "follows": bool(content.get("follows")),
         "shapes": [
             {"kind": str(shape["kind"]), "rows": [[*map(float, row)] for row in shape["rows"]]}
             for shape in content.get("shapes", ())
@@ -161,4 +162,5 @@ def _start(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _rows(content: Mapping[str, Any]) -> dict[str, list[list[float]]]:
-    return {name: [[*map(float, row)] for row in content[name]] for name in ("p", "e")}
+    names = ("p", "e", "v") if "v" in content else ("p", "e")
+    return {name: [[*map(float, row)] for row in content[name]] for name in names}

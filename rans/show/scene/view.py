@@ -25,7 +25,7 @@ from rans.flight import Flight
 from rans.show.scene import craft, overlay, scene
 from rans.show.scene.camera import fitted_camera
 from rans.show.scene.scene import SceneMotion
-from rans.window import Served
+from rans.window import PORTS, Served
 
 _FRAMES_PER_SECOND = 1000.0
 """Meshcat counts time in frames: as milliseconds they fit every control period."""
@@ -120,7 +120,7 @@ class View:
 
         By default on the first free port from 7000 to 7099; `ConfigError` if it is taken.
         """
-        return Served(self.html, [port] if port else range(7000, 7100))
+        return Served(self.html, [port] if port else PORTS)
 
     def _put(self, path: str, parts: Sequence[craft.Part]) -> None:
         for part in parts:

@@ -11,7 +11,7 @@ from rans.show.figures.comparison_figures import (
     shares_and_computing_time,
     side_by_side,
 )
-from rans.show.figures.panels import BLUE, ORANGE
+from rans.show.palette import BLUE, ORANGE
 from rans.show.tables.comparison_tables import RETURN
 from tests.support.comparisons import entry, points
 from tests.support.evaluation_flights import flight_of

@@ -27,8 +27,8 @@ from rans.show.figures.figures import (
     learning_curve,
     save_flight_figures,
 )
-from rans.show.figures.panels import RED
 from rans.show.figures.svg import data_uri, svg
+from rans.show.palette import RED
 from rans.tasks import GoToAttitude, GoToPose
 from tests.support.evaluation_flights import TrackNothing, flight_of, many_episodes, two_episodes
 from tests.support.training_rows import ROWS

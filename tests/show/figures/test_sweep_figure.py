@@ -8,8 +8,8 @@ from matplotlib.colors import to_hex
 
 from rans.fast.learn.member import Member
 from rans.fast.learn.sweep import Sweep
-from rans.show.figures.panels import ORANGE
 from rans.show.figures.sweep_figure import sweep_figure
+from rans.show.palette import ORANGE
 from tests.support.training import CONFIG, TINY
 
 

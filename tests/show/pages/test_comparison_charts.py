@@ -16,10 +16,10 @@ from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
 from rans.optimal.trajectory.objectives import MaximumReward, MinimumFuel, MinimumTime
 from rans.show.figures.chart_figure import chart_figure, save_chart
-from rans.show.figures.panels import BLUE, FOUND, ORANGE
 from rans.show.pages.chart import Chart, Series
 from rans.show.pages.comparison_charts import plane_chart
 from rans.show.pages.comparison_page import page
+from rans.show.palette import BLUE, FOUND, ORANGE
 from tests.support.comparisons import NOBODY, comparison, entry, points
 from tests.support.evaluation_flights import flight_of
 

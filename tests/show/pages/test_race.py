@@ -11,6 +11,7 @@ import pytest
 
 import rans
 from rans.flight import Flight, fly
+from rans.model.fields import Heading
 from rans.scenario import scenarios
 from rans.show.pages.page import Page, Section
 from rans.show.pages.race import FRAMES, Race, Track, race
@@ -42,6 +43,16 @@ def test_positions_axes_and_commands_are_the_flights() -> None:
     assert (start["label"], start["period"], start["turned"]) == ("worst", 0.2, True)
     # a goal that stands still is given once
     assert len(start["goal"]["p"]) == 1
+
+
+def test_a_goal_that_stands_still_is_that_of_its_episode() -> None:
+    flight = flown(PLATFORM, 6)
+    angles = np.array([0.3, 1.2])  # of the two episodes
+    goals = replace(flight.goals, attitude=Heading(angles))
+    turned = replace(flight, goals=goals)
+    (start,) = race(PLATFORM, [("x", [Track("a", turned, 1, 0.8)])]).data["starts"]
+    (axes,) = start["goal"]["e"]
+    np.testing.assert_allclose(axes[:2], (np.cos(1.2), np.sin(1.2)), atol=5e-4)
 
 
 def test_axes_in_space_are_perpendicular_and_of_length_one() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from rans.show.figures.panels import BLUE, GREEN, ORANGE, RED
+from rans.show.palette import BLUE, GREEN, ORANGE, RED
 from validation.speed.figure import speed_figure
 from validation.speed.measurement import Measurement
 from validation.speed.ratios import Ratio

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.errors import ConfigError
-from rans.files import command_line, inside, ready_folder, write_json
+from rans.files import command_line, inside, ready_folder, write_json, write_text
 from rans.scenario import ASSURANCE_SEED
 from rans.terminal import Terminal, doing, progress, stages, writing_at_end
 from rans_assurance.functions import assure
@@ -147,20 +147,18 @@ class Assure(Options):
 
 
 def _show(assurance: Assurance, file: Path) -> None:
-    from rans_assurance.assure.replay import has_drake
     from rans_assurance.pages.assure_counts import counts, decision_sentence
     from rans_assurance.pages.assure_page import assurance_page, findings
 
     result = assurance.to_json()
     write_json(file, result)
     worst = ""
-    if assurance.searched and assurance.searched.breaking and has_drake():
-        from rans.show.scene.view import View
+    if assurance.searched and assurance.searched.breaking:
+        from rans.show.viewing import replay_html
 
-        view = View()
         worst = f"{file.stem}-worst-case.html"
-        view.show([assurance.searched.breaking.flight])
-        view.save(file.with_name(worst))
+        html, _ = replay_html([assurance.searched.breaking.flight], "Worst case")
+        write_text(file.with_name(worst), html)
     with doing("drawing the page", in_log=False):
         assurance_page(assurance, worst).write(file.with_suffix(".html"))
     console = Terminal(room=100)

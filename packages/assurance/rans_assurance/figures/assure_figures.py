@@ -9,8 +9,9 @@ import numpy as np
 from rans.flight import Flight
 from rans.show.figures import panels
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import BLUE, GREY, ORANGE, PLAIN, RED, label
+from rans.show.figures.panels import PLAIN, label
 from rans.show.figures.plotting import Figure
+from rans.show.palette import BLUE, GREY, ORANGE, RED
 from rans.verdict import last_fifth
 
 _SIZE = (3.9, 2.9)

@@ -10,8 +10,9 @@ from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import FaultKind
 from rans.randomization.faults import FaultSet
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import GREEN, RED, label
+from rans.show.figures.panels import label
 from rans.show.figures.plotting import Figure, ListedColormap
+from rans.show.palette import GREEN, RED
 
 
 @styled

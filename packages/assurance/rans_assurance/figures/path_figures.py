@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import BLUE, GREEN, GREY, INK, ORANGE, RED, label
+from rans.show.figures.panels import label
 from rans.show.figures.plotting import Axes, Figure, SubFigure
+from rans.show.palette import BLUE, GREEN, GREY, INK, ORANGE, RED
 from rans_assurance.follow.follow import Following
 
 

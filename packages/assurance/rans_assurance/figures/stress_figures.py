@@ -8,8 +8,9 @@ from rans.evaluation.measure.statistics import Estimate
 from rans.evaluation.stress.effects import Effect
 from rans.evaluation.stress.outcome import WANTED
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import INK, label, legend_beside, series_style
+from rans.show.figures.panels import label, legend_beside
 from rans.show.figures.plotting import Axes, Figure
+from rans.show.palette import INK, series_style
 from rans_assurance.stress.run import Stress
 
 

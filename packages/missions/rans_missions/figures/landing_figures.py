@@ -15,8 +15,9 @@ from rans.flight import Flight
 from rans.model.fields import Vec3, map_leaves
 from rans.show.figures.figures import styled
 from rans.show.figures.mission_figures import length
-from rans.show.figures.panels import GREY, INK, RED, label, series_style
+from rans.show.figures.panels import label
 from rans.show.figures.plotting import Axes, Figure, MaxNLocator
+from rans.show.palette import GREY, INK, RED, series_style
 
 _NEAR = 0.1
 """Share of the highest altitude that the second panel of paths shows."""

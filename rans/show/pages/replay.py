@@ -1,0 +1,52 @@
+"""Flights as a page that replays them in the browser, which needs neither Drake nor a network."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from rans.evaluation.measure.metrics import arrival_times
+from rans.flight import Flight
+from rans.model.fields import leaves
+from rans.show.pages.page import Page, Section
+from rans.show.pages.race import Track, race
+from rans.show.palette import series_style
+
+
+def replay_page(flights: Sequence[Flight], title: str) -> Page:
+    """All episodes of flights: those of one craft from the same starts fly side by side in one picture."""
+    groups: dict[Any, list[tuple[int, Flight]]] = {}
+    for number, flight in enumerate(flights):
+        groups.setdefault(_beginnings(flight), []).append((number, flight))
+    return Page(title, [_section(group) for group in groups.values()])
+
+
+def _section(group: Sequence[tuple[int, Flight]]) -> Section:
+    """The replay of flights that begin alike, each with its number among all."""
+    flight = group[0][1]
+    times = [arrival_times(each) for _, each in group]
+    starts = [
+        (
+            f"episode {k}",
+            [
+                Track(each.controller, each, k, float(own[k]), series_style(number)[0])
+                for (number, each), own in zip(group, times, strict=True)
+            ],
+        )
+        for k in range(flight.commands.shape[1])
+    ]
+    caption = "Strips have a row a thruster, filled while it is open."
+    if flight.craft.dimension == 3:
+        caption += " Drag to turn the view."
+    return Section(flight.craft.name, race=race(flight.craft, starts, caption))
+
+
+def _beginnings(flight: Flight) -> tuple[Any, ...]:
+    """What flights that are shown in one picture have in common."""
+    fields = (*leaves(flight.states.p), *leaves(flight.goals.p))
+    first = (np.atleast_1d(np.asarray(x, dtype=float))[0] for x in fields)
+    numbers = tuple(tuple(np.round(x, 6).ravel().tolist()) for x in first)
+    period = flight.timing.control_period
+    return flight.craft.name, flight.craft.dimension, period, flight.commands.shape[1:], numbers

@@ -1,0 +1,81 @@
+"""A page that replays flights in the browser without Drake."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rans
+from rans.flight import Flight, fly
+from rans.scenario import scenarios
+from rans.show.pages.page import Page
+from rans.show.pages.race import Race
+from rans.show.pages.replay import replay_page
+from rans.show.viewing import replay_html
+from tests.support.browser import opened, served
+from tests.support.random_flights import Random
+
+PLATFORM = rans.load_spacecraft("floating-platform")
+FLYER = rans.load_spacecraft("free-flyer")
+
+
+def flown(craft: rans.Spacecraft, task: rans.Task, seed: int = 5) -> Flight:
+    starts = scenarios(task, craft, seed=seed, count=2)
+    return fly(craft, task, Random(craft), starts, rans.Timing(episode_steps=8))
+
+
+def races(page: Page) -> list[Race]:
+    return [section.race for section in page.sections if section.race is not None]
+
+
+def test_flights_from_the_same_starts_share_a_picture() -> None:
+    flights = [
+        flown(PLATFORM, rans.GoToPose()),
+        flown(FLYER, rans.GoToPose()),
+        flown(PLATFORM, rans.GoToPose()),
+        flown(PLATFORM, rans.GoToPose(), seed=6),
+    ]
+    replays = races(replay_page(flights, "all"))
+    assert [len(each.data["starts"][0]["tracks"]) for each in replays] == [2, 1, 1]
+    assert all(len(each.data["starts"]) == 2 for each in replays)
+    # Every flight has a colour of its own among all.
+    colours = [track["colour"] for each in replays for track in each.data["starts"][0]["tracks"]]
+    assert len(set(colours)) == 4
+
+
+def test_a_velocity_to_follow_is_given_with_that_of_the_craft() -> None:
+    flight = flown(PLATFORM, rans.TrackVelocity())
+    (start, _) = races(replay_page([flight], "t"))[0].data["starts"]
+    (track,) = start["tracks"]
+    assert start["follows"]
+    expected = np.stack([flight.states.v.x[:, 0], flight.states.v.y[:, 0]], 1)
+    np.testing.assert_allclose(track["v"], expected, atol=5e-4)
+    wanted = np.broadcast_to(flight.goals.v.x, flight.states.v.x.shape)[0, 0]
+    assert start["goal"]["v"][0][0] == pytest.approx(float(wanted), abs=5e-4)
+    assert (
+        "v"
+        not in races(replay_page([flown(PLATFORM, rans.GoToPose())], "t"))[0].data["starts"][0][
+            "tracks"
+        ][0]
+    )
+
+
+@pytest.mark.slow
+def test_a_browser_draws_it(tmp_path: Path) -> None:
+    """After its scripts have run, every flight has its distance, or the error of its velocity."""
+    flights = [flown(PLATFORM, rans.GoToPose()), flown(FLYER, rans.TrackVelocity())]
+    with served({"/": replay_page(flights, "t").html()}) as (address, _):
+        page = opened(f"{address}/", tmp_path)
+    assert re.findall(r'class="now">[\d.]+ (m|m/s) · [\d.]+ s open', page) == ["m", "m/s"]
+
+
+def test_without_drake_a_replay_is_such_a_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pydrake", None)
+    html, colours = replay_html([flown(PLATFORM, rans.GoToPose())], "a platform")
+    assert 'class="race"' in html
+    assert "<title>a platform</title>" in html
+    assert colours == []
