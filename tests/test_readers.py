@@ -98,6 +98,7 @@ ALLOWED = {
     ("rans.compile.cuda.kernel_cache", "read_bytes"): "the user's own cache, with a digest",
     ("rans.cli", "open"): "the null device",
     ("rans.registry", "read_text"): "files of installed packages, beside their code",
+    ("rans.lazy", "read_text"): "the source of a module of RANS itself",
     ("rans.deploy.c.files", "json.loads"): "the contract that this process has just made",
     ("rans_robot.fmu.export", "json.loads"): "the same",
     ("rans.show.figures.svg", "ET.fromstring"): "pictures, after a check for entities",
