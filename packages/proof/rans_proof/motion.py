@@ -23,6 +23,8 @@ _ORDER = 4
 """Highest power of time in a step; the next one is its rest."""
 _MOST_SUBSTEPS = 32
 """Taylor steps of a control period at most."""
+_GUESSES = 4
+"""Guesses of a box that a step does not leave; states that follow from exact ones, one by one, need as many."""
 _REST = 0.01, 1e-6
 """Largest rest of a step: a part of the set's radius, and of its size. Above it steps are halved."""
 _UNIT = 2.0**-53
@@ -425,12 +427,16 @@ class TaylorPlant:
             return [*forms, *boxes[n:]]
 
         guess = grown(reach(boxes), 0.2)
-        guess = grown(reach(guess), 0.2)
-        ways = reach(guess)
         fits = torch.ones_like(boxes[0].centre, dtype=torch.bool)
-        for box, larger, (down, up) in zip(boxes, guess, ways, strict=False):
-            fits &= box.centre - box.radius + down > larger.centre - larger.radius
-            fits &= box.centre + box.radius + up < larger.centre + larger.radius
+        for _ in range(_GUESSES):
+            guess = grown(reach(guess), 0.2)
+            ways = reach(guess)
+            fits = torch.ones_like(fits)
+            for box, larger, (down, up) in zip(boxes, guess, ways, strict=False):
+                fits &= box.centre - box.radius + down > larger.centre - larger.radius
+                fits &= box.centre + box.radius + up < larger.centre + larger.radius
+            if bool(fits.all()):
+                break
         # Without a box nothing is proved.
         return [
             Form(torch.where(fits, form.centre, torch.nan), form.generators, form.error)
