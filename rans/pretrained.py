@@ -34,7 +34,8 @@ def agent_recipes() -> list[str]:
 def pretrained_names() -> list[str]:
     """Names of the installed agents, sorted: those of this package and, with ``rans[agents]``, of ``rans-agents``.
 
-    >>> "go-to-pose-2d" in rans.pretrained.pretrained_names()
+    >>> from rans.pretrained import pretrained_names
+    >>> "go-to-pose-2d" in pretrained_names()
     True
     """
     return sorted(_folders())

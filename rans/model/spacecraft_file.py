@@ -122,7 +122,8 @@ USUAL: dict[int, str] = {2: "floating-platform", 3: "free-flyer"}
 def spacecraft_names() -> list[str]:
     """Names of the spacecraft of RANS and of installed packages.
 
-    >>> "atmos" in rans.model.spacecraft_file.spacecraft_names()
+    >>> from rans.model.spacecraft_file import spacecraft_names
+    >>> "atmos" in spacecraft_names()
     True
     """
     return list(SPACECRAFT)

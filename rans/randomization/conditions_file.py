@@ -91,7 +91,8 @@ CONDITIONS = Registry(
 def conditions_names() -> list[str]:
     """Names of the conditions of RANS and of installed packages.
 
-    >>> "lab" in rans.randomization.conditions_file.conditions_names()
+    >>> from rans.randomization.conditions_file import conditions_names
+    >>> "lab" in conditions_names()
     True
     """
     return list(CONDITIONS)

@@ -14,6 +14,7 @@ import rans
 from rans.episode import Setup, World
 from rans.errors import ConfigError
 from rans.flight import Flight, fly
+from rans.model.actuators import OnOff, Pulsed, Throttle
 from rans.model.fields import leaves, map_leaves
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
@@ -57,14 +58,12 @@ def differences(a: Flight, b: Flight) -> np.ndarray:
 def test_pulses_and_switches_by_hand() -> None:
     """Ten counts in a period of 0.1 s: pulses of 0, 1, 2, 2, 3 and 10 counts, of which 3 are the least."""
     duties = np.array([0.04, 0.14, 0.15, 0.24, 0.25, 1.0])
-    pulsed = CommandLimits(least_pulse=0.03).enforced(
-        [*duties], rans.model.actuators.Pulsed(10), 0.1
-    )
+    pulsed = CommandLimits(least_pulse=0.03).enforced([*duties], Pulsed(10), 0.1)
     assert np.ravel(pulsed).tolist() == [0.0, 0.0, 0.0, 0.0, 0.25, 1.0]
     # A least pulse that is longer than a period leaves whole periods.
-    long = CommandLimits(least_pulse=7.0).enforced([*duties], rans.model.actuators.Pulsed(10), 0.1)
+    long = CommandLimits(least_pulse=7.0).enforced([*duties], Pulsed(10), 0.1)
     assert np.ravel(long).tolist() == [0.0] * 5 + [1.0]
-    throttle = rans.model.actuators.Throttle(most=0.8)
+    throttle = Throttle(most=0.8)
     switched = CommandLimits(on_off=np.array([1.0, 0.0]))
     both = switched.enforced([np.array([c, c]) for c in (0.39, 0.4, 0.7)], throttle, 0.1)
     assert np.array(both).tolist() == [[0.0, 0.39], [0.8, 0.4], [0.8, 0.7]]
@@ -72,9 +71,7 @@ def test_pulses_and_switches_by_hand() -> None:
 
 @both_crafts
 def test_a_least_pulse_is_that_of_a_craft_which_has_it(craft: rans.Spacecraft) -> None:
-    pulsed, other = (
-        replace(craft, actuators=rans.model.actuators.Pulsed(5, least)) for least in (0, 3)
-    )
+    pulsed, other = (replace(craft, actuators=Pulsed(5, least)) for least in (0, 3))
     found = flown(pulsed, limited(least_pulse=0.06))
     np.testing.assert_array_less(differences(found, flown(other)), 1e-12)
     assert differences(found, flown(pulsed)).min() > 1e-4
@@ -83,7 +80,7 @@ def test_a_least_pulse_is_that_of_a_craft_which_has_it(craft: rans.Spacecraft) -
 @both_crafts
 def test_thrusters_are_on_off_in_a_part_of_the_episodes(craft: rans.Spacecraft) -> None:
     """A craft that throttles flies about half of its episodes as one with on/off thrusters."""
-    throttled = replace(craft, actuators=rans.model.actuators.Throttle())
+    throttled = replace(craft, actuators=Throttle())
     found = flown(throttled, limited(on_off=0.5))
     given = commands(craft)
     on_off = differences(found, flown(craft, given=(given >= 0.5) * 1.0)) < 1e-12
@@ -94,9 +91,7 @@ def test_thrusters_are_on_off_in_a_part_of_the_episodes(craft: rans.Spacecraft) 
 
 @pytest.mark.parametrize("ranges", [{"least_pulse": (0.0, 0.1)}, {"on_off": 0.5}])
 def test_engine_and_drake_limit_likewise(ranges: Any) -> None:
-    craft = replace(
-        rans.load_spacecraft("floating-platform"), actuators=rans.model.actuators.Pulsed(5)
-    )
+    craft = replace(rans.load_spacecraft("floating-platform"), actuators=Pulsed(5))
     conditions = limited(**ranges)
     expected = flown(craft, conditions)
     assert len({*np.round(differences(expected, flown(craft)), 12)}) > 2
@@ -118,9 +113,9 @@ def test_engine_and_drake_limit_likewise(ranges: Any) -> None:
 @pytest.mark.parametrize(
     ("ranges", "actuators"),
     [
-        ({"least_pulse": 0.1}, rans.model.actuators.Throttle()),
-        ({"on_off": 0.5}, rans.model.actuators.OnOff()),
-        ({"on_off": 0.5}, rans.model.actuators.Throttle(0.2, always_lit=True)),
+        ({"least_pulse": 0.1}, Throttle()),
+        ({"on_off": 0.5}, OnOff()),
+        ({"on_off": 0.5}, Throttle(0.2, always_lit=True)),
     ],
 )
 def test_limits_that_a_craft_cannot_have_are_refused(ranges: Any, actuators: Any) -> None:
@@ -133,9 +128,7 @@ def test_limits_that_a_craft_cannot_have_are_refused(ranges: Any, actuators: Any
 
 def test_a_least_pulse_above_the_control_period_is_refused() -> None:
     """At the period itself thrusters are on/off, and above it nothing is left to be longer."""
-    craft = replace(
-        rans.load_spacecraft("floating-platform"), actuators=rans.model.actuators.Pulsed(5)
-    )
+    craft = replace(rans.load_spacecraft("floating-platform"), actuators=Pulsed(5))
     period = TIMING.control_period
     for pulse in (period, 1.01 * period):
         setup = Setup(craft, TASK, TIMING, limited(least_pulse=(0.0, pulse)))

@@ -16,6 +16,7 @@ import rans
 from rans.episode import Setup, World
 from rans.errors import ConfigError
 from rans.flight import Flight, fly
+from rans.model.actuators import Pulsed
 from rans.model.body import Body
 from rans.model.fields import leaves, map_leaves
 from rans.model.timing import Timing
@@ -125,7 +126,7 @@ def test_columns_that_no_thruster_has_are_refused() -> None:
     [
         CRAFT,
         rans.load_spacecraft("freeflyer2"),
-        replace(IN_SPACE, actuators=rans.model.actuators.Pulsed(3)),
+        replace(IN_SPACE, actuators=Pulsed(3)),
     ],
     ids=lambda craft: f"{craft.name} {craft.actuators.kind}",
 )

@@ -25,6 +25,7 @@ from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.randomization.conditions import LayoutConditions
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
@@ -277,7 +278,7 @@ class _OnlyTarget:
 @pytest.mark.parametrize(
     "other",
     [
-        rans.Conditions(layouts=rans.randomization.conditions.LayoutConditions(count=8)),
+        rans.Conditions(layouts=LayoutConditions(count=8)),
         rans.Conditions(thrusters=rans.ThrusterConditions(on_off=0.5)),
         rans.Conditions(thrusters=rans.ThrusterConditions(least_pulse=(0.01, 0.05))),
     ],
