@@ -24,6 +24,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
+from rans_any_craft.evolution import NODES, EvolutionSettings, evolve
 from rans_any_craft.training import (
     RANGES_OF_LAYOUTS,
     DemandNetwork,
@@ -127,7 +128,7 @@ _MOST = {"switching": 64, "MPC": 64}
 """Largest number of flights of those who take seconds for each."""
 _MOST_OF_EACH = {"switching": 8, "MPC": 4}
 """Largest number of flights of each thruster that is dead in turn, by who takes seconds for a flight."""
-_VALUES = 0.0, 0.1, 0.2, 0.4, 0.5, 0.6, 0.8, 1.0
+_VALUES = 0.0, 0.15, 0.3, 0.5, 0.75, 1.0
 """Frugalities of the table of frugal flights."""
 _MASSES = 0.5, 0.7, 1.5, 2.0
 """Masses and moments of inertia over those of the file that the agent is given."""
@@ -183,8 +184,8 @@ class Contest(NamedTuple):
     """Number of the thruster that the craft has lost."""
     is_stated: bool = True
     """Whether the controller's file has the other mass, or lacks the thruster."""
-    value: float = 0.0
-    """Frugality of the agent for any craft, see `rans.policy.frugality`."""
+    value: float | None = None
+    """Frugality of the agent for any craft, see `rans.policy.any_craft.frugal`; None: as it was trained."""
     fault: FaultKind | None = None
     """Fault of a thruster in every flight, drawn among those that the craft can spare."""
 
@@ -219,7 +220,7 @@ class _Judge(NamedTuple):
                 name = self.agent or f"pretrained:{FOR_ANY_CRAFT[craft.dimension]}"
                 agent = contestant(f"{_ANY[contest.by]}{name}")
                 run = for_spacecraft(agent, stated, own.timing)
-                if contest.value:
+                if contest.value is not None:
                     run = frugal(run._replace(task=own.task), contest.value)
             elif contest.by != "specialist":
                 setup = Setup(stated, own.task, own.timing, own.conditions)
@@ -628,22 +629,38 @@ def write_agent(folder: Path, settings: DemandSettings) -> None:
     """Train an agent and write it as a run folder without a critic."""
     begun = time.perf_counter()
     network = train(settings, lambda text, _: print(text, flush=True))  # noqa: T201
-    save(folder, network.state_dict(), settings, time.perf_counter() - begun)
+    further: list[dict[str, Tensor]] = []
+    if settings.dimension == 2:
+        pool = draw_pool(1600, 6000 + 2 * settings.seed, 2, None, settings.shared)
+        own = EvolutionSettings(seed=settings.seed, device=settings.device)
+        further = evolve(network, pool, own, lambda text: print(text, flush=True))  # noqa: T201
+    save(folder, network.state_dict(), settings, time.perf_counter() - begun, further)
 
 
 def save(
-    folder: Path, weights: dict[str, torch.Tensor], settings: DemandSettings, seconds: float
+    folder: Path,
+    weights: dict[str, torch.Tensor],
+    settings: DemandSettings,
+    seconds: float,
+    further: Sequence[dict[str, Tensor]] = (),
 ) -> None:
-    """Write trained weights as the agent of one craft, which flies others by `for_spacecraft`."""
+    """Write trained weights as the agent of one craft, which flies others by `for_spacecraft`.
+
+    ``further`` are those of the frugalities of `NODES`.
+    """
     network = DemandNetwork(settings.channels, torch.Generator(), settings.dimension)
-    network.load_state_dict(weights)
     name, timing = _OWN[settings.dimension]
     craft = load_spacecraft(name)
     task = GoToPose()
-    policy = as_policy(network, craft, task, timing.control_period)
+    policies = []
+    for own in (weights, *further):
+        network.load_state_dict(own, strict=False)
+        policies.append(as_policy(network, craft, task, timing.control_period))
+    policy, *others = policies
+    at = {value: one.member(0) for value, one in zip(NODES, others, strict=False)}
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "agent.safetensors").write_bytes(
-        actor_bytes(policy.architecture, policy.member(0), 0)
+        actor_bytes(policy.architecture, policy.member(0), 0, at or None)
     )
     config = TrainConfig("go-to-pose", task, craft.name, timing=timing, seed=settings.seed)
     write_json(folder / "config.json", to_table(config))

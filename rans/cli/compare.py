@@ -216,10 +216,10 @@ _VALUES = 0.0, 0.5, 1.0
 
 def at_values(name: ContestantName) -> list[ContestantName]:
     """The agent for any craft at several values, where a name is the file of a spacecraft alone."""
-    if not name.unnamed or name.frugality:
+    if not name.unnamed or name.frugality is not None:
         return [name]
     before, at, craft = name.unnamed.rpartition("@")
-    texts = [f"{before}#{value:g}{at}{craft}" if value else name.unnamed for value in _VALUES]
+    texts = [f"{before}#{value:g}{at}{craft}" for value in _VALUES]
     return [*map(type(name).parse, texts)]
 
 

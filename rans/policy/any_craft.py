@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,7 +21,8 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.twists import balanced, cone_pushes
 from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, spans, spare
 from rans.policy.architecture import Architecture
-from rans.policy.authority import Authority, braking_distance
+from rans.policy.authority import DIMENSIONS, Authority, braking_distance
+from rans.policy.frugality import AS_TRAINED, Frugality
 from rans.policy.network import Network
 from rans.pretrained import FOR_ANY_CRAFT
 from rans.randomization.layouts import LayoutRanges, authority_margin
@@ -234,7 +236,6 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
                 RansWarning,
                 stacklevel=2,
             )
-    weight, bias = old.last.folded(*network.layer("action_net"))
     tokens = effects(craft, period)
     bound = farthest(craft, own)
     farthest_lost = _farthest_lost(craft, own, tokens) if old.adapts else 0.0
@@ -252,13 +253,43 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
             period * one.max_torque / one.max_momentum for one in craft.wheels if fills_up
         ),
     )
-    tensors = {
-        name: x
-        for name, x in network.tensors.items()
-        if not name.startswith("action_net.") and name != "log_std"
-    }
-    tensors |= last_layer(new, weight, bias)
-    return Network(new, {name: tensors[name] for name in new.shapes()})
+
+    def fitted(own: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+        """Tensors with a last layer for the craft's head."""
+        weight, bias = old.last.folded(own["action_net.weight"], own["action_net.bias"])
+        tensors = dict(own) | last_layer(new, weight, bias)
+        return {name: tensors[name] for name in new.shapes()}
+
+    at = {value: fitted(own) for value, own in network.at.items()}
+    return Network(new, fitted(network.tensors), at=at)
+
+
+def frugal(network: Network, value: float, distance: float) -> Network:
+    """The network for any craft at a frugality from 0 (fast) to 1, for starts at a distance (m) from their goals.
+
+    Its weights are linear in the value between those that it has for some (`Network.at`); without any, its own
+    weights are given other numbers (`rans.policy.frugality`).
+
+    Raises:
+        ConfigError: the value is not from 0 to 1.
+    """
+    architecture = network.architecture
+    dimension = DIMENSIONS[len(architecture.authority) - 1]
+    numbers = Frugality.of_value(value, distance, dimension)
+    tensors: Mapping[str, torch.Tensor] = network.tensors
+    if network.at:
+        numbers = Frugality.trained(value, architecture.last.weights == 1)
+        nodes = network.at
+        values = sorted(nodes)
+        following = min(int(np.searchsorted(values, value, "right")), len(values) - 1)
+        low, high = values[following - 1], values[following]
+        part = (value - low) / (high - low)
+        tensors = {
+            name: x if name not in nodes[high] else torch.lerp(x, nodes[high][name], part)
+            for name, x in nodes[low].items()
+        }
+    chosen = () if numbers == AS_TRAINED else tuple(numbers)
+    return Network(replace(architecture, frugal=chosen), tensors, at=network.at)
 
 
 def last_layer(

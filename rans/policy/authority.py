@@ -172,7 +172,7 @@ def coasting(
     velocity: Sequence[Field],
     spin: Sequence[Field],
     authority: Authority,
-    periods: float,
+    periods: Field,
 ) -> tuple[Sequence[Field], tuple[Field, Sequence[Field]], Sequence[Field], Sequence[Field]]:
     """The state, or rest at the goal where the craft may coast.
 

@@ -85,6 +85,17 @@ class Frugality(NamedTuple):
             float(np.interp(value, _VALUES, _COASTS[dimension])),
         )
 
+    @classmethod
+    def trained(cls, value: float, is_continuous: bool) -> Frugality:
+        """The numbers of a value from 0 to 1 for an agent that has weights of its own for every value.
+
+        Only the price of continuous thrusters and their coasting change: on/off thrusters whose pulses are large
+        lose flights by it (docs/decisions/any_craft_frugal.md).
+        """
+        part = min(2.0 * value, 1.0) if is_continuous else 0.0
+        price, coast = _PRICES[2][-1] ** part, 1.0 + part * (_COASTS[2][-1] - 1.0)
+        return cls(1.0, 0.0, 0.0, round(price, 6), 1.0, coast)
+
 
 AS_TRAINED = Frugality(1.0, 0.0, 0.0, 1.0)
 """The numbers of an agent as it was trained."""

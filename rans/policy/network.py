@@ -51,8 +51,11 @@ class Network(Remembering):
         tensors: Mapping[str, Tensor],
         members: int = 1,
         preprocessor: MakePreprocessor = TorchPreprocessor,
+        at: Mapping[float, Mapping[str, Tensor]] | None = None,
     ) -> None:
         self.architecture = architecture
+        # Weights of an agent for any craft at frugalities from 0 to 1, for `rans.policy.any_craft.frugal`.
+        self.at = at or {}
         self.members = members
         self.tensors = dict[str, Tensor]()
         self.activation = architecture.activation_module()

@@ -355,7 +355,7 @@ def test_the_file_of_a_craft_alone_is_the_agent_for_any_craft_from_fast_to_fruga
     own.write_text(to_toml(load_spacecraft("floating-platform")))
     names = at_values(ContestantName.parse(str(own)))
     assert [*map(str, names)] == [
-        f"any-craft-2d@{own}",
+        f"any-craft-2d#0@{own}",
         f"any-craft-2d#0.5@{own}",
         f"any-craft-2d#1@{own}",
     ]
@@ -363,7 +363,7 @@ def test_the_file_of_a_craft_alone_is_the_agent_for_any_craft_from_fast_to_fruga
         assert [*map(str, at_values(ContestantName.parse(text)))] == [text]
     contest = contest_of(names[0], 1)
     assert [one.name for one in enlisted(names, contest).values()] == [
-        "any-craft-2d",
+        "any-craft-2d#0",
         "any-craft-2d#0.5",
         "any-craft-2d#1",
     ]

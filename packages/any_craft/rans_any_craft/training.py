@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any, NamedTuple
@@ -346,6 +346,7 @@ class DemandNetwork(torch.nn.Module):
         super().__init__()
         cube = Cube(dimension)
         self.sides = len(cube.elements)
+        self.dimension = dimension
         inverse = [int(cube.table[g][0]) for g in range(self.sides)]
         self._inputs: Tensor
         self._demands: Tensor
@@ -368,15 +369,21 @@ class DemandNetwork(torch.nn.Module):
 
     def layers(self) -> list[tuple[Tensor, Tensor]]:
         """Weights (o, i) and biases (o,) of ordinary dense layers."""
-        units = self.sides * len(self.first)
+        stacked = self.stacked({name: x[None] for name, x in self.named_parameters()})
+        return [(weight[0], bias[0]) for weight, bias in stacked]
+
+    def stacked(self, weights: Mapping[str, Tensor]) -> list[tuple[Tensor, Tensor]]:
+        """Layers (n, o, i), (n, o) of n networks with these parameters (n, ...) by name."""
+        first, second, last = (weights[name] for name in ("first", "second", "last"))
+        units = self.sides * first.shape[1]
         # Unit (c, g) has its input as from the side g.
-        first = torch.einsum("ci,gij->cgj", self.first, self._inputs).reshape(units, -1)
-        second = self.second[:, :, self._table].permute(0, 2, 1, 3).reshape(units, units)
-        last = torch.einsum("gij,jc->icg", self._demands, self.last).reshape(-1, units)
+        one = torch.einsum("nci,gij->ncgj", first, self._inputs).flatten(1, 2)
+        two = second[..., self._table].permute(0, 1, 3, 2, 4).reshape(-1, units, units)
+        three = torch.einsum("gij,njc->nicg", self._demands, last).flatten(2, 3)
         return [
-            (first, self.first_bias.repeat_interleave(self.sides)),
-            (second, self.second_bias.repeat_interleave(self.sides)),
-            (last, first.new_zeros(len(last))),
+            (one, weights["first_bias"].repeat_interleave(self.sides, dim=1)),
+            (two, weights["second_bias"].repeat_interleave(self.sides, dim=1)),
+            (three, three.new_zeros(three.shape[:2])),
         ]
 
 
@@ -563,7 +570,9 @@ def allocated(demand: Tensor, rows: Sequence[Tensor], continuous: bool) -> tuple
         if opened is not None and not has_gradient:
             return opened
         part = _continuous(wanted, layout, matrix, step, paid)
-        given = (part[:, None] @ layout)[:, 0]
+        given = (part[:, :, None] * layout).sum(dim=1)
+        if not has_gradient:
+            return given, (part * pushes).sum(dim=1)
         # Thrusters within their range follow the demand, others less.
         square = layout.square().sum(dim=2).clamp(min=1e-9)
         slope = (layout @ (wanted - given)[:, :, None])[:, :, 0] - paid
@@ -583,7 +592,8 @@ def allocated(demand: Tensor, rows: Sequence[Tensor], continuous: bool) -> tuple
 
 def _opened(demand: Tensor, twist: Tensor, offset: Tensor, used: Tensor) -> tuple[Tensor, Tensor]:
     """Changes of the twist (N, d) and thrust (N,) of the best subsets of on/off thrusters."""
-    scores = offset + 2.0 * (twist @ demand[:, :, None])[:, :, 0]
+    # Torch's compiler makes one operation of the sum and the maximum.
+    scores = offset + 2.0 * (twist * demand[:, None]).sum(dim=2)
     best = scores.argmax(dim=1)
     rows = best[:, None, None].expand(-1, 1, twist.shape[2])
     return twist.gather(1, rows)[:, 0], used.gather(1, best[:, None])[:, 0]
@@ -675,7 +685,7 @@ def _inputs(
     )
 
 
-def _one_period(
+def one_period(
     state: Motion,
     before: Tensor,
     drawn: Tensor,
@@ -754,8 +764,8 @@ _Period = tuple[Motion, Tensor, Tensor, Tensor, Tensor]
 
 @cache
 def _compiled(continuous: bool) -> Callable[..., _Period]:
-    """`_one_period` for on/off or for continuous thrusters, by torch's compiler."""
-    return torch.compile(partial(_one_period, continuous=continuous), dynamic=False)
+    """`one_period` for on/off or for continuous thrusters, by torch's compiler."""
+    return torch.compile(partial(one_period, continuous=continuous), dynamic=False)
 
 
 def fly(
@@ -809,14 +819,14 @@ def fly(
     law = policy if callable(policy) else None
     flat = [] if callable(policy) else [x for layer in policy for x in layer]
     # Compiling pays for a training only.
-    one_period: Callable[..., _Period] = (
+    period_of: Callable[..., _Period] = (
         _compiled(batch.continuous)
         if torch.is_grad_enabled()
-        else partial(_one_period, continuous=batch.continuous, law=law)
+        else partial(one_period, continuous=batch.continuous, law=law)
     )
     for step in range(steps):
         drawn = torch.randn(count, 2 * size, generator=generator, device=device)
-        state, before, spent, inside, pushes = one_period(state, before, drawn, flat, fields)
+        state, before, spent, inside, pushes = period_of(state, before, drawn, flat, fields)
         if torch.is_grad_enabled():
             state = Motion(*(Bounded.apply(keep * x + (1.0 - keep) * x.detach()) for x in state))
         price = stage.thrust_price + stage.rest_price * inside.detach()

@@ -17,8 +17,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
 from rans.policy.any_craft import for_craft, is_for_any_craft
-from rans.policy.authority import DIMENSIONS
-from rans.policy.frugality import AS_TRAINED, Frugality
+from rans.policy.any_craft import frugal as at_value
 from rans.policy.network import Network
 from rans.policy.timing import timing_for
 from rans.pretrained import FOR_ANY_CRAFT
@@ -45,7 +44,7 @@ def adapting(run: LoadedRun) -> LoadedRun:
 def _adapting(network: Network) -> Network:
     if not is_for_any_craft(network.architecture):
         raise ConfigError(f"the agent flies its own spacecraft only: {_ADAPTS}.")
-    return Network(replace(network.architecture, adapts=True), network.tensors)
+    return Network(replace(network.architecture, adapts=True), network.tensors, at=network.at)
 
 
 def flies_any_craft(folder: Path) -> bool:
@@ -62,7 +61,7 @@ def frugal(run: LoadedRun, value: float) -> LoadedRun:
 
     Args:
         run: the agent, with the craft and the task that it flies.
-        value: from 0, fast, as it was trained, to 1, frugal (`rans.policy.frugality`).
+        value: from 0, fast, to 1, frugal (`rans.policy.any_craft.frugal`).
 
     Raises:
         ConfigError: it is another agent, or the value is not from 0 to 1.
@@ -78,11 +77,8 @@ def _frugal(network: Network, value: float, task: Task) -> Network:
             f"the agent has no frugality from 0 to 1, as #{value:g} would be: name {FOR_ANY_CRAFT[2]} or "
             f"{FOR_ANY_CRAFT[3]}."
         )
-    dimension = DIMENSIONS[len(network.architecture.authority) - 1]
     low, high = task.for_evaluation().spawn_distance  # type: ignore[attr-defined]  # it flies to a pose
-    numbers = Frugality.of_value(value, 0.5 * (low + high), dimension)
-    chosen = () if numbers == AS_TRAINED else tuple(numbers)
-    return Network(replace(network.architecture, frugal=chosen), network.tensors)
+    return at_value(network, value, 0.5 * (low + high))
 
 
 def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = None) -> LoadedRun:
@@ -111,7 +107,7 @@ def write_for_spacecraft(
     craft: Spacecraft | None,
     folder: Path,
     adapts: bool = False,
-    frugality: float = 0.0,
+    frugality: float | None = None,
 ) -> Path:
     """Write the agent of a run folder as a run folder, and return it.
 
@@ -135,7 +131,7 @@ def write_for_spacecraft(
     elif not _is_own_with_a_moving_mass(craft, run.spacecraft()):
         timing = timing_for(craft, timing)
         network = for_craft(network, craft, timing.control_period)
-    if frugality:
+    if frugality is not None:
         network = _frugal(network, frugality, config.settings)
     ready_folder(folder)
     content = actor_bytes(network.architecture, network.member(0), saved.steps)

@@ -70,8 +70,9 @@ class ContestantName:
     """Spacecraft that an agent for any craft flies, after "@"; empty: the agent's own."""
     part: str = ""
     """Task of a multi-task agent, or position of a trade-off input, after "#"; empty: none."""
-    frugality: float = 0.0
-    """How much time an agent for any craft takes to save thrust, from 0 to 1, after "#"."""
+    frugality: float | None = None
+    """How much time an agent for any craft takes to save thrust, from 0 to 1, after "#"; None: it flies as it was
+    trained."""
     adapts: bool = False
     """Whether an agent for any craft estimates in flight what its file does not state ("adaptive:" before it)."""
     wrapper: str = ""
@@ -197,7 +198,7 @@ class ContestantName:
         """Text with the agent for any craft, where the user's has the file of a spacecraft alone; else ""."""
         if not self.craft or "@" in self.text:
             return ""
-        value = f"#{self.frugality:g}" if self.frugality else ""
+        value = f"#{self.frugality:g}" if self.frugality is not None else ""
         before = self.text[: self.text.index(self.craft)]
         return f"{before}{self.name}{value}@{self.craft}"
 
@@ -243,7 +244,7 @@ class ContestantName:
             ConfigError: it is no trained agent, or one that is not in the package, or cannot fly the craft.
         """
         source = self.own_folder
-        if not self.craft and not self.adapts and not self.frugality:
+        if not self.craft and not self.adapts and self.frugality is None:
             return source
         craft = load_spacecraft(typed(self.craft)) if self.craft else None
         return write_for_spacecraft(
@@ -281,7 +282,9 @@ class ContestantName:
         name = self.without_earlier()
         if self.wrapper:
             text = self.text.partition("#")[0]
-        elif name.kind == "run folder" and not (name.craft or name.adapts or name.frugality):
+        elif name.kind == "run folder" and not (
+            name.craft or name.adapts or name.frugality is not None
+        ):
             return Path(name.name)
         elif name.craft:
             text = f"{name.name}:{name.craft}"
@@ -293,7 +296,7 @@ class ContestantName:
             text = f"pretrained:{name.name}"
         else:
             text = f"{name.name}:{name.setup}"
-        if name.frugality:
+        if name.frugality is not None:
             text = f"{text}:{name.frugality:g}"
         if name.adapts:
             text = f"{ADAPTIVE}:{text}"

@@ -132,7 +132,7 @@ def _agent(name: ContestantName, terms: Terms) -> LoadedRun:
         craft = load_spacecraft(typed(name.craft))
         timing = None if terms.period is None else timing_for(craft, run.timing, terms.period)
         run = for_spacecraft(run, craft, timing)
-    if name.frugality:
+    if name.frugality is not None:
         run = frugal(run, name.frugality)
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), name)
     return LoadedRun(run.controller, *under_protocol(terms.protocol, own)[:4])

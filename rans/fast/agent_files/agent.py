@@ -123,29 +123,42 @@ def agent_bytes(
     )
 
 
-def actor_bytes(architecture: Architecture, tensors: Mapping[str, Tensor], steps: int) -> bytes:
+def actor_bytes(
+    architecture: Architecture,
+    tensors: Mapping[str, Tensor],
+    steps: int,
+    at: Mapping[float, Mapping[str, Tensor]] | None = None,
+) -> bytes:
     """Content of an ``agent.safetensors``: the actor without critic and optimizer.
 
     Args:
         architecture: architecture of the network.
         tensors: weights and statistics of the network (`Network.member`).
         steps: environment steps of the training.
+        at: weights at frugalities from 0 to 1 of an agent for any craft (`rans.policy.any_craft.frugal`).
 
     Raises:
         NonFiniteState: a weight is not finite.
     """
-    for name, x in tensors.items():
+    every = [*tensors.items(), *(entry for own in (at or {}).values() for entry in own.items())]
+    for name, x in every:
         if not bool(torch.isfinite(x).all()):
             raise NonFiniteState(
                 f"{name} of the agent has numbers that are not finite, so that it is not written: the usual cause "
                 "is a training that diverged; use another seed or a smaller learning rate."
             )
+
+    def of_actor(own: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        return {name: x for name, x in own.items() if not name.startswith(_CRITIC)}
+
+    further = {"at": {f"{value:g}": of_actor(own) for value, own in at.items()}} if at else {}
     return pack_tensors(
         {
             "architecture": _table(replace(architecture, privileged=0, nominal=())),
-            "weights": {name: x for name, x in tensors.items() if not name.startswith(_CRITIC)},
+            "weights": of_actor(tensors),
             "steps": steps,
         }
+        | further
     )
 
 
@@ -217,14 +230,29 @@ def _read(table: dict[str, Any]) -> SavedPolicy:
     weights = table["weights"]
     steps = int(table["steps"])
     if not any(name.startswith(_CRITIC) for name in weights):
-        return SavedPolicy(
-            _network(architecture, weights, False), {}, steps, {}, 0.0, has_critic=False
-        )
+        network = _network(architecture, weights, False)
+        if "at" in table:
+            network.at = _further(architecture, table["at"])
+        return SavedPolicy(network, {}, steps, {}, 0.0, has_critic=False)
     adam = {int(number): moments for number, moments in table["adam"].items()}
     rate = float(table["rate"])
     return SavedPolicy(
         _network(architecture, weights), _settings(table["settings"]), steps, adam, rate
     )
+
+
+def _further(
+    architecture: Architecture, table: Mapping[str, Mapping[str, Tensor]]
+) -> dict[float, dict[str, Tensor]]:
+    """Weights at frugalities from 0 to 1; ValueError if the table is wrong."""
+    further = dict(sorted((float(value), weights) for value, weights in table.items()))
+    if not architecture.authority or len(further) < 2 or (min(further), max(further)) != (0.0, 1.0):
+        raise ValueError(
+            "it has weights of frugalities that are not from 0 to 1, or is no agent for any craft"
+        )
+    return {
+        value: _network(architecture, weights, False).tensors for value, weights in further.items()
+    }
 
 
 def _settings(table: dict[str, Any]) -> dict[str, Any]:

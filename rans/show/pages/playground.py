@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+import torch
 
 from rans.compile.javascript import JAVASCRIPT, activations, function, substep_functions
 from rans.compile.substeps import Substeps
@@ -34,10 +35,10 @@ from rans.model.timing import Timing
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.outline import Outline
 from rans.policy.allocation import FALL, MOST_SUBSETS, PASSES, PRICE
-from rans.policy.any_craft import RANGES, is_for_any_craft
+from rans.policy.any_craft import RANGES, frugal, is_for_any_craft
 from rans.policy.architecture import Architecture
 from rans.policy.authority import Authority, of_observation
-from rans.policy.frugality import Frugality
+from rans.policy.network import Network
 from rans.policy.program import inputs
 from rans.policy.scalars import symbols
 from rans.policy.timing import LARGEST_TURN, PERIODS
@@ -144,15 +145,23 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
     setup = run.judged
     world = interactive_world(setup, FRAME * pace(setup))
     tables = parameters(controller.network)
+    choices, chosen = _choices(run)
     try:
         traced = _Traced(world)
         text = [traced.begin(), traced.describe()]
         # A craft that a visitor may draw has other thrusters, mass and inertia, and another control period.
         draws = _may_draw(setup.craft, architecture)
         if _is_allocated_here(architecture):
+            # Choices with weights of their own have layers of their own.
+            several = controller.network.at and len(choices) > 1
+            tables = {
+                f"{number}.{name}" if several else name: x
+                for number, one in enumerate(choices)
+                for name, x in parameters(one).items()
+            }
             text += [
-                traced.demand(controller, tables, one, f"demand{number}")
-                for number, one in enumerate(_choices(run, architecture))
+                traced.demand(one, number, f"{number}." if several else "")
+                for number, one in enumerate(choices)
             ]
             text += [_text("allocation.js"), traced.in_ranges()]
         else:
@@ -167,11 +176,13 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
             f"{error} `rans view --play` flies it."
         ) from error
     names = [name for name in tables if name.endswith(".weight")]
-    size = sum(tables[name].size for name in names)
+    size = sum(
+        x.size for name, x in parameters(controller.network).items() if name.endswith(".weight")
+    )
     bits = next(bits for limit, bits in _BITS.items() if size <= limit)
     data = _data(traced, run, seed, episode, architecture.memory) | {"bits": bits}
     if _is_allocated_here(architecture):
-        data["allocation"] = _allocation_data(architecture, _choices(run, architecture))
+        data["allocation"] = _allocation_data(choices, chosen)
     if draws:
         data["drawing"] = _drawing_data(run)
     layers = {
@@ -287,15 +298,15 @@ class _Traced:
         errors, measured = self._measured()
         return errors, self.world.observe(replace(self.episode, state=measured, reading=None))
 
-    def demand(
-        self, agent: Agent, tables: Mapping[str, np.ndarray], frugality: Frugality, name: str
-    ) -> str:
-        """``demand(carried, errors, authority)``: change of twist to be allocated, in units of the authority.
+    def demand(self, network: Network, number: int, prefix: str) -> str:
+        """``demand0(carried, errors, authority)`` or of another number: change of twist to be allocated.
 
-        The authority is a control period, six accelerations, and the least linear and angular one of them.
+        It is in units of the authority, which is a control period, six accelerations, and the least linear and
+        angular one of them. Names of layers begin with the prefix.
         """
         errors, observation = self._observed()
-        architecture = agent.network.architecture
+        architecture = network.architecture
+        tables = parameters(network)
         program = policy_program(architecture)
         period, *authority, least_linear, least_angular = numbers = inputs("authority", 9)
         columns = (
@@ -304,7 +315,7 @@ class _Traced:
                 observation,
                 Authority(period, authority[:4], authority[4:], least_linear, least_angular),
                 architecture.coast,
-                frugality=frugality,
+                frugality=architecture.frugality,
             )
             if architecture.authority
             else architecture.preprocessed(observation)
@@ -322,7 +333,13 @@ class _Traced:
         )
         outputs, stages = symbols(program, values, [head])
         arguments = {"carried": self.carried, "errors": errors, "authority": numbers}
-        return function(name, arguments, {"demand": outputs[head]}, stages)
+        stages = [
+            stage._replace(
+                layers=tuple(one._replace(weight=prefix + one.weight) for one in stage.layers)
+            )
+            for stage in stages
+        ]
+        return function(f"demand{number}", arguments, {"demand": outputs[head]}, stages)
 
     def in_ranges(self) -> str:
         """``in_ranges(outputs)``: commands in the craft's ranges for numbers from 0 to 1."""
@@ -475,24 +492,36 @@ _FAST_TO_FRUGAL = 0.0, 0.5, 1.0
 """Values of the page's slider for an agent for any craft."""
 
 
-def _choices(run: LoadedRun, architecture: Architecture) -> list[Frugality]:
-    """What a visitor may choose of, fast to frugal; only the agent's own, where it is another or it has none."""
-    own = architecture.frugality
-    if not is_for_any_craft(architecture):
-        return [own]
+def _choices(run: LoadedRun) -> tuple[list[Network], int]:
+    """What a visitor may choose of, fast to frugal, and the number of the agent's own.
+
+    The first is an agent as it was trained, if it has no value. The agent's own is the only one where it has
+    another value, or is not for any craft.
+    """
+    assert isinstance(run.controller, Agent)
+    own = run.controller.network
+    if not is_for_any_craft(own.architecture):
+        return [own], 0
     low, high = run.judged.task.spawn_distance  # type: ignore[attr-defined]  # it flies to a pose
-    values = [Frugality.of_value(value, 0.5 * (low + high), 2) for value in _FAST_TO_FRUGAL]
-    return values if own in values else [own]
+    choices = [frugal(own, value, 0.5 * (low + high)) for value in _FAST_TO_FRUGAL]
+    if not run.controller.name.partition("#")[2]:
+        return [own, *choices[1:]], 0
+    for number, one in enumerate(choices):
+        same = all(torch.equal(x, own.tensors[name]) for name, x in one.tensors.items())
+        if same and one.architecture.frugality == own.architecture.frugality:
+            return choices, number
+    return [own], 0
 
 
-def _allocation_data(architecture: Architecture, choices: list[Frugality]) -> dict[str, Any]:
+def _allocation_data(choices: list[Network], chosen: int) -> dict[str, Any]:
     """What the page's allocation must know: tokens and authority of the craft, and its constants."""
+    architecture = choices[chosen].architecture
     period, *authority = architecture.authority or (0.0,) * 7
     return {
         "tokens": architecture.tokens,
         "authority": [period, *authority, min(authority[:4]), min(authority[4:])],
-        "prices": [one.price * PRICE for one in choices],
-        "chosen": choices.index(architecture.frugality),
+        "prices": [one.architecture.frugality.price * PRICE for one in choices],
+        "chosen": chosen,
         "fall": FALL,
         "passes": PASSES,
         "subsets": MOST_SUBSETS,
