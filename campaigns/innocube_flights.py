@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rans_robot.identify.log import FlightLog
 from scipy.spatial.transform import Rotation
 
-from campaigns.innocube_telemetry import Telemetry
 from rans.flight import Controller, fly
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3, leaves
@@ -58,21 +58,23 @@ class Manoeuvre:
         return _angles(self.attitude)
 
 
-def manoeuvres_of(folder: Path, telemetry: Telemetry) -> Iterator[Manoeuvre]:
+def manoeuvres_of(folder: Path, log: FlightLog) -> Iterator[Manoeuvre]:
     """Manoeuvres of a folder, one a goal; goals that the satellite had already or kept too briefly are left out."""
-    commanded = np.abs(telemetry.commands).max(axis=1) > 0.0
-    attitude = Rotation.from_matrix(telemetry.attitude).as_quat(scalar_first=True)
-    for goal in range(telemetry.goals[-1] + 1):
-        rows = np.flatnonzero(commanded & (telemetry.goals == goal))
+    assert log.wheel_speeds is not None
+    commanded = np.abs(log.commands).max(axis=1) > 0.0
+    goals = np.zeros(len(log.times), int) if log.frames is None else log.frames
+    by_pd = folder.parent.name == "pd" or folder.name.startswith("pd-")
+    for goal in range(goals[-1] + 1):
+        rows = np.flatnonzero(commanded & (goals == goal))
         if not len(rows):
             continue
         part = slice(rows[0], rows[-1] + 1)
         manoeuvre = Manoeuvre(
-            "PD" if folder.parent.name == "pd" else "learned",
-            telemetry.times[part] - telemetry.times[rows[0]],
-            attitude[part],
-            telemetry.rates[part],
-            telemetry.speeds[part],
+            "PD" if by_pd else "learned",
+            log.times[part] - log.times[rows[0]],
+            log.attitude[part] / np.linalg.norm(log.attitude[part], axis=1, keepdims=True),
+            log.spin[part],
+            -log.wheel_speeds[part],
         )
         if manoeuvre.errors[0] > _FAR and manoeuvre.times[-1] >= _SHORTEST:
             yield manoeuvre

@@ -101,7 +101,7 @@ processor, and identification in the plane 74 s on all, 795 s of processor time.
 than an hour is not known: Drake and CasADi were not installed there.
 
 The tables of [InnoCube's telemetry](../packages/robot/docs/innocube.md) come from
-`python -m campaigns.innocube FOLDER`, with the data in FOLDER. They have no licence yet, so there
+`rans identify` and `python -m campaigns.innocube FOLDER`, with data in FOLDER. They have no licence yet, so there
 is no evidence here, and `rans reproduce` leaves these tables out.
 
 ## Other figures

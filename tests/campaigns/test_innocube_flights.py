@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rans_robot.identify.log import FlightLog
 from scipy.spatial.transform import Rotation
 
-from campaigns.innocube import identified
+import rans
 from campaigns.innocube_flights import (
     InnoCubePD,
     Manoeuvre,
@@ -18,7 +19,6 @@ from campaigns.innocube_flights import (
     manoeuvres_of,
     simulated,
 )
-from campaigns.innocube_telemetry import Telemetry
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
@@ -52,19 +52,31 @@ def manoeuvre(turn: float) -> Manoeuvre:
     return Manoeuvre("PD", times, same * q, same * [0.01, -0.02, 0.03], same * [3.0, -5.0, 9.0])
 
 
+def log_of(one: Manoeuvre, **parts: np.ndarray) -> FlightLog:
+    """A manoeuvre as its reader gives it: speeds about the axes, which the satellite counts against them."""
+    none = np.full_like(one.rates, np.nan)
+    still = np.zeros_like(one.rates)
+    log = FlightLog(
+        "log", one.times, still, one.times, none, one.attitude, none, one.rates, -one.speeds
+    )
+    return replace(log, **parts)
+
+
 def test_the_fit_finds_the_inertia_of_the_simulated_craft() -> None:
-    """Attitude, rates and speeds of a simulation keep R (J w - s), as the telemetry does: all signs are its own."""
+    """Attitude, rates and speeds of a simulation keep the momentum, as the telemetry does: all signs are its."""
     flown = simulated(INNOCUBE, [manoeuvre(1.8)], InnoCubePD())[0]
-    rotations = Rotation.from_quat(flown.attitude, scalar_first=True).as_matrix()
-    none = np.zeros_like(flown.rates)
-    goals = np.zeros(len(flown.times), int)
-    telemetry = Telemetry(flown.times, rotations, flown.rates, flown.speeds, none, goals)
-    result = identified(telemetry, torque=False)
-    wheel = INNOCUBE.wheels[0].inertia
-    # The fit has a wheel's own inertia within that of the whole.
-    whole = np.diag(INNOCUBE.inertia) / wheel + 1.0
-    assert result.moments == pytest.approx(whole, rel=1e-6)
-    assert result.residual < 1e-6
+    wrong = replace(
+        INNOCUBE,
+        inertia=tuple(
+            tuple(x * factor for x in row)
+            for row, factor in zip(INNOCUBE.inertia, (1.1, 0.95, 1.2), strict=True)
+        ),
+    )
+    found = rans.identify(log_of(flown), wrong).spacecraft
+    scale = found.wheels[0].inertia / INNOCUBE.wheels[0].inertia
+    assert np.diag(np.array(found.inertia)) / scale == pytest.approx(
+        np.diag(np.array(INNOCUBE.inertia)), rel=1e-3
+    )
 
 
 def test_a_manoeuvre_is_flown_to_its_end_and_measured() -> None:
@@ -106,13 +118,13 @@ def test_figures_by_hand() -> None:
 def test_manoeuvres_begin_where_wheels_are_commanded() -> None:
     """Two goals: one that the satellite has, and one far away, commanded from its second row on for 60 s."""
     count = 40
-    far = Rotation.from_rotvec([1.0, 0.0, 0.0]).as_matrix()
     goals = np.repeat([0, 1], [8, count - 8])
-    attitude = np.where((goals == 1)[:, None, None], far, np.eye(3))
+    far = [np.cos(0.5), np.sin(0.5), 0.0, 0.0]
+    attitude = np.where((goals == 1)[:, None], far, [1.0, 0.0, 0.0, 0.0])
     commands = np.ones((count, 3)) * (np.arange(count) != 8)[:, None]
     still = np.zeros((count, 3))
-    times = 2.0 * np.arange(count)
-    telemetry = Telemetry(times, attitude, still, still, commands, goals)
+    one = Manoeuvre("PD", 2.0 * np.arange(count), attitude, still, still)
+    telemetry = log_of(one, commands=commands, frames=goals)
     (only,) = manoeuvres_of(Path("pd/day"), telemetry)
     assert (only.flown_by, only.times[0], only.times[-1]) == ("PD", 0.0, 60.0)
     assert only.errors == pytest.approx(np.ones(31))

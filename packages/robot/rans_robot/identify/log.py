@@ -369,8 +369,13 @@ def _check_rates(what: str, parts: dict[str, np.ndarray]) -> None:
 
 
 _TURNING = 0.5
-"""Median difference between turns of attitude and of rates, as a part of the turn, from which they are of two
-motions: stamps of whole seconds leave a quarter."""
+"""Median difference between turns of attitude and of rates, as a part of the turn, up to which they are of one
+motion."""
+_BETTER = 0.5
+"""Part of the difference as read, below which another reading is meant."""
+_APART = 1.2
+"""Difference from which no reading is meant: stamps of whole seconds, a second apart, and noise leave 0.8, and
+unrelated turns 1.4."""
 _SMALL_TURN = 2.0
 """rad: turns between two rows above it are not compared, since one of more than half a turn seems a smaller one."""
 
@@ -407,10 +412,14 @@ def _check_turns(what: str, log: FlightLog, together: Any) -> None:
         "are the rates in degrees/s": (first, 1.0, np.radians(1.0)),
     }
     differences = {text: difference(*change) for text, change in usual.items()}
-    near = [text for text, value in differences.items() if value < 0.5 * _TURNING]
     own = difference(first, 1.0, 1.0)
     # Turns that are all too large to be compared say nothing, unless others fit.
-    if own <= _TURNING or (np.isnan(own) and not near):
+    near = [
+        text
+        for text, value in differences.items()
+        if value < _TURNING and (np.isnan(own) or value < _BETTER * own)
+    ]
+    if not near and not own > _APART:
         return
     raise ConfigError(
         f"{what}: its attitudes do not turn as its rates say: "

@@ -47,6 +47,9 @@ _ROUNDS = 6
 """Most rounds of values and standard deviations; three suffice."""
 _STEPS = 30
 """Most steps for values; ten suffice."""
+_CALIBRATED = 1.1
+"""Factor on standard deviations: those of errors count as known, and accelerations between rows as smooth. Without
+it intervals of 95 % held 91.6 % of the values of 40 simulated satellites, with it 94.4 %."""
 _OUTLIER = 5.0
 """Standard deviations (of three numbers together) from which a row is left out: one of 200,000 normal ones is."""
 
@@ -117,12 +120,11 @@ class MomentumFit:
 class _Rows:
     """Readings of a log in which everything was measured, and the momenta that external torques give."""
 
-    def __init__(self, log: FlightLog, unit: float) -> None:
+    def __init__(self, log: FlightLog) -> None:
         assert log.wheel_speeds is not None
         read = np.isfinite(log.attitude).all(axis=1) & np.isfinite(log.spin).all(axis=1)
         read &= np.isfinite(log.wheel_speeds).all(axis=1)
         self.log = log
-        self.unit = unit
         self.index = np.flatnonzero(read)
         self.t = log.times[read] - log.times[read][0]
         self.rates = log.spin[read]
@@ -207,11 +209,11 @@ class _Momentum:
         """(3, W)."""
         self.unit = float(np.mean([wheel.inertia for wheel in craft.wheels]))
         """kg m^2: momenta are in units of it."""
-        self.rows = [_Rows(log, self.unit) for log in logs]
         units = np.full(len(nominal), self.unit)
         units[-2:] = 1.0
         self.nominal = nominal / units
         self.prior = prior / units
+        self.rows = [_Rows(log) for log in logs]
         # The scale of everything is that of the file: the sum of the moments stays, so that zz follows from xx, yy.
         count = len(self.nominal)
         self.free = np.delete(np.eye(count), 5, axis=1)
@@ -368,7 +370,7 @@ def fit_momentum(
 
         before = np.array([np.log(spread[one.name]) for one in _SPREADS])
         found = minimize(
-            cost, before, method="L-BFGS-B", bounds=bounds, options={"maxiter": 30, "ftol": 1e-7}
+            cost, before, method="L-BFGS-B", bounds=bounds, options={"maxiter": 20, "ftol": 1e-6}
         )
         spread = _named(found.x)
         if number and not left_out and np.max(np.abs(found.x - before)) < 0.05:
@@ -446,6 +448,11 @@ def _adjust(
         weighed = (whitening.mT @ white[..., None])[..., 0]
         rows.rate_errors = spread["spin"] ** 2 * weighed @ model.tensor(values)
         rows.speed_errors = spread["wheel speed"] ** 2 * (weighed @ model.axes) * values[6:-2]
+        # An instant that is off by a time has speeds that are off by their acceleration times it.
+        _, by_speeds, _, _ = model.momentum(rows, values)
+        off = spread["jitter of speeds"] ** 2 * np.sum(by_speeds * weighed, axis=1)
+        accelerations = rows.acceleration + 0.5 * values[-2] * rows.jerk
+        rows.speed_errors = rows.speed_errors + off[:, None] * accelerations
         result.append((error, white))
     return result
 
@@ -483,6 +490,7 @@ def _result(
     ]
     torques = []
     inflation = _inflation(model, white)
+    wider = inflation * _CALIBRATED**2
     for number, rows in enumerate(model.rows):
         starts = 3 * rows.starts.shape[1]
         _, _, _, lower, _, _ = linear.parts[number]
@@ -508,7 +516,7 @@ def _result(
                 rows.log.source,
                 rows.log.times[rows.index[0]] + rows.knots,
                 scale * (gained @ unknown),
-                scale * deviation * np.sqrt(inflation),
+                scale * deviation * np.sqrt(wider),
             )
         )
 
@@ -522,7 +530,7 @@ def _result(
 
     return MomentumFit(
         values * unit,
-        inflation * _covariance(model, linear) * np.outer(unit, unit),
+        wider * _covariance(model, linear) * np.outer(unit, unit),
         spread,
         whole(left),
         whole(sheet),
