@@ -16,7 +16,12 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPosition
 from tests.support.engines import FLYER, PLATFORM
-from tests.support.host_kernels import SEED, compare, needs_compiler
+from tests.support.host_kernels import (
+    SEED,
+    compare,
+    needs_compiler,
+    on_host,  # noqa: F401  (a fixture)
+)
 
 pytestmark = needs_compiler
 
@@ -74,7 +79,7 @@ class AroundAnOblatePlanet(OnAnEllipse):
     ],
     ids=["ellipse", "oblate", "oblate in space", "point"],
 )
-def test_an_orbit_steps_and_restarts_as_on_numpy(on_host: Any, craft: Any, task: Any) -> None:
+def test_an_orbit_steps_and_restarts_as_on_numpy(on_host: Any, craft: Any, task: Any) -> None:  # noqa: F811
     made: Any = (craft, task, 8, Timing(episode_steps=4))
     how: Any = {"seed": SEED, "dtype": torch.float64}
     ours = Engine(*made, **how)
