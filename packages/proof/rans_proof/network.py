@@ -55,7 +55,7 @@ _PROBES = 1000
 """States on which layers are compared with ONNX Runtime, half of them around the starts; it takes some 20 ms."""
 _TOLERANCE = 1e-3
 """Largest difference from ONNX Runtime, a part of the largest answer to the states around the starts: commands have
-any unit. Single precision errs by some 1e-6 of it, or by 4e-4 of an answer that is a thousandth of its terms;
+any unit. Single precision errs by some 1e-6 of it, or by 1e-3 of an answer that is a thousandth of its terms;
 a graph that is misread errs by a part of the answers."""
 _SINGLE = 2.0**-24
 """Unit roundoff of single precision."""
