@@ -65,6 +65,7 @@ LAYERS: list[set[str]] = [
     {"validation.judges"},
     {"rans.api"},
     {"rans.cli"},
+    {"rans.extend"},
     {"campaigns"},
     {"rans.__main__"},
 ]
@@ -83,7 +84,7 @@ JUDGES = {"rans.reference.nozzles": {"Pulsed", "Throttle"}}
 
 LOADERS = {"load_spacecraft", "load_task", "load_conditions"}
 """Functions that take a name, a file or an object."""
-DOORS = "rans.api", "rans.cli", "rans.environment", "rans.fast.engine"
+DOORS = "rans.api", "rans.cli", "rans.environment", "rans.extend", "rans.fast.engine"
 """Where users' names, files and strings become values; below them functions take values."""
 INNER_DOORS = {
     "rans.evaluation.fly.contestants",  # the text of a contestant names a task and a spacecraft

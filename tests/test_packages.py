@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import re
 import tomllib
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
 import rans
+from rans import extend
 from rans.abilities import EXTRA_OF, PUBLIC
 from rans.cli.commands import COMMANDS
 from rans.deploy.export import EXPORTERS
@@ -97,3 +101,37 @@ def test_a_package_has_the_version_of_the_core_and_a_readme_of_a_screen(folder: 
 def test_tests_of_packages_are_modules_by_their_paths() -> None:
     """As packages of Python all of them would be `tests`, and two conftest.py one module, which ends pytest."""
     assert not list((ROOT / "packages").glob("*/tests/**/__init__.py"))
+
+
+USERS = [*PACKAGES, *sorted(ROOT.glob("examples/plugins/*")), ROOT / "examples" / "plugin"]
+
+
+def imported_from_the_core(folder: Path) -> set[tuple[str, str]]:
+    """Modules of the core and names in them that a package imports, without its tests."""
+    return {
+        (node.module, alias.name)
+        for file in folder.rglob("*.py")
+        if "tests" not in file.parts
+        for node in ast.walk(ast.parse(file.read_text("utf-8")))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("rans.")
+        for alias in node.names
+        if node.module
+    }
+
+
+def test_what_two_packages_build_on_is_named_in_one_module() -> None:
+    """`rans.extend` has few names, each with a docstring and two users, and nobody goes round it."""
+    homes = extend.homes(extend.__file__)
+    assert len(homes) <= 120
+    used: Counter[str] = Counter()
+    for folder in USERS:
+        names = imported_from_the_core(folder)
+        used.update({name for module, name in names if module == "rans.extend"})
+        assert not {(module, name) for module, name in names if homes.get(name) == module}, folder
+    assert {name for name in homes if used[name] < 2} == set()
+    for name in homes:
+        value = getattr(extend, name)
+        # Functions of fields are made by one maker, and have their texts where they are assigned.
+        made = getattr(value, "__name__", "") == "<lambda>"
+        if (isinstance(value, type) or inspect.isfunction(value)) and not made:
+            assert value.__doc__, name

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from rans import ConfigError, Spacecraft, Timing
-from rans.tasks import Task
+from rans.extend import Task
 
 
 class Steer:

@@ -6,10 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.measure.metrics import Sample
-from rans.flight import Flight
-from rans.show.pages.page import Section
-from rans.table import Table
+from rans.extend import Flight, Sample, Section, Table
 
 _SECONDS = 5.0
 """Time in which a craft accelerates towards its goal, s."""

@@ -2,12 +2,19 @@
 
 from dataclasses import dataclass
 
-from rans.model.dynamics import State
-from rans.model.fields import Field, absolute, at_least
-from rans.model.random import Random
-from rans.tasks import SingleTask
-from rans.tasks.observation_terms import ObservationTerm, VectorInW
-from rans.tasks.rewards import Transition, nearness, speed
+from rans.extend import (
+    Field,
+    ObservationTerm,
+    Random,
+    SingleTask,
+    State,
+    Transition,
+    VectorInW,
+    absolute,
+    at_least,
+    nearness,
+    speed,
+)
 
 
 @dataclass(frozen=True)

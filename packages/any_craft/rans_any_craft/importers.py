@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rans.errors import ConfigError, brief, counted
+from rans.extend import ConfigError, brief, counted
 from rans.model.actuators import Wheel
 from rans.model.foreign import Foreign, Nozzle
 

@@ -21,13 +21,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.errors import NonFiniteState
-from rans.model.spacecraft import Spacecraft
+from rans.extend import Architecture, Network, NonFiniteState, Spacecraft, Task, Workers, layout
 from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
 from rans.model.twists import balanced, cone_pushes, directions, thrust
 from rans.policy.allocation import continuous_price, in_order, subsets, thrust_price
 from rans.policy.any_craft import RANGES, authority, coast, columns_of, effects, last_layer
-from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.architecture import EXTRACTOR
 from rans.policy.authority import (
     SCALARS,
     TURNS,
@@ -38,8 +37,6 @@ from rans.policy.authority import (
     rotation_vector,
     width,
 )
-from rans.policy.network import Network
-from rans.processes import Workers
 from rans.randomization.layouts import (
     IN_SPACE,
     LayoutRanges,
@@ -48,8 +45,6 @@ from rans.randomization.layouts import (
     canonical,
     sample_layout,
 )
-from rans.tasks import Task
-from rans.tasks.derived import layout
 
 _TABLE = 256
 """Largest number of subsets of a layout in training: those that demands up to 3 choose most often."""

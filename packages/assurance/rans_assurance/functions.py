@@ -9,20 +9,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rans.api.agent_data import AgentData
-from rans.api.judging import CRAFT, ConditionsLike, SpacecraftLike
-from rans.api.names import (
-    conditions_by_name,
-    conditions_if_named,
+from rans.api.judging import CRAFT, ConditionsLike
+from rans.api.names import conditions_by_name, conditions_if_named
+from rans.extend import (
+    EVALUATION_SEED,
+    Conditions,
+    ConfigError,
+    Spacecraft,
+    SpacecraftLike,
     load_conditions,
     load_spacecraft,
+    whole,
 )
-from rans.errors import ConfigError, whole
-from rans.model.spacecraft import Spacecraft
-from rans.randomization.conditions import Conditions
-from rans.scenario import ASSURANCE_SEED, EVALUATION_SEED
+from rans.scenario import ASSURANCE_SEED
 
 if TYPE_CHECKING:
-    from rans.evaluation.fly.episodes import EngineName
+    from rans.extend import EngineName
     from rans.randomization.conditions import FaultKind
     from rans.randomization.faults import FaultSet
     from rans_assurance.assure.assurance import Assurance
@@ -76,7 +78,7 @@ def stress(
         ConfigError: there is no such contestant or disturbance, or a number is out of its range.
     """
     from rans.evaluation.compare.entrants import contest_of, invitations
-    from rans.files import ready_folder
+    from rans.extend import ready_folder
     from rans.show.progress import watched
     from rans_assurance.pages.stress_page import StressReport
     from rans_assurance.stress.run import prepared
@@ -147,9 +149,7 @@ def assure(
     Raises:
         ConfigError: there is no such agent, or a number is out of its range.
     """
-    from rans.evaluation.fly.contestants import contestant
-    from rans.fast.device import torch_device
-    from rans.files import ready_folder, write_json
+    from rans.extend import contestant, ready_folder, torch_device, write_json
     from rans.show.progress import watched
     from rans_assurance.assure.assurance import Assurance
     from rans_assurance.assure.bounds import plan

@@ -12,11 +12,7 @@ from typing import Any
 import numpy as np
 
 from rans.effectors.commands import per_velocity
-from rans.errors import ConfigError, require
-from rans.files import read_bytes
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
-from rans.tasks import Task
+from rans.extend import ConfigError, Spacecraft, Task, Timing, read_bytes, require
 from rans_missions.tasks import Dock
 
 NORMS = np.array([100.0, 100.0, 100.0, 0.5, 0.5, 0.5, 1.0, 1.0])

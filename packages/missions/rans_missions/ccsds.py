@@ -20,12 +20,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.errors import ConfigError, RansWarning, brief, checked, counted
-from rans.files import read_text, write_text
-from rans.flight import Flight
+from rans.errors import RansWarning
+from rans.extend import (
+    ConfigError,
+    Flight,
+    Quat,
+    Task,
+    brief,
+    checked,
+    counted,
+    map_leaves,
+    read_text,
+    write_text,
+)
 from rans.model.drift import ClohessyWiltshire
-from rans.model.fields import Quat, map_leaves
-from rans.tasks import Task
 from rans_missions.orbits.earth import EARTH
 
 FRAME = "EME2000"

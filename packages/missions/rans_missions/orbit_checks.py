@@ -12,11 +12,8 @@ from typing import Any
 import numpy as np
 
 from rans.evaluation.measure.metrics import impulses
-from rans.flight import fly
+from rans.extend import TASKS, Spacecraft, fly, scenarios
 from rans.model.drift import ClohessyWiltshire
-from rans.model.spacecraft import Spacecraft
-from rans.scenario import scenarios
-from rans.tasks import TASKS
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.orbits.elliptic import EllipticOrbit
 from rans_missions.tasks import Dock, TargetOrbit

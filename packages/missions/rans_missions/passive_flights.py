@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
-from rans.evaluation.measure.metrics import Sample
-from rans.flight import Flight
+from rans.extend import ConfigError, Flight, Sample
 from rans.model.drift import ClohessyWiltshire
 from rans_missions.passive_safety import (
     CoastZone,

@@ -16,9 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rans.extend import Task, Vec3
 from rans.model.drift import ClohessyWiltshire
-from rans.model.fields import Vec3
-from rans.tasks.base import Task
 
 PRECISION = 0.01
 """Largest error of a distance from line segments, m: a hundredth of the least position tolerance of a mission."""

@@ -9,12 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rans.evaluation.problems import Problem
-from rans.files import distinct, ready_folder, write_json
-from rans.model.spacecraft import Spacecraft
+from rans.extend import (
+    EVALUATION_SEED,
+    Spacecraft,
+    Task,
+    Terminal,
+    distinct,
+    progress,
+    ready_folder,
+    stages,
+    write_json,
+)
 from rans.model.spacecraft_file import spacecraft_label
-from rans.scenario import EVALUATION_SEED
-from rans.tasks import Task
-from rans.terminal import Terminal, progress, stages
 from rans_missions.bounds.first_starts import bounded, mission_bounds, steps_of
 from rans_missions.tasks import Land
 from rans_missions.tasks.orbital import OrbitalMission

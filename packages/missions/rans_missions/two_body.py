@@ -16,11 +16,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from rans.errors import ConfigError
-from rans.model.body import Body
-from rans.model.fields import Vec3, leaves
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
+from rans.extend import Body, ConfigError, Spacecraft, Timing, Vec3, leaves
 from rans.randomization.parameters import StepInputs
 from rans_missions.orbits.earth import EARTH
 from rans_missions.orbits.elliptic import EllipticOrbit

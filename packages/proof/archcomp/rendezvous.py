@@ -28,7 +28,7 @@ from rans_proof.check_hybrid import check
 from rans_proof.hybrid import search
 from scipy.linalg import expm
 
-from rans.terminal import Terminal
+from rans.extend import Terminal
 
 PROBLEM = tomllib.loads((Path(__file__).parent / "rendezvous.toml").read_text())
 APPROACH, ATTEMPT = (tuple(map(tuple, mode["rates"][2:])) for mode in PROBLEM["mode"])

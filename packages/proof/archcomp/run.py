@@ -23,7 +23,7 @@ from rans_proof.network import network_of
 from rans_proof.problem import read_problem
 from rans_proof.prove import prove
 
-from rans.terminal import Terminal
+from rans.extend import Terminal
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parents[2] / "examples" / "proofs"

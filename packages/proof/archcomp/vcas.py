@@ -18,7 +18,7 @@ from flint import arb, arb_mat, ctx
 from rans_proof.balls import absolute_row_sums, column, network_enclosure
 from rans_proof.check import layers_of
 
-from rans.terminal import Terminal
+from rans.extend import Terminal
 
 G = arb(322) / 10
 """ft/s^2."""

@@ -6,7 +6,7 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
-from rans.files import read_bytes, write_json
+from rans.extend import read_bytes, write_json
 from rans_proof.prove import Proof
 
 LARGEST = 2**28

@@ -22,9 +22,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import acb, arb, arb_mat, ctx
 
-from rans.errors import RansError, brief
+from rans.extend import Network, RansError, brief
 from rans.fast.agent_files.agent import policy_of
-from rans.policy.network import Network
 from rans_proof.balls import (
     Refused,
     absolute_row_sums,

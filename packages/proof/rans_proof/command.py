@@ -15,9 +15,7 @@ import numpy as np
 from tyro.conf import Positional, arg
 
 from rans.cli.numbers import named_numbers
-from rans.errors import ConfigError, is_installed, require
-from rans.files import read_bytes
-from rans.terminal import Terminal, progress
+from rans.extend import ConfigError, Terminal, is_installed, progress, read_bytes, require
 
 if TYPE_CHECKING:
     from rans_proof.prove import Proof
@@ -93,9 +91,7 @@ class Prove:
 
     def _trap(self, agent: str) -> int:
         """Prove a trapping set."""
-        from rans.evaluation.fly.agent import load_policy
-        from rans.evaluation.fly.contestant_name import ContestantName
-        from rans.fast.learn.run_folder import RunFolder
+        from rans.extend import ContestantName, RunFolder, load_policy
         from rans_proof import trap as traps
         from rans_proof.trap_certificate import LARGEST
 
@@ -192,7 +188,7 @@ class Prove:
     def _check_trap(self, agent: str, certificate: Path) -> int:
         """Check the certificate of a trapping set."""
         require("flint")
-        from rans.evaluation.fly.contestant_name import ContestantName
+        from rans.extend import ContestantName
         from rans_proof.trap_certificate import LARGEST, read_certificate
 
         # The certificate, the agent and the cover, before other processes begin with the cells.
@@ -214,7 +210,7 @@ class Prove:
 
     def _prove(self, network: Path) -> int:
         """Prove a property of a network with the plant of a problem's file."""
-        from rans.fast.device import torch_device
+        from rans.extend import torch_device
         from rans_proof.certificate import write_certificate
         from rans_proof.network import LARGEST, network_of
         from rans_proof.problem import read_problem
@@ -316,7 +312,8 @@ class Prove:
         statement: str = "",
     ) -> int:
         """Judge cells in several processes, and print the result, with the statement that is proved."""
-        from rans.processes import Workers, nothing
+        from rans.extend import Workers
+        from rans.processes import nothing
 
         begun = time.monotonic()
         least = math.inf

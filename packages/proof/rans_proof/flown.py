@@ -16,16 +16,22 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from rans.errors import ConfigError, brief
-from rans.evaluation.fly.agent import Agent, LoadedRun, load_policy
-from rans.flight import fly
-from rans.model.dynamics import PlanarState
-from rans.model.fields import Heading, Vec2
-from rans.policy.architecture import Architecture
+from rans.extend import (
+    Agent,
+    Architecture,
+    ConfigError,
+    Heading,
+    LoadedRun,
+    Network,
+    PlanarState,
+    Scenario,
+    Vec2,
+    brief,
+    fly,
+    layout,
+    load_policy,
+)
 from rans.policy.heads import OnOff
-from rans.policy.network import Network
-from rans.scenario import Scenario
-from rans.tasks.derived import layout
 from rans.tasks.tracking import TrackVelocity
 from rans_proof.trap_certificate import FILES
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, brief
+from rans.extend import ConfigError, brief
 
 FUNCTIONS = ("sin", "cos", "tan", "exp", "sqrt")
 """Functions of one argument that formulas may have."""

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from rans.errors import ConfigError
+from rans.extend import ConfigError
 from rans_proof.plants import Piece
 from rans_proof.problem import Problem
 from rans_proof.relaxation import Planes, Zonotope

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.errors import ConfigError, brief, require
-from rans.files import first_line, read_bytes
+from rans.extend import ConfigError, brief, first_line, read_bytes, require
 
 LARGEST = 2**26
 """Bytes of an ONNX file that is read; networks in control have less than a thousandth of it."""

@@ -7,9 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rans.errors import ConfigError
-from rans.show.pages.page import Finding, Section
-from rans.table import Table
+from rans.extend import ConfigError, Finding, Section, Table
 from rans_proof.proved import FILE, proved
 
 

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, brief, counted
-from rans.files import read_text
+from rans.extend import ConfigError, brief, counted, read_text
 from rans.structure import read_toml
 from rans_proof.formula import formula_value
 

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.errors import ConfigError
+from rans.extend import ConfigError
 from rans_proof.flights import at_decisions, lowest_margins, worst_start
 from rans_proof.motion import TaylorPlant
 from rans_proof.network import Layer

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from rans.files import inside, read_bytes
+from rans.extend import inside, read_bytes
 from rans_proof.trap_certificate import FILES, LARGEST, read_certificate
 from rans_proof.verdicts import Verdict, recorded
 

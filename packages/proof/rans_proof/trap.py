@@ -20,10 +20,8 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from rans.errors import ConfigError
-from rans.files import write_text
-from rans.model.spacecraft import Spacecraft, check_rigid
-from rans.policy.network import Network
+from rans.extend import ConfigError, Network, Spacecraft, write_text
+from rans.model.spacecraft import check_rigid
 from rans.policy.traced import parameters
 from rans_proof.flown import check_architecture
 from rans_proof.relaxation import TorchLayer, Zonotope, enclose

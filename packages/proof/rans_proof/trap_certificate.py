@@ -10,8 +10,7 @@ import hashlib
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from rans.errors import ConfigError, brief, is_finite
-from rans.files import parse_json
+from rans.extend import ConfigError, brief, is_finite, parse_json
 
 FORMAT = 2
 """Version of the file. Those of version 1 had no SHA-256 of config.json."""

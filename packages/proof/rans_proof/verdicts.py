@@ -12,8 +12,7 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from rans.errors import ConfigError
-from rans.files import read_json, write_json
+from rans.extend import ConfigError, read_json, write_json
 from rans_proof.trap_certificate import TrapCertificate
 
 Verdict = Literal["checked", "proved", ""]

@@ -11,8 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.errors import ConfigError
-from rans.files import first_line, open_regular, replace_file
+from rans.extend import ConfigError, first_line
+from rans.files import open_regular, replace_file
 from rans_robot.messages import definition
 
 LARGEST_BAG = 2**31

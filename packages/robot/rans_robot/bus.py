@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Literal, Protocol
 
-from rans.errors import ConfigError, brief
+from rans.extend import ConfigError, brief
 from rans_robot.messages import types
 
 BusName = Literal["dds", "zenoh", "udp"]

@@ -9,10 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, positive
-from rans.files import package_version, ready_folder, replace_file, write_json, write_text
-from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import to_toml
+from rans.extend import (
+    ConfigError,
+    Spacecraft,
+    positive,
+    ready_folder,
+    to_toml,
+    write_json,
+    write_text,
+)
+from rans.files import package_version, replace_file
 from rans_robot.identify import excite
 from rans_robot.identify.motion import check_identifiable
 

@@ -6,10 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rans.api.judging import SpacecraftLike
-from rans.api.names import load_spacecraft
-from rans.errors import ConfigError, brief, positive
-from rans.model.spacecraft import Spacecraft
+from rans.extend import ConfigError, Spacecraft, SpacecraftLike, brief, load_spacecraft, positive
 from rans.settled import settled_alone
 
 if TYPE_CHECKING:

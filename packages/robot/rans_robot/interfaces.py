@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from rans.errors import ConfigError, brief
+from rans.extend import ConfigError, brief
 from rans_robot.frames import Motion, rotated, swapped
 from rans_robot.messages import (
     FLOATS,

@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linprog
 
-from rans.errors import ConfigError, brief, counted
-from rans.files import first_line, parse_json, read_text
-from rans.model.spacecraft import Spacecraft
+from rans.extend import ConfigError, Spacecraft, brief, counted, first_line, parse_json, read_text
 from rans_robot.bag import BagMessage, bag_entries
 from rans_robot.identify.log import MOST_READINGS, FlightLog, unstamped, unstamped_note
 from rans_robot.interfaces import WHEELS_TOPIC, Interface, RobotName, interface, read_wheels

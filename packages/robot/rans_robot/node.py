@@ -18,12 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.errors import ConfigError, brief, positive
 from rans.evaluation.fly.exported import read_contract
-from rans.files import parse_json
-from rans.registry import are_files_trusted
+from rans.extend import TASKS, ConfigError, Task, are_files_trusted, brief, parse_json, positive
 from rans.structure import structure
-from rans.tasks import TASKS, Task
 from rans_robot.bag import BagMessage, Recorder, bag_entries
 from rans_robot.bus import Bus
 from rans_robot.frames import Motion

@@ -18,22 +18,37 @@ import numpy as np
 from rans.deploy.contract import PAIRED, RecordedFlights, contract, flights_of_training, golden
 from rans.deploy.export import write_agent
 from rans.effectors.commands import command_bounds
-from rans.episode import Setup, World
-from rans.errors import ConfigError, is_finite, positive
-from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.exported import code_of, failing_as_config_error, read_contract
+from rans.extend import (
+    Ball,
+    ConfigError,
+    Heading,
+    PlanarState,
+    Quat,
+    RunFolder,
+    Setup,
+    Spacecraft,
+    SpatialState,
+    State,
+    Task,
+    Vec2,
+    Vec3,
+    World,
+    is_finite,
+    load_policy,
+    map_leaves,
+    positive,
+    read_text,
+    scenario,
+    write_json,
+    write_text,
+)
 from rans.fast.agent_files.agent import read_policy
-from rans.fast.learn.run_folder import RunFolder
-from rans.files import plain, read_text, write_json, write_text
-from rans.model.dynamics import PlanarState, SpatialState, State
-from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
-from rans.model.spacecraft import Spacecraft
+from rans.files import plain
 from rans.model.spacecraft_file import read_spacecraft
 from rans.safety_filters import safety_filter
-from rans.scenario import scenario
 from rans.structure import LARGEST_TOML
-from rans.tasks.base import Task, observation
-from rans.tasks.shapes import Ball
+from rans.tasks.base import observation
 from rans_robot.frames import Motion, heading_of, quaternion_of
 from rans_robot.interfaces import (
     WHEELS_TOPIC,

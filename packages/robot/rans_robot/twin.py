@@ -15,16 +15,27 @@ import numpy as np
 
 from rans.effectors.commands import command_bounds
 from rans.effectors.wheels import wheel_speeds
-from rans.episode import Setup, World, step
-from rans.errors import ConfigError, is_finite, positive, whole
-from rans.evaluation.fly.episodes import EngineName
-from rans.model.fields import finite, leaves, map_leaves
-from rans.model.random import seed_words
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import MOST_STEPS, Timing
-from rans.randomization.conditions import Conditions, bounds
-from rans.scenario import draws
-from rans.tasks.go_to_pose import GoToPose
+from rans.extend import (
+    MOST_STEPS,
+    Conditions,
+    ConfigError,
+    EngineName,
+    GoToPose,
+    Setup,
+    Spacecraft,
+    Timing,
+    World,
+    bounds,
+    draws,
+    is_finite,
+    leaves,
+    map_leaves,
+    positive,
+    seed_words,
+    step,
+    whole,
+)
+from rans.model.fields import finite
 from rans_robot.bus import Bus
 from rans_robot.frames import Motion
 from rans_robot.interfaces import Interface, RobotName, interface, wheels_message
@@ -110,7 +121,7 @@ class Craft:
         self._now = _of_numbers(self._world.begin(start, goal, 0, self._draws))
         self._move = None
         if plan.engine == "drake":
-            from rans.reference.flight import DrakeMover
+            from rans.extend import DrakeMover
 
             self._move = DrakeMover(craft, timing)
         self._command = np.zeros(craft.command_count)

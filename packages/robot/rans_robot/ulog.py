@@ -11,9 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, counted, require
-from rans.files import first_line, read_bytes
-from rans.model.spacecraft import Spacecraft
+from rans.extend import ConfigError, Spacecraft, counted, first_line, read_bytes, require
 from rans_robot.frames import swapped_attitude, swapped_body, swapped_world
 from rans_robot.identify.log import FlightLog, unstamped, unstamped_note
 from rans_robot.identify.motion import rotate

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.errors import ConfigError, brief, is_finite
-from rans.files import parse_json
+from rans.extend import ConfigError, brief, is_finite, parse_json
 from rans_robot.messages import TEXT, unpack
 
 LARGEST_MESSAGE = 4096

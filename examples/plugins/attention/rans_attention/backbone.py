@@ -8,11 +8,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from rans.extend import Program
 from rans.model.fields import exp
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.backbones import Backbone, product
 from rans.policy.parts import ArchitectureView, NetworkView
-from rans.policy.program import Program
 
 _TOKEN = 8
 """Numbers of `rans.policy.backbones.effector_tokens`."""

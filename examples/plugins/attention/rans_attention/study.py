@@ -16,17 +16,13 @@ import numpy as np
 import torch
 from rans_gradient.learner import GradientLearner, GradientSettings
 
-from rans.fast.engine import Engine
-from rans.fast.learn.config import ExplorationSettings, PPOSettings
+from rans.extend import Engine, GoToPose, Network, PPOSettings, Spacecraft, Terminal, Timing
+from rans.fast.learn.config import ExplorationSettings
 from rans.fast.learn.learner import Learner
 from rans.fast.learn.member import begin
 from rans.model.actuators import Throttle
-from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft import Thruster
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.policy.network import Network
-from rans.tasks import GoToPose
-from rans.terminal import Terminal
 
 _TASK = GoToPose(spawn_distance=(0.3, 1.0))
 _TIMING = Timing(episode_steps=32)

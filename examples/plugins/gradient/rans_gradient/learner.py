@@ -21,14 +21,22 @@ import torch
 from torch import Tensor
 
 from rans.episode import Episode
-from rans.errors import ConfigError
-from rans.fast.engine import Engine
-from rans.fast.learn.adam import Adam
-from rans.fast.learn.algorithms import Algorithm
-from rans.fast.learn.config import Coefficients, PPOSettings, TrainConfig, require_bounds
-from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
-from rans.model.fields import map_leaves
-from rans.policy.network import Network
+from rans.extend import (
+    Acted,
+    Adam,
+    Algorithm,
+    Coefficients,
+    ConfigError,
+    Engine,
+    Network,
+    PPOSettings,
+    Rollout,
+    TrainConfig,
+    map_leaves,
+    remember,
+    require_bounds,
+)
+from rans.fast.learn.rollout import Batch, gae, minibatches
 
 
 @dataclass(frozen=True)

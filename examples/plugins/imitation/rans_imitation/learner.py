@@ -21,16 +21,23 @@ import torch
 from torch import Tensor
 
 from rans.effectors.commands import command_bounds
-from rans.errors import ConfigError
-from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.fast.engine import Engine
-from rans.fast.learn.adam import Adam
-from rans.fast.learn.algorithms import Algorithm
-from rans.fast.learn.config import Coefficients, PPOSettings, TrainConfig, require_bounds
-from rans.fast.learn.rollout import Acted, Rollout, remember
-from rans.flight import Controller
-from rans.model.fields import map_leaves
-from rans.policy.network import Network
+from rans.extend import (
+    CONTROLLERS,
+    Acted,
+    Adam,
+    Algorithm,
+    Coefficients,
+    ConfigError,
+    Controller,
+    Engine,
+    Network,
+    PPOSettings,
+    Rollout,
+    TrainConfig,
+    map_leaves,
+    remember,
+    require_bounds,
+)
 
 _LEAST_LOG_STD = -6.0
 """Least logarithm of the standard deviation of commands as fractions of their ranges, which bounds the likelihood

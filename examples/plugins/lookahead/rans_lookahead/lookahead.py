@@ -11,13 +11,23 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.episode import Outcome, Setup, World, step
-from rans.errors import ConfigError, brief, checked, is_finite
-from rans.evaluation.fly.agent import Agent, LoadedRun, run_of
+from rans.episode import Outcome
+from rans.evaluation.fly.agent import run_of
+from rans.extend import (
+    Agent,
+    ConfigError,
+    LoadedRun,
+    Setup,
+    Spacecraft,
+    Task,
+    World,
+    brief,
+    checked,
+    is_finite,
+    map_leaves,
+    step,
+)
 from rans.model.actuators import ON_OFF
-from rans.model.fields import map_leaves
-from rans.model.spacecraft import Spacecraft
-from rans.tasks.base import Task
 from rans.tasks.goal_set import arrived, asks_rest
 from rans.tasks.rewards import RestReward, paid
 

@@ -12,8 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rans.errors import ConfigError
-from rans.model.spacecraft import Spacecraft
+from rans.extend import ConfigError, Spacecraft
 from rans.optimal.certificate import hull
 from rans.optimal.certificate.goal_set import GoalSet, rounded_up
 from rans.optimal.certificate.problem import Found, Problem, SearchEffort, Unreachable

@@ -17,8 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rans.model.dynamics import SpatialState
-from rans.model.fields import leaves
+from rans.extend import SpatialState, leaves
 from rans.optimal.certificate.goal_set import GoalSet
 from rans_space_certificates.reach import SpinLattice
 from rans_space_certificates.search import gauss

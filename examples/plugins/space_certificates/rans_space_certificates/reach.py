@@ -18,11 +18,8 @@ from types import ModuleType
 
 import numpy as np
 
-from rans.errors import ConfigError, NonFiniteState
+from rans.extend import ConfigError, NonFiniteState, Quat, Spacecraft, SpatialState, Vec3
 from rans.model.actuators import ON_OFF
-from rans.model.dynamics import SpatialState
-from rans.model.fields import Quat, Vec3
-from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate.goal_set import (
     GoalSet,
     check_certifiable,

@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.model.dynamics import SpatialState
-from rans.model.fields import leaves
+from rans.extend import SpatialState, leaves
 from rans.optimal.certificate.flight import state_after
 from rans.optimal.certificate.goal_set import GoalSet
 from rans_space_certificates.reach import SpinLattice

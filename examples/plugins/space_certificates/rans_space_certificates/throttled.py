@@ -11,12 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.model.dynamics import SpatialState, State
-from rans.model.fields import Field
+from rans.extend import Field, GoToPose, SpatialState, State
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.trajectory.objectives import MinimumFuel
 from rans.optimal.trajectory.transcription import Transcription
-from rans.tasks import GoToPose
 from rans_space_certificates.reach import SpinLattice
 
 _GUESSES = 2

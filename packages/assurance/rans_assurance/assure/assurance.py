@@ -10,20 +10,26 @@ from typing import Any
 
 import torch
 
-from rans.errors import ConfigError
-from rans.evaluation.fly.agent import Agent, LoadedRun
-from rans.evaluation.fly.contestant_name import ContestantName
-from rans.evaluation.fly.contestants import contestant, judged_separately, view_command
+from rans.evaluation.fly.contestants import judged_separately, view_command
 from rans.evaluation.fly.policy_text import is_user_policy
 from rans.evaluation.measure.scope import Scope, scope
+from rans.extend import (
+    Agent,
+    Conditions,
+    ConfigError,
+    ContestantName,
+    LoadedRun,
+    Network,
+    Progress,
+    conditions_text,
+    contestant,
+    read_json,
+    scenarios,
+    unseen,
+)
+from rans.extend import environment as this_environment
 from rans.fast.distributed import ALONE, Processes
-from rans.files import environment as this_environment
-from rans.files import read_json
-from rans.policy.network import Network
-from rans.progress import Progress, Stages, unseen, unseen_stages
-from rans.randomization.conditions import Conditions
-from rans.randomization.conditions_file import conditions_text
-from rans.scenario import scenarios
+from rans.progress import Stages, unseen_stages
 from rans.verdict import Failure, kinds_of_failure
 from rans_assurance.assure.bounds import CampaignPlan, ProbabilityBound
 from rans_assurance.assure.campaign import Campaign

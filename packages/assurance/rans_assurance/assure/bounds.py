@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 
 from scipy.stats import beta, binom
 
-from rans.errors import ConfigError
+from rans.extend import ConfigError
 
 Decision = Literal["below", "above", "open"]
 """Whether a probability is below or above the wanted bound; open: neither is certain."""

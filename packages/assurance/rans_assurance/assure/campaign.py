@@ -10,13 +10,10 @@ from functools import reduce
 from operator import add
 from typing import Any, cast
 
-from rans.episode import Setup
-from rans.errors import ConfigError
+from rans.extend import ConfigError, Controller, Network, Setup
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.flights import Flights
-from rans.flight import Controller
 from rans.flight_statistics import FlightStatistics
-from rans.policy.network import Network
 from rans.progress import Stages, unseen_stages
 from rans.verdict import Failure
 from rans_assurance.assure.bounds import CampaignPlan, Decision, ProbabilityBound, lower, upper

@@ -16,15 +16,12 @@ import numpy as np
 import torch
 from scipy.special import ndtr
 
-from rans.episode import Setup, World
+from rans.extend import Field, Network, Random, Setup, World, bounds, floor, where
 from rans.fast.flights import BATCH, Flights
 from rans.fast.stepping.step import Backend
 from rans.fast.threads import one_thread
-from rans.model.fields import Field, floor, where
-from rans.model.random import Draws, Random
-from rans.policy.network import Network
+from rans.model.random import Draws
 from rans.processes import processors
-from rans.randomization.conditions import bounds
 from rans.randomization.sensors import PER_STEP
 from rans.structure import is_range
 

@@ -6,13 +6,15 @@ import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
-from rans.episode import Setup
-from rans.evaluation.fly.contestant_name import ContestantName
-from rans.fast.learn.run_folder import RunFolder
-from rans.files import read_bytes
-from rans.model.spacecraft_file import to_toml
-from rans.randomization.conditions import Conditions
-from rans.randomization.conditions_file import conditions_text
+from rans.extend import (
+    Conditions,
+    ContestantName,
+    RunFolder,
+    Setup,
+    conditions_text,
+    read_bytes,
+    to_toml,
+)
 from rans.system import PACKAGE_FOLDER
 
 _LARGEST = 2**31

@@ -9,12 +9,10 @@ from operator import add
 import numpy as np
 import torch
 
-from rans.episode import Setup, World
 from rans.evaluation.fly.episodes import fly_draws
-from rans.flight import Controller, Flight
+from rans.extend import Controller, Flight, Setup, Workers, World, seed_words
 from rans.flight_statistics import FlightStatistics
-from rans.model.random import Draws, seed_words
-from rans.processes import Workers
+from rans.model.random import Draws
 from rans.verdict import last_fifth
 
 _SHARE = 1024

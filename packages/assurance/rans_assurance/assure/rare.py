@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import t as student
 
-from rans.errors import ConfigError
+from rans.extend import ConfigError
 from rans.model.random import generator
 from rans_assurance.assure.bounds import lower, upper
 

@@ -8,13 +8,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rans.episode import Setup
-from rans.errors import is_installed
 from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
-from rans.flight import Controller, Flight
-from rans.model.fields import leaves, map_leaves
-from rans.model.random import Draws, seed_words
+from rans.extend import Controller, Flight, Setup, is_installed, leaves, map_leaves, seed_words
+from rans.model.random import Draws
 from rans.verdict import Failure, last_fifth
 
 Judge = Literal["numpy", "drake"]

@@ -11,15 +11,22 @@ import numpy as np
 import torch
 from scipy.special import ndtr
 
-from rans.episode import Setup, World
-from rans.errors import ConfigError
 from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
-from rans.flight import Controller, Flight
+from rans.extend import (
+    BodyConditions,
+    Conditions,
+    ConfigError,
+    Controller,
+    Flight,
+    Network,
+    Progress,
+    Setup,
+    World,
+    bounds,
+    unseen,
+)
 from rans.model.random import generator
-from rans.policy.network import Network
-from rans.progress import Progress, unseen
-from rans.randomization.conditions import BodyConditions, Conditions, bounds
 from rans.verdict import Failure
 from rans_assurance.assure.chances import Chances, Chosen, Sized, sized
 from rans_assurance.assure.rare import episode_numbers

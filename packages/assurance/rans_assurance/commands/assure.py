@@ -7,12 +7,22 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
-from rans.errors import ConfigError
-from rans.files import command_line, inside, ready_folder, write_json, write_text
+from rans.extend import (
+    ConfigError,
+    Terminal,
+    check_count,
+    doing,
+    inside,
+    progress,
+    ready_folder,
+    stages,
+    write_json,
+    write_text,
+)
+from rans.files import command_line
 from rans.scenario import ASSURANCE_SEED
-from rans.terminal import Terminal, doing, progress, stages, writing_at_end
+from rans.terminal import writing_at_end
 from rans_assurance.functions import assure
 
 if TYPE_CHECKING:
@@ -55,9 +65,8 @@ class Assure(Options):
 
     def run(self) -> int:
         """Fly, repeat failed flights, write and print the results."""
-        from rans.api.names import conditions_if_named, load_conditions
-        from rans.evaluation.fly.contestant_name import ContestantName
-        from rans.randomization.conditions import Conditions
+        from rans.api.names import conditions_if_named
+        from rans.extend import Conditions, ContestantName, load_conditions
         from rans.randomization.conditions_file import conditions_label
         from rans_assurance.assure.assurance import made
         from rans_assurance.assure.bounds import plan
@@ -109,8 +118,7 @@ class Assure(Options):
 
         Returns whether this is the first of torchrun's processes; the others only fly.
         """
-        from rans.api.names import load_conditions
-        from rans.fast.device import torch_device
+        from rans.extend import load_conditions, torch_device
         from rans.fast.distributed import join
 
         device = torch_device()

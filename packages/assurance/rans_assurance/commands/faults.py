@@ -45,9 +45,7 @@ class Faults:
 
     def run(self) -> int:
         """Print the table; the exit code is 0."""
-        from rans.api.names import load_spacecraft
-        from rans.table import Table
-        from rans.terminal import Terminal
+        from rans.extend import Table, Terminal, load_spacecraft
         from rans_assurance.functions import FAULT_COLUMNS, faults
 
         craft = load_spacecraft(self.craft)

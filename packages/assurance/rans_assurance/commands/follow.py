@@ -8,10 +8,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from rans.cli import check_count
-from rans.files import ready_folder, write_json, write_text
-from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal
+from rans.extend import EVALUATION_SEED, Terminal, check_count, ready_folder, write_json, write_text
 
 
 @dataclass(frozen=True)
@@ -42,8 +39,7 @@ class Follow:
 
     def run(self) -> int:
         """Print a table of the path errors."""
-        from rans.evaluation.fly.contestant_name import ContestantName
-        from rans.evaluation.fly.contestants import contestant
+        from rans.extend import ContestantName, contestant
         from rans.show.figures.svg import svg
         from rans_assurance.figures.path_figures import following_figure
         from rans_assurance.follow.paths import LookAhead, find_path

@@ -6,13 +6,21 @@ import shlex
 from functools import partial
 from typing import TYPE_CHECKING
 
-from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
-from rans.errors import ConfigError
-from rans.files import command_line, inside, ready_folder
-from rans.registry import are_files_trusted
-from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, doing, progress, stages, writing_at_end
+from rans.extend import (
+    EVALUATION_SEED,
+    ConfigError,
+    Terminal,
+    are_files_trusted,
+    check_count,
+    doing,
+    inside,
+    progress,
+    ready_folder,
+    stages,
+)
+from rans.files import command_line
+from rans.terminal import writing_at_end
 from rans_assurance.functions import stress, stress_conditions
 
 if TYPE_CHECKING:
@@ -53,7 +61,7 @@ class Stress(Options):
         """Print the largest tolerated size of each disturbance."""
         from rans.api.names import conditions_by_name
         from rans.evaluation.compare.entrants import contest_of
-        from rans.evaluation.fly.contestant_name import ContestantName
+        from rans.extend import ContestantName
         from rans_assurance.pages.stress_page import StressReport
         from rans_assurance.stress.run import prepared
 

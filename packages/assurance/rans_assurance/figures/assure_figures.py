@@ -6,12 +6,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from rans.flight import Flight
+from rans.extend import GREY, RED, Figure, Flight, label, styled
 from rans.show.figures import panels
-from rans.show.figures.figures import styled
-from rans.show.figures.panels import PLAIN, label
-from rans.show.figures.plotting import Figure
-from rans.show.palette import BLUE, GREY, ORANGE, RED
+from rans.show.figures.panels import PLAIN
+from rans.show.palette import BLUE, ORANGE
 from rans.verdict import last_fifth
 
 _SIZE = (3.9, 2.9)

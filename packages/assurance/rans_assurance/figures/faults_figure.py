@@ -6,13 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rans.model.spacecraft import Spacecraft
+from rans.extend import RED, Figure, ListedColormap, Spacecraft, label, styled
 from rans.randomization.conditions import FaultKind
 from rans.randomization.faults import FaultSet
-from rans.show.figures.figures import styled
-from rans.show.figures.panels import label
-from rans.show.figures.plotting import Figure, ListedColormap
-from rans.show.palette import GREEN, RED
+from rans.show.palette import GREEN
 
 
 @styled

@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from rans.show.figures.figures import styled
-from rans.show.figures.panels import label
-from rans.show.figures.plotting import Axes, Figure, SubFigure
-from rans.show.palette import BLUE, GREEN, GREY, INK, ORANGE, RED
+from rans.extend import GREY, INK, RED, Axes, Figure, label, styled
+from rans.show.figures.plotting import SubFigure
+from rans.show.palette import BLUE, GREEN, ORANGE
 from rans_assurance.follow.follow import Following
 
 

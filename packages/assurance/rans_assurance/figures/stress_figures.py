@@ -7,10 +7,8 @@ import numpy as np
 from rans.evaluation.measure.statistics import Estimate
 from rans.evaluation.stress.effects import Effect
 from rans.evaluation.stress.outcome import WANTED
-from rans.show.figures.figures import styled
-from rans.show.figures.panels import label, legend_beside
-from rans.show.figures.plotting import Axes, Figure
-from rans.show.palette import INK, series_style
+from rans.extend import INK, Axes, Figure, label, series_style, styled
+from rans.show.figures.panels import legend_beside
 from rans_assurance.stress.run import Stress
 
 

@@ -8,18 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import Setup
-from rans.errors import ConfigError
-from rans.evaluation.fly.episodes import EngineName, fly_episodes
-from rans.evaluation.measure.metrics import Sample
-from rans.flight import Controller, Flight
-from rans.model.drift import Drift
-from rans.model.dynamics import State
-from rans.model.random import Random
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import MOST_STEPS, Timing
-from rans.table import Table
-from rans.tasks import Task
+from rans.evaluation.fly.episodes import fly_episodes
+from rans.extend import (
+    MOST_STEPS,
+    ConfigError,
+    Controller,
+    Drift,
+    EngineName,
+    Flight,
+    Random,
+    Sample,
+    Setup,
+    Spacecraft,
+    State,
+    Table,
+    Task,
+    Timing,
+)
 from rans_assurance.follow.paths import SPACING, LookAhead
 
 START_SPREAD = 0.2

@@ -11,8 +11,9 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from rans.errors import ConfigError, brief, meant
-from rans.files import LARGEST_TEXT, distinct, read_bytes
+from rans.errors import meant
+from rans.extend import ConfigError, brief, distinct, read_bytes
+from rans.files import LARGEST_TEXT
 
 SPACING = 0.005
 """Largest distance along a path between neighbouring points, m: a fiftieth of the paper's look-ahead. A

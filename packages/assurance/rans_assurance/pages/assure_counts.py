@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from rans.table import Table
+from rans.extend import Table
 from rans.verdict import Failure
 
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rans.errors import is_installed
-from rans.flight import Flight
-from rans.show.pages.page import Finding, Page, Picture, Section, header
-from rans.table import Table
+from rans.extend import Finding, Flight, Section, Table, is_installed
+from rans.show.pages.page import Page, Picture, header
 from rans.tasks.quantities import QUANTITIES
 from rans.verdict import Failure
 from rans_assurance.assure.assurance import Assurance

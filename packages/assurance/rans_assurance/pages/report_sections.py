@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rans.show.pages.page import Finding, Section, Tile
-from rans.table import Table
+from rans.extend import Finding, Section, Table
+from rans.show.pages.page import Tile
 from rans_assurance.pages.assure_counts import asked, counts, decision_sentence, is_over
 
 

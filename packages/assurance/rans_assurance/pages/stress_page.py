@@ -9,16 +9,23 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from rans.errors import counted
 from rans.evaluation.fly.contestants import view_command
 from rans.evaluation.measure.scope import Scope, conditions_texts, scope
 from rans.evaluation.stress.effects import Effect, Level
 from rans.evaluation.stress.outcome import WANTED, holds_to
-from rans.files import environment, inside, write_json, write_text
-from rans.randomization.conditions_file import conditions_text
+from rans.extend import (
+    Finding,
+    Section,
+    Table,
+    conditions_text,
+    counted,
+    environment,
+    inside,
+    write_json,
+    write_text,
+)
 from rans.show.pages.notebook import listed
-from rans.show.pages.page import Finding, Page, Picture, Section, header
-from rans.table import Table
+from rans.show.pages.page import Page, Picture, header
 from rans.tasks.quantities import QUANTITIES
 from rans_assurance.figures import stress_figures as figures
 from rans_assurance.stress.run import Stress

@@ -8,22 +8,28 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
-from rans.errors import ConfigError, RansError, meant
-from rans.evaluation.compare.contest import Contest, Contestant
+from rans.errors import meant
+from rans.evaluation.compare.contest import Contestant
 from rans.evaluation.compare.entrants import Invited, enlisted
-from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.tuned import tuned
 from rans.evaluation.measure.statistics import Estimate
 from rans.evaluation.stress.effects import Effect, Level, applicable_effects, failure_levels
 from rans.evaluation.stress.outcome import BreakEven, StressOutcome, break_even
-from rans.files import first_line
-from rans.flight import Controller, informed
-from rans.processes import Workers
+from rans.extend import (
+    CONTROLLERS,
+    Conditions,
+    ConfigError,
+    Contest,
+    Controller,
+    RansError,
+    Workers,
+    draws,
+    first_line,
+)
+from rans.flight import informed
 from rans.progress import Stages, unseen_stages
-from rans.randomization.conditions import Conditions
-from rans.scenario import draws
 
 _PERFECT = Level("perfect", None, Conditions())
 _SHARE = 1024

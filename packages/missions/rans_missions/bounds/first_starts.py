@@ -8,12 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, SolverFailed
-from rans.evaluation.compare.contest import Contest
+from rans.errors import SolverFailed
 from rans.evaluation.compare.mission_bounds import MissionBounds
-from rans.model.dynamics import State
-from rans.model.fields import leaves, map_leaves
-from rans.progress import Progress, unseen
+from rans.extend import ConfigError, Contest, Progress, State, leaves, map_leaves, unseen
 from rans_missions.convex.holding import least_to_hold
 from rans_missions.convex.inspection import inspection_bound
 from rans_missions.convex.landing import Descent, Lander, Landing, best_landing, landing

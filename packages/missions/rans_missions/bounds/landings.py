@@ -9,18 +9,28 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import Mover, Setup, World
+from rans.episode import Mover
 from rans.evaluation.measure.aggregate import save_arrays
-from rans.files import environment, write_json
-from rans.model.body import Body
-from rans.model.dynamics import SpatialState
-from rans.model.fields import Quat, Vec3, leaves, map_leaves
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
-from rans.progress import Progress, unseen
+from rans.extend import (
+    Body,
+    Progress,
+    Quat,
+    Scenario,
+    Setup,
+    Spacecraft,
+    SpatialState,
+    Table,
+    Timing,
+    Vec3,
+    World,
+    environment,
+    leaves,
+    map_leaves,
+    unseen,
+    write_json,
+)
 from rans.randomization.parameters import StepInputs
-from rans.scenario import Scenario, each
-from rans.table import Table
+from rans.scenario import each
 from rans_missions.convex.landing import Descent, Lander, Landing, best_landing
 from rans_missions.tasks.land import Land
 
@@ -130,7 +140,7 @@ def replay_landing(
     timing = Timing(plan.period, None, len(plan.acceleration))
     move: Mover
     if drake:
-        from rans.reference.flight import DrakeMover
+        from rans.extend import DrakeMover
 
         move = DrakeMover(craft, timing, task.drift)
     else:

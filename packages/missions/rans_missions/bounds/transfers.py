@@ -9,15 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses
-from rans.flight import Controller, Flight, fly
-from rans.model.fields import leaves
-from rans.model.spacecraft import Spacecraft
+from rans.extend import (
+    Controller,
+    Flight,
+    Progress,
+    Scenario,
+    Spacecraft,
+    contestant,
+    fly,
+    leaves,
+    scenarios,
+)
 from rans.optimal.control.lqr import LQR
-from rans.progress import Progress
 from rans.reference.flight import fly_in_drake
-from rans.scenario import Scenario, each, scenarios
+from rans.scenario import each
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.guidance import VelocityToGain

@@ -7,9 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.model.fields import leaves, map_leaves
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
+from rans.extend import Spacecraft, Timing, leaves, map_leaves
 from rans.optimal.trajectory.allocation import rounding
 from rans_missions.guidance.arrival import TIME_ROUNDING
 from rans_missions.tasks.orbital import OrbitalMission, Plan

@@ -11,11 +11,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rans.model.fields import Vec2, Vec3, map_leaves
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
-from rans.randomization.conditions import Conditions, bounds, largest
-from rans.tasks.base import Task
+from rans.extend import Conditions, Spacecraft, Task, Timing, Vec2, Vec3, bounds, map_leaves
+from rans.randomization.conditions import largest
 from rans_missions.control.navigation_filter import NavigationFilter
 from rans_missions.control.velocity_guidance import PassivelySafeGuidance, closed_ellipse
 from rans_missions.orbits.reach import velocity_to_reach

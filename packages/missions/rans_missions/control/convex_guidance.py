@@ -9,11 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rans.errors import SolverFailed
-from rans.model.fields import leaves, map_leaves
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
-from rans.tasks.base import Task
-from rans.tasks.shapes import Ball, Cone, Shape, SpeedLimit
+from rans.extend import Ball, Spacecraft, Task, Timing, leaves, map_leaves
+from rans.tasks.shapes import Cone, Shape, SpeedLimit
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.planning import PlanningGuidance
 from rans_missions.convex.impulses import Impulses

@@ -10,15 +10,22 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rans.errors import ConfigError, checked, is_finite
-from rans.model.fields import Heading, Quat, leaves, map_leaves
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
+from rans.extend import (
+    ConfigError,
+    Heading,
+    Quat,
+    Spacecraft,
+    Task,
+    Timing,
+    checked,
+    is_finite,
+    leaves,
+    map_leaves,
+)
 from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.control.regulator import Deadband, ModelBased, Regulator, Weights
 from rans.optimal.trajectory.allocation import Allocation, inertia, rounding
 from rans.optimal.trajectory.guess import rotation_vector
-from rans.tasks.base import Task
 
 _DEADBAND = Deadband()
 _DEFAULT_SHARE = 0.4

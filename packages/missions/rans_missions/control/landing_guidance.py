@@ -11,12 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
-from rans.errors import ConfigError
-from rans.model.fields import leaves
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
-from rans.randomization.conditions import Conditions
-from rans.tasks.base import Task
+from rans.extend import Conditions, ConfigError, Spacecraft, Task, Timing, leaves
 from rans_missions.control.planning import PlanningGuidance
 from rans_missions.convex.landing import (
     Descent,

@@ -13,14 +13,23 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rans.effectors.commands import per_velocity
-from rans.errors import ConfigError
-from rans.model.fields import Field, Heading, Quat, floor, map_leaves, within
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
+from rans.extend import (
+    Conditions,
+    ConfigError,
+    Field,
+    Heading,
+    Quat,
+    Spacecraft,
+    Task,
+    Timing,
+    bounds,
+    floor,
+    map_leaves,
+    scenario,
+)
+from rans.model.fields import within
 from rans.optimal.control.regulator import ModelBased
-from rans.randomization.conditions import Conditions, bounds, largest
-from rans.scenario import scenario
-from rans.tasks.base import Task
+from rans.randomization.conditions import largest
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.navigation_filter import NavigationFilter
 from rans_missions.tasks.orbital import OrbitalMission

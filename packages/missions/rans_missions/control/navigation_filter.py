@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.model.drift import Drift, steady
-from rans.model.fields import Vec2, Vec3
+from rans.extend import Drift, Vec2, Vec3
+from rans.model.drift import steady
 
 STEADY_TIME = 6000.0
 """Time in which an unknown acceleration becomes another one, s: about that of a low orbit."""

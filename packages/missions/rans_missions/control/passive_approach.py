@@ -10,9 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
-from rans.tasks.base import Task
+from rans.extend import Spacecraft, Task, Timing
 from rans_missions.control.velocity_guidance import PassivelySafeGuidance, closed_ellipse
 from rans_missions.passive_safety import (
     Pieces,

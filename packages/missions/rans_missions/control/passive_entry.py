@@ -12,13 +12,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.extend import ConfigError, Quat, Spacecraft, SpatialState, Task, Timing, Vec3, map_leaves
 from rans.model.drift import steady
-from rans.model.dynamics import SpatialState
-from rans.model.fields import Quat, Vec3, map_leaves
-from rans.model.spacecraft import Spacecraft, can_turn
-from rans.model.timing import Timing
-from rans.tasks.base import Task
+from rans.model.spacecraft import can_turn
 from rans.tasks.shapes import Cone
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.control.velocity_guidance import PassivelySafeGuidance

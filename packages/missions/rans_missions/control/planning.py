@@ -5,11 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar, Generic, TypeVar
 
-from rans.errors import ConfigError, is_finite
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
+from rans.extend import ConfigError, Spacecraft, Task, Timing, is_finite
 from rans.optimal.control.regulator import ModelBased
-from rans.tasks.base import Task
 
 Plan = TypeVar("Plan")
 

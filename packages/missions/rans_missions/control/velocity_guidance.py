@@ -10,12 +10,9 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from rans.model.fields import Quat, Vec3, leaves, map_leaves
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
+from rans.extend import Quat, Spacecraft, Task, Timing, Vec3, leaves, map_leaves
 from rans.optimal.control.arguments import craft_and_task
 from rans.optimal.trajectory.allocation import rounding
-from rans.tasks.base import Task
 from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.passive_safety import (
     coast_zone,

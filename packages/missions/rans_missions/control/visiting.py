@@ -9,10 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.model.fields import Vec3, leaves, map_leaves
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
-from rans.tasks.base import Task
+from rans.extend import Spacecraft, Task, Timing, Vec3, leaves, map_leaves
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.velocity_guidance import VelocityGuidance
 from rans_missions.orbits.reach import velocity_to_reach

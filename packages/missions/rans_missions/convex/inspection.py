@@ -6,12 +6,8 @@ import math
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.extend import ConfigError, Spacecraft, SpatialState, Timing, Vec3
 from rans.model.drift import ClohessyWiltshire
-from rans.model.dynamics import SpatialState
-from rans.model.fields import Vec3
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans_missions.tasks.inspect import Inspect
 
 _ROUNDING = 1e-9

@@ -32,9 +32,9 @@ from typing import Any, Literal
 import numpy as np
 from scipy import sparse
 
-from rans.errors import ConfigError, SolverFailed
+from rans.errors import SolverFailed
+from rans.extend import ConfigError, Spacecraft
 from rans.model.actuators import Throttle
-from rans.model.spacecraft import Spacecraft
 from rans_missions.convex.cone_program import ConeProgram
 from rans_missions.tasks.land import Land
 

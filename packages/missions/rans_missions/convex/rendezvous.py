@@ -21,13 +21,22 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from rans.errors import ConfigError, SolverFailed, require
-from rans.model.drift import Drift
+from rans.errors import SolverFailed
+from rans.extend import (
+    Ball,
+    ConfigError,
+    Drift,
+    Spacecraft,
+    Timing,
+    Vec2,
+    Vec3,
+    leaves,
+    map_leaves,
+    require,
+)
 from rans.model.dynamics import RULES
-from rans.model.fields import Vec2, Vec3, leaves, map_leaves
-from rans.model.spacecraft import Spacecraft, can_turn
-from rans.model.timing import Timing
-from rans.tasks.shapes import Ball, Cone, Shape, SpeedLimit
+from rans.model.spacecraft import can_turn
+from rans.tasks.shapes import Cone, Shape, SpeedLimit
 from rans_missions.convex.cone_program import ConeProgram
 from rans_missions.tasks.orbital import OrbitalMission, last_check
 

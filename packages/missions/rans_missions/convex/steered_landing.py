@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import expm, solve
 
-from rans.errors import require
+from rans.extend import require
 from rans_missions.convex.landing import Descent, Lander, Landing
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from rans.model.dynamics import State
-from rans.model.spacecraft import Spacecraft
+from rans.extend import Spacecraft, State
 from rans.optimal.certificate.goal_set import check_certifiable, check_finite
 from rans_missions.convex.cone_program import ConeProgram
 

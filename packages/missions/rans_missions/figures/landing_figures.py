@@ -11,13 +11,21 @@ import numpy as np
 from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.mission_bounds import MissionBounds
 from rans.evaluation.measure.metrics import forces
-from rans.flight import Flight
-from rans.model.fields import Vec3, map_leaves
-from rans.show.figures.figures import styled
+from rans.extend import (
+    GREY,
+    INK,
+    RED,
+    Axes,
+    Figure,
+    Flight,
+    Vec3,
+    label,
+    map_leaves,
+    series_style,
+    styled,
+)
 from rans.show.figures.mission_figures import length
-from rans.show.figures.panels import label
-from rans.show.figures.plotting import Axes, Figure, MaxNLocator
-from rans.show.palette import GREY, INK, RED, series_style
+from rans.show.figures.plotting import MaxNLocator
 
 _NEAR = 0.1
 """Share of the highest altitude that the second panel of paths shows."""

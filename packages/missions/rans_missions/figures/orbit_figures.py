@@ -7,14 +7,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from rans.evaluation.compare.contest import Entry
-from rans.flight import Flight
-from rans.model.fields import map_leaves
-from rans.show.figures.figures import styled
+from rans.extend import (
+    GREY,
+    INK,
+    RED,
+    Axes,
+    Ball,
+    Figure,
+    Flight,
+    label,
+    map_leaves,
+    series_style,
+    styled,
+)
 from rans.show.figures.mission_figures import length
-from rans.show.figures.panels import label
-from rans.show.figures.plotting import Axes, Figure
-from rans.show.palette import GREY, INK, RED, series_style
-from rans.tasks.shapes import Ball, Cone
+from rans.tasks.shapes import Cone
 
 
 @styled

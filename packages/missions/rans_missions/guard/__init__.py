@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 
-from rans.episode import Guard, Setup
-from rans.errors import ConfigError, brief, is_finite, positive
+from rans.episode import Guard
+from rans.extend import Conditions, ConfigError, Setup, brief, is_finite, positive, scenario
 from rans.model.drift import ClohessyWiltshire
-from rans.randomization.conditions import Conditions, largest
-from rans.scenario import scenario
+from rans.randomization.conditions import largest
 from rans_missions.guard.ahead import SLACK
 from rans_missions.guard.backup import FlownBackup
 from rans_missions.guard.barrier import BarrierProgram, check_throttles

@@ -8,9 +8,7 @@ from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 from rans.effectors.motion import states_at_checks
-from rans.episode import World
-from rans.model.body import Body
-from rans.model.fields import Field, at_least, leaves, where
+from rans.extend import Body, Field, World, at_least, leaves, where
 from rans.model.trace import Untraceable
 from rans.randomization.parameters import StepInputs
 from rans.tasks.base import goal_after

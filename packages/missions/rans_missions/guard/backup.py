@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from rans.episode import Command, World
-from rans.model.fields import Field, where
+from rans.episode import Command
+from rans.extend import Field, World, where
 from rans_missions.guard.ahead import Ahead
 from rans_missions.guard.coasting import Coasting, periods_of
 from rans_missions.guard.manoeuvres import Manoeuvre, Thrusters, manoeuvres

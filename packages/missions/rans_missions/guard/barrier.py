@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import Command, World
-from rans.errors import ConfigError
-from rans.model.fields import Field, at_least, where
-from rans.model.spacecraft import Spacecraft
+from rans.episode import Command
+from rans.extend import ConfigError, Field, Spacecraft, World, at_least, where
 from rans_missions.guard.ahead import Ahead
 from rans_missions.guard.manoeuvres import slope_of_least
 from rans_missions.guard.quadratic import nearest

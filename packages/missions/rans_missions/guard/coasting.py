@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+from rans.extend import Ball, Field, absolute, at_least, map_leaves
 from rans.model.drift import FREE
-from rans.model.fields import Field, absolute, at_least, map_leaves
-from rans.tasks.shapes import Ball
 from rans_missions.guard.ahead import Ahead
 from rans_missions.guard.rows import grid, is_array, least_row, lesser, like
 from rans_missions.guard.straight_line import few

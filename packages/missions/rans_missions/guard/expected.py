@@ -8,10 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import Setup, World
-from rans.model.fields import Field, where
-from rans.randomization.conditions import Conditions, bounds
-from rans.scenario import scenarios
+from rans.extend import Conditions, Field, Setup, World, bounds, scenarios, where
 
 _RARE = 0.05
 """Chance that a reading of an episode is too optimistic by more than the reserve. A craft comes nearer then, but

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import World
-from rans.model.fields import Field, Vec2, Vec3, Vector, at_least, where
+from rans.extend import Field, Vec2, Vec3, World, at_least, where
+from rans.model.fields import Vector
 
 _OPEN = 0.5
 """Score above which a thruster opens: within 60 degrees of the direction. Among thrusters along the axes of a

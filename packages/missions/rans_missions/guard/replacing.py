@@ -6,8 +6,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from rans.episode import Command, World
-from rans.model.fields import Field
+from rans.episode import Command
+from rans.extend import Field, World
 from rans_missions.guard.ahead import SLACK, Ahead
 from rans_missions.guard.expected import PERIODS, Reserve
 from rans_missions.guard.rows import (

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import Command, World
-from rans.model.fields import Field
-from rans.model.spacecraft import Spacecraft
+from rans.episode import Command
+from rans.extend import Field, Spacecraft, World
 from rans_missions.guard.ahead import Ahead
 from rans_missions.guard.backup import FlownBackup
 from rans_missions.guard.barrier import BarrierProgram

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.model.fields import leaves, unflatten
+from rans.extend import leaves
+from rans.model.fields import unflatten
 from rans.model.operations import NUMBERS, NUMPY, PYTHON, Dialect
 from rans.model.trace import UNTRACEABLE, Symbol, Untraceable, ordered
 from rans_missions.guard.rows import is_array

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rans.model.fields import Field, at_least, floor, where
+from rans.extend import Field, at_least, floor, where
 
 PLANS = 24
 """Number of arrival times that are compared, evenly up to the latest one; refinement halves their distance."""

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from rans.model.drift import Drift
-from rans.model.fields import Field, at_least, map_leaves, where
+from rans.extend import Drift, Field, at_least, map_leaves, where
 from rans_missions.guidance.limits import KeepOutBall, Limits, Margin
 
 COAST_POINTS = 7

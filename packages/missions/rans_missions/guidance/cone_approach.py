@@ -17,8 +17,9 @@ from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import NamedTuple
 
+from rans.extend import Field, Vec3, absolute, at_least, map_leaves, where
 from rans.model.drift import ClohessyWiltshire
-from rans.model.fields import Field, Vec3, absolute, at_least, cos, map_leaves, sin, sqrt, where
+from rans.model.fields import cos, sin, sqrt
 from rans_missions.guidance.impulses import (
     LEAST_SAVING,
     SINGULAR_OFFSET,

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol
 
-from rans.model.fields import Field, Vector
+from rans.extend import Field
+from rans.model.fields import Vector
 
 
 class Margin(Protocol):

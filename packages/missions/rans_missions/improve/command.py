@@ -9,12 +9,17 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from rans.api.names import load_spacecraft
-from rans.cli import check_count
-from rans.errors import ConfigError, counted
-from rans.files import ready_folder
-from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, progress, stages
+from rans.extend import (
+    EVALUATION_SEED,
+    ConfigError,
+    Terminal,
+    check_count,
+    counted,
+    load_spacecraft,
+    progress,
+    ready_folder,
+    stages,
+)
 
 
 @dataclass(frozen=True)
@@ -57,11 +62,8 @@ class Improve:
 
     def run(self) -> int:
         """Print what each flight costs before and after."""
-        from rans.episode import Setup
-        from rans.evaluation.fly.contestants import contestant
+        from rans.extend import TASKS, Setup, contestant, scenarios
         from rans.registry import typed
-        from rans.scenario import scenarios
-        from rans.tasks import TASKS
         from rans_missions.improve.search import improve
 
         check_count("--episodes", self.episodes)

@@ -18,14 +18,19 @@ from typing import Any
 import numpy as np
 
 from rans.effectors.commands import per_velocity
-from rans.episode import Setup
-from rans.errors import ConfigError, counted
 from rans.evaluation.measure.metrics import impulses
-from rans.files import write_text
-from rans.flight import Controller, Flight, fly
-from rans.model.fields import map_leaves
-from rans.scenario import Scenario
-from rans.tasks import Task
+from rans.extend import (
+    ConfigError,
+    Controller,
+    Flight,
+    Scenario,
+    Setup,
+    Task,
+    counted,
+    fly,
+    map_leaves,
+    write_text,
+)
 
 _COPIES = 256
 """Changed copies of the best flight of each start in a round: a step of one flight takes as long as that of some

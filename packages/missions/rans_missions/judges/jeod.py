@@ -13,11 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from rans.extend import Body, Drift, Quat, SpatialState, Vec3, Wrench
 from rans.model.arc import from_arc
-from rans.model.body import Body
-from rans.model.drift import Drift
-from rans.model.dynamics import SpatialState, Wrench, advance
-from rans.model.fields import Quat, Vec3
+from rans.model.dynamics import advance
 from rans_missions.judges import jeod_facts as facts
 from rans_missions.orbits.elliptic import EllipticOrbit, eccentric_anomaly
 from validation.judges.judge import Judge, Largest, Row

@@ -9,8 +9,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-from rans.errors import ConfigError
-from rans.files import read_text
+from rans.extend import ConfigError, read_text
 from rans_missions.judges import jeod
 from rans_missions.judges.jeod import RUNS, Run
 from rans_missions.judges.jeod_facts import Motion, Turning

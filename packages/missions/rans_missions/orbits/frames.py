@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.extend import ConfigError
 from rans.reference.frames import SPHERE, DrakeFrame
 
 _KEPLER_STEPS = 50

@@ -9,9 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from rans.errors import ConfigError, is_finite
+from rans.extend import ConfigError, Field, Quat, Vec2, Vec3, is_finite
 from rans.model.drift import AnyVector, ClohessyWiltshire, cosine, sine
-from rans.model.fields import Field, Quat, Vec2, Vec3
 from rans_missions.orbits.earth import EARTH, EARTH_RADIUS, J2
 from rans_missions.orbits.uneven import UnevenOrbit
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from rans.model.drift import AnyVector, Drift
-from rans.model.fields import Field, Vec2, Vec3
+from rans.extend import Drift, Field, Vec2, Vec3
+from rans.model.drift import AnyVector
 
 
 def velocity_to_reach(drift: Drift, p: AnyVector, target: AnyVector, time: Field) -> AnyVector:

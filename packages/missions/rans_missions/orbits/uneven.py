@@ -5,8 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import ClassVar, Self
 
-from rans.model.drift import Drift
-from rans.model.fields import Field
+from rans.extend import Drift, Field
 
 
 class UnevenOrbit(Drift):

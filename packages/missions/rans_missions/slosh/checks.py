@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
-from rans.model.body import Body, numbers
-from rans.model.drift import Drift
-from rans.model.spacecraft import Spacecraft
-from rans.randomization.conditions import bounds, largest
+from rans.extend import Body, ConfigError, Drift, Spacecraft, bounds
+from rans.model.body import numbers
+from rans.randomization.conditions import largest
 from rans_missions.slosh.liquid import MOST, Slosh
 from rans_missions.slosh.swinging import DECAY, MOST_STEPS, STEP, paces
 

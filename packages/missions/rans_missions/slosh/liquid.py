@@ -7,12 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from rans.effectors.effector import Action, Begun, Effector
-from rans.errors import ConfigError, brief, is_finite
-from rans.model.body import Body
-from rans.model.drift import Drift
-from rans.model.fields import Field
-from rans.model.spacecraft import CommandRange, Spacecraft
-from rans.model.timing import Timing
+from rans.extend import Body, ConfigError, Drift, Field, Spacecraft, Timing, brief, is_finite
+from rans.model.spacecraft import CommandRange
 
 _FIRST_ZERO = 1.841183781
 """First zero of the derivative of the Bessel function J1: the first lateral mode of an upright cylinder."""

@@ -11,11 +11,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from rans.model.body import Body
-from rans.model.dynamics import PlanarState, SpatialState, Wrench
-from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, cos, sin, wrap
+from rans.extend import (
+    Body,
+    Field,
+    Heading,
+    PlanarState,
+    Quat,
+    Spacecraft,
+    SpatialState,
+    Vec2,
+    Vec3,
+    Wrench,
+)
+from rans.model.fields import cos, sin, wrap
 from rans.model.rotation import symmetric_inverse, symmetric_times
-from rans.model.spacecraft import Spacecraft
 from rans_missions.slosh.liquid import Slosh
 
 

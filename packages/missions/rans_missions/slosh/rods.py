@@ -23,8 +23,7 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from rans.model.body import Body
-from rans.model.spacecraft import Spacecraft
+from rans.extend import Body, Spacecraft
 from rans.reference.further import DrakeMass
 
 

@@ -11,12 +11,9 @@ from typing import Any
 import numpy as np
 
 from rans.effectors.effector import Begun, Effector, JointMotion
-from rans.model.body import Body
-from rans.model.drift import Drift
-from rans.model.dynamics import NODES, Wrench
-from rans.model.fields import Field, Vec3, map_leaves
-from rans.model.spacecraft import CommandRange, Spacecraft, Store
-from rans.model.timing import Timing
+from rans.extend import Body, Drift, Field, Spacecraft, Timing, Vec3, Wrench, map_leaves
+from rans.model.dynamics import NODES
+from rans.model.spacecraft import CommandRange, Store
 from rans_missions.slosh.liquid import LARGEST, Slosh
 from rans_missions.slosh.pendulum import PlanarPair, SphericalPair
 

@@ -5,15 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from rans.errors import ConfigError
-from rans.model.dynamics import State
-from rans.model.fields import Field, Vec2, Vector, absolute, at_least, sqrt, where
-from rans.model.random import Random
-from rans.model.timing import Timing
-from rans.tasks.go_to_pose import GoToPose
-from rans.tasks.observation_terms import InformationInW, ObservationTerm
-from rans.tasks.rewards import Transition, is_used, nearness
-from rans.tasks.shapes import Ball, nearest_first
+from rans.extend import (
+    Ball,
+    ConfigError,
+    Field,
+    GoToPose,
+    ObservationTerm,
+    Random,
+    State,
+    Timing,
+    Transition,
+    Vec2,
+    absolute,
+    at_least,
+    nearness,
+    where,
+)
+from rans.model.fields import Vector, sqrt
+from rans.tasks.observation_terms import InformationInW
+from rans.tasks.rewards import is_used
+from rans.tasks.shapes import nearest_first
 
 _MOST_ZONES = 16
 """Largest number of zones. Each adds 7 (plane) or 10 (space) columns to the observation; sorting compares all

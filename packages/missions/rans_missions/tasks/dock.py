@@ -6,10 +6,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from rans.model.dynamics import State
-from rans.model.fields import Field, Vec3, Vector, cos, sin
-from rans.model.random import Random
-from rans.model.timing import Timing
+from rans.extend import Field, Random, State, Timing, Vec3
+from rans.model.fields import Vector, cos, sin
 from rans.tasks.shapes import Shape, SpeedLimit
 from rans_missions.orbits.elliptic import mean_anomaly
 from rans_missions.passive_safety import CoastZone

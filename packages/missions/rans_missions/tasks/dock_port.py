@@ -6,22 +6,29 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from rans.errors import ConfigError
-from rans.model.drift import FREE, step_goal
-from rans.model.dynamics import State
-from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, Vector
-from rans.model.random import Random
-from rans.model.timing import Timing
-from rans.tasks.base import SingleTask
-from rans.tasks.observation_terms import (
-    AngularVelocity,
-    InformationInW,
+from rans.extend import (
+    Ball,
+    ConfigError,
+    Field,
+    Heading,
     ObservationTerm,
-    RelativeRotation,
+    Quat,
+    Random,
+    SingleTask,
+    State,
+    Timing,
+    Transition,
+    Vec2,
+    Vec3,
     VectorInW,
+    nearness,
+    speed,
 )
-from rans.tasks.rewards import Transition, is_used, nearness, speed
-from rans.tasks.shapes import Ball, Cone, Shape
+from rans.model.drift import FREE, step_goal
+from rans.model.fields import Vector
+from rans.tasks.observation_terms import AngularVelocity, InformationInW, RelativeRotation
+from rans.tasks.rewards import is_used
+from rans.tasks.shapes import Cone, Shape
 
 
 @dataclass(frozen=True)

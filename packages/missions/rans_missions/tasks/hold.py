@@ -6,12 +6,19 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
-from rans.model.dynamics import State
-from rans.model.fields import Field, at_least, map_leaves, where
-from rans.model.random import Random
-from rans.model.timing import Timing
-from rans.tasks.observation_terms import Information, ObservationTerm
-from rans.tasks.shapes import Ball, Shape
+from rans.extend import (
+    Ball,
+    Field,
+    ObservationTerm,
+    Random,
+    State,
+    Timing,
+    at_least,
+    map_leaves,
+    where,
+)
+from rans.tasks.observation_terms import Information
+from rans.tasks.shapes import Shape
 from rans_missions.guidance.arrival import TIME_ROUNDING
 from rans_missions.passive_safety import CoastZone
 from rans_missions.tasks.orbital import OrbitalMission, Plan

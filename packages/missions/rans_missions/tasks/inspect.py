@@ -8,24 +8,28 @@ from functools import cached_property, reduce
 from operator import add
 from typing import Any, ClassVar
 
-from rans.errors import ConfigError
-from rans.model.drift import ClohessyWiltshire, Drift
-from rans.model.dynamics import State
-from rans.model.fields import Field, Vec3, Vector, at_least, cos, sin, sqrt, where
-from rans.model.random import Random
-from rans.model.timing import Timing
-from rans.tasks.base import SingleTask
-from rans.tasks.observation_terms import (
-    Dimension,
-    Information,
-    InformationInW,
+from rans.extend import (
+    Ball,
+    ConfigError,
+    Drift,
+    Field,
     ObservationTerm,
-    Scalar,
+    Random,
+    SingleTask,
+    State,
+    Timing,
+    Transition,
+    Vec3,
     VectorInW,
+    at_least,
+    where,
 )
+from rans.model.drift import ClohessyWiltshire
+from rans.model.fields import Vector, cos, sin, sqrt
+from rans.tasks.observation_terms import Dimension, Information, InformationInW, Scalar
 from rans.tasks.quantities import Quantity, declare
-from rans.tasks.rewards import Transition, is_used
-from rans.tasks.shapes import Ball, Shape
+from rans.tasks.rewards import is_used
+from rans.tasks.shapes import Shape
 from rans_missions.passive_safety import CoastZone
 
 declare(

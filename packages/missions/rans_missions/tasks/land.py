@@ -6,20 +6,24 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from rans.model.drift import Drift, UniformGravity
-from rans.model.dynamics import SpatialState, State
-from rans.model.fields import Field, Quat, Vec3, cos, sin, where
-from rans.model.random import Random
-from rans.model.timing import Timing
-from rans.tasks.base import SingleTask
-from rans.tasks.observation_terms import (
-    Dimension,
-    Information,
-    InformationInW,
+from rans.extend import (
+    Drift,
+    Field,
     ObservationTerm,
+    Quat,
+    Random,
+    SingleTask,
+    SpatialState,
+    State,
+    Timing,
+    Transition,
+    Vec3,
     VectorInW,
+    where,
 )
-from rans.tasks.rewards import Transition
+from rans.model.drift import UniformGravity
+from rans.model.fields import cos, sin
+from rans.tasks.observation_terms import Dimension, Information, InformationInW
 from rans.tasks.shapes import GlideSlope
 from rans_missions.guidance.descent import DescentLaw
 

@@ -7,22 +7,31 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from rans.display import Settings
-from rans.errors import ConfigError, is_finite
-from rans.model.drift import ClohessyWiltshire, Drift
-from rans.model.dynamics import State
-from rans.model.fields import Field, at_least, cos, sin, where
-from rans.model.random import Random
-from rans.tasks.base import SingleTask
+from rans.extend import (
+    Ball,
+    ConfigError,
+    Drift,
+    Field,
+    ObservationTerm,
+    Random,
+    SingleTask,
+    State,
+    Transition,
+    VectorInW,
+    at_least,
+    is_finite,
+    where,
+)
+from rans.model.drift import ClohessyWiltshire
+from rans.model.fields import cos, sin
 from rans.tasks.observation_terms import (
     AdvisedVelocityChange,
     Dimension,
     Information,
     InformationInW,
-    ObservationTerm,
-    VectorInW,
 )
-from rans.tasks.rewards import Transition, is_used
-from rans.tasks.shapes import Ball, Shape, SpeedLimit
+from rans.tasks.rewards import is_used
+from rans.tasks.shapes import Shape, SpeedLimit
 from rans_missions.guidance.arrival import TIME_ROUNDING
 from rans_missions.guidance.coasts import Coasts
 from rans_missions.guidance.limits import Limits
@@ -35,8 +44,7 @@ from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.orbits.uneven import UnevenOrbit
 
 if TYPE_CHECKING:
-    from rans.model.spacecraft import Spacecraft
-    from rans.model.timing import Timing
+    from rans.extend import Spacecraft, Timing
     from rans_missions.control.afterwards import Afterwards
 
 _EARTH_RADIUS = 1e-3 * EARTH_RADIUS

@@ -6,10 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from rans.model.dynamics import State
-from rans.model.fields import Field, where
-from rans.model.random import Random
-from rans.model.timing import Timing
+from rans.extend import Field, Random, State, Timing, where
 from rans.tasks.shapes import Cone, Shape
 from rans_missions.guidance.arrival import whole_periods
 from rans_missions.guidance.cone_approach import ConeApproach

@@ -14,7 +14,7 @@ from tyro.conf import Positional, arg
 
 from rans.cli.options import Trust
 from rans.cli.states import POSE, read_state, read_zones
-from rans.errors import ConfigError, brief, positive
+from rans.extend import ConfigError, brief, positive
 
 if TYPE_CHECKING:
     from rans_robot.bus import Bus
@@ -73,14 +73,11 @@ class Fly:
 
     def run(self) -> int:
         """Fly; the exit code is 0, or 1 after a fault or if no state ever came."""
-        from rans.evaluation.fly.contestant_name import ContestantName
-        from rans.evaluation.fly.contestants import contestant
         from rans.evaluation.fly.exported import read_contract
+        from rans.extend import ContestantName, RunFolder, Terminal, contestant, doing
         from rans.fast.learn.config import to_table
-        from rans.fast.learn.run_folder import RunFolder
         from rans.model.spacecraft_file import load_spacecraft
         from rans.tasks import registered_name
-        from rans.terminal import Terminal, doing
         from rans_robot.bag import index_bag
         from rans_robot.foreign.export import export_foreign_for_flight
         from rans_robot.node import fly_over, planned_task

@@ -9,8 +9,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from rans.errors import ConfigError
-from rans.terminal import Terminal, doing
+from rans.extend import ConfigError, Terminal, doing
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ class Replay:
 
     def run(self) -> int:
         """Print the number of equal commands; the exit code is 0 if all are equal."""
-        from rans.terminal import Terminal
+        from rans.extend import Terminal
         from rans_robot.node import replay_bag
 
         result = replay_bag(self.bag, self.folder)

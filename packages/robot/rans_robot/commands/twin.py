@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from tyro.conf import Positional, arg
 
 from rans.cli.states import POSE, read_state
-from rans.errors import ConfigError
+from rans.extend import ConfigError
 from rans_robot.commands.fly import Robot, opened_bus, ros_domain
 
 Engine = Literal["fast", "drake"]
@@ -56,9 +56,7 @@ class Twin:
 
     def run(self) -> int:
         """Simulate until the time is up or an interrupt."""
-        from rans.api.names import load_conditions, load_spacecraft
-        from rans.fast.learn.run_folder import RunFolder
-        from rans.terminal import Terminal
+        from rans.extend import RunFolder, Terminal, load_conditions, load_spacecraft
         from rans_robot.signals import stop_on_signals
         from rans_robot.twin import TwinPlan, run_twin
 

@@ -25,9 +25,8 @@ import rans
 from rans.deploy.c.compiler import FLAGS
 from rans.deploy.c.files import write_c
 from rans.deploy.program import Ports
-from rans.errors import ConfigError
-from rans.files import read_bytes, replace_file
-from rans.policy.program import Program
+from rans.extend import ConfigError, Program, read_bytes
+from rans.files import replace_file
 
 _SOURCES = ("fmu.c", "agent.c")
 _HEADERS = ("agent.h", "fmu_agent.h")

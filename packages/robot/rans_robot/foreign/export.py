@@ -25,19 +25,24 @@ from rans.deploy.margins import measure_margins
 from rans.deploy.numpy_file import write_numpy
 from rans.deploy.onnx_file import write_onnx
 from rans.deploy.program import Ports
-from rans.episode import Setup
-from rans.errors import ConfigError, brief
-from rans.evaluation.fly.agent import LoadedRun
-from rans.evaluation.fly.contestant_name import ContestantName
-from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.exported import code_of
 from rans.evaluation.fly.protocols import fitting_protocols
-from rans.fast.learn.config import TrainConfig
-from rans.files import plain, write_json, write_text
-from rans.model.fields import map_leaves
-from rans.model.spacecraft_file import to_toml
-from rans.policy.program import Program
-from rans.scenario import EVALUATION_SEED
+from rans.extend import (
+    EVALUATION_SEED,
+    ConfigError,
+    ContestantName,
+    LoadedRun,
+    Program,
+    Setup,
+    TrainConfig,
+    brief,
+    contestant,
+    map_leaves,
+    to_toml,
+    write_json,
+    write_text,
+)
+from rans.files import plain
 from rans.tasks import registered_name
 from rans.tasks.derived import observation_width
 from rans_robot.foreign.program import foreign_program

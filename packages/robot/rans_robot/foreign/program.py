@@ -13,11 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.errors import ConfigError, brief, require
-from rans.files import first_line, read_bytes
+from rans.extend import ConfigError, Program, Spacecraft, brief, first_line, read_bytes, require
 from rans.model.operations import ROWS, is_truth
-from rans.model.spacecraft import Spacecraft
-from rans.policy.program import Program
 
 _LARGEST = 2**26
 """Bytes of an ONNX file that is read; networks in control have less than a thousandth of it."""

@@ -18,11 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rans.errors import ConfigError
-from rans.model.body import Body
-from rans.model.dynamics import Wrench
-from rans.model.fields import Vec2, Vec3
-from rans.model.spacecraft import Spacecraft
+from rans.extend import Body, ConfigError, Spacecraft, Vec2, Vec3, Wrench
 from rans_robot.identify.log import FlightLog, checked_log, checked_satellite_log
 from rans_robot.identify.momentum import MomentumFit, fit_momentum
 from rans_robot.identify.motion import (

@@ -11,9 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, brief, counted
-from rans.files import read_text
-from rans.model.spacecraft import Spacecraft
+from rans.extend import ConfigError, Spacecraft, brief, counted, read_text
 
 LARGEST_LOG = 2**28
 """Bytes of a CSV file: an hour of readings at 100 Hz has a quarter of it."""

@@ -25,8 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from rans.errors import ConfigError
-from rans.model.spacecraft import Spacecraft
+from rans.extend import ConfigError, Spacecraft
 from rans_robot.identify.log import FlightLog, rotations, turn
 
 _COMPONENTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))

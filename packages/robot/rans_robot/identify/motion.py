@@ -13,11 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.errors import ConfigError
-from rans.model.body import Body
-from rans.model.dynamics import Wrench, thrust
-from rans.model.fields import Quat, Vec3, leaves
-from rans.model.spacecraft import Spacecraft
+from rans.extend import Body, ConfigError, Quat, Spacecraft, Vec3, Wrench, leaves
+from rans.model.dynamics import thrust
 from rans_robot.identify.log import FlightLog
 
 STEP = 0.02

@@ -8,20 +8,25 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, counted
-from rans.files import ready_folder, write_json, write_text
-from rans.model.body import Body
-from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import to_toml
-from rans.randomization.conditions import (
+from rans.extend import (
+    Body,
     BodyConditions,
     Conditions,
+    ConfigError,
+    Spacecraft,
+    conditions_text,
+    counted,
+    ready_folder,
+    to_toml,
+    write_json,
+    write_text,
+)
+from rans.randomization.conditions import (
     DisturbanceConditions,
     SensorConditions,
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.randomization.conditions_file import conditions_text
 from rans_robot.identify.fit import CHANNELS, Fit, channel_columns
 from rans_robot.identify.momentum import MomentumFit
 

@@ -16,9 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rans.errors import ConfigError, brief
-from rans.files import read_text
-from rans.model.spacecraft import Spacecraft
+from rans.extend import ConfigError, Spacecraft, brief, read_text
 from rans_robot.identify.log import FlightLog
 
 _LARGEST = 2**24

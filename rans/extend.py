@@ -1,0 +1,148 @@
+"""What packages and plug-ins build on: every name has two users in this repository.
+
+    >>> from rans.extend import ConfigError, Flight, Spacecraft
+
+A package imports these from here, so that the core may move them. What a single package needs of the core it
+imports from its module, without a promise. Each is imported on first use.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from rans.lazy import homes
+
+if TYPE_CHECKING:
+    from rans.api.judging import SpacecraftLike as SpacecraftLike
+    from rans.api.names import load_conditions as load_conditions
+    from rans.api.names import load_spacecraft as load_spacecraft
+    from rans.choices import EngineName as EngineName
+    from rans.cli import check_count as check_count
+    from rans.episode import Setup as Setup
+    from rans.episode import World as World
+    from rans.episode import step as step
+    from rans.errors import ConfigError as ConfigError
+    from rans.errors import NonFiniteState as NonFiniteState
+    from rans.errors import RansError as RansError
+    from rans.errors import brief as brief
+    from rans.errors import checked as checked
+    from rans.errors import counted as counted
+    from rans.errors import is_finite as is_finite
+    from rans.errors import is_installed as is_installed
+    from rans.errors import positive as positive
+    from rans.errors import require as require
+    from rans.errors import whole as whole
+    from rans.evaluation.compare.contest import Contest as Contest
+    from rans.evaluation.fly.agent import Agent as Agent
+    from rans.evaluation.fly.agent import LoadedRun as LoadedRun
+    from rans.evaluation.fly.agent import load_policy as load_policy
+    from rans.evaluation.fly.contestant_name import ContestantName as ContestantName
+    from rans.evaluation.fly.contestants import contestant as contestant
+    from rans.evaluation.fly.controllers import CONTROLLERS as CONTROLLERS
+    from rans.evaluation.measure.metrics import Sample as Sample
+    from rans.fast.device import torch_device as torch_device
+    from rans.fast.engine import Engine as Engine
+    from rans.fast.learn.adam import Adam as Adam
+    from rans.fast.learn.algorithms import Algorithm as Algorithm
+    from rans.fast.learn.config import Coefficients as Coefficients
+    from rans.fast.learn.config import PPOSettings as PPOSettings
+    from rans.fast.learn.config import TrainConfig as TrainConfig
+    from rans.fast.learn.config import require_bounds as require_bounds
+    from rans.fast.learn.rollout import Acted as Acted
+    from rans.fast.learn.rollout import Rollout as Rollout
+    from rans.fast.learn.rollout import remember as remember
+    from rans.fast.learn.run_folder import RunFolder as RunFolder
+    from rans.files import distinct as distinct
+    from rans.files import environment as environment
+    from rans.files import first_line as first_line
+    from rans.files import inside as inside
+    from rans.files import parse_json as parse_json
+    from rans.files import read_bytes as read_bytes
+    from rans.files import read_json as read_json
+    from rans.files import read_text as read_text
+    from rans.files import ready_folder as ready_folder
+    from rans.files import write_json as write_json
+    from rans.files import write_text as write_text
+    from rans.flight import Controller as Controller
+    from rans.flight import Flight as Flight
+    from rans.flight import fly as fly
+    from rans.model.body import Body as Body
+    from rans.model.drift import Drift as Drift
+    from rans.model.dynamics import PlanarState as PlanarState
+    from rans.model.dynamics import SpatialState as SpatialState
+    from rans.model.dynamics import State as State
+    from rans.model.dynamics import Wrench as Wrench
+    from rans.model.fields import Field as Field
+    from rans.model.fields import Heading as Heading
+    from rans.model.fields import Quat as Quat
+    from rans.model.fields import Vec2 as Vec2
+    from rans.model.fields import Vec3 as Vec3
+    from rans.model.fields import absolute as absolute
+    from rans.model.fields import at_least as at_least
+    from rans.model.fields import floor as floor
+    from rans.model.fields import leaves as leaves
+    from rans.model.fields import map_leaves as map_leaves
+    from rans.model.fields import where as where
+    from rans.model.random import Random as Random
+    from rans.model.random import seed_words as seed_words
+    from rans.model.spacecraft import Spacecraft as Spacecraft
+    from rans.model.spacecraft_file import to_toml as to_toml
+    from rans.model.timing import MOST_STEPS as MOST_STEPS
+    from rans.model.timing import Timing as Timing
+    from rans.policy.architecture import Architecture as Architecture
+    from rans.policy.network import Network as Network
+    from rans.policy.program import Program as Program
+    from rans.processes import Workers as Workers
+    from rans.progress import Progress as Progress
+    from rans.progress import unseen as unseen
+    from rans.randomization.conditions import BodyConditions as BodyConditions
+    from rans.randomization.conditions import Conditions as Conditions
+    from rans.randomization.conditions import bounds as bounds
+    from rans.randomization.conditions_file import conditions_text as conditions_text
+    from rans.reference.flight import DrakeMover as DrakeMover
+    from rans.registry import are_files_trusted as are_files_trusted
+    from rans.scenario import EVALUATION_SEED as EVALUATION_SEED
+    from rans.scenario import Scenario as Scenario
+    from rans.scenario import draws as draws
+    from rans.scenario import scenario as scenario
+    from rans.scenario import scenarios as scenarios
+    from rans.show.figures.figures import styled as styled
+    from rans.show.figures.panels import label as label
+    from rans.show.figures.plotting import Axes as Axes
+    from rans.show.figures.plotting import Figure as Figure
+    from rans.show.figures.plotting import ListedColormap as ListedColormap
+    from rans.show.pages.page import Finding as Finding
+    from rans.show.pages.page import Section as Section
+    from rans.show.palette import GREY as GREY
+    from rans.show.palette import INK as INK
+    from rans.show.palette import RED as RED
+    from rans.show.palette import series_style as series_style
+    from rans.table import Table as Table
+    from rans.tasks import TASKS as TASKS
+    from rans.tasks.base import SingleTask as SingleTask
+    from rans.tasks.base import Task as Task
+    from rans.tasks.derived import layout as layout
+    from rans.tasks.go_to_pose import GoToPose as GoToPose
+    from rans.tasks.observation_terms import ObservationTerm as ObservationTerm
+    from rans.tasks.observation_terms import VectorInW as VectorInW
+    from rans.tasks.rewards import Transition as Transition
+    from rans.tasks.rewards import nearness as nearness
+    from rans.tasks.rewards import speed as speed
+    from rans.tasks.shapes import Ball as Ball
+    from rans.terminal import Terminal as Terminal
+    from rans.terminal import doing as doing
+    from rans.terminal import progress as progress
+    from rans.terminal import stages as stages
+
+_HOMES = homes(__file__)
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(importlib.import_module(_HOMES[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(_HOMES)
