@@ -184,6 +184,7 @@ def _identified(
     began = time.process_time()
     found = Identification(fit(craft, [log]))
     spent = time.process_time() - began
+    assert found.delay is not None  # craft of this campaign have thrusters
     return found.fit.values, found.fit.deviations, (found.delay, found.delay_deviation), spent
 
 
