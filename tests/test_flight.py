@@ -272,7 +272,7 @@ def test_who_cannot_fly_it_is_told(craft: Spacecraft, controller: Any, sentence:
         ),
         (scenario(GoToPose(), 2, 7, 3), r"starts must have arrays of one length \(N,\)"),
         (scenarios(GoToPose(), PLANAR, 7, 0), "with at least one start"),
-        ([], r"starts must be a rans\.Scenario, got \[\]"),
+        ([], r"starts must be a rans\.scenario\.Scenario, got \[\]"),
     ],
 )
 def test_what_is_no_batch_of_starts_is_told(starts: Any, sentence: str) -> None:

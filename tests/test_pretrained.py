@@ -39,9 +39,10 @@ def test_an_agent_is_small_and_complete(name: str) -> None:
     assert files.keys() == {"agent.safetensors", "config.json", "spacecraft.toml", "card.json"}
     card = pretrained_card(name)
     found = contestant(f"pretrained:{name}")
-    # Its actor's weights are there once, and nothing else of their size.
+    # Its actor's weights are there once, those for each value of a trade-off too, and nothing else of their size.
     saved = read_policy(pretrained_folder(name) / "agent.safetensors")
-    weights = sum(x.numel() for x in saved.network.tensors.values())
+    sets = [saved.network.tensors, *(saved.network.at or {}).values()]
+    weights = sum(x.numel() for tensors in sets for x in tensors.values())
     assert not saved.has_critic
     # Besides, a config.json that lists every world of the training.
     assert sum(files.values()) < 4 * weights + 60_000
