@@ -53,9 +53,9 @@ _STATES, _UNITS, _NODES = 16, 1024, 100
 """Largest numbers of states, of numbers between two operations of a network, and of its operations."""
 _SAMPLES = 1000
 """States on which layers are compared with onnx.reference; it takes half a second."""
-_PART = 1e-3
+_PART = 1e-4
 """Largest difference, a part of the largest answer to the states around the starts, whatever a command's unit is.
-Single precision errs by 1e-3 of an answer that is a thousandth of the terms that it is a sum of."""
+Single precision errs by some 1e-6 of it."""
 _TERMS = 6
 """Terms of a step's series in time; the next one is its rest."""
 _COARSE, _FINE = 0.01, 1e-8
