@@ -321,10 +321,12 @@ def test_python_takes_one_made_there() -> None:
     seen, _ = env.reset(seed=0)
     assert rans.Pilot(ahead, env).act(seen).shape == (8,)
     with pytest.raises(
-        ConfigError, match=r"as in rans\.Lookahead\(rans\.load_agent.*got 'go-to-pose-2d-"
+        ConfigError, match=r"as in Lookahead\(rans\.load_agent.*got 'go-to-pose-2d-"
     ):
         Lookahead("go-to-pose-2d-fast")  # type: ignore[arg-type]
-    with pytest.raises(ConfigError, match=r"arrival must be a rans\.ArrivalCost, got 3"):
+    with pytest.raises(
+        ConfigError, match=r"arrival must be a rans_lookahead\.lookahead\.ArrivalCost, got 3"
+    ):
         Lookahead(contestant(FAST), arrival=3)  # type: ignore[arg-type]
 
 
