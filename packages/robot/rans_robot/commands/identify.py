@@ -46,7 +46,7 @@ class Identify:
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        return ("rans train go-to-pose --spacecraft FOLDER/spacecraft.toml",)
+        return ("rans validate FOLDER/spacecraft.toml --quick",)
 
     def run(self) -> int:
         """Print what was identified and what the logs do not determine."""
