@@ -665,6 +665,21 @@ CAMPAIGNS: dict[str, Campaign] = {
         evidence=("identification-space.json",),
         quick_seconds=90.0,
     ),
+    "identification of satellites": Campaign(
+        tables={
+            "identification of satellites": Shown(
+                _QUANTITIES, source=f"{{refused}} of {{count}} logs were refused. {_VALUES}"
+            )
+        },
+        page="robot/identify.md",
+        measure="satellites:HiddenSatellites",
+        quick=("--count 6",),
+        flights=(64, 6),
+        tolerance=(0.02, 1.0),
+        uncompared=("95 % of errors below",),
+        evidence=("identification-satellites.json",),
+        quick_seconds=40.0,
+    ),
     "inspect": Campaign(
         tables={
             "inspect": Shown(
