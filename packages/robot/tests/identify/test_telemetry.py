@@ -154,6 +154,30 @@ def test_other_orders_signs_and_units_are_named(folder: Path) -> None:
             rans.identify(FlightLog(**{**vars(log), **change}), INNOCUBE)
 
 
+def slow_turn(noise: float) -> FlightLog:
+    """A turn about a tilted axis of the body at 0.012 rad/s, read every second with errors of the attitude, rad."""
+    random = np.random.default_rng(3)
+    times = np.arange(0.0, 400.0)
+    axis = np.array([0.6, 0.64, 0.48])
+    half = 0.5 * 0.012 * times[:, None]
+    q = np.concatenate([np.cos(half), np.sin(half) * axis], axis=1)
+    q = q + 0.5 * random.normal(0.0, noise, q.shape)
+    q = q / np.linalg.norm(q, axis=1, keepdims=True)
+    rates = np.tile(0.012 * axis, (len(times), 1))
+    nothing = np.full((len(times), 3), np.nan)
+    commands = np.empty((0, 3))
+    return FlightLog("slow", np.empty(0), commands, times, nothing, q, nothing, rates, 0.0 * rates)
+
+
+def test_a_slow_turn_is_compared_over_more_rows() -> None:
+    """Errors between two rows, 0.02 rad, are larger than its turn; axes in another order are still refused."""
+    log = slow_turn(0.015)
+    assert checked_satellite_log(log, INNOCUBE) is log
+    wrong = FlightLog(**{**vars(log), "spin": log.spin[:, [2, 0, 1]] * [-1.0, 1.0, -1.0]})
+    with pytest.raises(ConfigError, match="do not turn as its rates say"):
+        checked_satellite_log(wrong, INNOCUBE)
+
+
 def test_wheels_in_another_order_are_refused(tmp_path: Path) -> None:
     """A planted error, which no sign of an inertia shows."""
     found = rans.identify(fly(tmp_path / "a", 0.0, swapped=True), INNOCUBE)
