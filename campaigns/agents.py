@@ -108,8 +108,8 @@ class Agents:
             raise ConfigError(
                 f"{self.folder} holds no run named {names}, each followed by -seed0 and so on."
             )
-        told = [asdict(line) | {"worst": line.worst, "passed": line.passed} for line in lines]
-        return {"seed": EVALUATION_SEED, "lines": told}
+        rows = [asdict(line) | {"worst": line.worst, "passed": line.passed} for line in lines]
+        return {"seed": EVALUATION_SEED, "lines": rows}
 
     def failed(self, evidence: Any) -> bool:
         """Whether a target is missed."""

@@ -21,7 +21,7 @@ from rans.randomization.conditions import Conditions
 from rans.verdict import FlightAccumulator, last_fifth
 
 Rows = dict[str, dict[str, Any]]
-"""What is told of one agent, by what it was flown in."""
+"""Results of one agent, by the conditions it was flown in."""
 
 
 class Found(NamedTuple):
@@ -115,22 +115,22 @@ def loaded(name: str, device: str) -> tuple[Network, Setup]:
     return network, run.judged._replace(conditions=None)
 
 
-def study(agents: Sequence[str], told: Callable[[Network, Setup, str], Rows]) -> dict[str, Rows]:
-    """What is told of each agent and its setup, on a GPU if there is one.
+def study(agents: Sequence[str], measure: Callable[[Network, Setup, str], Rows]) -> dict[str, Rows]:
+    """Results of each agent in its setup, computed on a GPU if there is one.
 
     Args:
         agents: run folders, or ``pretrained:NAME``.
-        told: of a network, what it is judged in and a device, what is said.
+        measure: function of an agent's network, the setup it is judged in and the device of torch.
     """
     device = "cuda" if torch.cuda.is_available() else "cpu"
-    return {name: told(*loaded(name, device), device) for name in agents}
+    return {name: measure(*loaded(name, device), device) for name in agents}
 
 
 def printed(evidence: Any) -> list[dict[str, Any]]:
-    """What is told of all agents, a row each; bounds are not known of all rows."""
+    """Rows for the terminal: agent, conditions and results; ratios to bounds are None where there is no bound."""
     none = {"over least": None, "over certified": None}
     return [
-        {**none, "agent": agent, "row": row, **told}
+        {**none, "agent": agent, "row": row, **result}
         for agent, rows in evidence["agents"].items()
-        for row, told in rows.items()
+        for row, result in rows.items()
     ]

@@ -173,7 +173,7 @@ class DockErrors:
     bounded: int = 32
     """The first of them, whose bounds are found."""
     seed: int = EVALUATION_SEED
-    """Of the starts and of the errors."""
+    """Seed of the starts and of the errors."""
 
     def measured(self) -> Iterator[dict[str, Any]]:
         """A row of each world."""

@@ -163,14 +163,14 @@ class Faults:
             ConfigError: there is no such agent.
         """
 
-        def told(network: Network, setup: Setup, device: str) -> Rows:
+        def measure(network: Network, setup: Setup, device: str) -> Rows:
             duration = setup.timing.episode_steps * setup.timing.control_period
             return {
                 row.name: self._said(network, setup, row, device)
                 for row in rows(setup.craft, duration)
             }
 
-        return {"agents": study(self.agents, told)}
+        return {"agents": study(self.agents, measure)}
 
     def _said(self, network: Network, setup: Setup, row: Row, device: str) -> dict[str, Any]:
         found = flown(
@@ -211,7 +211,7 @@ def in_document(docs: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     names = ([name for name in found if "over least" in found[name]] for found in (plane, space))
     rows = [
         (
-            _told(here, there),
+            _both(here, there),
             *_cells(plane, here),
             _number(plane[here].get("over certified")),
             *_cells(space, there),
@@ -221,7 +221,7 @@ def in_document(docs: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     return _HEADINGS, rows
 
 
-def _told(plane: str, space: str) -> str:
+def _both(plane: str, space: str) -> str:
     """A class of faults, and of how many, such as (8; 16), in the plane and in space."""
     kind, _, count = (
         plane.replace(", recoverable", "").replace("stuck-open", "stuck open").partition(" (")

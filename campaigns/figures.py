@@ -29,8 +29,8 @@ def stress(docs: Path) -> Rows:
     return ("solved, %", *names), rows
 
 
-def _solved(told: dict[str, Any]) -> str:
-    return f"{100.0 * told['held']['value']:.1f}"
+def _solved(result: dict[str, Any]) -> str:
+    return f"{100.0 * result['held']['value']:.1f}"
 
 
 def validations(docs: Path) -> Rows:

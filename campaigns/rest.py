@@ -99,12 +99,12 @@ class Rest:
             ConfigError: there is no such agent.
         """
 
-        def told(network: Network, setup: Setup, device: str) -> Rows:
+        def measure(network: Network, setup: Setup, device: str) -> Rows:
             judged = setup._replace(task=setup.task.for_evaluation())
             commands = last_commands(network, judged, self.episodes, self.seed, device)
             return {"at rest": said(commands, setup.craft, setup.timing.control_period)}
 
-        return {"agents": study(self.agents or tuple(_shipped()), told)}
+        return {"agents": study(self.agents or tuple(_shipped()), measure)}
 
 
 def cells(evidence: Any) -> Iterator[dict[str, Any]]:

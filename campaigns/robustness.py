@@ -52,7 +52,7 @@ SINGLE: dict[str, Conditions] = {
 }
 """Single disturbances, each over the whole range in which it broke agents that were trained without any."""
 _LQR_EPISODES = 256
-_TOLD = {
+_TITLES = {
     "none": "none",
     "lab": "`lab`, all at once",
     "latency": "latency of valves and commands 0 to 200 ms",
@@ -177,13 +177,13 @@ class Robustness:
             ConfigError: there is no such agent.
         """
 
-        def told(network: Network, setup: Setup, device: str) -> Rows:
+        def measure(network: Network, setup: Setup, device: str) -> Rows:
             return {
                 row: flown_by_agent(network, setup, found, self.episodes, self.seed, device)
                 for row, found in rows().items()
             }
 
-        agents = study(self.agents, told)
+        agents = study(self.agents, measure)
         if self.lqr:
             _, setup = loaded(self.agents[0], "cpu")
             agents["lqr"] = {
@@ -199,8 +199,8 @@ def in_document(docs: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         for name in ("robustness", "robustness-space")
     ]
     rows = [
-        (told, *(cell for agents in found for cell in _worst([agent[row] for agent in agents])))
-        for row, told in _TOLD.items()
+        (title, *(cell for agents in found for cell in _worst([agent[row] for agent in agents])))
+        for row, title in _TITLES.items()
     ]
     headings = (
         "perturbation",

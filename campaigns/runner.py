@@ -113,19 +113,18 @@ class Campaign:
         """One of the tables, of the evidence in docs/validation."""
         shown = self.tables[name]
         page = shown.page or self.page
-        told = {} if shown.reads else read_json(self.file(docs))
-        headings, rows = texts(shown, docs if shown.reads else told)
-        up = (
-            "../../../docs/" if "/" in page else ""
-        )  # pages of packages are in docs by a symbolic link
+        evidence = {} if shown.reads else read_json(self.file(docs))
+        headings, rows = texts(shown, docs if shown.reads else evidence)
+        # Pages of packages are in docs by a symbolic link.
+        up = "../../../docs/" if "/" in page else ""
         file = self.evidence[0]
         link = f"[{file}]({up}validation/{file})"
-        return Table(page, name, headings, rows, cell(shown.source, {**told, "file": link}))
+        return Table(page, name, headings, rows, cell(shown.source, {**evidence, "file": link}))
 
 
-def texts(shown: Shown, told: Any) -> tuple[Sequence[str], Sequence[Sequence[str]]]:
+def texts(shown: Shown, evidence: Any) -> tuple[Sequence[str], Sequence[Sequence[str]]]:
     """Headings and cells of a table, of the evidence or of the folder of the documents (`Shown.rows`)."""
-    rows = found(shown.rows)(told) if ":" in shown.rows else told[shown.rows]
+    rows = found(shown.rows)(evidence) if ":" in shown.rows else evidence[shown.rows]
     if not shown.columns:
         return rows
     headings = [heading for heading, _ in shown.columns]
@@ -137,7 +136,7 @@ def found(name: str) -> Callable[..., Any]:
     first, *rest = name.split(" ", 1)
     module, _, function = first.partition(":")
     result = getattr(import_module(f"campaigns.{module}"), function)
-    return (lambda told: result(told, *rest)) if rest else result
+    return (lambda evidence: result(evidence, *rest)) if rest else result
 
 
 def cell(text: str, row: Any) -> str:

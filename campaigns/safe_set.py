@@ -36,7 +36,7 @@ class SafeSet:
     """Judge states."""
 
     seed: int = 2031
-    """Of attitudes, spins and directions."""
+    """Seed of attitudes, spins and directions."""
     states: int = 1024
     """States of every distance and speed."""
 

@@ -30,7 +30,7 @@ _FLOWN: Columns = (
     ("over the bound", "standings:over"),
     ("worst", "{worst:.3f}"),
 )
-"""Of a mission's flights beside bounds."""
+"""Columns of a table with the flights of a mission beside their bounds."""
 _UNSETTLED = ("starts", "worst")
 
 
@@ -779,7 +779,7 @@ CAMPAIGNS: dict[str, Campaign] = {
                     ("one by one, at least", "{apart:.1f} kg"),
                     ("other starts, at least", "{others}"),
                 ),
-                "throttling:told",
+                "throttling:shown",
                 source=_VALUES,
             )
         },
@@ -1025,7 +1025,7 @@ CAMPAIGNS: dict[str, Campaign] = {
 }
 """By what is measured, the table of robustness first; the last ones have no table that is flown again."""
 ROWS = {name: campaign for name, campaign in CAMPAIGNS.items() if campaign.tables}
-"""Those with tables: rows of `rans reproduce`."""
+"""Campaigns whose tables stand on pages, which `rans reproduce` flies again, by name."""
 PAGES = {name: campaign for campaign in CAMPAIGNS.values() for name in campaign.tables}
 """Campaigns by the names of their tables."""
 

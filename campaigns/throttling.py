@@ -26,7 +26,7 @@ _ENGINES: dict[str, tuple[int, ...]] = {"all": (), "without the first": (0,)}
 """Dead engines, by what the table calls it."""
 
 
-def told(evidence: Any) -> Iterator[dict[str, Any]]:
+def shown(evidence: Any) -> Iterator[dict[str, Any]]:
     """Rows of the table, of the evidence: numbers of starts with a landing, and means over those with both."""
     for row in evidence["rows"]:
         alike, apart = (np.array(list(map(number, row[key]))) for key in ("alike", "apart"))
@@ -56,7 +56,7 @@ class Throttling:
     episodes: int = 32
     """Held-out starts."""
     seed: int = EVALUATION_SEED
-    """Of these."""
+    """Seed of the held-out starts."""
 
     def measured(self) -> Iterator[dict[str, Any]]:
         """Bounds of all starts with the same engines, kg; infinite where there is no landing."""

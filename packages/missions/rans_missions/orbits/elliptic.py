@@ -67,7 +67,7 @@ class EllipticOrbit(UnevenOrbit):
         return self.mean_anomaly
 
     def at_angle(self, angle: Field) -> EllipticOrbit:
-        """The same orbit with the target at another `mean_anomaly`, rad."""
+        """This orbit with the target at a mean anomaly, rad: a number, or an array of one for each episode."""
         return replace(self, mean_anomaly=angle)
 
     def later(self, t: Field) -> EllipticOrbit:

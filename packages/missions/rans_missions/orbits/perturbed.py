@@ -97,7 +97,7 @@ class PerturbedOrbit(UnevenOrbit):
         return self.latitude
 
     def at_angle(self, angle: Field) -> PerturbedOrbit:
-        """The same orbit with the target at another `latitude`, rad."""
+        """This orbit with the target at an argument of latitude, rad: a number, or an array, one an episode."""
         return replace(self, latitude=angle)
 
     def later(self, t: Field) -> PerturbedOrbit:

@@ -21,4 +21,4 @@ class UnevenOrbit(Drift):
 
     @abstractmethod
     def at_angle(self, angle: Field) -> Self:
-        """The same orbit with the target at another angle, rad."""
+        """This orbit with the target at an angle along it, rad: a number, or an array of one for each episode."""

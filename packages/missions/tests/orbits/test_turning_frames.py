@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +29,7 @@ from tests.support.stars import (
     N,
     in_inertial_axes,
     matrix,
+    moved_once,
     solved,
     spatial,
     turns_by_its_rate,
@@ -92,30 +92,19 @@ def test_w_turns_by_its_rate(name: str, time: float) -> None:
     turns_by_its_rate(drift, k, time)
 
 
+def there(drift: Any, dtype: torch.dtype) -> Any:
+    """The drift with its target's angle as an array of this type."""
+    return drift.at_angle(torch.full((1,), drift.angle, dtype=dtype))
+
+
 def test_single_precision_keeps_its_digits_and_its_type() -> None:
-    for drift, _ in DRIFTS.values():
-        results = []
-        for dtype in (torch.float32, torch.float64):
-            there: Any = drift
-            angle = next((x for x in ("mean_anomaly", "latitude") if hasattr(drift, x)), None)
-            if angle is not None:
-                start = torch.full((1,), getattr(drift, angle), dtype=dtype)
-                there = replace(there, **{angle: start})
-            fields = torch.tensor([0.3, -0.2, 0.1, 0.02, -0.01, 0.03], dtype=dtype)[:, None]
-            one = torch.ones(1, dtype=dtype)
-            state = SpatialState(
-                Vec3(*fields[:3]),
-                Quat(one, 0.0 * one, 0.0 * one, 0.0 * one),
-                Vec3(*fields[:3]),
-                Vec3(*fields[3:]),
-            )
-            thrust = Wrench(Vec3(*fields[:3]), Vec3(*fields[3:]))
-            body = Body(MASS, tuple(map(float, TENSOR[np.triu_indices(3)])))
-            after = advance(state, thrust, body, 0.2, disturbance=thrust, drift=there)
-            assert after.w.x.dtype == after.attitude.z.dtype == after.p.x.dtype == dtype
-            results.append(torch.cat([*after.w.columns(), *after.attitude.columns()]).double())
+    """A target's angle, which is an array of an episode's type where a task draws it, too."""
+    for name, (drift, _) in DRIFTS.items():
+        single, double = (
+            moved_once(there(drift, dtype), dtype) for dtype in (torch.float32, torch.float64)
+        )
         # Rotations of 0.01 rad, and eight digits.
-        assert float((results[0] - results[1]).abs().max()) < 2e-7
+        assert float((single - double).abs().max()) < 2e-7, name
 
 
 def test_a_craft_that_nothing_turns_is_held_in_w_where_it_stands() -> None:

@@ -104,7 +104,7 @@ class MomentumFit:
     residuals: tuple[np.ndarray, ...]
     """(M, 3) of each log, rad/s: rates that were read minus predicted ones; NaN where a row was left out."""
     nominal_residuals: tuple[np.ndarray, ...]
-    """Those of the data sheet."""
+    """(M, 3) of each log, rad/s: the same with the craft of the data sheet."""
     white: tuple[np.ndarray, ...]
     """(M, 3), residuals in their standard deviations."""
     torques: tuple[Torque, ...]
