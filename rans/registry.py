@@ -137,6 +137,21 @@ class Registry(Mapping[str, T]):
             self._loaded[name] = self._load(name)
         return self._loaded[name]
 
+    def each(self) -> Iterator[tuple[str, T]]:
+        """Every object with its name, where a name only says what an object is of and several packages may use it.
+
+        Raises:
+            ConfigError: an object is not valid; the message names its package.
+        """
+        for name in self:
+            entries = () if name in self.built_in else self._offered.get(name, ())
+            if len(entries) < 2:
+                yield name, self[name]
+            for entry in entries if len(entries) > 1 else ():
+                with self._of_package(name, entry.dist.name if entry.dist else "unknown"):
+                    found = self._checked(resolve(entry.value))
+                yield name, found
+
     def register(self, name: str) -> Callable[[T], T]:
         """Decorator that registers an object under a name in this process; other processes do not know it.
 
@@ -238,8 +253,14 @@ class Registry(Mapping[str, T]):
                 f"there is no {self._kind} named {brief(name)}{near}; known are "
                 f"{', '.join(self)}; your own is MODULE:NAME{self._or_else}."
             )
-        try:
+        with self._of_package(name, package):
             return self._checked(self._resolve(name))
+
+    @contextlib.contextmanager
+    def _of_package(self, name: str, package: str) -> Iterator[None]:
+        """Context whose errors say which object of which package cannot be used."""
+        try:
+            yield
         except ConfigError as error:
             of = f" of the package {package}" if package else ""
             raise ConfigError(

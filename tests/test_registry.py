@@ -129,6 +129,17 @@ def test_two_packages_with_one_name_are_named_and_none_replaces_what_is_built_in
     assert (found["byte"], found.package("byte")) == (8, "")
 
 
+def test_where_names_are_shared_every_package_counts_and_a_broken_one_is_named(
+    install: Install,
+) -> None:
+    install("one", same="one:number", byte="one:number")
+    install("two", "number = 9", same="two:number")
+    assert [*registry().each()] == [("byte", 8), ("same", 7), ("same", 9)]
+    install("three", same="three:text")
+    with pytest.raises(ConfigError, match="'same' of the package three cannot be used"):
+        [*registry().each()]
+
+
 def test_a_wrong_name_is_told_what_may_have_been_meant() -> None:
     with pytest.raises(
         ConfigError,

@@ -35,7 +35,7 @@ def judged(folder: Path | None = None) -> Judged:
             f"--judges {folder} takes JEOD's logs, and their judge is in a package that is not installed: pip "
             "install 'rans[missions]'"
         )
-    found = [WITH_LOGS[name](folder) for name in WITH_LOGS]
+    found = [judged_by(folder) for _, judged_by in WITH_LOGS.each()]
     own = chain(brick.rows(), contact.rows(), lvlh.rows())
     return [*chain(*(rows for rows, _ in found)), *own], [*chain(*(left for _, left in found))]
 

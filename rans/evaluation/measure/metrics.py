@@ -60,8 +60,8 @@ FURTHER: Registry[Callable[[Flight], Iterator[Sample]]] = Registry(
 
 def further_samples(flight: Flight) -> Iterator[Sample]:
     """Metrics of installed packages."""
-    for name in FURTHER:
-        yield from FURTHER[name](flight)
+    for _, of in FURTHER.each():
+        yield from of(flight)
 
 
 def samples(flight: Flight) -> Iterator[Sample]:

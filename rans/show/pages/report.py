@@ -34,7 +34,8 @@ SECTIONS: Registry[Callable[[Path, Any], Section | None]] = Registry(
     checked=lambda build: build,
 )
 """Sections that installed packages add, by the name of a JSON file in a run folder, or by a pattern of names:
-functions of the file and its content, which return None where there is nothing to say."""
+functions of the file and its content, which return None where there is nothing to say. Packages may share a
+pattern."""
 
 _ROW = 6
 """Tiles of a row on a wide screen."""
@@ -68,7 +69,7 @@ def report_from_run(run: Path) -> Page:
         ("compare.json", comparison_section),
         *(
             (file.name, partial(build, file))
-            for pattern, build in SECTIONS.items()
+            for pattern, build in SECTIONS.each()
             for file in sorted(run.glob(pattern), key=lambda file: file.stem)
         ),
         ("sweep.json", partial(_sweep, inside(run, "sweep.svg"))),

@@ -18,6 +18,8 @@ import rans
 from rans.errors import ConfigError
 from rans.evaluation.measure.aggregate import measure
 from rans.files import plain, read_json, write_json
+from rans.registry import Registry
+from rans.show.pages import report as report_module
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile
 from rans.show.pages.race import median_and_slowest
@@ -469,6 +471,28 @@ def test_a_picture_that_is_none_is_one_sentence(run: Path, picture: str) -> None
         ConfigError, match=r"the picture .*episode\.svg was not put into the report: it "
     ):
         report_from_run(run)
+
+
+def test_two_packages_may_add_to_the_same_file(
+    run: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = tmp_path_factory.mktemp("packages")
+    for name in ("sun", "moon"):
+        (place / f"{name}_pages.py").write_text(
+            "from rans.show.pages.page import Section\n"
+            f"def section(file, content): return Section('{name} of ' + file.name)\n"
+        )
+        info = place / f"{name}_pages-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}-pages\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(
+            f"[rans.planted_sections]\nevaluation*.json = {name}_pages:section\n"
+        )
+    monkeypatch.syspath_prepend(str(place))
+    planted: Any = Registry("section", "rans.planted_sections", {}, lambda build: build)
+    monkeypatch.setattr(report_module, "SECTIONS", planted)
+    titles = [section.title for section in report_from_run(run).sections]
+    assert {"sun of evaluation.json", "moon of evaluation.json"} <= {*titles}
 
 
 def test_charts_of_a_training_have_percent_and_returns_over_steps() -> None:
