@@ -25,6 +25,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import torch
 from rans_any_craft.evolution import NODES, EvolutionSettings, evolve
+from rans_any_craft.layout_bodies import layout_spacecraft
+from rans_any_craft.layouts import layouts
 from rans_any_craft.training import (
     RANGES_OF_LAYOUTS,
     DemandNetwork,
@@ -61,6 +63,7 @@ from rans.model.joined import Effectors, joined
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.model.timing import Timing
+from rans.model.twists import authority_margin
 from rans.optimal.control.regulator import Weights
 from rans.policy.any_craft import COAST, without
 from rans.policy.authority import Authority, coasting, columns, rotation_vector
@@ -68,8 +71,6 @@ from rans.pretrained import FOLDER, FOR_ANY_CRAFT
 from rans.processes import Workers
 from rans.randomization.conditions import Conditions, FaultConditions, FaultKind
 from rans.randomization.faults import fault_sets
-from rans.randomization.layout_bodies import layout_spacecraft
-from rans.randomization.layouts import authority_margin, layouts
 from rans.scenario import EVALUATION_SEED
 from rans.tasks import GoToPose
 

@@ -18,7 +18,7 @@ from rans.effectors.motion import states_at_checks
 from rans.errors import ConfigError
 from rans.model.accuracy import FARTHEST, chosen
 from rans.model.body import Body
-from rans.model.dynamics import NODES, advance, thruster_effects
+from rans.model.dynamics import NODES, advance
 from rans.model.fields import Field, absolute, finite, leaves, map_leaves, where
 from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
@@ -28,7 +28,6 @@ from rans.randomization.memory import Memory
 from rans.randomization.parameters import (
     EpisodeParameters,
     StepInputs,
-    base_body,
     draw,
     examples,
     scaled,
@@ -51,8 +50,7 @@ class Episode:
     goal: Any
     """Goal, a `State` of fields, or of floats if the task's goal never varies."""
     body: Body | None = None
-    """Body before conditions change it, of numbers, or of fields where spacecraft differ; None: as designed, or
-    with the random layout of the episode's number (`rans.randomization.parameters.base_body`)."""
+    """Body before conditions change it, of numbers, or of fields where spacecraft differ; None: as designed."""
     parameters: EpisodeParameters | None = None
     """Parameters drawn from the conditions; None: there are none, or they are drawn again in every step."""
     past: tuple[Any, ...] = ()
@@ -66,9 +64,6 @@ class Episode:
     """Last commands, the newest first, as far as delayed valves or the reward need them."""
     violated: Field | None = None
     """1 where a constraint was violated before, else 0; None: there are none, or a violation ends the episode."""
-    thrusters: tuple[Field, ...] = ()
-    """Effects of the thrusters at the start of the episode (`rans.model.dynamics.thruster_effects`), if the task
-    has them in the observation."""
 
     def memory(self) -> list[Field]:
         """Fields that vary, in the order of definition."""
@@ -216,11 +211,6 @@ class World:
         """Conditions of the setup."""
         return self.setup.conditions
 
-    @property
-    def has_layouts(self) -> bool:
-        """Whether episodes have random layouts of thrusters (`rans.randomization.conditions.LayoutConditions`)."""
-        return self.conditions is not None and self.conditions.layouts.count > 0
-
     def move(
         self, state: Any, step_inputs: StepInputs, integrate: Callable[..., Any] = advance
     ) -> tuple[Any, ...]:
@@ -251,7 +241,7 @@ class World:
 
     def observe(self, episode: Episode, draws: Draws | None = None) -> tuple[Field, ...]:
         """Columns of the observation of an episode."""
-        return observation(self.task, self.sensed(episode, draws), episode.goal, episode.thrusters)
+        return observation(self.task, self.sensed(episode, draws), episode.goal)
 
     def number(self, clock: Field, draws: Draws) -> Field:
         """Number of the episode at a clock; with the seed it determines all draws."""
@@ -297,27 +287,11 @@ class World:
             ),
             draws,
         )
-        if self.task.observed_thrusters:
-            new = replace(new, thrusters=self._effects(new))
         # Sensors that repeat readings need a first one.
         sensors = None if new.parameters is None else new.parameters.sensors
         if sensors is None or not sensors.repeats:
             return new
         return replace(new, reading=self.read(new, draws))
-
-    def _effects(self, episode: Episode) -> tuple[Field, ...]:
-        """Numbers of `Episode.thrusters`, with zeros for thrusters that the craft does not have."""
-        body = episode.body or Body.of(self.craft)
-        if episode.parameters is not None:
-            body = episode.parameters.body
-        missing = self.task.observed_thrusters - self.craft.thruster_count
-        if missing < 0:
-            raise ConfigError(
-                f"the policy observes {self.task.observed_thrusters} thrusters (observed_thrusters), but "
-                f"{self.craft.name} has {self.craft.thruster_count}: set it to at least that number."
-            )
-        padding = (0.0,) * (missing * self.craft.degrees_of_freedom)
-        return (*thruster_effects(self.craft, body), *padding)
 
     @cached_property
     def forces(self) -> tuple[float, ...]:
@@ -360,7 +334,7 @@ class World:
                 "conditions."
             )
         number = self.number(episode.clock, draws)
-        base = episode.body or base_body(self.conditions, self.craft, number, draws.dtype)
+        base = episode.body or Body.of(self.craft)
         return replace(
             episode,
             parameters=draw(

@@ -64,7 +64,7 @@ def read_toml(text: str) -> dict[str, Any]:
 
 _TELLING = {
     "spacecraft": ("dimension", "thruster", "wheel", "actuators", "solid"),
-    "conditions": ("body", "thrusters", "faults", "disturbances", "sensors", "layouts", "others"),
+    "conditions": ("body", "thrusters", "faults", "disturbances", "sensors", "others"),
     "recipe": ("task", "ppo", "settings", "total_timesteps", "curriculum", "gpu"),
 }
 """Keys that only files of one kind have."""

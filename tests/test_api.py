@@ -340,7 +340,7 @@ def test_names_do_where_objects_do() -> None:
             lambda: rans.Conditions(weight=2.0, latency=0.1),  # type: ignore[call-arg]
             r"write rans.Conditions\(weight=2.0, thrusters=rans.ThrusterConditions\(latency=0.1\)\)",
         ),
-        (lambda: rans.Conditions(layout=1), r"no argument layout \(did you mean layouts\?\)"),  # type: ignore[call-arg]
+        (lambda: rans.Conditions(fault=1), r"no argument fault \(did you mean faults\?\)"),  # type: ignore[call-arg]
         (lambda: rans.Engine("atmos", "go-to-attitude", 2), "GoToAttitude works in space only"),
     ],
 )

@@ -138,11 +138,6 @@ def write_export(
         )
     # What the agent is, and what it does on flights of its training.
     config = source.config()
-    if config.settings.observed_thrusters:
-        raise ConfigError(
-            f"{run} observes the thrusters of its craft (observed_thrusters = "
-            f"{config.settings.observed_thrusters}), which no exported form computes: fly it with RANS."
-        )
     card = _card(source)
     saved = read_policy(source.agent_file)
     network = saved.network

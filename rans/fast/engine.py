@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
@@ -16,7 +15,7 @@ from torch import Tensor
 
 from rans.effectors.commands import check_commands, is_identity, is_possible, of_outputs
 from rans.episode import Episode, Guard, Setup, World
-from rans.errors import ConfigError, RansWarning, brief, checked, counted
+from rans.errors import ConfigError, brief, checked, counted
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.privileged import PrivilegedObservation
 from rans.fast.stepping.compiled import stepping
@@ -40,7 +39,6 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
-from rans.randomization.parameters import base_body
 from rans.randomization.plausible import warn_of_implausible
 from rans.registry import typed
 from rans.settled import settled
@@ -150,11 +148,6 @@ class Engine:
         self.layout = layout(task, craft.dimension)
         first = np.arange(num_envs) % each * processes.size + processes.rank
         nominal = Body.of(craft)
-        is_drawn = conditions is not None and conditions.layouts.count > 0
-        if conditions is not None and is_drawn:
-            body = _with_layouts(
-                conditions, craft, body, first, each * processes.size, self.compiled
-            )
         self.observation_width = self.layout.width
         """Number of columns of an observation."""
         self.body = in_memory(body or nominal, nominal, num_envs, lambda x: backend.put(x, dtype))
@@ -172,17 +165,7 @@ class Engine:
             each * processes.size,
             backend.fields,
         )
-        reads_tables = is_drawn and body is None
-        if reads_tables and self.compiled:
-            self.compiled = False
-            warnings.warn(
-                f"this engine steps slower, by single operations of torch: its number of environments, "
-                f"{num_envs:,}, is not a multiple of layouts.count, so that compiled steps would have another "
-                "layout in every episode.",
-                RansWarning,
-                stacklevel=2,
-            )
-        buffers = self._world, None if reads_tables else self.body, num_envs, draws
+        buffers = self._world, self.body, num_envs, draws
         # A generated kernel steps on a GPU where it can; any other step needs episodes that remember.
         self.episode = backend.episodes(*buffers, remember)
         self._kernel = None
@@ -191,9 +174,7 @@ class Engine:
                 self._world, self.episode, draws, processes, dtype, self.members
             )
         if self._kernel is None:
-            # To read a table in every step costs a generated program less than to remember its entries.
-            draws_again = reads_tables and backend.fields is np.float32
-            self.episode = backend.episodes(*buffers, remember or not draws_again)
+            self.episode = backend.episodes(*buffers, remember=True)
         self._step = stepping(backend, self.compiled and self._kernel is None, plain)
         self.state, self.goal = self.episode.state, self.episode.goal
         """State and goal of the running episodes; the next step overwrites their tensors; constants are floats."""
@@ -368,38 +349,6 @@ class Engine:
         restore(
             table, self._world, self.episode, (self._draws.low, self._draws.high), self.processes
         )
-
-
-def _with_layouts(
-    conditions: Conditions,
-    craft: Spacecraft,
-    body: Body | None,
-    first: np.ndarray,
-    stride: int,
-    compiled: bool,
-) -> Body | None:
-    """Bodies with random layouts, of environments that keep theirs; None: episodes read a table of layouts.
-
-    Args:
-        conditions: with random layouts.
-        craft: spacecraft.
-        body: argument of the engine, which must be None.
-        first: numbers of the first episodes of the environments, (N,).
-        stride: difference between the numbers of two successive episodes of an environment.
-        compiled: whether steps are compiled.
-
-    Raises:
-        ConfigError: the craft cannot have random layouts, or there is a body too.
-    """
-    conditions.check_craft(craft)
-    if body is not None:
-        raise ConfigError(
-            "an engine takes a body= or conditions with random layouts (layouts.count), not both: layouts make "
-            "the body of every episode. Leave out one of them."
-        )
-    # A kernel has no tables.
-    keeps = compiled and stride % conditions.layouts.count == 0
-    return base_body(conditions, craft, first, np.float64) if keeps else None
 
 
 def _check_actions(

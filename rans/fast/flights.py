@@ -87,8 +87,6 @@ class Flights:
         if getattr(self._setup.guard, "by_values", False):
             return None
         if self.device.type == "cuda":
-            if self.world.has_layouts:  # A kernel has no tables.
-                return None
             return FlightKernel.made(self.world, self._network, self.device, products)
         if not is_installed("llvmlite"):
             return None

@@ -7,7 +7,6 @@ hold) or over each of its pieces. Disturbances are constant in W. Without both, 
 
 from __future__ import annotations
 
-import math
 import operator
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -189,49 +188,6 @@ def _mounted(craft: Spacecraft, openings: Sequence[Field], body: Body) -> list[F
         force = [magnitude * x for x in mounting.direction]
         wrenches.append([*force, *_torque(craft, thruster, mounting, force)])
     return [sum(column[1:], start=column[0]) for column in zip(*wrenches, strict=True)]
-
-
-def thruster_effects(craft: Spacecraft, body: Body) -> tuple[Field, ...]:
-    """What each fully open thruster alone does to the motion of a body, without delays and droop of the supply.
-
-    First its linear acceleration in B (2 numbers in the plane, 3 in space), divided by the mean of the designed
-    thrusters. Then its torque in B about the true centre of mass over the mean moment of inertia (1 number in the
-    plane, 3 in space), divided by the root mean square of the designed thrusters. Empty without thrusters.
-    """
-    if not craft.thrusters:
-        return ()
-    size = craft.dimension
-    designed = Body.of(craft)
-    count = craft.thruster_count
-    linear = sum(thruster.force for thruster in craft.thrusters) / (count * craft.mass)
-    torques = [row[size:] for row in craft.wrench_map]
-    angular = math.sqrt(sum(x * x for row in torques for x in row) / count) / _mean_moment(designed)
-    numbers: list[Field] = []
-    for k, thruster in enumerate(craft.thrusters):
-        row = craft.wrench_map[k]
-        force, torque = list(row[:size]), list(row[size:])
-        if body.mountings:
-            force = [thruster.force * x for x in body.mountings[k].direction]
-            torque = _torque(craft, thruster, body.mountings[k], force)
-        shift = body.centre or (0.0,) * size
-        if size == 2:
-            torque = [torque[0] - (shift[0] * force[1] - shift[1] * force[0])]
-        else:
-            moved = Vec3(*shift).cross(Vec3(*force)).columns()
-            torque = [x - y for x, y in zip(torque, moved, strict=True)]
-        gain = body.gain[k] if body.gain else 1.0
-        pushing = gain / (body.mass * linear)
-        turning = gain / (_mean_moment(body) * (angular or 1.0))
-        numbers += [pushing * x for x in force]
-        numbers += [turning * x for x in torque]
-    return tuple(numbers)
-
-
-def _mean_moment(body: Body) -> Field:
-    """Mean of the moments of inertia about the axes of B that the craft can turn about, kg m^2."""
-    if len(body.inertia) == 1:
-        return body.inertia[0]
-    return (body.inertia[0] + body.inertia[3] + body.inertia[5]) / 3.0
 
 
 def _torque(

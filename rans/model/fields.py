@@ -77,23 +77,6 @@ def where(condition: Field, a: Field, b: Field) -> Field:
     return _function("where", condition, a, b)(condition, a, b)
 
 
-def entries(table: np.ndarray, index: Field, dtype: Any) -> Field:
-    """Entries of a table (K,) at whole numbers from 0 to K - 1, in this floating dtype of their library.
-
-    Raises:
-        TypeError: the numbers are of a library without tables.
-    """
-    library = type(index).__module__.partition(".")[0]
-    if library == "rans":
-        return type(index).entry(table, index)
-    if library == "torch":
-        torch = sys.modules["torch"]
-        return torch.as_tensor(table, dtype=dtype, device=index.device)[index.long()]
-    if isinstance(index, int | np.integer | np.ndarray):
-        return table.astype(dtype)[index]
-    raise TypeError(f"a table has entries at whole numbers, got {type(index).__name__}.")
-
-
 def at_least(x: Field, bound: float) -> Field:
     """The larger of a field and a constant."""
     if isinstance(x, int | float):

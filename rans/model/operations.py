@@ -50,7 +50,6 @@ OPERATIONS: Mapping[str, Operation] = {
     "*": Operation(2, np.multiply, _NUMBERS, None, "Mul", True),
     "/": Operation(2, np.divide, _REAL, "real", "Div", True),
     "neg": Operation(1, np.negative, _NUMBERS, None, "Neg", True),
-    "remainder": Operation(2, np.remainder, ("int",)),
     ">>": Operation(2, np.right_shift, ("int",), None, "", True),
     # Comparisons and logic.
     "<": Operation(2, np.less, _NUMBERS, "bool", "Less", True),
@@ -123,7 +122,7 @@ NUMBERS: Mapping[str, Callable[..., Any]] = {
     },
     **{"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge},
     **{"==": operator.eq, "!=": operator.ne, "&": operator.and_, "|": operator.or_},
-    **{"^": operator.xor, ">>": operator.rshift, "remainder": operator.mod},
+    **{"^": operator.xor, ">>": operator.rshift},
     **{"/": _over, "neg": operator.neg, "abs": abs, "real": float, "sqrt": _root},
     "floor": lambda x: float(math.floor(x)),
     "minimum": lambda a, b: a if a < b or a != a else b,
@@ -269,7 +268,7 @@ JAVASCRIPT = Dialect(
     "{0}{sign}{1}",
     "Math.{name}",
     _ANY,
-    ("remainder", *_OF_ROWS),
+    _OF_ROWS,
     {
         "neg": "-{0}",
         "where": "{0}?{1}:{2}",
@@ -290,7 +289,7 @@ CUDA = Dialect(
     "{0} {sign} {1}",
     "{name}",
     _ANY,
-    ("remainder", *_OF_ROWS),
+    _OF_ROWS,
     {
         "neg": "-{0}",
         "where": "{0} ? {1} : {2}",

@@ -6,7 +6,6 @@ constants folded: the branch-free program that `rans.compile.cuda.source` prints
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -36,17 +35,6 @@ UNTRACEABLE = (TypeError, AttributeError)
 """Exceptions of tasks that use more than arithmetic on a symbol, such as a method of tensors."""
 
 
-class Table:
-    """Numbers (K,) that a program reads by their index. Tables of equal numbers have the same representation."""
-
-    def __init__(self, numbers: np.ndarray) -> None:
-        self.numbers = np.ascontiguousarray(numbers, np.float64)
-        self._digest = hashlib.sha256(self.numbers.tobytes()).hexdigest()
-
-    def __repr__(self) -> str:
-        return self._digest
-
-
 class Symbol:
     """One value of a traced program: an input, a constant, or an operation on symbols.
 
@@ -60,11 +48,11 @@ class Symbol:
     _serials = itertools.count()
 
     operation: str
-    """"input", "constant", "entry" of a table, or one of `rans.model.operations.OPERATIONS`."""
+    """"input", "constant", or one of `rans.model.operations.OPERATIONS`."""
     args: tuple[Symbol, ...]
     kind: Kind
     value: Any
-    """Name of an input, number of a constant, or `Table` of an entry."""
+    """Name of an input, or number of a constant."""
     serial: int
     """Serial number, increasing, so that that of an operation is above those of its operands."""
 
@@ -126,19 +114,6 @@ class Symbol:
             args = tuple(sorted(args, key=lambda arg: arg.serial))
         return cls._of(operation, _kind(operation, args), args)
 
-    @classmethod
-    def entry(cls, table: np.ndarray, index: Symbol) -> Symbol:
-        """Entry of a table (K,) at an index from 0 to K - 1, real."""
-        if index.operation == "constant":
-            return cls.constant(float(table[index.value]))
-        return cls._of("entry", "real", (index,), Table(table))
-
-    def on(self, *args: Symbol) -> Symbol:
-        """This operation applied to other symbols; an entry of a table is read from the same table."""
-        if self.operation == "entry":
-            return Symbol.entry(self.value.numbers, *args)
-        return Symbol.apply(self.operation, *args)
-
     @property
     def operand_kind(self) -> Kind:
         """Kind of the operands, by which a language chooses the text of the operation."""
@@ -157,12 +132,6 @@ class Symbol:
 
     def __abs__(self) -> Symbol:
         return Symbol.apply("abs", self)
-
-    def __mod__(self, divisor: int) -> Symbol:
-        # The sign of a remainder differs between languages, so that only programs that take Python's have it.
-        if self.kind != "int":
-            return NotImplemented
-        return Symbol.apply("remainder", self, divisor)
 
     def __invert__(self) -> Symbol:
         return Symbol.apply("^", self, True if self.kind == "bool" else -1)
@@ -267,5 +236,5 @@ def substituted(roots: Iterable[Symbol], values: Mapping[Symbol, Symbol]) -> lis
             continue
         args = tuple(new[arg] for arg in symbol.args)
         same = all(map(operator.is_, args, symbol.args))
-        new[symbol] = symbol if same else symbol.on(*args)
+        new[symbol] = symbol if same else Symbol.apply(symbol.operation, *args)
     return [new[root] for root in roots]

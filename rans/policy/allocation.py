@@ -22,8 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rans.model.fields import Field, where, within
-from rans.model.twists import directions
-from rans.randomization.layouts import authority_margin
+from rans.model.twists import authority_margin, directions
 
 PRICE = 0.1
 """Price of the velocity change that thrusters give, summed over them, in units of squared errors: of thrusters in

@@ -18,14 +18,13 @@ import torch
 
 from rans.errors import ConfigError, RansWarning
 from rans.model.spacecraft import Spacecraft
-from rans.model.twists import balanced, cone_pushes
+from rans.model.twists import authority_margin, balanced, cone_pushes
 from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, spans, spare
 from rans.policy.architecture import Architecture
 from rans.policy.authority import DIMENSIONS, Authority, braking_distance
 from rans.policy.frugality import AS_TRAINED, Frugality
 from rans.policy.network import Network
 from rans.pretrained import FOR_ANY_CRAFT
-from rans.randomization.layouts import LayoutRanges, authority_margin
 
 
 class Range(NamedTuple):
@@ -42,8 +41,8 @@ class Range(NamedTuple):
         return f"above {self.low:g}" if math.isinf(self.high) else bounded
 
 
-MARGIN = Range("authority margin", "", LayoutRanges.least_authority, math.inf)
-"""Range of `rans.randomization.layouts.authority_margin`."""
+MARGIN = Range("authority margin", "", 0.25, math.inf)
+"""Range of `rans.model.twists.authority_margin`."""
 RANGES = {
     2: (
         Range("control period", "s", 0.1, 0.2),

@@ -10,8 +10,8 @@ import numpy as np
 
 from rans.errors import ConfigError, RansWarning
 from rans.model.spacecraft import Spacecraft
+from rans.model.twists import authority_margin
 from rans.policy.any_craft import MARGIN, authority, columns_of, without
-from rans.randomization.layouts import authority_margin
 from rans.tasks.go_to_pose import GoToPose
 
 _SURE = 0.375
@@ -24,7 +24,7 @@ class Prospect(NamedTuple):
     """What decides whether a craft holds a pose."""
 
     margin: float
-    """See `rans.randomization.layouts.authority_margin`."""
+    """See `rans.model.twists.authority_margin`."""
     shift: float
     """Largest distance, m, that one thruster moves the craft in a control period after it was open for one."""
     turn: float

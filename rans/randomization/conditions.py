@@ -31,8 +31,6 @@ MOST_FAULTS = 8
 """Thrusters that may fail in an episode: more takes long kernels, and leaves few craft with anything to control."""
 
 
-MOST_LAYOUTS = 65_536
-"""Random layouts of thrusters: to draw so many takes five minutes."""
 MOST_DELAY = 1_000
 """Control periods by which readings may be late: the states of all of them are remembered."""
 _LARGEST = 1e9
@@ -120,30 +118,6 @@ class ThrusterConditions(Settings):
     on_off: Range = 0.0
     """Probability that the pulsed or throttled thrusters of an episode are on/off: a command of half or more opens
     them fully for the control period, a smaller one does nothing."""
-
-
-@dataclass(frozen=True)
-class LayoutConditions(Settings):
-    """Random layouts of thrusters in place of the designed one (`rans.randomization.layouts`).
-
-    A layout has the mean force and the root mean square distance from the centre of mass of the spacecraft's
-    thrusters. Mass, inertia and the kind of thruster are those of the spacecraft.
-    """
-
-    count: int = 0
-    """Number of layouts; episode n has layout n modulo count. 0: thrusters are as designed."""
-    seed: int = 0
-    """Seed of the layouts. Layout k of a seed is the same for every count."""
-    fewest: int = 4
-    """Smallest number of thrusters of a layout, in space at least 7; the largest is that of the spacecraft. The
-    last thrusters are those that a layout lacks; their commands do nothing."""
-
-    def least(self, dimension: int) -> int:
-        """Smallest number of thrusters in the plane (2) or in space (3).
-
-        Thrusters only push, so that three components of a twist need four of them, and six need seven.
-        """
-        return max(self.fewest, {2: 4, 3: 7}[dimension])
 
 
 @dataclass(frozen=True)
@@ -245,7 +219,6 @@ class Conditions(NamedArguments, Settings):
     faults: FaultConditions = field(default_factory=FaultConditions)
     disturbances: DisturbanceConditions = field(default_factory=DisturbanceConditions)
     sensors: SensorsConditions = field(default_factory=SensorsConditions)
-    layouts: LayoutConditions = field(default_factory=LayoutConditions)
     effectors: tuple[EffectorConditions, ...] = ()
     """Randomization of further effectors; those of ``others`` name the same quantities."""
     description: str = ""
@@ -275,7 +248,6 @@ class Conditions(NamedArguments, Settings):
         _check_faults(self.faults)
         _check_disturbances(self.disturbances, is_mixture=bool(self.others))
         _check_outages(self.sensors)
-        _check_layouts(self)
 
     def met(self, chance: Field) -> Conditions:
         """Conditions of an episode, selected from the mixture by a number in [0, 1).
@@ -293,8 +265,8 @@ class Conditions(NamedArguments, Settings):
 
         Raises:
             ConfigError: there are shortest on or off times, but the thrusters are not on/off, more thrusters fail
-                than there are, there is no thruster of a number that is to fail, the spacecraft cannot have
-                random layouts, no mass is left beside its propellant, or its further effectors refuse them.
+                than there are, there is no thruster of a number that is to fail, no mass is left beside its
+                propellant, or its further effectors refuse them.
         """
         self._check_propellant(craft)
         self._check_effectors(craft)
@@ -306,17 +278,6 @@ class Conditions(NamedArguments, Settings):
                 "factor on all moments of inertia."
             )
         count = craft.thruster_count
-        least = self.layouts.least(craft.dimension) if self.layouts.count else 0
-        if count < least:
-            raise ConfigError(
-                f"layouts.count is for craft with at least {least} thrusters (layouts.fewest; at least 4 in the "
-                f"plane and 7 in space); {craft.name!r} has {count}."
-            )
-        if self.layouts.count and craft.thrust_sharing != "none":
-            raise ConfigError(
-                f"layouts.count is for craft whose thrusters do not share their force, but {craft.name!r} has "
-                f'thrust_sharing = "{craft.thrust_sharing}", whose model needs thrusters of equal force.'
-            )
         failing = max(bounds(part.faults.count)[0] for part in (self, *self.others))
         named = self.faults.thrusters
         if failing > count or (named and not count):
@@ -324,14 +285,10 @@ class Conditions(NamedArguments, Settings):
                 f"Conditions have faults of {max(failing, len(named)):g} thrusters in every episode, and "
                 f"{craft.name!r} has {count or 'none'}."
             )
-        lowest = least or count
-        if any(k >= lowest for k in self.faults.thrusters):
-            owner = (
-                "those of every random layout" if self.layouts.count else f"those of {craft.name!r}"
-            )
+        if any(k >= count for k in named):
             raise ConfigError(
-                f"Conditions have faults of thrusters {[*self.faults.thrusters]}; {owner} have the numbers 0 to "
-                f"{lowest - 1}."
+                f"Conditions have faults of thrusters {[*named]}; those of {craft.name!r} have the numbers 0 to "
+                f"{count - 1}."
             )
         for name in ("least_on", "least_off"):
             longest = self._largest("thrusters", name)
@@ -589,36 +546,6 @@ def _check_outages(sensors: SensorsConditions) -> None:
     least = bounds(sensors.outage_every)[0]
     bound = f"below the least of sensors.outage_every, {least:g} s"
     _require(largest(sensors.outage) < least, "sensors.outage", sensors.outage, bound)
-
-
-def _check_layouts(conditions: Conditions) -> None:
-    """Reject layouts that cannot be drawn, and errors that are relative to the designed layout."""
-    layouts = conditions.layouts
-    for name, least, most in (
-        ("count", 0, MOST_LAYOUTS),
-        ("seed", 0, 2**32 - 1),
-        ("fewest", 4, 1000),
-    ):
-        value = getattr(layouts, name)
-        bound = f"a whole number from {least} to {most:,}"
-        _require(type(value) is int and least <= value <= most, f"layouts.{name}", value, bound)
-    if not layouts.count:
-        # A forgotten count would train on the designed thrusters without a word.
-        bound = "1 or more where layouts.seed or layouts.fewest is set: it is the number of random layouts"
-        _require(layouts == LayoutConditions(), "layouts.count", layouts.count, bound)
-        return
-    random = "with random layouts (layouts.count)"
-    for part in (conditions, *conditions.others):
-        for name in ("misalignment", "position"):
-            value = getattr(part.thrusters, name)
-            bound = f"left out {random}, whose thrusters have no designed position"
-            _require(largest(value) == 0.0, f"thrusters.{name}", value, bound)
-        droop = part.thrusters.droop
-        bound = f"left out {random}: its model needs thrusters of equal force"
-        _require(droop is None or largest(droop) == 0.0, "thrusters.droop", droop, bound)
-        among = part.faults.among
-        bound = f'"any" {random}: which sets can be spared differs between them'
-        _require(among == "any", "faults.among", among, bound)
 
 
 def _require(holds: Any, name: str, value: object, bound: str) -> None:

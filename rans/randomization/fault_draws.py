@@ -31,7 +31,6 @@ def draw_fault(
     craft: Spacecraft,
     body: Body,
     random: Random,
-    present: Field | None = None,
 ) -> Fault | None:
     """Draw the fault of an episode; None if the conditions have no faults.
 
@@ -40,7 +39,6 @@ def draw_fault(
         craft: spacecraft.
         body: body before the fault; thrusters that do not fail keep its gain and leak.
         random: random numbers.
-        present: number of thrusters that may fail, the first ones, where layouts lack some; None: all.
     """
     thrusters = len(body.gain)
     if faults.thrusters:
@@ -50,7 +48,7 @@ def draw_fault(
     count = random.whole(faults.count)
     begins = random.within(faults.time)
     lost = (
-        _scattered(faults, float(thrusters) if present is None else present, random)
+        _scattered(faults, float(thrusters), random)
         if faults.among == "any"
         else _alike(faults, craft, count, random)
     )

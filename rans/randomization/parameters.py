@@ -11,7 +11,6 @@ import operator
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Any
 
 import numpy as np
 
@@ -20,12 +19,11 @@ from rans.model.actuators import Actuators
 from rans.model.body import Body, Mounting
 from rans.model.drift import Drift
 from rans.model.dynamics import Piece, Wrench, undelayed
-from rans.model.fields import Field, Vec3, at_least, cos, entries, floor, map_leaves, sin, where
+from rans.model.fields import Field, Vec3, at_least, cos, floor, map_leaves, sin, where
 from rans.model.random import Draws, Random
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions, Range, ThrusterConditions, largest
 from rans.randomization.fault_draws import Fault, draw_fault
-from rans.randomization.layout_bodies import layout_bodies
 from rans.randomization.sensors import Sensors, draw_sensors
 from rans.randomization.valves import Lag, failing, pieces
 
@@ -276,27 +274,11 @@ def examples(conditions: Conditions, craft: Spacecraft, steps: int) -> EpisodePa
     return draw(
         conditions,
         craft,
-        base_body(conditions, craft, numbers, np.float64),
+        Body.of(craft),
         steps,
         numbers,
         Draws(low=0, high=0, first=numbers, stride=0, dtype=np.float64),
     )
-
-
-def base_body(conditions: Conditions, craft: Spacecraft, number: Field, dtype: Any) -> Body:
-    """Body to which the factors of an episode apply: as designed, or with its random layout of thrusters.
-
-    Args:
-        conditions: conditions of the episode.
-        craft: spacecraft.
-        number: number of the episode, a whole number or a field (N,).
-        dtype: floating dtype of the body's fields.
-    """
-    if not conditions.layouts.count:
-        return Body.of(craft)
-    index = number % conditions.layouts.count
-    table = layout_bodies(craft, conditions.layouts)
-    return map_leaves(lambda x: entries(x, index, dtype) if isinstance(x, np.ndarray) else x, table)
 
 
 _STREAMS = {
@@ -368,9 +350,7 @@ def draw(
     return EpisodeParameters(
         number=number,
         body=body,
-        fault=draw_fault(
-            conditions.faults, craft, body, random("fault"), _present(conditions, base)
-        ),
+        fault=draw_fault(conditions.faults, craft, body, random("fault")),
         lag=_lag(conditions, random("lag")),
         dwell=_dwell(conditions, random("hold")),
         push=_push(pushes.force, pushes.torque, random("push")),
@@ -380,13 +360,6 @@ def draw(
         noise=_noise(conditions.thrusters.noise, random("noise")),
         limits=_limits(conditions.thrusters, random("limits")),
     )
-
-
-def _present(conditions: Conditions, base: Body) -> Field | None:
-    """Number of thrusters of an episode's random layout, which are the first; None: all of the spacecraft's."""
-    if not conditions.layouts.count:
-        return None
-    return reduce(operator.add, (where(gain > 0.0, 1.0, gain * 0.0) for gain in base.gain))
 
 
 def _noise(noise: Range, random: Random) -> Field | None:

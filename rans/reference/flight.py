@@ -51,7 +51,7 @@ def fly_in_drake(
 
     Substeps do not concern Drake, but its own longest step (s) does; None: see `DrakeMover`.
     """
-    if body is None and (conditions is None or not conditions.layouts.count):
+    if body is None:
         body = designed(craft)
     return fly(
         craft,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import reduce
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -19,7 +19,6 @@ from rans.model.timing import Timing
 from rans.tasks.observation_terms import (
     AngularVelocity,
     Dimension,
-    Information,
     Observation,
     ObservationTerm,
     OwnRotation,
@@ -34,7 +33,6 @@ if TYPE_CHECKING:
     from rans.model.spacecraft import Spacecraft
     from rans.tasks.afterwards import Afterwards
 
-_AXES_IN_SPACE = "a_x", "a_y", "a_z", "turn_x", "turn_y", "turn_z"
 _DATA_COLUMNS = {2: 4, 3: 9}
 """Least number of columns of task data by dimension, so that the paper's tasks share a width (Table 1)."""
 
@@ -144,8 +142,6 @@ class Task(Settings, ABC):
         """Whether the mission is accomplished, which ends the episode; None: it lasts until it is truncated."""
         return None
 
-    observed_thrusters: int = 0
-    """Number of thrusters whose effects are in the observation; see `SingleTask.observed_thrusters`."""
     violation_ends: bool = True
     """Whether a negative margin of `constraints` ends the episode as a failure."""
     violation_weight: float = 0.0
@@ -229,11 +225,6 @@ class SingleTask(Prices, Task):
         ConfigError: see `rans.tasks.settings.check_settings`.
     """
 
-    observed_thrusters: int = 0
-    """Number of thrusters whose accelerations policies observe, for craft with random layouts
-    (`rans.randomization.conditions.LayoutConditions`): at least that of the craft. 0: policies do not observe
-    them."""
-
     flag: ClassVar[float] = -1.0
     """Task flag tf of the paper, which policies observe. The tasks of the paper have 0 to 4; others may keep -1."""
 
@@ -277,17 +268,8 @@ def reward_terms(
     return terms
 
 
-def typed_observation(
-    task: Task, state: State, goal: State, thrusters: tuple[Field, ...] = ()
-) -> Observation:
-    """Observation of a state with a goal, as typed terms.
-
-    Args:
-        task: task.
-        state: measured state.
-        goal: goal.
-        thrusters: `rans.episode.Episode.thrusters`; empty: zeros where the task has them in the observation.
-    """
+def typed_observation(task: Task, state: State, goal: State) -> Observation:
+    """Observation of a measured state with a goal, as typed terms."""
     flag = state.attitude.columns()[0] * 0.0 + task.flag_of(goal)
     data = task.observation_terms(state, goal)
     missing = _DATA_COLUMNS[len(state.p.columns())] - sum(len(entry.columns()) for entry in data)
@@ -299,31 +281,10 @@ def typed_observation(
             Scalar("task flag", "-", flag),
             *data,
             *(Scalar("unused", "-", flag * 0.0) for _ in range(missing)),
-            *_thruster_terms(task, state, thrusters, flag * 0.0),
         )
     )
 
 
-def _thruster_terms(
-    task: Task, state: State, thrusters: tuple[Field, ...], zero: Field
-) -> Iterator[Information]:
-    """Terms of the thrusters that policies observe."""
-    if not task.observed_thrusters:
-        return
-    axes = ("a_x", "a_y", "turn") if len(state.p.columns()) == 2 else _AXES_IN_SPACE
-    names = [f"thruster {k} {axis}" for k in range(task.observed_thrusters) for axis in axes]
-    for name, value in zip(names, thrusters or (0.0,) * len(names), strict=True):
-        yield Information(
-            name,
-            "-",
-            zero + value,
-            meaning="acceleration of the craft in B by this thruster alone, fully open, over that of the "
-            "designed thrusters (rans.model.dynamics.thruster_effects)",
-        )
-
-
-def observation(
-    task: Task, state: State, goal: State, thrusters: tuple[Field, ...] = ()
-) -> tuple[Field, ...]:
+def observation(task: Task, state: State, goal: State) -> tuple[Field, ...]:
     """Columns of the observation, as `typed_observation`; `rans.tasks.observation_columns` names them."""
-    return typed_observation(task, state, goal, thrusters).columns()
+    return typed_observation(task, state, goal).columns()

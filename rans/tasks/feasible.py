@@ -8,7 +8,6 @@ from rans.errors import RansWarning
 from rans.model.pace import seconds_for_a_metre, seconds_for_half_a_turn
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
-from rans.randomization.conditions import Conditions
 from rans.tasks.base import Task
 
 
@@ -59,16 +58,3 @@ def warn_of_obstacles(craft: Spacecraft, task: Task, timing: Timing) -> None:
     """Warn of each of the `obstacles`."""
     for obstacle in obstacles(craft, task, timing):
         warnings.warn(f"{obstacle}.", RansWarning, stacklevel=3)
-
-
-def warn_of_unobserved_layouts(task: Task, conditions: Conditions | None) -> None:
-    """Warn of random layouts of thrusters in whose episodes a controller commands those of the craft's file."""
-    if conditions is None or not conditions.layouts.count or task.observed_thrusters:
-        return
-    warnings.warn(
-        "episodes have random layouts of thrusters (layouts.count), which the controller does not observe: it "
-        "commands them as those of the spacecraft's file. Train with observed_thrusters, or fly layouts as "
-        "spacecraft of their own (rans.randomization.layout_bodies.layout_spacecraft).",
-        RansWarning,
-        stacklevel=3,
-    )

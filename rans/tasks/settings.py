@@ -30,10 +30,6 @@ def check_settings(task: Any) -> None:
             is_unset or isinstance(value, bool) or dataclasses.is_dataclass(value)
         ):  # which check themselves
             continue
-        if name == "observed_thrusters":
-            if type(value) is not int or not 0 <= value <= 64:
-                raise ConfigError(f"{name} must be a whole number from 0 to 64, got {value!r}.")
-            continue
         is_range = isinstance(field.default, tuple)
         if is_range and not (isinstance(value, tuple) and len(value) == 2):
             raise ConfigError(f"{name} must be a range (low, high), got {value!r}.")

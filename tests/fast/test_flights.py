@@ -33,7 +33,6 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.policy.any_craft import for_craft
 from rans.policy.filter_bank import Filters
-from rans.randomization.conditions import Conditions, LayoutConditions
 from rans.tasks import GoToPose
 from rans.verdict import Failure
 from tests.support.engines import FLYER, PLATFORM, both_crafts
@@ -149,18 +148,6 @@ def test_conditions_are_flown(effect: str) -> None:
     # Programs round in another order; a command as near to zero changes, and with it one flight of hundreds.
     alike(found, Flights(network, given, generated=False).fly(0, COUNT, 1), different=2, share=1e-3)
     assert perfect().sums["return"] != found.sums["return"]
-
-
-@both_crafts
-def test_random_layouts_are_flown(craft: Spacecraft) -> None:
-    """By a program that reads the layout of a flight from a table; the policy observes it."""
-    task = replace(WIDE, observed_thrusters=craft.thruster_count)
-    network = policy(craft, task, sided=False)
-    given = setup(craft, task, Conditions(layouts=LayoutConditions(count=7)))
-    found = Flights(network, given).fly(3, COUNT, 1)
-    assert found.ways == {"CPU, float32"}
-    # As above.
-    alike(found, Flights(network, given, generated=False).fly(3, COUNT, 1), different=2, share=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 
 from rans.compile.step_program import StepProgram, trace_step
 from rans.fast.engine import Engine
-from rans.model.fields import absolute, at_least, cos, entries, where, wrap
+from rans.model.fields import absolute, at_least, cos, where, wrap
 from rans.model.random import hash4
 from rans.model.spacecraft import Spacecraft
 from rans.model.trace import Symbol, Untraceable, ordered, substituted
@@ -73,17 +73,6 @@ def test_what_needs_no_operation_is_none(folded: Symbol, expected: Symbol) -> No
 def test_what_is_known_is_a_constant(folded: Symbol, value: float) -> None:
     assert folded.operation == "constant"
     assert folded.value == pytest.approx(value, abs=1e-15)
-
-
-def test_entries_of_tables() -> None:
-    """Equal tables are one; an index that becomes known gives a number; remainders are of whole numbers alone."""
-    table = np.array([3.0, 5.0, 8.0])
-    entry = entries(table, n % 3, None)
-    assert entry is entries(table.copy(), n % 3, None)
-    assert entry is not entries(table + 1.0, n % 3, None)
-    assert substituted([entry + x], {n: number(-2)}) == [x + 5.0]
-    with pytest.raises(TypeError):
-        x % 3
 
 
 def test_random_words_of_constants_wrap_around_as_numpys() -> None:

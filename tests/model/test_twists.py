@@ -11,8 +11,8 @@ from scipy.optimize import linprog
 
 from rans.model.authority import authorities
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.twists import balanced, cone_pushes
-from rans.randomization.layouts import layouts
+from rans.model.twists import authority_margin, balanced, cone_pushes
+from tests.support.layouts import sample_layout
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def test_a_craft_that_cannot_push_alone_has_no_authority() -> None:
 @pytest.mark.parametrize("shared", [False, True])
 def test_pushes_of_a_cone_are_the_least_of_linear_programs(shared: bool) -> None:
     """Directions 3 degrees apart miss the least one by 1.5 at most, and its reach by less than 2 percent."""
-    (columns,) = layouts(1, 5)
+    columns = sample_layout(5)
     parts: dict[str, Any] = {"bounds": (0.0, 1.0)}
     if shared:
         parts = {"A_ub": np.ones((1, len(columns))), "b_ub": [1.0]}
@@ -73,3 +73,19 @@ def test_two_thrusters_push_between_the_axes_of_the_floating_platform() -> None:
     columns = np.array(craft.wrench_map)
     assert cone_pushes(columns) == pytest.approx([2.0] * 4)
     assert balanced(columns)[:4] == pytest.approx([2.0 * math.sqrt(2.0)] * 4)
+
+
+def test_a_layout_that_cannot_turn_one_way_has_no_margin() -> None:
+    # Four thrusters that push every way and turn to the left only.
+    wheel = np.array([[1.0, 0.0, 0.3], [0.0, 1.0, 0.3], [-1.0, 0.0, 0.3], [0.0, -1.0, 0.3]])
+    assert authority_margin(wheel) == pytest.approx(0.0, abs=1e-9)
+    both = np.vstack([wheel, wheel * [1.0, 1.0, -1.0]])
+    assert authority_margin(both) > 1.0
+
+
+def test_thrusters_without_a_torque_do_not_count_in_its_unit() -> None:
+    """The mean square of the torques 1 and 1/4 is 17/32; the weaker way is 1/4 over its root."""
+    through_the_centre = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]
+    turning = [[0.0, 0.0, 1.0], [0.0, 0.0, -0.25]]
+    margin = authority_margin(np.array(through_the_centre + turning))
+    assert margin == pytest.approx(0.25 / np.sqrt(17.0 / 32.0), rel=1e-9)

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear, minimize
 
-from rans.model.twists import balanced
+from rans.model.twists import authority_margin, balanced
 from rans.policy.allocated import ON_OFF, choice
 from rans.policy.allocation import PRICE, shares, subsets
-from rans.randomization.layouts import LayoutRanges, authority_margin, sample_layout
+from tests.support.layouts import sample_layout
 
 
 def drawn(seed: int, most: int = 8) -> np.ndarray:
-    columns = sample_layout(np.random.default_rng(seed), LayoutRanges(most=most))
+    columns = sample_layout(seed, most)
     ways = balanced(columns)
     return columns / [min(ways[:4]), min(ways[:4]), min(ways[4:])]
 
@@ -63,7 +63,7 @@ def test_thrust_costs_less_where_thrusters_push_against_each_other() -> None:
         (price,) = {round(float(x), 9) for x in paid[thrust > 0.0] / thrust[thrust > 0.0]}
         ratios.append((authority_margin(columns), price / PRICE))
     assert min(ratios)[0] < 0.5
-    assert max(ratios)[0] > 1.5
+    assert max(ratios)[0] > 1.2
     for margin, ratio in ratios:
         assert ratio == pytest.approx(min(1.0, margin**2), abs=1e-6)
 

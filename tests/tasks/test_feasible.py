@@ -16,9 +16,8 @@ from rans.model.pace import misfits, seconds_for_a_metre, seconds_for_half_a_tur
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.model.timing import Timing
-from rans.randomization.conditions import Conditions, LayoutConditions
 from rans.tasks import GoToPose, GoToPosition
-from rans.tasks.feasible import warn_of_obstacles, warn_of_unobserved_layouts
+from rans.tasks.feasible import warn_of_obstacles
 from tests.support.engines import PLATFORM
 from tests.support.training import CONFIG, tiny_trainer
 
@@ -119,17 +118,3 @@ def test_a_file_with_a_radius_in_mm_warns(tmp_path: Path) -> None:
 def test_shipped_craft_are_not_suspected() -> None:
     for name in SPACECRAFT:
         assert not misfits(SPACECRAFT[name].craft), name
-
-
-def test_random_layouts_that_a_controller_does_not_observe_are_warned_of() -> None:
-    """Also those of an agent for any craft, which knows the craft of the file and flies off with another one."""
-    random = Conditions(layouts=LayoutConditions(count=4))
-    for blind in (random, replace(random, layouts=LayoutConditions(count=1))):
-        with pytest.warns(UserWarning, match="does not observe"):
-            warn_of_unobserved_layouts(GoToPose(), blind)
-    for task, conditions in (
-        (GoToPose(observed_thrusters=8), random),
-        (GoToPose(), Conditions()),
-        (GoToPose(), None),
-    ):
-        warn_of_unobserved_layouts(task, conditions)  # warnings are errors here

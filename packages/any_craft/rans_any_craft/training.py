@@ -23,7 +23,7 @@ from torch import Tensor
 
 from rans.extend import Architecture, Network, NonFiniteState, Spacecraft, Task, Workers, layout
 from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
-from rans.model.twists import balanced, cone_pushes, directions, thrust
+from rans.model.twists import authority_margin, balanced, cone_pushes, directions, thrust
 from rans.policy.allocation import continuous_price, in_order, subsets, thrust_price
 from rans.policy.any_craft import RANGES, authority, coast, columns_of, effects, last_layer
 from rans.policy.architecture import EXTRACTOR
@@ -37,14 +37,7 @@ from rans.policy.authority import (
     rotation_vector,
     width,
 )
-from rans.randomization.layouts import (
-    IN_SPACE,
-    LayoutRanges,
-    Shape,
-    authority_margin,
-    canonical,
-    sample_layout,
-)
+from rans_any_craft.layouts import IN_SPACE, LayoutRanges, Shape, canonical, sample_layout
 
 _TABLE = 256
 """Largest number of subsets of a layout in training: those that demands up to 3 choose most often."""
@@ -149,7 +142,7 @@ class Pool(NamedTuple):
     authority: Tensor
     """(L, 2 d) along both ways of every axis, over the least one."""
     margin: Tensor
-    """(L,) `rans.randomization.layouts.authority_margin`."""
+    """(L,) `rans.model.twists.authority_margin`."""
     is_continuous: Tensor
     """(L,) bool: the thrusters have no shared supply, which is for thrusters that are on or off."""
     is_on_off: Tensor
@@ -157,7 +150,7 @@ class Pool(NamedTuple):
 
 
 def shipped_shapes(dimension: int) -> frozenset[Shape]:
-    """Tables of `rans.randomization.layouts.canonical` of all craft of a dimension that come with RANS."""
+    """Tables of `rans_any_craft.layouts.canonical` of all craft of a dimension that come with RANS."""
     crafts = (SPACECRAFT[name].craft for name in spacecraft_names())
     return frozenset(
         table

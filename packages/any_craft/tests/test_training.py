@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from rans_any_craft import training as demands
+from rans_any_craft.layouts import canonical
 from rans_any_craft.training import (
     DemandSettings,
     Stage,
@@ -20,7 +21,6 @@ from rans_any_craft.training import (
 )
 
 from campaigns.any_craft import RECIPES, LinearLaw, gains
-from rans.randomization.layouts import canonical
 from tests.support.layouts import columns_of
 
 FEW = DemandSettings(crafts=16, steps=40)

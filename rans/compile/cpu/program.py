@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -199,10 +199,6 @@ class ProgramMemory:
                 return _choose, (*(x.view(np.int32) for x in (*args, to)),)
             case "real":
                 return _convert, (*args, to)
-            case "entry" if isinstance(operation.of, Symbol):
-                table = operation.of.value.numbers.astype(np.float32)
-                # Without the mode NumPy checks every index, and copies.
-                return partial(np.take, table, mode="clip"), (args[0], None, to)
         return _FUNCTIONS[operation.name], (*args, to)
 
 

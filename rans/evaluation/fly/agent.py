@@ -23,7 +23,6 @@ from rans.randomization.plausible import warn_of_implausible
 from rans.safety_filters import safety_filter
 from rans.tasks import Task
 from rans.tasks.derived import layout
-from rans.tasks.feasible import warn_of_unobserved_layouts
 
 
 class Agent:
@@ -95,7 +94,6 @@ class LoadedRun(NamedTuple):
         loaded = conditions.or_none
         if loaded is not None:
             warn_of_implausible(loaded, self.craft)
-            warn_of_unobserved_layouts(self.task, loaded)
         return self._replace(controller=informed(self.controller, loaded), conditions=loaded)
 
     def guarded(

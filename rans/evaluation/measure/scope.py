@@ -35,7 +35,6 @@ _TOGETHER = {
     "disturbances.slow_force": ("disturbances.slow_period",),
     "disturbances.slow_torque": ("disturbances.slow_period",),
     "disturbances.kicks": ("disturbances.kick", "disturbances.kick_spin"),
-    "layouts.count": ("layouts.seed", "layouts.fewest"),
 }
 """Settings that mean something with others, so that they are stated with these, though they are the defaults."""
 _UNIT = re.compile(r", (N m s|N m|N s|rad/s|m/s|rad|N|m|s)(?=[;,.]| \(|$)")

@@ -38,15 +38,13 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
     has_history = memory.kind in ("history", "commands")
     noise = (filters.drift, filters.steady, filters.response, filters.gate)
     period = engine.timing.control_period
-    # A mirror image of a craft with other thrusters than designed is another craft.
-    is_symmetric = settings.symmetric and not engine.task.observed_thrusters
     return Architecture(
         layout=engine.layout,
         thrusters=craft.command_count,
         layers=tuple(settings.layers),
         activation=settings.activation,
         zoom=settings.zoom,
-        symmetries=symmetries(craft) if is_symmetric else None,
+        symmetries=symmetries(craft) if settings.symmetric else None,
         bf16=settings.matmul == "bf16",
         head=_head(engine, settings),
         levers=per_velocity(craft, period) if settings.head == "guided" else (),

@@ -30,7 +30,7 @@ from rans.files import inside_for_others, replace_file
 from rans.model.spacecraft import Spacecraft
 from rans.policy.network import Network
 from rans.randomization.plausible import warn_of_implausible
-from rans.tasks.feasible import warn_of_obstacles, warn_of_unobserved_layouts
+from rans.tasks.feasible import warn_of_obstacles
 
 _COMPILING = 30.0
 """Training time above which compiling saves time, s; it takes 5 to 35 s and doubles the speed."""
@@ -107,7 +107,6 @@ class Trainer:
         )
         warn_of_obstacles(craft, first.settings, timing)
         warn_of_implausible(first.conditions, craft)
-        warn_of_unobserved_layouts(first.settings, first.conditions)
         self.engine = Engine(
             craft,
             self.curriculum.task,

@@ -194,7 +194,6 @@ class Backend:
             reading=map_leaves(buffer, new.reading),
             commands=map_leaves(lambda _: self.put(zeros, command_dtype), new.commands),
             violated=None if new.violated is None else self.put(zeros, real),
-            thrusters=map_leaves(buffer, new.thrusters, new.thrusters),
         )
 
     def words(self, seeds: Sequence[int], each: int) -> tuple[Any, Any]:

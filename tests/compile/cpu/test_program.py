@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from rans.compile.cpu.program import CompiledProgram, ProgramMemory
-from rans.model.fields import absolute, atan2, cos, entries, exp, floor, log, sin, sqrt, where
+from rans.model.fields import absolute, atan2, cos, exp, floor, log, sin, sqrt, where
 from rans.model.random import Random
 from rans.model.trace import Symbol
 
 COUNT = 50
-SQUARES = np.square(np.arange(7.0))
 
 
 def everything(a: Any, b: Any, n: Any) -> tuple[Any, ...]:
@@ -31,8 +30,6 @@ def everything(a: Any, b: Any, n: Any) -> tuple[Any, ...]:
         near | odd,
         where(near, odd, b > 0.5),
         -root / (1.0 + low * low),
-        entries(SQUARES, n % 7, np.float32) + a,
-        entries(SQUARES, (n & 1) + 1, np.float32),
     )
 
 

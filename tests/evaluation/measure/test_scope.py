@@ -31,7 +31,7 @@ NUMBERS = set(
     thrusters.thrust thrusters.pressure thrusters.droop thrusters.noise thrusters.on_off
     faults.count faults.kinds faults.share faults.among faults.thrusters disturbances.kicks
     sensors.position.dropout sensors.attitude.dropout sensors.velocity.dropout sensors.spin.dropout
-    layouts.count layouts.seed layouts.fewest effectors
+    effectors
     """.split()  # noqa: SIM905 - as a list it is a line for each
 )
 """Settings without a unit: factors, shares, probabilities, numbers and names."""

@@ -33,15 +33,16 @@ from rans.model.random import hash4, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.trace import Symbol
+from rans.model.twists import authority_margin
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.any_craft import authority
 from rans.policy.timing import timing_for
 from rans.randomization.conditions import Conditions, ThrusterConditions
-from rans.randomization.layouts import authority_margin, sample_layout
 from rans.scenario import scenarios
 from rans.show.pages.playground import Playground, _Traced, playground
 from rans.show.scene.interactive import InteractiveFlight, interactive_world
 from tests.support.browser import opened, served
+from tests.support.layouts import sample_layout
 
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="needs Node.js to run JavaScript")
@@ -289,15 +290,15 @@ def drawn(columns: np.ndarray, shared: bool) -> tuple[dict[str, Any], Spacecraft
 
 
 @needs_node
-@pytest.mark.parametrize(("number", "shared"), [(4, False), (3, True)])
+@pytest.mark.parametrize(("number", "shared"), [(2, False), (6, True)])
 def test_a_drawn_craft_flies_as_it_does_in_python(
     number: int, shared: bool, tmp_path: Path
 ) -> None:
     """Random layouts with a dead thruster on the way: authority, the same commands and states, and its file.
 
-    The first has an authority margin of 0.37, with which thrust costs less.
+    The first has an authority margin of 0.42, with which thrust costs less.
     """
-    columns = sample_layout(np.random.default_rng((5, number)))
+    columns = sample_layout(number)
     script, craft = drawn(columns, shared)
     run = run_of("any-craft-2d")
     page = playground(run, SEED)

@@ -84,7 +84,6 @@ def _check_thrusters(conditions: Conditions | None) -> None:
         return
     parts = (conditions, *conditions.others)
     for name, is_drawn in (
-        ("layouts.count", any(part.layouts.count for part in parts)),
         ("thrusters.on_off", any(largest(part.thrusters.on_off) > 0.0 for part in parts)),
         ("thrusters.least_pulse", any(largest(part.thrusters.least_pulse) > 0.0 for part in parts)),
     ):

@@ -25,7 +25,6 @@ from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.randomization.conditions import LayoutConditions
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
@@ -278,13 +277,12 @@ class _OnlyTarget:
 @pytest.mark.parametrize(
     "other",
     [
-        rans.Conditions(layouts=LayoutConditions(count=8)),
         rans.Conditions(thrusters=rans.ThrusterConditions(on_off=0.5)),
         rans.Conditions(thrusters=rans.ThrusterConditions(least_pulse=(0.01, 0.05))),
     ],
 )
 def test_thrusters_that_the_filter_does_not_know_are_refused(other: rans.Conditions) -> None:
-    mixed = rans.Conditions(layouts=other.layouts, others=(replace(other, weight=2.0),))
+    mixed = rans.Conditions(others=(replace(other, weight=2.0),))
     for conditions in (other, mixed):
         with pytest.raises(
             ConfigError, match="predicts the craft as designed, and conditions with"

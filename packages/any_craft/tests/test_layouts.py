@@ -4,16 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rans_any_craft.layouts import IN_SPACE, LayoutRanges, canonical, layouts, sample_layout
 from scipy.optimize import linprog
 
-from rans.randomization.layouts import (
-    IN_SPACE,
-    LayoutRanges,
-    authority_margin,
-    canonical,
-    layouts,
-    sample_layout,
-)
+from rans.model.twists import authority_margin
 from tests.support.layouts import columns_of
 
 
@@ -75,14 +69,6 @@ def test_a_layout_is_the_same_in_every_longer_draw() -> None:
     assert all(np.array_equal(a, b) for a, b in zip(few, many, strict=False))
 
 
-def test_a_layout_that_cannot_turn_one_way_has_no_margin() -> None:
-    # Four thrusters that push every way and turn to the left only.
-    wheel = np.array([[1.0, 0.0, 0.3], [0.0, 1.0, 0.3], [-1.0, 0.0, 0.3], [0.0, -1.0, 0.3]])
-    assert authority_margin(wheel) == pytest.approx(0.0, abs=1e-9)
-    both = np.vstack([wheel, wheel * [1.0, 1.0, -1.0]])
-    assert authority_margin(both) > 1.0
-
-
 def test_layouts_are_equal_up_to_order_turn_mirror_and_units() -> None:
     random = np.random.default_rng(0)
     columns = sample_layout(random)
@@ -112,11 +98,3 @@ def test_a_layout_in_space_is_equal_up_to_order_turn_mirror_and_units() -> None:
     other = columns.copy()
     other[0, 3:] *= 1.1
     assert not canonical(columns) & canonical(other)
-
-
-def test_thrusters_without_a_torque_do_not_count_in_its_unit() -> None:
-    """The mean square of the torques 1 and 1/4 is 17/32; the weaker way is 1/4 over its root."""
-    through_the_centre = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]
-    turning = [[0.0, 0.0, 1.0], [0.0, 0.0, -0.25]]
-    margin = authority_margin(np.array(through_the_centre + turning))
-    assert margin == pytest.approx(0.25 / np.sqrt(17.0 / 32.0), rel=1e-9)

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
-from rans.errors import ConfigError
-from rans.model.body import Body, Mounting
-from rans.model.spacecraft import Spacecraft, Thruster
-from rans.randomization.conditions import LayoutConditions
-from rans.randomization.layouts import LayoutRanges, layouts
+from rans.extend import Body, ConfigError, Spacecraft
+from rans.model.body import Mounting
+from rans.model.spacecraft import Thruster
+from rans_any_craft.layouts import LayoutRanges, layouts
 
 _NORMAL = 1e-6
 """Largest torque along a thruster's force of 1, far above rounding and far below that of unequal moments."""
+
+_FEWEST = {2: 4, 3: 7}
+"""Smallest number of thrusters by dimension: they only push, so that three numbers of a twist need four of them."""
 
 
 def layout_spacecraft(craft: Spacecraft, layout: np.ndarray) -> Spacecraft:
@@ -24,9 +25,9 @@ def layout_spacecraft(craft: Spacecraft, layout: np.ndarray) -> Spacecraft:
     Args:
         craft: gives everything but the thrusters; their mean force and their root mean square distance from the
             centre of mass are the units of the layout.
-        layout: columns of thrusters, such as `rans.randomization.layouts.sample_layout` draws: (n, 3) of F_x, F_y
+        layout: columns of thrusters, such as `rans_any_craft.layouts.sample_layout` draws: (n, 3) of F_x, F_y
             and torque in the plane, or (n, 6) of force and torque in space, where the torque is normal to the
-            force (`rans.randomization.layouts.LayoutRanges.moments` of 0). A thruster stands where the line of
+            force (`rans_any_craft.layouts.LayoutRanges.moments` of 0). A thruster stands where the line of
             its force is nearest to the centre of mass.
 
     Raises:
@@ -65,23 +66,36 @@ def layout_spacecraft(craft: Spacecraft, layout: np.ndarray) -> Spacecraft:
     return replace(craft, thrusters=thrusters)
 
 
-@lru_cache(maxsize=8)
-def layout_bodies(craft: Spacecraft, drawn: LayoutConditions) -> Body:
-    """Bodies of all random layouts of the conditions, as arrays (count,).
+def layout_bodies(craft: Spacecraft, count: int, seed: int = 0) -> Body:
+    """Bodies of random layouts of a craft's thrusters, as arrays (count,), for `rans.Engine` (``body=``).
 
-    A thruster of the craft moves to its place in the layout, and its gain is the force there over its own. The
-    thrusters that a layout lacks have no gain.
+    A layout has from four thrusters (seven in space) up to as many as the craft, with its mean force and its root
+    mean square distance from the centre of mass. A thruster of the craft moves to its position in the layout, and
+    its gain is the force there over its own. The last thrusters are those that a layout lacks; they have no gain.
+
+    Args:
+        craft: spacecraft, whose mass and inertia stay.
+        count: number of layouts.
+        seed: of the layouts; layout k of a seed is the same for every count.
+
+    Raises:
+        ConfigError: the craft has too few thrusters, or they share their force.
     """
     size = craft.dimension
-    ranges = LayoutRanges(
-        dimension=size, fewest=drawn.least(size), most=craft.thruster_count, moments=0.0
-    )
-    shape = (drawn.count, craft.thruster_count)
+    fewest = _FEWEST[size]
+    if craft.thruster_count < fewest or craft.thrust_sharing != "none":
+        raise ConfigError(
+            f"random layouts are for craft with at least {fewest} thrusters that do not share their force (4 in "
+            f"the plane, 7 in space), and {craft.name!r} has {craft.thruster_count} with "
+            f'thrust_sharing = "{craft.thrust_sharing}".'
+        )
+    ranges = LayoutRanges(dimension=size, fewest=fewest, most=craft.thruster_count, moments=0.0)
+    shape = (count, craft.thruster_count)
     gain = np.zeros(shape)
     offset = np.zeros((*shape, size))
     designed = [t.direction[:size] for t in craft.thrusters]
     direction = np.broadcast_to(designed, (*shape, size)).copy()
-    for number, layout in enumerate(layouts(drawn.count, drawn.seed, ranges)):
+    for number, layout in enumerate(layouts(count, seed, ranges)):
         pairs = zip(layout_spacecraft(craft, layout).thrusters, craft.thrusters, strict=False)
         for k, (thruster, usual) in enumerate(pairs):
             gain[number, k] = thruster.force / usual.force

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rans.model.twists import directions, normals, thrust
+from rans.model.twists import authority_margin, directions, thrust
 
 FAMILIES = "quarters", "pairs", "free"
 """Positions in the plane: in pairs at quarter turns about the centre, in pairs anywhere, or each anywhere."""
@@ -75,41 +75,6 @@ def layouts(count: int, seed: int, ranges: LayoutRanges | None = None) -> Iterat
     """Draw so many layouts, each from its own seed, so that the k-th one is the same in every longer draw."""
     for number in range(count):
         yield sample_layout(np.random.default_rng((seed, number)), ranges)
-
-
-def authority_margin(columns: np.ndarray, least: float = 0.0) -> float:
-    """Least support of the twists that thrusters can give, over all directions of twist.
-
-    The support in a direction is the sum of what every thruster gives along it if it helps. Columns (n, d) are
-    first divided by the mean force and by the root mean square of the torques, so that the result has no unit;
-    0 means that some direction cannot be given at all. The least support is along the normal of a facet of the
-    polytope of twists, and every such normal is that of a hyperplane along d - 1 thrusters' columns.
-
-    Args:
-        columns: of thrusters, and of wheels either way.
-        least: margin below which any number below it may be returned, sooner.
-    """
-    pushing = directions(columns.shape[1])
-    forces = thrust(columns)
-    torques = np.linalg.norm(columns[:, pushing:], axis=1)
-    if not (forces.max(initial=0.0) > 0.0 and torques.max(initial=0.0) > 0.0):
-        return 0.0
-    force = forces[forces > 0.0].mean()
-    torque = math.sqrt(np.square(torques[torques > 0.0]).mean())
-    scaled = columns / np.repeat([force, torque], [pushing, columns.shape[1] - pushing])
-
-    def support(ways: np.ndarray) -> float:
-        return float(np.maximum(ways @ scaled.T, 0.0).sum(axis=1).min(initial=math.inf))
-
-    # Directions against the sum of all columns bound it from above.
-    some = -scaled - scaled.sum(axis=0)
-    some = np.vstack([some, -scaled, np.eye(len(scaled[0])), -np.eye(len(scaled[0]))])
-    length = np.linalg.norm(some, axis=1)
-    bound = support(some[length > 0.0] / length[length > 0.0, None])
-    if bound <= least:
-        return bound
-    facets = normals(scaled)
-    return support(facets) if len(facets) else 0.0
 
 
 Shape = tuple[tuple[float, ...], ...]
