@@ -31,8 +31,6 @@ COLUMNS = {
 """Columns that are read, with their units as in the header; others are ignored."""
 _LARGEST = 4_000_000
 """Bytes: a log of 481 rows has 820,000."""
-_ALIKE = {"2": "8A", "9C": "9A", "10B": "10A"}
-"""Runs whose start is in their log only, each with one under the same torques."""
 
 
 def judged(folder: Path | None) -> tuple[list[Row], list[str]]:
@@ -75,31 +73,16 @@ def logged(folder: Path) -> tuple[dict[str, tuple[Run, str]], list[str]]:
         )
     runs, left = {}, []
     for name, file in files.items():
-        template = _template(name)
+        template = RUNS.get(name)
         if template is None:
             left.append(
                 f"{file}: what acts in run {name} is not something that RANS flies near a target."
             )
             continue
         motion, turning = _rows(file)
-        # Nothing says what turns the body of run 2.
-        turning = turning if template.turning and name != "2" else {}
+        turning = turning if template.turning else {}
         runs[name] = replace(template, motion=motion, turning=turning), str(file)
     return runs, left
-
-
-def _template(name: str) -> Run | None:
-    """What acts in a run; None: unknown, or not flown."""
-    run = RUNS.get(_ALIKE.get(name, name))
-    if run is None or name not in _ALIKE:
-        return run
-    force = 10.0 if name == "9C" else run.force
-    about = {
-        "2": "a free orbit",
-        "9C": "station under a torque and a force, from rest",
-        "10B": "the same with a spin",
-    }
-    return replace(run, about=about[name], force=force, spread="not published")
 
 
 def _rows(file: Path) -> tuple[dict[int, Motion], dict[int, Turning]]:

@@ -24,7 +24,16 @@ from rans.model.drift import ClohessyWiltshire
 from rans.model.dynamics import SpatialState, Wrench, advance
 from rans.model.fields import Quat, Vec3
 
-SHORT = {"8A": 14400, "8B": 14400, "9A": 2160, "9B": 2160, "9D": 2400, "10C": 480}
+SHORT = {
+    "6C": 1440,
+    "6D": 1440,
+    "8A": 14400,
+    "8B": 14400,
+    "9A": 2160,
+    "9B": 2160,
+    "9D": 2400,
+    "10C": 480,
+}
 """Times, s, at which the default tests end."""
 
 
@@ -113,6 +122,29 @@ def test_positions_along_straight_axes_are_far_from_jeod(monkeypatch: pytest.Mon
     assert np.linalg.norm(bent - straight) == pytest.approx(2035.43**2 / 2 / 6.76e6, rel=0.01)
 
 
+@pytest.mark.parametrize("speed", [0.7, 1.3, 1.41, 1.6])
+def test_a_new_target_changes_no_motion(speed: float) -> None:
+    """On ellipses, one too long for `EllipticOrbit`, and a hyperbola: place, velocity, attitude and spin are kept.
+
+    Only the turn of the frame that is left out at the offset of a circle's target would be 3 km x n = 4 m/s.
+    """
+    p, v = (np.array(x) for x in RUNS["6D"].motion[0])
+    first = jeod.Orbit((tuple(p), tuple(v)))
+    spin, logged = RUNS["9B"].turning[0]
+    state = jeod._at_target(first, jeod.body_to_inertial(logged), np.array(spin))
+    push = first.axes(0.0).inv().apply((speed - 1.0) * v + 0.05 * p / 900.0)
+    state = replace(state, v=Vec3(*map(float, push)))
+    before = *first.inertial(state, 0.0, along_arc=False), *jeod._inertial_turn(state, first, 0.0)
+    state, new, length = jeod._renewed(state, first, 0.0)
+    after = *new.inertial(state, 0.0, along_arc=False), *jeod._inertial_turn(state, new, 0.0)
+    assert math.isinf(length) == (speed < 1.35)
+    assert length > 0.5
+    assert np.linalg.norm(after[0] - before[0]) < 1e-6
+    assert np.linalg.norm(after[1] - before[1]) < 1e-9
+    assert (after[2].inv() * before[2]).magnitude() < 1e-14
+    np.testing.assert_allclose(after[3], before[3], atol=1e-17)
+
+
 def _log(folder: Path, name: str, run: Run, header: list[str] | None = None) -> Path:
     """A log with JEOD's columns among others, as its simulation writes them."""
     columns = [TIME, "vehicle.dyn_body.derivs.rot_accel[0] {rad/s2}"]
@@ -139,7 +171,7 @@ def test_logs_of_a_folder_are_read_with_their_start(tmp_path: Path) -> None:
     assert "RUN_7A" in left[0]
     assert runs["9B"][0].turning[1680] == RUNS["9B"].turning[1680]
     assert differences(runs["9B"][0]).values["attitude"] < 1e-9
-    assert (runs["9C"][0].force, runs["9C"][0].torque) == (10.0, 10.0)
+    assert (runs["9C"][0].force, runs["9C"][0].torque) == ((10.0, 0.0, 0.0), 10.0)
 
 
 @pytest.mark.parametrize(
