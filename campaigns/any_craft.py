@@ -609,7 +609,7 @@ def gains(p: float) -> tuple[float, float]:
 
 def picture(file: Path) -> None:
     """Draw twelve layouts: arrows are forces, and their places those that give the torques."""
-    from matplotlib.figure import Figure
+    from rans.show.figures.plotting import Figure
 
     figure = Figure(figsize=(8.0, 6.0))
     for number, layout in enumerate(layouts(12, 0)):

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from rans_assurance.assure.bounds import lower, upper
 from rans_missions.orbits.elliptic import EllipticOrbit
 from rans_missions.orbits.perturbed import PerturbedOrbit
@@ -27,6 +26,7 @@ from rans.model.spacecraft import wrenches_either_way
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED
 from rans.show.figures.figures import styled
+from rans.show.figures.plotting import Figure
 from rans.show.palette import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, series_style
 
 _DOCS = Path(__file__).parents[1] / "docs"

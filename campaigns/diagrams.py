@@ -11,9 +11,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 
 from campaigns.schemes import PALE, arrow
 from rans.api.agent import load_agent
@@ -31,7 +28,10 @@ from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, FaultConditions, ThrusterConditions
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import EVALUATION_SEED, Endpoints, draws, scenarios
-from rans.show.figures.figures import learning_curve, styled
+from rans.show.curve import learning_charts
+from rans.show.figures.chart_figure import charts_figure
+from rans.show.figures.figures import styled
+from rans.show.figures.plotting import Axes, Circle, Figure
 from rans.show.palette import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, series_style
 from rans.tasks import GoToPose
 
@@ -281,7 +281,7 @@ def training() -> Figure:
     with tempfile.TemporaryDirectory() as folder:
         run = Path(folder) / "run"
         train("go-to-pose", output=run)
-        return learning_curve(RunFolder(run).metrics())
+        return charts_figure([*learning_charts(RunFolder(run).metrics())])
 
 
 @styled

@@ -12,9 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
-import matplotlib
 import tyro
-from matplotlib.figure import Figure
 
 from campaigns.charts import CHARTS
 from campaigns.craft import CRAFTS
@@ -30,6 +28,7 @@ from rans.scenario import EVALUATION_SEED
 from rans.show.figures.flight_paths import paths_figure
 from rans.show.figures.layout_figure import draw_layout
 from rans.show.figures.picture_file import save_picture
+from rans.show.figures.plotting import Figure, rc_context
 from rans.show.figures.svg import svg
 
 
@@ -74,7 +73,7 @@ def picture(figure: Figure) -> str:
     Text stays text, in fonts as wide as those that Matplotlib measured; a tenth of a point is a seventh of a
     millimetre on a screen.
     """
-    with matplotlib.rc_context({"svg.fonttype": "none"}):
+    with rc_context({"svg.fonttype": "none"}):
         text = svg(figure)
     text = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"'DejaVu Sans', 'Bitstream Vera Sans'[^;\"]*", _FONTS, text)
@@ -100,7 +99,7 @@ def _rounded(path: str) -> str:
 def draw_craft(name: str, file: Path) -> None:
     """A small picture of a craft's thrusters: text as text, and coordinates to a tenth of a point."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
         save_picture(draw_layout(load_spacecraft(name)), file)
     text = re.sub(r"<metadata>.*?</metadata>", "", read_text(file), flags=re.DOTALL)
     write_text(file, re.sub(r"-?\d+\.\d{2,}", lambda found: f"{float(found[0]):.1f}", text))

@@ -12,15 +12,13 @@ import time
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
 from rans_proof import trap as traps
 
 from rans.evaluation.fly.agent import load_policy
 from rans.pretrained import pretrained_folder
 from rans.processes import Workers, nothing
+from rans.show.figures.plotting import Figure, ListedColormap, rcParams
 
 AGENT = "track-velocity-2d"
 SPEED, SPIN = 0.2, 1.7
@@ -89,7 +87,7 @@ def compute() -> dict[str, Any]:
 
 def draw(table: dict[str, Any], picture: Path) -> None:
     """Draw verdicts by errors of mass and thrust, and of readings or of time."""
-    mpl.rcParams["svg.hashsalt"] = "rans"  # the same picture has the same bytes
+    rcParams["svg.hashsalt"] = "rans"  # the same picture has the same bytes
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     axes = figure.subplots(1, 2, sharex=True)
     colors = ListedColormap(["#d9d9d9", "#2a7f62", "#b3432b"])

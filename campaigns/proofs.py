@@ -9,10 +9,9 @@ import json
 import sys
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
+
+from rans.show.figures.plotting import Figure, ListedColormap, rcParams
 
 SPINS = (0.0, 0.6, 1.2)
 """Spins of the panels, rad/s: within the starts, of two pulses, and near the limit."""
@@ -25,7 +24,7 @@ def draw(certificate: Path, picture: Path) -> None:
     inside = np.zeros((grid["rings"], grid["sectors"], 2 * grid["layers"]))
     for a, b, c, d, e, f in table["cells"]:
         inside[a:b, c:d, e + grid["layers"] : f + grid["layers"]] = 1.0
-    mpl.rcParams["svg.hashsalt"] = "rans"  # the same picture has the same bytes
+    rcParams["svg.hashsalt"] = "rans"  # the same picture has the same bytes
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
     axes = figure.subplots(1, len(SPINS), subplot_kw={"projection": "polar"})
     angle = np.linspace(0.0, 2.0 * np.pi, grid["sectors"] + 1)

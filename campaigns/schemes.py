@@ -9,11 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import FancyBboxPatch
 
 from rans.show.figures.figures import styled
+from rans.show.figures.plotting import Axes, FancyBboxPatch, Figure
 from rans.show.palette import BLUE, GREY, INK, ORANGE
 
 PALE = "#DCE6F0"

@@ -12,9 +12,6 @@ from pathlib import Path
 from typing import Literal
 
 import tyro
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullLocator
 from rich.console import Console
 
 from campaigns.command import ended
@@ -26,6 +23,7 @@ from rans.files import environment, ready_folder, write_json, write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import label
+from rans.show.figures.plotting import Axes, Figure, FuncFormatter, NullLocator
 from rans.show.figures.svg import svg
 from rans.show.palette import BLUE, GREY, INK
 from validation.speed.training import Success, train_until_solved

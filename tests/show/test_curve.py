@@ -25,5 +25,5 @@ def test_another_process_draws_the_same(monkeypatch: pytest.MonkeyPatch, dies: b
     with curve_in_another_process() as draw:
         found = draw(ROWS)
     # Matplotlib names what is clipped anew in every process.
-    assert "solved while training (0.4 s in all)" in found
+    assert "environment steps (0.4 s in all)" in found
     assert len(found) == len(expected)

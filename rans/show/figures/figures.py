@@ -6,10 +6,10 @@ Colours are those of Okabe and Ito ("Color Universal Design", 2008), which every
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 
@@ -17,10 +17,9 @@ from rans.files import write_text
 from rans.flight import Flight
 from rans.show.figures import panels
 from rans.show.figures.axes import settle
-from rans.show.figures.panels import MILLIONS, STYLE, label, only
-from rans.show.figures.plotting import Axes, Figure, MaxNLocator, rc_context
+from rans.show.figures.panels import STYLE, label
+from rans.show.figures.plotting import Figure, rc_context
 from rans.show.figures.svg import svg
-from rans.show.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -77,37 +76,7 @@ def episode_figure(flight: Flight, episode: int = 0) -> Figure:
     return figure
 
 
-@styled
-def learning_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Curves of ``success`` (0 to 1) and ``return/<term>`` over ``steps``, from lines of ``metrics.jsonl``."""
-    figure = Figure(figsize=(9.4, 3.4), layout="constrained")
-    success, returns = figure.subplots(1, 2)
-    _series(success, rows, "success", 100.0, BLUE, "")
-    success.set_ylim(-2.0, 102.0)
-    seconds = [float(row["seconds"]) for row in rows if "seconds" in row]
-    took = f" ({seconds[-1]:.3g} s in all)" if seconds else ""
-    label(success, f"solved while training{took}", "environment steps", "episodes, %")
-    terms = sorted({key for row in rows for key in row if key.startswith("return/")})
-    for term, colour in zip(terms, (GREEN, ORANGE, PURPLE, RED, SKY, GREY, BLUE), strict=False):
-        _series(returns, rows, term, 1.0, colour, term.removeprefix("return/"))
-    label(returns, "return by term", "environment steps", "mean return of an episode")
-    if terms:
-        returns.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))  # beside the curves
-    for axes in (success, returns):
-        axes.xaxis.set_major_locator(MaxNLocator(4))  # whose labels have room on a telephone
-        axes.xaxis.set_major_formatter(MILLIONS)
-    return figure
-
-
 def save_flight_figures(flight: Flight, folder: Path, suffix: str = "") -> None:
     """Write ``evaluation.svg`` and, of the first episode, ``episode.svg``, the suffix before the dot."""
     for name, draw in (("evaluation", evaluation_figure), ("episode", episode_figure)):
         write_text(folder / f"{name}{suffix}.svg", svg(draw(flight)))
-
-
-def _series(
-    axes: Axes, rows: Sequence[Mapping[str, Any]], key: str, factor: float, colour: str, name: str
-) -> None:
-    points = [(row["steps"], factor * row[key]) for row in rows if key in row and "steps" in row]
-    if points:
-        axes.plot(*zip(*points, strict=True), color=colour, label=name, marker=only(points))

@@ -40,7 +40,7 @@ from matplotlib.axis import Axis  # noqa: E402
 from matplotlib.collections import LineCollection  # noqa: E402
 from matplotlib.colors import LinearSegmentedColormap, ListedColormap  # noqa: E402
 from matplotlib.figure import Figure, SubFigure  # noqa: E402
-from matplotlib.patches import Circle, Rectangle, Wedge  # noqa: E402
+from matplotlib.patches import Circle, FancyBboxPatch, Rectangle, Wedge  # noqa: E402
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator  # noqa: E402
 from matplotlib.transforms import Bbox  # noqa: E402
 
@@ -49,6 +49,7 @@ __all__ = [
     "Axis",
     "Bbox",
     "Circle",
+    "FancyBboxPatch",
     "Figure",
     "FuncFormatter",
     "LineCollection",

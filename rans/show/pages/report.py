@@ -17,11 +17,10 @@ from rans.evaluation.stress.outcome import WANTED
 from rans.files import folders_with, inside, number, read_json, read_json_lines, read_text
 from rans.model.spacecraft_file import read_spacecraft
 from rans.registry import Registry
+from rans.show.curve import learning_charts
 from rans.show.figures.layout_figure import draw_layout
-from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header, named, show
 from rans.show.pages.screen import Screen
-from rans.show.palette import series_style
 from rans.table import Table
 
 SOLVED_SHARE = 100.0 * WANTED
@@ -39,8 +38,6 @@ pattern."""
 
 _ROW = 6
 """Tiles of a row on a wide screen."""
-_MOST_POINTS = 100
-"""Of a learning curve."""
 _KEY_METRICS = ("solved", "settling time", "failed", "position error", "attitude error", "duty")
 """Metrics of an evaluation that belong into a summary."""
 
@@ -285,7 +282,7 @@ def validation_section(study: Mapping[str, Any]) -> Section:
 
 
 def training_section(rows: Sequence[Mapping[str, Any]]) -> Section:
-    """Learning curve from the lines of ``metrics.jsonl``; see `learning_curve` for their keys."""
+    """Learning curve from the lines of ``metrics.jsonl``; see `learning_charts` for their keys."""
     last = rows[-1]
     summary = [(what, form.format(last[key])) for key, what, form in _PROGRESS if key in last]
     return Section(
@@ -294,36 +291,6 @@ def training_section(rows: Sequence[Mapping[str, Any]]) -> Section:
         [Table(("at the end", "value"), summary)],
         summary=summary,
         charts=[*learning_charts(rows)],
-    )
-
-
-def learning_charts(rows: Sequence[Mapping[str, Any]]) -> Iterator[Chart]:
-    """Charts of ``success`` (0 to 1) and ``return/<term>`` over ``steps``, from lines of ``metrics.jsonl``."""
-
-    def series(key: str, factor: float, colour: str, name: str, unit: str) -> Series:
-        points = [
-            (row["steps"], factor * row[key]) for row in rows if key in row and "steps" in row
-        ]
-        points = points[:: math.ceil(len(points) / _MOST_POINTS) or 1]
-        marks = [Mark(x, y, f"{name} after {x:,} steps: {y:.4g}{unit}") for x, y in points]
-        return Series(name, marks, colour, "." if len(marks) == 1 else "", "solid")
-
-    yield Chart(
-        "environment steps",
-        "episodes, %",
-        [series("success", 100.0, series_style(0)[0], "solved", " %")],
-        "Episodes solved while training.",
-        y_range=(0.0, 100.0),
-    )
-    terms = sorted({key for row in rows for key in row if key.startswith("return/")})
-    yield Chart(
-        "environment steps",
-        "mean return of an episode",
-        [
-            series(term, 1.0, series_style(k)[0], term.removeprefix("return/"), "")
-            for k, term in enumerate(terms)
-        ],
-        "Return by term while training.",
     )
 
 

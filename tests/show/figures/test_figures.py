@@ -21,10 +21,11 @@ from rans.flight import Flight, fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenarios
+from rans.show.curve import Rows, learning_charts
+from rans.show.figures.chart_figure import charts_figure
 from rans.show.figures.figures import (
     episode_figure,
     evaluation_figure,
-    learning_curve,
     save_flight_figures,
 )
 from rans.show.figures.svg import data_uri, svg
@@ -246,20 +247,24 @@ def test_a_busy_machine_is_no_news(monkeypatch: pytest.MonkeyPatch) -> None:
     svg(figure)
 
 
+def learning_figure(rows: Rows) -> Figure:
+    return charts_figure([*learning_charts(rows)])
+
+
 def test_learning_curve() -> None:
-    success, returns = learning_curve(ROWS).axes
+    success, returns = learning_figure(ROWS).axes
     np.testing.assert_allclose(success.get_lines()[0].get_xydata()[-1], [10_000, 100.0])  # type: ignore[index]
-    assert {x.get_label() for x in returns.get_lines()} == {"position", "attitude"}
-    assert "5 s" in success.get_title(loc="left")
+    assert {*returns.get_legend_handles_labels()[1]} == {"position", "attitude"}
+    assert "5 s" in success.get_xlabel()
 
 
 def test_a_learning_curve_on_a_telephone() -> None:
     """The legend hides no curve, and numbers below the curves do not touch."""
-    figure = learning_curve([row | {"steps": 30_000 * row["steps"]} for row in ROWS])
+    figure = learning_figure([row | {"steps": 30_000 * row["steps"]} for row in ROWS])
     figure.draw_without_rendering()
     for axes in figure.axes:
-        if beside := axes.get_legend():
-            assert beside.get_window_extent().x0 >= axes.bbox.x1
+        if below := axes.get_legend():
+            assert below.get_window_extent().y1 <= axes.bbox.y0
         numbers = [one.get_window_extent() for one in axes.get_xticklabels() if one.get_text()]
         inside = sorted(
             (box.x0, box.x1) for box in numbers if axes.bbox.x0 <= box.x0 <= axes.bbox.x1
@@ -270,10 +275,10 @@ def test_a_learning_curve_on_a_telephone() -> None:
 
 def test_learning_curve_draws_what_is_there() -> None:
     rows = [{"steps": 1}, {"steps": 2, "success": 0.5}, {"loss": 1.0}]
-    success, returns = learning_curve(rows).axes
+    success, returns = learning_figure(rows).axes
     assert np.asarray(success.get_lines()[0].get_xydata()).tolist() == [[2.0, 50.0]]
     assert not returns.get_lines()
-    svg(learning_curve([]))
+    svg(learning_figure([]))
 
 
 def test_data_uri_holds_the_picture() -> None:

@@ -15,7 +15,7 @@ from rans.evaluation.compare.contest import Contestant
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
 from rans.optimal.trajectory.objectives import MaximumReward, MinimumFuel, MinimumTime
-from rans.show.figures.chart_figure import chart_figure, save_chart
+from rans.show.figures.chart_figure import charts_figure, save_chart
 from rans.show.pages.chart import Chart, Series
 from rans.show.pages.comparison_charts import plane_chart
 from rans.show.pages.comparison_page import page
@@ -101,7 +101,7 @@ def test_who_comes_next_has_another_look() -> None:
 def test_the_figure_for_papers_has_the_marks_of_the_chart() -> None:
     """Of bounds, controls found and contestants, in Matplotlib's axes: the same points and intervals."""
     chart = plane_chart(bounded())
-    figure = chart_figure(chart)
+    figure = charts_figure([chart])
     (axes,) = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == (chart.x_label, chart.y_label)
     found = points(axes)
