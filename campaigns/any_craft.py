@@ -356,14 +356,14 @@ def unstated(episodes: int, names: Sequence[str]) -> Iterator[str]:
 def at_values(
     episodes: int, names: Sequence[str], values: Sequence[float], start_seed: int, by: Sequence[str]
 ) -> Iterator[str]:
-    """Rows of the table of the agent at several frugalities, and who of the others a value beats.
+    """Rows of the table of the agent without a value and at several, and who of the others it beats.
 
-    A value beats a contestant if all flights settle and neither median settling time nor mean impulse is larger.
+    It beats a contestant if all flights settle and neither median settling time nor mean impulse is larger.
     """
     yield "| craft | flown by | settled | settling time, s | impulse, N s | not beaten by it |"
     yield "|---|---|---|---|---|---|"
     others = [who for who in by if who not in _ANY]
-    kinds = [Contest("", "any-craft", value=value) for value in values]
+    kinds = [Contest("", "any-craft", value=value) for value in (None, *values)]
     kinds += [Contest("", who) for who in others]
     contests = [kind._replace(name=name) for name in names for kind in kinds]
     judged = _judged(contests, episodes, start_seed)
@@ -379,9 +379,9 @@ def at_values(
                 if one.by in others
                 and not (settled == 100.0 and time <= spent[one][1] and impulse <= spent[one][2])
             ]
-            label = (
-                f"{FOR_ANY_CRAFT[craft.dimension]}#{kind.value:g}" if kind.by in _ANY else kind.by
-            )
+            label = FOR_ANY_CRAFT[craft.dimension] if kind.by in _ANY else kind.by
+            if kind.value is not None:
+                label += f"#{kind.value:g}"
             said = (", ".join(left) or "none") if kind.by in _ANY else ""
             yield f"| {craft.name} | {label} | {settled:.1f} % | {time:.2f} | {impulse:.2f} | {said} |"
 

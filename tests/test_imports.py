@@ -451,9 +451,13 @@ def test_what_is_not_used_is_not_loaded(statement: str, tmp_path: Path) -> None:
 TRAIN = """
 import sys
 from rans.cli import main
+from rans.fast.learn import any_craft
 from rans.fast.learn.trainer import Trainer
 
 def train(trainer, *_):
+    any_craft._ROUNDS = any_craft._OWN_ROUNDS = any_craft._PERIODS = any_craft._UPDATES[2] = 1
+    learner = trainer.learner
+    any_craft.imitate(trainer.engine, learner.network, learner.adam, trainer._teacher, trainer.config.ppo)
     trainer.save()
     raise KeyboardInterrupt
 
@@ -461,7 +465,7 @@ Trainer.train = train
 assert main(["train", "go-to-pose", "--device", "cpu", "--output", {!r}]) == 130
 assert "torch._dynamo" not in sys.modules  # torch's compiler takes 0.6 s to load
 """
-"""Until the first step, and the files that it leaves."""
+"""An imitation, until the first step of reinforcement learning, and the files that it leaves."""
 
 
 @pytest.mark.slow

@@ -440,7 +440,7 @@ def _compare(trainer: Trainer) -> None:
             contestants |= enlisted(
                 [f"{agent}{value}@{own}" for value in ("", "#0.5")], comparison.contest
             )
-        comparison.fly(contestants, ("lqr", "switching"), 0)
+        comparison.fly(contestants, ("lqr", "switching"), 0, in_detail=False)
     columns = {
         "settled, %": "settled",
         "settling time, s": "time, s",

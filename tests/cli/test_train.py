@@ -16,6 +16,8 @@ from torch import Tensor
 from rans.cli import main, train
 from rans.cli.train import StopGently, Train, _beside_the_agent, compile_in_this_process
 from rans.errors import ConfigError
+from rans.evaluation.compare import entrants
+from rans.evaluation.compare.contest import Contest
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder, read_config
 from rans.model.spacecraft_file import spacecraft_text
@@ -352,6 +354,9 @@ def test_a_training_is_compared_with_what_flies_without_one(
     """An agent of 8,192 steps spends half of all thrust and never settles: the one for any craft is better."""
     monkeypatch.setattr(train, "_MUCH", 1)
     monkeypatch.setattr(train, "_COMPARED", 2)
+    # Neither times of actions nor LQRs of other weights: no row of this table has them.
+    monkeypatch.setattr(Contest, "latencies", None)
+    monkeypatch.setattr(entrants, "swept", None)
     assert main(["train", "go-to-pose", "--total-timesteps", "8192", "--output", "run"]) == 0
     printed = capsys.readouterr().out
     assert "any-craft-2d#0.5" in printed

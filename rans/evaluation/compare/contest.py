@@ -175,7 +175,7 @@ class Entry:
     contestant: Contestant
     flight: Flight
     latencies: np.ndarray
-    """See `Contest.latencies`."""
+    """See `Contest.latencies`; empty: its actions were not timed."""
 
     @property
     def name(self) -> str:

@@ -189,6 +189,7 @@ class Comparison(NotebookRepr):
         stages: Stages = unseen_stages,
         workers: int | None = None,
         returns: bool = True,
+        in_detail: bool = True,
     ) -> None:
         """Fly all contestants and compute optima and bounds; failures are noted, and the rest goes on.
 
@@ -202,12 +203,13 @@ class Comparison(NotebookRepr):
             stages: reports progress.
             workers: processes, by default one per processor.
             returns: whether the optima of the task's return are computed too, which take longer than all others.
+            in_detail: whether actions are timed and controllers fly with other weights, too, which only pages have.
         """
         if opponents is None:
             opponents = default_opponents(self.contest.task)
         for spec, contestant in contestants.items():
             with _noted(self, spec):
-                self.entries.append(_entry(self, contestant, stages, workers))
+                self.entries.append(_entry(self, contestant, stages, workers, in_detail))
         of_mission = "optimal" in opponents and bounded(self.contest)
         if of_mission and certified:
             # Before the others, which may be slow: an interrupted comparison has this bound.
@@ -216,10 +218,10 @@ class Comparison(NotebookRepr):
             with _noted(self, name):
                 simple = entrants.simple_controller(name, self.contest)
                 if simple.name not in self.names():  # A controller flies once.
-                    self.entries.append(_entry(self, simple, stages, workers))
+                    self.entries.append(_entry(self, simple, stages, workers, in_detail))
                 self.curve += [
                     _entry(self, contestant, stages, workers)
-                    for contestant in entrants.swept(name, self.contest)
+                    for contestant in (entrants.swept(name, self.contest) if in_detail else ())
                 ]
         if of_mission:
             if certified > 1:
@@ -295,7 +297,11 @@ def _uncertified(contest: Contest) -> str:
 
 
 def _entry(
-    comparison: Comparison, contestant: Contestant, stages: Stages, workers: int | None
+    comparison: Comparison,
+    contestant: Contestant,
+    stages: Stages,
+    workers: int | None,
+    is_timed: bool = True,
 ) -> Entry:
     step = stages(f"flying {contestant.name}", comparison.contest.episodes)
     flight, stopped = comparison.contest.fly(contestant.controller, workers, step)
@@ -303,7 +309,9 @@ def _entry(
         comparison.failures.append(
             f"{contestant.name}: its solver stopped {stopped} times; the plan before was flown on."
         )
-    return Entry(contestant, flight, comparison.contest.latencies(contestant.controller))
+    controller = contestant.controller
+    latencies = comparison.contest.latencies(controller) if is_timed else np.empty(0)
+    return Entry(contestant, flight, latencies)
 
 
 @contextlib.contextmanager

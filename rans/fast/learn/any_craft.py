@@ -20,7 +20,9 @@ from torch import Tensor
 from rans.errors import ConfigError
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.engine import Engine
+from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.graph import as_written
 from rans.fast.learn.run_folder import RunFolder
 from rans.policy.any_craft import for_craft, is_for_any_craft
 from rans.policy.architecture import Architecture
@@ -123,6 +125,7 @@ def _number(value: str, agent: str) -> float:
 def imitate(
     engine: Engine,
     network: Network,
+    adam: Adam,
     expert: Network,
     settings: PPOSettings,
     is_enough: Callable[[], bool] | None = None,
@@ -134,6 +137,7 @@ def imitate(
     Args:
         engine: in which they fly, the environments of a member side by side.
         network: changed in place.
+        adam: of the network; afterwards it is as it was before.
         expert: network of `teacher`.
         settings: of the training that follows: discount and scale of its rewards.
         is_enough: whether the network flies well enough: if this may be all of the training, its last rounds go on
@@ -143,8 +147,8 @@ def imitate(
     certainty = _CERTAINTY[dimension]
     generator = torch.Generator(engine.device).manual_seed(engine.num_envs)
     # The spread of continuous commands is that of what is left of their errors.
-    learnt = [network.tensors[name] for name in network.learnt]
-    optimizer = torch.optim.Adam(learnt, _RATE)
+    before = {name: x.clone() for name, x in adam.state().items()}
+    unclipped = torch.full_like(adam.rate, torch.inf)
     rounds: list[_Labels] = []
     mixed, updates, batch, periods = _ROUNDS, _UPDATES[dimension], _BATCH, _PERIODS
     last = mixed + _OWN_ROUNDS
@@ -159,7 +163,7 @@ def imitate(
         own = labels.own.clone()
         own[: -_OWN_ROUNDS * len(rounds[0].own)] = 0.0
         spread = labels.returns[own > 0.0].std().clamp(min=1e-6) if own.any() else own.new_ones(())
-        optimizer.param_groups[0]["lr"] = _RATE * (1.0 - 0.9 * share)
+        adam.rate.fill_(_RATE * (1.0 - 0.9 * share))
         for _ in range(updates):
             # The same rows of every member.
             rows = torch.randint(
@@ -179,14 +183,13 @@ def imitate(
                     1.0 - actions
                 )
             error = owned * ((output.value - returns) / spread).square()
-            optimizer.zero_grad()
-            (_VALUE * error - likelihood).mean().backward()
-            optimizer.step()
+            loss = network.members * (_VALUE * error - likelihood).mean()
+            with as_written():
+                adam.descend(loss, unclipped, engine.processes)
         alone = number + 1 - mixed
         if is_enough is not None and alone > 0 and alone % _JUDGED == 0 and is_enough():
             break
-    for x in learnt:
-        x.grad = None
+    adam.load(before)
     engine.reset()
     return len(rounds) * periods
 

@@ -8,6 +8,7 @@ synchronisation.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import torch
@@ -78,11 +79,9 @@ class PPOLearner:
         self.rollout = Rollout(engine, network, first.n_steps)
         self.coefficients = Coefficients.of(settings, self.rollout.failed)
         self.adam = Adam(network, self.coefficients.learning_rate, plain)
-        self.backend = None
-        if not plain:
-            self.backend = FusedGradient.made(
-                network, self.adam, self.coefficients, first.batch_size // self.processes.size
-            )
+        self._samples = None if plain else first.batch_size // self.processes.size
+        if device.type == "cuda":
+            _ = self.backend  # before its graphs are recorded
         # At a constant address, because a CUDA graph reads it.
         self._ceiling = self.coefficients.max_learning_rate.clone()
         self._with_entropy = any(setting.ent_coef for setting in settings)
@@ -99,10 +98,18 @@ class PPOLearner:
         self.collect = graphed(self._collect, device, plain)
         self.update = graphed(self._update, device, plain)
 
+    @cached_property
+    def backend(self) -> GradientBackend | None:
+        """What computes the gradients, made at the first iteration: an imitation needs none; None: autograd."""
+        if self._samples is None:
+            return None
+        return FusedGradient.made(self.network, self.adam, self.coefficients, self._samples)
+
     @property
     def description(self) -> str:
-        """Description of the gradient computation for the log; empty for autograd."""
-        return f"gradients in {self.backend.description}" if self.backend else ""
+        """Description of the gradient computation so far for the log; empty for autograd, and before any."""
+        backend = vars(self).get("backend")
+        return f"gradients in {backend.description}" if backend else ""
 
     def learn(self) -> Tensor:
         """Run one iteration: collect, then update; see `rans.fast.learn.learner.Learner.learn`."""

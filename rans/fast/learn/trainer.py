@@ -239,6 +239,7 @@ class Trainer:
         flown = imitate(
             self.engine,
             self.learner.network,
+            self.learner.adam,
             expert,
             self.config.ppo,
             is_solved if may_end else None,

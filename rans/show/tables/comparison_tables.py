@@ -82,6 +82,8 @@ def scores(
         solved = np.isfinite(optimum)
         ratio = Bootstrap(int(solved.sum())).ratio(entry.returns[solved], optimum[solved])
         result[RETURN] = ratio.scaled(100.0)
+    if not len(entry.latencies):
+        return result
     middle = (1e3 * float(np.quantile(entry.latencies, q)) for q in (0.5, 0.05, 0.95))
     return result | {"computing time, ms": Estimate(*middle)}
 

@@ -62,9 +62,13 @@ def test_its_commands_are_met(craft: str, tmp_path: Path, monkeypatch: pytest.Mo
         return float((commands[0] - commands[1]).abs().mean())
 
     before = error()
-    any_craft.imitate(engine, begun.learner.network, expert, begun.config.ppo)
+    any_craft.imitate(engine, begun.learner.network, begun.learner.adam, expert, begun.config.ppo)
     assert error() < 0.4 * before
     assert (engine.elapsed() == 0).all()
+    # PPO begins with an optimizer that has not moved.
+    state = begun.learner.adam.state()
+    assert not any(state[name].any() for name in ("first", "second", "steps"))
+    assert (state["rate"] == begun.config.ppo.learning_rate).all()
 
 
 def test_values_are_of_its_own_flights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -86,7 +90,7 @@ def test_values_are_of_its_own_flights(tmp_path: Path, monkeypatch: pytest.Monke
         expert = any_craft.teacher("pretrained:any-craft-2d", begun.engine, learner.architecture)
         assert expert is not None
         monkeypatch.setattr(any_craft, "_flown", planted)
-        any_craft.imitate(begun.engine, learner, expert, begun.config.ppo)
+        any_craft.imitate(begun.engine, learner, begun.learner.adam, expert, begun.config.ppo)
         with torch.no_grad():
             values.append(learner.evaluate(begun.engine.observe()).value)
     torch.testing.assert_close(values[1], values[0], rtol=0.0, atol=0.0)
@@ -103,7 +107,7 @@ def test_commands_of_pulsed_thrusters_spread_as_their_errors(
     learner = begun.learner.network
     expert = any_craft.teacher("pretrained:any-craft-2d", begun.engine, learner.architecture)
     assert expert is not None
-    any_craft.imitate(begun.engine, learner, expert, begun.config.ppo)
+    any_craft.imitate(begun.engine, learner, begun.learner.adam, expert, begun.config.ppo)
     assert (learner.tensors["log_std"] < -0.1).all()
 
 
