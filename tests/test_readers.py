@@ -63,6 +63,7 @@ ALLOWED = {
     ("rans_proof.check", "json.loads"): "a reader of its own, with bounds of its own",
     ("rans_proof.check", "tomllib.loads"): "the same",
     ("rans_proof.check_hybrid", "json.loads"): "the same",
+    ("rans_proof.agent_reader", "json.loads"): "the same",
     ("rans_proof.check_trap", "json.loads"): "the same",
     ("rans_proof.check_trap", "tomllib.loads"): "the same",
     ("rans.structure", "tomllib.loads"): "the one parser of TOML, after a check of its effort",

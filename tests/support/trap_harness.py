@@ -1,8 +1,8 @@
 """Random closed loops whose simulation must lie inside the sets of the checker of trapping sets.
 
-Nothing here is RANS's: the network is a few products of NumPy, the motion an integration by SciPy of the rigid body
-in the world frame, at 33 instants of a control period. `violations` says where the checker is unsound, and how much
-larger its sets are than what the simulation reaches.
+Nothing here is RANS's but the writer of the agent's file, which the checker reads: the network is a few products of
+NumPy, the motion an integration by SciPy of the rigid body in the world frame, at 33 instants of a control period.
+`violations` says where the checker is unsound, and how much larger its sets are than what the simulation reaches.
 """
 
 from __future__ import annotations
@@ -11,13 +11,18 @@ import itertools
 import json
 import math
 from dataclasses import dataclass, replace
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 import torch
 from rans_proof.trap_certificate import TrapCertificate
 from scipy.integrate import solve_ivp
+
+from rans.fast.agent_files.agent import actor_bytes
+from rans.policy.architecture import Architecture
+from rans.tasks.derived import layout
+from rans.tasks.tracking import TrackVelocity
 
 _DIRECTIONS = [(3, 4), (4, 3), (5, 12), (12, 5), (8, 15), (1, 0), (0, 1)]
 """Of whole length, so that torques of thrusters can be equal without rounding."""
@@ -49,14 +54,16 @@ class Case:
 
     def loop(self, module: ModuleType) -> Any:
         """The closed loop as a checker, perhaps with a planted error, has it."""
+        architecture = Architecture(layout(TrackVelocity(), 2), len(self.lever), (6, 6))
         files = {
+            "agent.safetensors": actor_bytes(architecture, self.tensors, 1),
             "config.json": json.dumps(
                 {"task": "track-velocity", "timing": {"control_period": self.period}}
             ).encode(),
             "spacecraft.toml": _toml(self.craft).encode(),
         }
         module.ctx.prec = 64
-        return module._Loop(self.table, files, SimpleNamespace(tensors=self.tensors))
+        return module._Loop(self.table, files)
 
     @property
     def step(self) -> float:

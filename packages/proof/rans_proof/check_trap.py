@@ -4,8 +4,8 @@ A certificate is accepted if it is of the agent's files, its cells contain the s
 cell may have moves the whole cell into cells of the certificate, without passing the limits of speed and spin on
 the way. Numbers are intervals of FLINT (`rans_proof.balls`), except whole numbers of cells.
 
-Weights and architecture are those of the reader that a flight uses, thrusters, mass and control period are read
-from the files anew. `rans_proof.flown` compares all of these with the agent as it flies.
+Weights, thrusters, mass and control period are read from the agent's files anew (`rans_proof.agent_reader`).
+`rans_proof.flown` compares them with the agent as it flies; that is no part of the check.
 """
 
 from __future__ import annotations
@@ -16,14 +16,13 @@ import json
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from flint import acb, arb, arb_mat, ctx
 
-from rans.extend import Network, RansError, brief
-from rans.fast.agent_files.agent import policy_of
+from rans.extend import ConfigError, brief
+from rans_proof.agent_reader import AgentWeights, read_agent
 from rans_proof.balls import (
     Refused,
     absolute_row_sums,
@@ -32,7 +31,6 @@ from rans_proof.balls import (
     network_enclosure,
     side_by_side,
 )
-from rans_proof.flown import Formulas, check_architecture, check_flown, read_run
 from rans_proof.trap_certificate import TrapCertificate, read_certificate
 
 _BITS = 64
@@ -41,7 +39,7 @@ _LOGIT = arb("0.001")
 _TOLERANCE = arb(2) ** -40
 """Of integrals; what is left is in their balls."""
 _CLIP = 10.0
-"""Normalised columns are clipped here (`rans_proof.flown.check_architecture`); cells that reach it are refused."""
+"""Normalised columns are clipped here (`rans_proof.agent_reader`); cells that reach it are refused."""
 _CRAFT = {
     "name": None,
     "dimension": (2,),
@@ -63,7 +61,6 @@ def check_trap(
     certificate: bytes,
     files: Mapping[str, bytes],
     only: Sequence[int] | None = None,
-    is_flown: bool = True,
 ) -> TrapCertificate:
     """Check a certificate of a trapping set, and return what it states.
 
@@ -71,23 +68,11 @@ def check_trap(
         certificate: content of its file.
         files: contents of the agent's files, by name.
         only: numbers of the cells whose images are checked; None: all.
-        is_flown: whether the agent is flown too, to compare its network and motion with those that are checked.
 
     Raises:
         Refused: it proves nothing, or is of another agent.
     """
-    ctx.prec = _BITS
-    try:
-        table = read_certificate(certificate, "the certificate")
-        if name := table.differing(files):
-            raise Refused(f"it is of another agent: the SHA-256 of {name} differs.")
-        network = policy_of(files["agent.safetensors"], Path("agent.safetensors")).network
-        check_architecture(network.architecture)
-        loop = _Loop(table, files, network)
-        if is_flown:
-            check_flown(read_run(files), loop.formulas(), table.keep)
-    except RansError as error:
-        raise Refused(str(error)) from error
+    table, loop = _read(certificate, files)
     inside = loop.union(table.cells)
     loop.check_start(table.start, inside)
     for number in range(len(table.cells)) if only is None else only:
@@ -96,6 +81,32 @@ def check_trap(
             if reason:
                 raise Refused(f"cell {number} {table.cells[number]} {reason}.")
     return table
+
+
+def formulas(
+    certificate: bytes, files: Mapping[str, bytes]
+) -> tuple[
+    Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray, np.ndarray], np.ndarray], float
+]:
+    """What a check takes the agent for, to be compared with its flight: see `rans_proof.flown.Formulas`.
+
+    Raises:
+        Refused: as `check_trap`, before the first cell.
+    """
+    _, loop = _read(certificate, files)
+    return loop.formulas()
+
+
+def _read(certificate: bytes, files: Mapping[str, bytes]) -> tuple[TrapCertificate, _Loop]:
+    """A certificate and the closed loop of the agent that it is of."""
+    ctx.prec = _BITS
+    try:
+        table = read_certificate(certificate, "the certificate")
+    except ConfigError as error:
+        raise Refused(str(error)) from error
+    if name := table.differing(files):
+        raise Refused(f"it is of another agent: the SHA-256 of {name} differs.")
+    return table, _Loop(table, files)
 
 
 class _Image(NamedTuple):
@@ -112,9 +123,7 @@ class _Image(NamedTuple):
 class _Loop:
     """Closed loop of an agent and the cells of a certificate."""
 
-    def __init__(
-        self, table: TrapCertificate, files: Mapping[str, bytes], network: Network
-    ) -> None:
+    def __init__(self, table: TrapCertificate, files: Mapping[str, bytes]) -> None:
         config = json.loads(files["config.json"])
         if config["task"] != "track-velocity":
             raise Refused("its task is not track-velocity in the plane.")
@@ -122,7 +131,8 @@ class _Loop:
         self.period = arb(self.period_text)
         self._integrals: dict[tuple[str, int], Any] = {}
         self._design(tomllib.loads(files["spacecraft.toml"].decode()))
-        self.layers = _network(network, len(self.force))
+        agent = read_agent(files["agent.safetensors"], config["task"], len(self.force))
+        self.layers = _network(agent)
         self.speed, self.spin = (arb(table.keep[key]) for key in ("speed", "spin"))
         self.rings, self.sectors, self.side, self.fine = (
             table.grid[key] for key in ("rings", "sectors", "layers", "fine")
@@ -278,7 +288,7 @@ class _Loop:
             return "may leave the cells"
         return ""
 
-    def formulas(self) -> Formulas:
+    def formulas(self) -> tuple[Callable[..., np.ndarray], Callable[..., np.ndarray], float]:
         """Middles of the balls of network and motion, to be compared with a flight."""
 
         def log_odds(states: np.ndarray) -> np.ndarray:
@@ -304,7 +314,7 @@ class _Loop:
                 )
             return np.array(ends)
 
-        return Formulas(log_odds, moved, float(self.period_text))
+        return log_odds, moved, float(self.period_text)
 
     def _jump(self, commands: Sequence[int]) -> int:
         """Steps of spin that commands make."""
@@ -402,20 +412,19 @@ def _middles(matrix: Any) -> np.ndarray:
     return np.array([[float(x.mid()) for x in row] for row in matrix.tolist()])
 
 
-def _network(network: Network, thrusters: int) -> tuple[Any, Any]:
+def _network(agent: AgentWeights) -> tuple[Any, Any]:
     """Layers from velocity and spin to log-odds, and a check that no column is clipped."""
-
-    def tensor(name: str) -> np.ndarray:
-        return network.tensors[name].double().numpy()
-
-    mean, variance = tensor("features_extractor.mean"), tensor("features_extractor.variance")
+    if agent.activation != "tanh":
+        raise Refused("its layers are not of tanh.")
     # Columns in B with the goal at rest: velocity, spin, task flag 2, velocity to gain, and two of zeros.
     weights = np.zeros((8, 3))
     weights[0, 0] = weights[1, 1] = weights[2, 2] = 1.0
     weights[4, 0] = weights[5, 1] = -1.0
-    scale = [1 / (arb(float(x)) + arb("0.000001")).sqrt() for x in variance]
+    scale = [1 / (arb(float(x)) + arb("0.000001")).sqrt() for x in agent.variance]
     fixed = [arb(0)] * 3 + [arb(2)] + [arb(0)] * 4
-    shift = column([(f - arb(float(m))) * s for f, m, s in zip(fixed, mean, scale, strict=True)])
+    shift = column(
+        [(f - arb(float(m))) * s for f, m, s in zip(fixed, agent.mean, scale, strict=True)]
+    )
     columns = arb_mat(
         [[s * x for x in row] for s, row in zip(scale, weights.tolist(), strict=True)]
     )
@@ -427,17 +436,13 @@ def _network(network: Network, thrusters: int) -> tuple[Any, Any]:
                 raise Refused("a column is clipped.")
 
     layers = []
-    numbers = sorted({int(n.split(".")[-2]) for n in network.tensors if ".trunk." in n})
-    for k, number in enumerate(numbers):
-        weight = matrix(tensor(f"features_extractor.trunk.{number}.weight"))
-        bias = matrix(tensor(f"features_extractor.trunk.{number}.bias")[:, None])
+    for k, (weight, bias) in enumerate(agent.layers):
+        weight, bias = matrix(weight), matrix(bias[:, None])
         if k == 0:
             weight, bias = weight * columns, weight * shift + bias
         layers.append((weight, bias, "Tanh"))
     # Log-odds of opening a thruster: its second output less its first one.
-    weight, bias = tensor("action_net.weight"), tensor("action_net.bias")
-    if len(bias) != 2 * thrusters:
-        raise Refused("its commands are not on/off.")
+    weight, bias = agent.head
     layers.append(
         (
             matrix(weight[1::2]) - matrix(weight[::2]),

@@ -405,9 +405,12 @@ def _trapped(
 ) -> tuple[float, str]:
     """Infinity, as a trapping set has no margins, and why its certificate is refused, or ""."""
     from rans_proof.check_trap import check_trap
+    from rans_proof.flown import check_as_flown
 
     def judge() -> float:
-        check_trap(certificate, files, cells, is_flown)
+        check_trap(certificate, files, cells)
+        if is_flown:
+            check_as_flown(certificate, files)
         return math.inf
 
     return _verdict(judge)

@@ -24,6 +24,7 @@ from rans.extend import (
     LoadedRun,
     Network,
     PlanarState,
+    RansError,
     Scenario,
     Vec2,
     brief,
@@ -33,7 +34,7 @@ from rans.extend import (
 )
 from rans.policy.heads import OnOff
 from rans.tasks.tracking import TrackVelocity
-from rans_proof.trap_certificate import FILES
+from rans_proof.trap_certificate import FILES, read_certificate
 
 LARGEST_GAP = 1e-4
 """Difference of log-odds from the flown network in double precision that is refused."""
@@ -103,6 +104,26 @@ class Formulas(NamedTuple):
     """Velocity in B of before and spin, (N, 3), a period after states (N, 3) under commands (N, thrusters)."""
     period: float
     """Control period, s."""
+
+
+def check_as_flown(certificate: bytes, files: Mapping[str, bytes]) -> None:
+    """Compare what the checker of trapping sets takes an agent for with its flight.
+
+    Raises:
+        Refused: they differ, a file is damaged, or the certificate is of another agent.
+    """
+    from rans_proof.balls import Refused
+    from rans_proof.check_trap import formulas
+
+    own = formulas(certificate, files)
+    try:
+        run = read_run(files)
+        assert isinstance(run.controller, Agent)
+        check_architecture(run.controller.network.architecture)
+        keep = read_certificate(certificate, "the certificate").keep
+        check_flown(run, Formulas(*own), keep)
+    except RansError as error:
+        raise Refused(str(error)) from error
 
 
 def read_run(files: Mapping[str, bytes]) -> LoadedRun:

@@ -156,9 +156,8 @@ PLANTED: dict[str, tuple[str, str]] = {
         "union(r1 * half.cos_pi() + ahead)",
     ),
     "weights are transposed": (
-        'weight = matrix(tensor(f"features_extractor.trunk.{number}.weight"))',
-        'weight = matrix(tensor(f"features_extractor.trunk.{number}.weight").T if k else '
-        'tensor(f"features_extractor.trunk.{number}.weight"))',
+        "weight, bias = matrix(weight), matrix(bias[:, None])",
+        "weight, bias = matrix(weight.T if k else weight), matrix(bias[:, None])",
     ),
     "a gap at the rim of the starts": (
         'rings = _ceil(arb(start["speed"])',

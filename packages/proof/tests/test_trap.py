@@ -126,8 +126,11 @@ def written(files: dict[str, bytes], folder: Path) -> Path:
 def check(table: dict[str, Any], files: dict[str, bytes]) -> None:
     pytest.importorskip("flint")
     from rans_proof.check_trap import check_trap
+    from rans_proof.flown import check_as_flown
 
-    check_trap(json.dumps(table).encode(), files)
+    content = json.dumps(table).encode()
+    check_trap(content, files)
+    check_as_flown(content, files)
 
 
 def test_no_flight_leaves_its_cells(loop: Loop, trap: Trap) -> None:

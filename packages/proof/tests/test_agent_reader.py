@@ -1,0 +1,120 @@
+"""The checkers' own reader of agents: against the reader that flies, and against files that say two things."""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("flint")
+
+from rans_proof.agent_reader import read_agent
+from rans_proof.balls import Refused
+from rans_proof.trap_certificate import FILES
+
+from rans.fast.agent_files.agent import policy_of
+from tests.support.processes import ROOT
+
+PRETRAINED = ROOT / "rans/data/pretrained"
+CONTENT = (PRETRAINED / "track-velocity-2d" / FILES[0]).read_bytes()
+
+
+def test_it_reads_what_flies() -> None:
+    """Every number, by the library of safetensors behind the other reader."""
+    network = policy_of(CONTENT, PRETRAINED).network
+    weights = read_agent(CONTENT, "track-velocity", 8)
+    named = {
+        "features_extractor.mean": weights.mean,
+        "features_extractor.variance": weights.variance,
+        "action_net.weight": weights.head[0],
+        "action_net.bias": weights.head[1],
+    }
+    for number, (weight, bias) in enumerate(weights.layers):
+        named[f"features_extractor.trunk.{2 * number}.weight"] = weight
+        named[f"features_extractor.trunk.{2 * number}.bias"] = bias
+    assert len(named) == 8
+    for name, value in named.items():
+        assert np.array_equal(network.tensors[name].double().numpy(), value), name
+
+
+def edited(edit: Callable[[dict[str, Any], dict[str, Any], bytearray], object]) -> bytes:
+    """The file with a change of its header, its table or its bytes, and lengths that are right again."""
+    length = int.from_bytes(CONTENT[:8], "little")
+    header = json.loads(CONTENT[8 : 8 + length])
+    table = json.loads(header["__metadata__"]["rans"])
+    data = bytearray(CONTENT[8 + length :])
+    edit(header, table, data)
+    header["__metadata__"]["rans"] = json.dumps(table)
+    header["__metadata__"]["crc32"] = str(zlib.crc32(b"whatever"))
+    text = json.dumps(header).encode()
+    return len(text).to_bytes(8, "little") + text + bytes(data)
+
+
+def network(**changes: Any) -> bytes:
+    return edited(lambda header, table, data: table["architecture"].update(changes))
+
+
+WEIGHT = "features_extractor.trunk.2.weight"
+
+
+def swapped(header: dict[str, Any], table: dict[str, Any], data: bytearray) -> None:
+    """Two weights of one size that refer to each other's tensors."""
+    first, second = (f"features_extractor.trunk.{k}.bias" for k in (0, 2))
+    weights = table["weights"]
+    weights[first], weights[second] = weights[second], weights[first]
+
+
+def moved(header: dict[str, Any], table: dict[str, Any], data: bytearray) -> None:
+    """A tensor that lies on another one's bytes."""
+    entry = header[f"weights/{WEIGHT}"]
+    entry["data_offsets"] = [x - 1024 for x in entry["data_offsets"]]
+
+
+def infinite(header: dict[str, Any], table: dict[str, Any], data: bytearray) -> None:
+    begin = header[f"weights/{WEIGHT}"]["data_offsets"][0]
+    data[begin : begin + 4] = np.float32(np.inf).tobytes()
+
+
+PLANTED: dict[str, bytes] = {
+    "zoom": network(zoom=16.0),
+    "history": network(history=4),
+    "symmetries": network(symmetries={"turn": []}),
+    "a field of tomorrow": network(wings=2),
+    "a flag for a number": network(history=False),
+    "another head": network(continuous=True),
+    "another clip": network(clip=5.0),
+    "thrusters": network(thrusters=7),
+    "fewer layers": network(layers=[256]),
+    "another observation": network(layout=[["rans.tasks.sight.Scalar", 8, []]]),
+    "swapped references": edited(swapped),
+    "overlapping tensors": edited(moved),
+    "infinite": edited(infinite),
+    "bytes at the end": edited(lambda header, table, data: data.extend(b"four")),
+    "a transposed matrix": edited(lambda h, t, d: h["weights/action_net.weight"].update(shape=[256, 16])),
+    "an unused tensor": edited(lambda h, t, d: t["weights"].update(core={"$tensor": "weights/core"})),
+    "a key twice": CONTENT.replace(b'\\"zoom\\": 0.0', b'\\"units\\": 0 ', 1),
+    "a long header": (2**40).to_bytes(8, "little") + CONTENT[8:],
+    "nothing": b"",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("planted", PLANTED)
+def test_another_network_is_refused(planted: str) -> None:
+    assert PLANTED[planted] != CONTENT
+    with pytest.raises(Refused):
+        read_agent(PLANTED[planted], "track-velocity", 8)
+
+
+def test_another_task_is_refused() -> None:
+    with pytest.raises(Refused, match="task"):
+        read_agent(CONTENT, "go-to-pose", 8)
+
+
+def test_an_unchanged_file_of_the_editor_is_read() -> None:
+    """What is refused above is not refused for the editing."""
+    again = read_agent(edited(lambda header, table, data: None), "track-velocity", 8)
+    assert np.array_equal(again.mean, read_agent(CONTENT, "track-velocity", 8).mean)
