@@ -49,7 +49,7 @@ from torch import Tensor
 from rans.deploy.export import evaluated
 from rans.episode import Setup
 from rans.errors import ConfigError
-from rans.evaluation.fly.any_craft import ADAPTIVE, for_spacecraft, frugal
+from rans.evaluation.fly.any_craft import for_spacecraft, frugal
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.make_controller import controller
@@ -67,7 +67,7 @@ from rans.model.twists import authority_margin
 from rans.optimal.control.regulator import Weights
 from rans.policy.any_craft import COAST, without
 from rans.policy.authority import Authority, coasting, columns, rotation_vector
-from rans.pretrained import FOLDER, FOR_ANY_CRAFT
+from rans.pretrained import ADAPTIVE, FOLDER, FOR_ANY_CRAFT
 from rans.processes import Workers
 from rans.randomization.conditions import Conditions, FaultConditions, FaultKind
 from rans.randomization.faults import fault_sets

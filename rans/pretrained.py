@@ -15,6 +15,8 @@ from rans.files import read_json
 
 FOLDER = Path(__file__).parent / "data" / "pretrained"
 """Folder with one folder per agent: agent.safetensors, config.json, spacecraft.toml and card.json."""
+ADAPTIVE = "adaptive"
+"""Prefix of names: the agent for any craft after it estimates in flight what the craft's file does not state."""
 FOR_ANY_CRAFT = {2: "any-craft-2d", 3: "any-craft-3d"}
 """Agents that fly any craft, by dimension."""
 PACKAGE = "rans_agents"

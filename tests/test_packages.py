@@ -20,6 +20,7 @@ from rans.deploy.forms import FORMATS
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.model.foreign import IMPORTERS
 from rans.model.spacecraft_file import EFFECTORS, SPACECRAFT
+from rans.policy.adaptation import ESTIMATORS
 from rans.tasks import TASKS
 from tests.support import packages
 
@@ -71,6 +72,7 @@ def test_what_a_package_adds_is_there_and_its_absence_names_its_extra(folder: Pa
     }
     registries = {
         "rans.controllers": CONTROLLERS,
+        "rans.estimators": ESTIMATORS,
         "rans.export_formats": FORMATS,
         "rans.exporters": EXPORTERS,
         "rans.importers": IMPORTERS,

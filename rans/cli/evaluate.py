@@ -95,8 +95,6 @@ class Evaluate(Options):
         from rans.api.names import conditions_if_named
         from rans.evaluation.fly.contestants import contestant
         from rans.evaluation.measure.aggregate import ROOM, measure
-        from rans.evaluation.measure.agreement import compare_engines
-        from rans.policy.prospects import doubt
 
         run = contestant(self.agent, self.protocol, trust=self.trust, period=self.period)
         run = run.under(conditions_if_named(self.conditions))
@@ -104,8 +102,11 @@ class Evaluate(Options):
         name = self.agent
         if name.unnamed:
             Terminal().say(f"{name.unnamed} flies {run.craft.name} without training.")
-        if name.craft and (sentence := doubt(run.craft, run.timing.control_period)):
-            Terminal().say(sentence)
+        if name.craft:
+            from rans.policy.prospects import doubt
+
+            if sentence := doubt(run.craft, run.timing.control_period):
+                Terminal().say(sentence)
         ready_folder(name.output_folder)
         self._file(run)  # reject a symbolic link before the flights
         if self._many(run):
@@ -121,6 +122,8 @@ class Evaluate(Options):
         results: dict[str, Any] = {name: metrics.to_json() for name, metrics in measured.items()}
         passed = True
         if self.engine == "both":
+            from rans.evaluation.measure.agreement import compare_engines
+
             comparison = compare_engines(flights["fast"], flights["drake"])
             console.table(comparison.table())
             results["both"] = comparison.to_json()

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from rans.model.fields import Field, where, within
 from rans.model.twists import balanced, directions
-from rans.policy.adaptation import Adaptation
+from rans.policy.adaptation import SHUT, WHEELS
 from rans.policy.allocation import (
     PRICE,
     Subsets,
@@ -26,7 +26,6 @@ from rans.policy.allocation import (
     subsets,
     thrust_price,
 )
-from rans.policy.authority import Authority
 from rans.policy.backbones import Backbone, product
 from rans.policy.parts import ArchitectureView, NetworkView
 from rans.policy.program import Program, inputs
@@ -38,11 +37,6 @@ WHEEL = 3.0
 """Kinds of effectors, the last number of a token: on/off thruster, the same with a shared supply, thruster with
 commands between, reaction wheel."""
 Tokens = tuple[tuple[float, ...], ...]
-SHUT = "shut"
-"""Row of a program, (N, thrusters): 1 for a thruster that an adapting policy takes for lost, else 0. In torch these
-numbers stand behind the features, followed by those of `WHEELS`."""
-WHEELS = "wheels"
-"""Row of a program, (N, wheels + 1): see `rans.policy.adaptation.Estimate`."""
 _CHECK = 2
 """Control periods for which two opposite thrusters are open while they are checked: an estimator sees changes over
 two periods."""
@@ -228,40 +222,6 @@ def spare(tokens: Tokens) -> tuple[int, ...]:
         if (
             balanced(np.vstack([columns[:thrusters][numbers != k], helping]), is_shared) > 0.0
         ).all()
-    )
-
-
-@lru_cache(maxsize=64)
-def estimator(
-    tokens: Tokens,
-    authority: tuple[float, ...],
-    keeps_weak: bool = False,
-    filling: tuple[float, ...] = (),
-    has_checks: bool = False,
-) -> Adaptation:
-    """Estimator of a spacecraft, for a policy that adapts.
-
-    Args:
-        tokens: of each command, see `rans.policy.any_craft.effects`.
-        authority: see `rans.policy.architecture.Architecture.authority`.
-        keeps_weak: whether a thruster with half of its force stays in use.
-        filling: see `rans.policy.architecture.Architecture`.
-        has_checks: see `rans.policy.adaptation.Adaptation`.
-    """
-    own = Authority.of_numbers(authority)
-    columns = np.array(tokens)[:, :-1]
-    pushing = directions(columns.shape[1])
-    scale = np.repeat([own.least_linear, own.least_angular], [pushing, columns.shape[1] - pushing])
-    effects = own.period * scale * columns
-    return Adaptation(
-        float(own.period),
-        tuple(map(tuple, effects.tolist())),
-        _thrusters(tokens),
-        tokens[0][-1] == SHARED,
-        spare(tokens),
-        spare(tokens) if keeps_weak else (),
-        filling,
-        has_checks,
     )
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -13,18 +14,16 @@ from torch import Tensor, nn
 
 from rans.errors import ConfigError
 from rans.model.fields import Field
-from rans.policy import authority as of_authority
-from rans.policy import measurement_gate
 from rans.policy.activations import ACTIVATIONS
-from rans.policy.adaptation import Adaptation
-from rans.policy.allocated import estimator, has_checks
+from rans.policy.adaptation import ESTIMATORS, Adaptation
 from rans.policy.backbone_registry import BACKBONES
-from rans.policy.filter_bank import Filters
 from rans.policy.frugality import AS_TRAINED, Frugality
 from rans.policy.heads import HEADS, Head
-from rans.policy.kalman_filter import Filter
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Columns, Layout
+
+if TYPE_CHECKING:
+    from rans.policy.filter_bank import Filters
 
 EXTRACTOR = "features_extractor."
 """Where SB3's policies have everything before the two heads."""
@@ -149,19 +148,31 @@ class Architecture:
 
     @property
     def adaptation(self) -> Adaptation:
-        """Estimator of a network that adapts."""
+        """Estimator of a network that adapts.
+
+        Raises:
+            ConfigError: no installed package has one.
+        """
+        from rans.policy.allocated import has_checks
+
         keeps_weak = self.farthest_lost > 0.0
-        checks = has_checks(self)
-        return estimator(self.tokens, self.authority, keeps_weak, self.filling, checks)
+        make = ESTIMATORS["adaptation"]
+        return make(self.tokens, self.authority, keeps_weak, self.filling, has_checks(self))
 
     @property
     def columns(self) -> Layout:
         """Layout of the columns: vectors are in the frame of the spacecraft (docs/decisions/policies.md)."""
-        return of_authority.layout(self.layout) if self.authority else self.layout.body
+        if not self.authority:
+            return self.layout.body
+        from rans.policy import authority as of_authority
+
+        return of_authority.layout(self.layout)
 
     def preprocessed(self, observation: Columns) -> list[Field]:
         """Columns of a reading (`read_count`), of those of an observation."""
         if self.authority and not self.adapts:
+            from rans.policy import authority as of_authority
+
             own = of_authority.Authority.of_numbers(self.authority)
             farthest = (self.farthest, 1.0) if self.farthest else None
             return of_authority.of_observation(
@@ -177,6 +188,8 @@ class Architecture:
             gains: of velocities and of angular velocities, over those of the file (`rans.policy.adaptation`).
             lost: 1 if a thruster is taken for lost, else 0.
         """
+        from rans.policy import authority as of_authority
+
         own = of_authority.Authority.of_numbers(self.authority)
         linear, angular = gains
         estimated = of_authority.Authority(
@@ -224,23 +237,14 @@ class Architecture:
         """Numbers of the memory for the filters, or for the estimator of a network that adapts; they come last."""
         if self.adapts:
             return self.adaptation.width
-        filters = sum(filter_.width(self.columns) for filter_ in self._bank)
-        gate = measurement_gate.GateMemory.width(self.columns) if self._is_gated else 0
-        return filters + gate
-
-    @property
-    def _is_gated(self) -> bool:
-        """Whether missed and wild readings are replaced, see `rans.policy.measurement_gate`."""
-        return self.filters is not None and self.filters.gate > 0
-
-    @property
-    def _bank(self) -> tuple[Filter, ...]:
-        return self.filters.each if self.filters else ()
+        return self.filters.width(self.columns) if self.filters else 0
 
     @property
     def extra_columns(self) -> tuple[int, ...]:
         """Numbers beside the columns: as they are read, which is none, then as each filter has them."""
-        return 0, *(filter_.extra_columns for filter_ in self._bank)
+        return 0, *(
+            filter_.extra_columns for filter_ in (self.filters.each if self.filters else ())
+        )
 
     @property
     def preprocessed_width(self) -> int:
@@ -274,17 +278,10 @@ class Architecture:
         Args:
             row: columns of a reading in B, then the filters' memory.
         """
-        body = self.columns
-        read = row[: self.column_count]
-        memory = row[self.column_count :]
-        gated = self._gated_reading(read, memory).columns
-        return [
-            (body, gated),
-            *(
-                (filter_.layout(body), filter_.estimate(body, gated, own_memory))
-                for filter_, own_memory in self._with_memory(memory)
-            ),
-        ]
+        read, memory = row[: self.column_count], row[self.column_count :]
+        if self.filters is None:
+            return [(self.columns, list(read))]
+        return self.filters.estimates(self.columns, read, memory)
 
     def next_filter_memory(self, row: Columns) -> list[Field]:
         """Memory of the filters and of the gate after a reading and a command.
@@ -292,50 +289,11 @@ class Architecture:
         Args:
             row: columns of a reading in B, the filters' memory, and the command (thrusters,).
         """
-        body = self.columns
-        read, memory, command = (
-            row[a:b]
-            for a, b in pairwise((0, self.column_count, self.column_count + self.filtering, None))
-        )
-        reading = self._gated_reading(read, memory)
-        with_memory = list(self._with_memory(memory))
-        after = [
-            x
-            for filter_, own_memory in with_memory
-            for x in filter_.next_memory(body, reading.columns, own_memory, command)
-        ]
-        if not self._is_gated:
-            return after
-        last, own_memory = with_memory[-1]
-        predicted = last.predicted_reading(
-            body, reading.columns, own_memory, command, reading.noise_evidence
-        )
-        return after + self._gate_memory(memory).after(read, reading, predicted, command)
-
-    def _with_memory(self, memory: Columns) -> Iterator[tuple[Filter, Columns]]:
-        """Each filter of the bank with its part of the memory."""
-        ends = accumulate((filter_.width(self.columns) for filter_ in self._bank), initial=0)
+        ends = self.column_count, self.column_count + self.filtering
+        read, memory, command = row[: ends[0]], row[ends[0] : ends[1]], row[ends[1] :]
         return (
-            (filter_, memory[a:b])
-            for filter_, (a, b) in zip(self._bank, pairwise(ends), strict=True)
+            [] if self.filters is None else self.filters.after(self.columns, read, memory, command)
         )
-
-    def _gated_reading(self, read: Columns, memory: Columns) -> measurement_gate.GatedReading:
-        """The reading behind the gate, whose prediction is that of the bank's last filter, the best informed."""
-        if self.filters is None or not self._is_gated:
-            return measurement_gate.GatedReading(list(read), [], 0.0)
-        body = self.columns
-        last, own_memory = list(self._with_memory(memory))[-1]
-        is_first = last.is_first(body, own_memory)
-        return measurement_gate.gated_reading(
-            body, read, self._gate_memory(memory), last, self.filters.gate, is_first
-        )
-
-    def _gate_memory(self, memory: Columns) -> measurement_gate.GateMemory:
-        """The gate's part of the memory, its last fields."""
-        body = self.columns
-        width = measurement_gate.GateMemory.width(body)
-        return measurement_gate.GateMemory.unpacked(body, memory[-width:])
 
     def modules(self) -> dict[str, nn.Module]:
         """Modules before the heads, in the order of SB3, with torch's initial weights."""

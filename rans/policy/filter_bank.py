@@ -6,19 +6,21 @@ estimates itself (docs/decisions/robustness.md).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import zip_longest
+from collections.abc import Iterator, Sequence
+from itertools import accumulate, pairwise, zip_longest
 from typing import NamedTuple
 
 import numpy as np
 
 from rans.effectors.commands import allowed, is_identity
 from rans.errors import ConfigError
+from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft
 from rans.policy.kalman_filter import Filter
 from rans.policy.kinematic_roles import Sensitivity, sensitivities
+from rans.policy.measurement_gate import GatedReading, GateMemory, gated_reading
 from rans.tasks.base import Task
-from rans.tasks.observation_terms import Layout
+from rans.tasks.observation_terms import Columns, Layout
 
 
 class Filters(NamedTuple):
@@ -110,6 +112,76 @@ class Filters(NamedTuple):
                 self.drift, self.steady, self.response, fillvalue=0.0
             )
         )
+
+    @property
+    def _is_gated(self) -> bool:
+        """Whether missed and wild readings are replaced, see `rans.policy.measurement_gate`."""
+        return self.gate > 0.0
+
+    def width(self, layout: Layout) -> int:
+        """Numbers of the memory of all filters, then of the gate, for columns of this layout."""
+        filters = sum(filter_.width(layout) for filter_ in self.each)
+        return filters + (GateMemory.width(layout) if self._is_gated else 0)
+
+    def estimates(
+        self, layout: Layout, read: Columns, memory: Columns
+    ) -> list[tuple[Layout, Columns]]:
+        """The reading behind the gate and the estimate of every filter, each with its layout.
+
+        Args:
+            layout: of the columns of a reading, in the body frame.
+            read: columns of the reading.
+            memory: (`width`,) of the filters and of the gate.
+        """
+        gated = self._gated(layout, read, memory).columns
+        return [
+            (layout, gated),
+            *(
+                (filter_.layout(layout), filter_.estimate(layout, gated, own_memory))
+                for filter_, own_memory in self._with_memory(layout, memory)
+            ),
+        ]
+
+    def after(
+        self, layout: Layout, read: Columns, memory: Columns, command: Columns
+    ) -> list[Field]:
+        """Memory after a reading and a command (thrusters,); other arguments as of `estimates`."""
+        reading = self._gated(layout, read, memory)
+        with_memory = list(self._with_memory(layout, memory))
+        after = [
+            x
+            for filter_, own_memory in with_memory
+            for x in filter_.next_memory(layout, reading.columns, own_memory, command)
+        ]
+        if not self._is_gated:
+            return after
+        last, own_memory = with_memory[-1]
+        predicted = last.predicted_reading(
+            layout, reading.columns, own_memory, command, reading.noise_evidence
+        )
+        gate = self._gate_memory(layout, memory)
+        return after + gate.after(read, reading, predicted, command)
+
+    def _with_memory(self, layout: Layout, memory: Columns) -> Iterator[tuple[Filter, Columns]]:
+        """Each filter with its part of the memory."""
+        ends = accumulate((filter_.width(layout) for filter_ in self.each), initial=0)
+        return (
+            (filter_, memory[a:b])
+            for filter_, (a, b) in zip(self.each, pairwise(ends), strict=True)
+        )
+
+    def _gated(self, layout: Layout, read: Columns, memory: Columns) -> GatedReading:
+        """The reading behind the gate, whose prediction is that of the last filter, the best informed."""
+        if not self._is_gated:
+            return GatedReading(list(read), [], 0.0)
+        last, own_memory = list(self._with_memory(layout, memory))[-1]
+        is_first = last.is_first(layout, own_memory)
+        gate = self._gate_memory(layout, memory)
+        return gated_reading(layout, read, gate, last, self.gate, is_first)
+
+    def _gate_memory(self, layout: Layout, memory: Columns) -> GateMemory:
+        """The gate's part of the memory, its last fields."""
+        return GateMemory.unpacked(layout, memory[-GateMemory.width(layout) :])
 
     def fits(self, layout: Layout, thrusters: int) -> bool:
         """Whether the bank has the sizes that this layout, of an observation in B, and these thrusters need."""

@@ -14,8 +14,7 @@ import numpy as np
 import torch
 
 from rans.model.fields import Field
-from rans.policy.adaptation import Rows
-from rans.policy.allocated import SHUT, WHEELS
+from rans.policy.adaptation import SHUT, WHEELS, Rows
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.backbone_registry import BACKBONES
 from rans.policy.capabilities import Capabilities

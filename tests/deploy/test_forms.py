@@ -35,6 +35,7 @@ from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.pretrained import pretrained_folder
 from rans.scenario import scenarios
+from tests.support import packages
 from tests.support.exports import FAST, exported, remembering, shipped, written
 from tests.support.shipped import shipped_agents
 from tests.support.training import scatter, tiny_learner
@@ -70,6 +71,7 @@ def test_a_shipped_agent_commands_the_same_in_every_form(name: str, tmp_path: Pa
         assert found.memory < 1e-5  # ten roundings of numbers of the order of one, in float32
 
 
+@packages.needs("any_craft")
 @pytest.mark.slow
 @pytest.mark.parametrize("craft", ["floating-platform-shared", "pingu", "spheres"])
 def test_an_agent_that_adapts_commands_the_same_in_every_form(craft: str, tmp_path: Path) -> None:

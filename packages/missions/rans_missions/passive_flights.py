@@ -5,20 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rans.extend import ConfigError, Flight, Sample
 from rans.model.drift import ClohessyWiltshire
-from rans_missions.passive_safety import (
-    CoastZone,
-    coast_zone,
-    joined,
-    least_distances,
-    pieces_of_periods,
-    single_coasts,
-)
+
+if TYPE_CHECKING:
+    from rans_missions.passive_safety import CoastZone
 
 
 @dataclass(frozen=True)
@@ -70,6 +65,14 @@ def passive_safety(
     Raises:
         ConfigError: the mission has no circular orbit, or no zone.
     """
+    from rans_missions.passive_safety import (
+        coast_zone,
+        joined,
+        least_distances,
+        pieces_of_periods,
+        single_coasts,
+    )
+
     drift = flight.task.drift
     zone = coast_zone(flight.task) if zone is None else zone
     if not isinstance(drift, ClohessyWiltshire) or flight.craft.dimension != 3:
@@ -121,7 +124,8 @@ def passive_safety(
 
 def samples(flight: Flight) -> Iterator[Sample]:
     """Metrics of passive safety of a flight whose task has a zone that coasts keep out of."""
-    zone = coast_zone(flight.task)
+    # Every flight of every task comes here: what computes coasts is imported for those that have a zone.
+    zone: CoastZone | None = getattr(flight.task, "coast_zone", None)
     if zone is None:
         return
     safety = passive_safety(flight)

@@ -16,15 +16,14 @@ from rans.files import read_json, ready_folder, replace_file, write_json, write_
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
+from rans.policy.adaptation import ESTIMATORS
 from rans.policy.any_craft import for_craft, is_for_any_craft
 from rans.policy.any_craft import frugal as at_value
 from rans.policy.network import Network
 from rans.policy.timing import timing_for
-from rans.pretrained import FOR_ANY_CRAFT
+from rans.pretrained import ADAPTIVE, FOR_ANY_CRAFT
 from rans.tasks import Task
 
-ADAPTIVE = "adaptive"
-"""Prefix of names: the agent for any craft after it estimates in flight what the craft's file does not state."""
 _ADAPTS = f"name one that can adapt, such as {ADAPTIVE}:{FOR_ANY_CRAFT[2]}"
 
 
@@ -32,7 +31,7 @@ def adapting(run: LoadedRun) -> LoadedRun:
     """The run of an agent for any craft that estimates lost thrusters and other masses (`rans.policy.adaptation`).
 
     Raises:
-        ConfigError: it is another agent.
+        ConfigError: it is another agent, or no package with an estimator is installed.
     """
     if not isinstance(run.controller, Agent):
         raise ConfigError(f"{run.controller.name} is no agent for any craft: {_ADAPTS}.")
@@ -44,6 +43,7 @@ def adapting(run: LoadedRun) -> LoadedRun:
 def _adapting(network: Network) -> Network:
     if not is_for_any_craft(network.architecture):
         raise ConfigError(f"the agent flies its own spacecraft only: {_ADAPTS}.")
+    ESTIMATORS.check_installed("adaptation")
     return Network(replace(network.architecture, adapts=True), network.tensors, at=network.at)
 
 

@@ -11,13 +11,17 @@ from pathlib import Path
 from typing import Literal
 
 from rans.errors import ConfigError, brief, meant, meant_file
-from rans.evaluation.fly.any_craft import ADAPTIVE, flies_any_craft, write_for_spacecraft
 from rans.evaluation.fly.controllers import CONTROLLERS, WRAPPERS
-from rans.evaluation.fly.flights_file import is_flights_file
-from rans.evaluation.fly.policy_text import is_user_policy, split_policy
+from rans.evaluation.fly.policy_text import is_flights_file, is_user_policy, split_policy
 from rans.files import distinct
 from rans.model.spacecraft_file import load_spacecraft
-from rans.pretrained import FOR_ANY_CRAFT, missing_agents, pretrained_folder, pretrained_names
+from rans.pretrained import (
+    ADAPTIVE,
+    FOR_ANY_CRAFT,
+    missing_agents,
+    pretrained_folder,
+    pretrained_names,
+)
 from rans.registry import allow_current_folder, typed
 from rans.tasks import TASKS
 
@@ -203,6 +207,11 @@ class ContestantName:
         return f"{before}{self.name}{value}@{self.craft}"
 
     @property
+    def is_for_a_craft(self) -> bool:
+        """Whether it asks an agent for any craft for more than what its folder has."""
+        return bool(self.craft or self.adapts or self.frugality is not None)
+
+    @property
     def alone(self) -> ContestantName:
         """The contestant in whose place a wrapper flies, or this one."""
         if not self.wrapper:
@@ -244,8 +253,10 @@ class ContestantName:
             ConfigError: it is no trained agent, or one that is not in the package, or cannot fly the craft.
         """
         source = self.own_folder
-        if not self.craft and not self.adapts and self.frugality is None:
+        if not self.is_for_a_craft:
             return source
+        from rans.evaluation.fly.any_craft import write_for_spacecraft
+
         craft = load_spacecraft(typed(self.craft)) if self.craft else None
         return write_for_spacecraft(
             source, craft, self.output_folder / "agent", self.adapts, self.frugality
@@ -282,9 +293,7 @@ class ContestantName:
         name = self.without_earlier()
         if self.wrapper:
             text = self.text.partition("#")[0]
-        elif name.kind == "run folder" and not (
-            name.craft or name.adapts or name.frugality is not None
-        ):
+        elif name.kind == "run folder" and not name.is_for_a_craft:
             return Path(name.name)
         elif name.craft:
             text = f"{name.name}:{name.craft}"
@@ -305,6 +314,8 @@ class ContestantName:
 
 def _flies_any_craft(name: ContestantName) -> bool:
     """Whether a name is that of an agent for any craft; False where it has no agent that can be read."""
+    from rans.evaluation.fly.any_craft import flies_any_craft
+
     try:
         return flies_any_craft(name.own_folder)
     except (ConfigError, OSError):

@@ -10,16 +10,11 @@ from typing import NamedTuple
 from rans.episode import Setup
 from rans.errors import ConfigError, brief
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_policy, run_of
-from rans.evaluation.fly.any_craft import adapting, for_spacecraft, frugal
 from rans.evaluation.fly.contestant_name import ContestantName, Kind
 from rans.evaluation.fly.controllers import WRAPPERS
 from rans.evaluation.fly.exported import is_exported, load_exported
-from rans.evaluation.fly.flights_file import FlightsFile
-from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
-from rans.evaluation.fly.user_policy import user_policy
 from rans.model.spacecraft_file import USUAL, load_spacecraft
-from rans.policy.timing import timing_for, timing_of_file
 from rans.pretrained import FOR_ANY_CRAFT
 from rans.registry import are_files_trusted, typed
 from rans.tasks import TASKS, Task, registered_name
@@ -96,12 +91,16 @@ def _wrapped(name: ContestantName, terms: Terms) -> LoadedRun:
 
 def _flights(name: ContestantName, terms: Terms) -> LoadedRun:
     """Flights of a file, in the setup of the first contestant."""
+    from rans.evaluation.fly.flights_file import FlightsFile
+
     assert terms.setup is not None
     return LoadedRun(FlightsFile(name.name, terms.setup), *terms.setup[:4])
 
 
 def _policy(name: ContestantName, terms: Terms) -> LoadedRun:
     """A policy of another library, in the setup that its text names, or in that of the first contestant."""
+    from rans.evaluation.fly.user_policy import user_policy
+
     if name.setup:
         setup = under_protocol(terms.protocol, _named_setup(name, terms.period))
     elif terms.setup is not None:
@@ -116,24 +115,34 @@ def _policy(name: ContestantName, terms: Terms) -> LoadedRun:
 
 def _controller(name: ContestantName, terms: Terms) -> LoadedRun:
     """A controller without training, in the setup that its text names, or in that of the first contestant."""
+    from rans.evaluation.fly.make_controller import controller
+
     setup = terms.setup
     if setup is None or not name.needs_setup:
         setup = under_protocol(terms.protocol, _picked(_named_setup(name, terms.period), name))
     return LoadedRun(controller(typed(name.name), setup), *setup[:4])
 
 
-def _agent(name: ContestantName, terms: Terms) -> LoadedRun:
-    """A trained agent in its own setup, or in that of the protocol; one for any craft with the named one."""
-    folder = name.own_folder
-    run = load_exported(folder) if is_exported(folder) else load_policy(folder)
+def _for_craft(run: LoadedRun, name: ContestantName, period: float | None) -> LoadedRun:
+    """The run of an agent for any craft as its name says: adapting, for a craft, frugal."""
+    from rans.evaluation.fly.any_craft import adapting, for_spacecraft, frugal
+    from rans.policy.timing import timing_for
+
     if name.adapts:
         run = adapting(run)
     if name.craft:
         craft = load_spacecraft(typed(name.craft))
-        timing = None if terms.period is None else timing_for(craft, run.timing, terms.period)
+        timing = None if period is None else timing_for(craft, run.timing, period)
         run = for_spacecraft(run, craft, timing)
-    if name.frugality is not None:
-        run = frugal(run, name.frugality)
+    return run if name.frugality is None else frugal(run, name.frugality)
+
+
+def _agent(name: ContestantName, terms: Terms) -> LoadedRun:
+    """A trained agent in its own setup, or in that of the protocol; one for any craft with the named one."""
+    folder = name.own_folder
+    run = load_exported(folder) if is_exported(folder) else load_policy(folder)
+    if name.is_for_a_craft:
+        run = _for_craft(run, name, terms.period)
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), name)
     return LoadedRun(run.controller, *under_protocol(terms.protocol, own)[:4])
 
@@ -238,6 +247,8 @@ def _named_setup(contestant_name: ContestantName, period: float | None) -> Setup
             f"{brief(contestant_name.text)} asks for {suffix}, but {craft.name} moves in "
             f"{craft.dimension} dimensions."
         )
+    from rans.policy.timing import timing_of_file
+
     return Setup(craft, result, timing_of_file(craft, result, spacecraft, period))
 
 

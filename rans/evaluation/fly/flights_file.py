@@ -16,8 +16,6 @@ from rans.errors import ConfigError, brief, counted
 from rans.files import read_text
 from rans.model.fields import Heading, Quat
 
-SUFFIX = ".csv"
-"""End of the names of such files."""
 _LARGEST = 2**26
 """Bytes: a thousand flights of a thousand control periods with six commands take 40 MB."""
 _ROUNDING = 1e-6
@@ -181,11 +179,6 @@ class FlightsFile:
                 f"control period of {period:g} s, and start {start} asks for {largest[step, start]:.4g} m/s at "
                 f"{step * period:g} s; divide it among several periods."
             )
-
-
-def is_flights_file(spec: str) -> bool:
-    """Whether the text of a contestant names a file of flights."""
-    return spec.lower().endswith(SUFFIX)
 
 
 def _number(where: str, name: str, text: str) -> float:

@@ -1,4 +1,4 @@
-"""Texts that name policies of other libraries: an SB3 file, an ONNX file, or any Python function."""
+"""Texts that name files of flights, and policies of other libraries: of SB3, of ONNX, or any Python function."""
 
 from __future__ import annotations
 
@@ -23,6 +23,11 @@ Each may end in :TASK-2d or -3d, with @SPACECRAFT, see `split_policy`.
 def is_user_policy(spec: str) -> bool:
     """Whether a text names a policy of `USER_POLICIES`."""
     return spec.partition(":")[0] in OPENED_BY and ":" in spec
+
+
+def is_flights_file(spec: str) -> bool:
+    """Whether the text of a contestant names a file of flights."""
+    return spec.lower().endswith(".csv")
 
 
 def split_policy(spec: str) -> tuple[str, str]:

@@ -26,11 +26,8 @@ from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.config import PPOSettings
 from rans.files import first_line, plain, read_bytes, replace_file
 from rans.policy.activations import ACTIVATIONS
-from rans.policy.allocated import wheels
 from rans.policy.architecture import EXTRACTOR, Architecture
-from rans.policy.authority import DIMENSIONS, width
 from rans.policy.backbone_registry import ATTENTION, BACKBONES
-from rans.policy.filter_bank import Filters
 from rans.policy.frugality import AS_TRAINED
 from rans.policy.heads import HEADS
 from rans.policy.network import Network
@@ -325,11 +322,11 @@ def _architecture(table: dict[str, Any]) -> Architecture:
             "the agent has one variance of steady accelerations for all its filters, as early "
             "versions of RANS wrote it, which this one does not read: train it anew."
         )
-    bank = (
-        None
-        if filters is None
-        else Filters(**{name: _numbers(value) for name, value in filters.items()})
-    )
+    bank = None
+    if filters is not None:
+        from rans.policy.filter_bank import Filters
+
+        bank = Filters(**{name: _numbers(value) for name, value in filters.items()})
     if "continuous" in table:  # agents of before had one head for either kind of craft
         table["head"] = "gaussian" if table.pop("continuous") else "on-off"
     if (frame := table.pop("preprocessor", "body")) != "body":
@@ -386,6 +383,8 @@ def _check_craft(architecture: Architecture) -> None:
             "accelerations and of a time, or it is no agent for any craft"
         )
     if architecture.authority:
+        from rans.policy.authority import DIMENSIONS, width
+
         architecture.columns  # noqa: B018 (refuses the observations of another task)
         if bank or views:
             raise ValueError(
@@ -402,6 +401,8 @@ def _check_craft(architecture: Architecture) -> None:
     elif architecture.adapts:
         raise ValueError("it adapts, but knows no authority of its spacecraft")
     if architecture.filling:
+        from rans.policy.allocated import wheels
+
         turning = len(wheels(architecture.tokens))
         is_positive = all(x > 0.0 for x in architecture.filling)
         if not architecture.adapts or len(architecture.filling) != turning or not is_positive:

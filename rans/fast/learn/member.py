@@ -20,7 +20,6 @@ from rans.fast.learn.ppo import PPOLearner
 from rans.policy.architecture import Architecture
 from rans.policy.backbone_registry import BACKBONES
 from rans.policy.backbones import effector_tokens
-from rans.policy.filter_bank import Filters
 from rans.policy.network import Network
 from rans.policy.preprocess import TorchPreprocessor
 from rans.policy.symmetry import symmetries
@@ -36,8 +35,13 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
     memory = settings.memory
     filters = settings.filters
     has_history = memory.kind in ("history", "commands")
-    noise = (filters.drift, filters.steady, filters.response, filters.gate)
     period = engine.timing.control_period
+    bank = None
+    if filters.drift:
+        from rans.policy.filter_bank import Filters
+
+        noise = (filters.drift, filters.steady, filters.response, filters.gate)
+        bank = Filters.of(craft, engine.task, period, *noise)
     return Architecture(
         layout=engine.layout,
         thrusters=craft.command_count,
@@ -53,7 +57,7 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
         history=memory.history if has_history else 0,
         commands_only=memory.kind == "commands",
         averages=tuple(memory.averages) if has_history else (),
-        filters=Filters.of(craft, engine.task, period, *noise) if filters.drift else None,
+        filters=bank,
         units=memory.units if memory.kind == "recurrent" else 0,
         privileged=engine.privileged_quantities.width if settings.privileged_critic else 0,
         nominal=engine.privileged_quantities.nominal if settings.privileged_critic else (),

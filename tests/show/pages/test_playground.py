@@ -41,6 +41,7 @@ from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.scenario import scenarios
 from rans.show.pages.playground import Playground, _Traced, playground
 from rans.show.scene.interactive import InteractiveFlight, interactive_world
+from tests.support import packages
 from tests.support.browser import opened, served
 from tests.support.layouts import sample_layout
 
@@ -164,7 +165,10 @@ class Given:
     "name",
     [
         *AGENTS,
-        pytest.param("adaptive:any-craft-2d@floating-platform-shared", marks=pytest.mark.slow),
+        pytest.param(
+            "adaptive:any-craft-2d@floating-platform-shared",
+            marks=[pytest.mark.slow, packages.needs("any_craft")],
+        ),
     ],
 )
 def test_its_commands_are_those_of_the_agent(name: str, tmp_path: Path) -> None:

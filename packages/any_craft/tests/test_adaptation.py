@@ -1,0 +1,279 @@
+"""Lost thrusters and other masses are estimated in flight, by every executor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from rans_any_craft.adaptation import Adaptation
+
+from rans.compile.preprocess import compiled_preprocessor
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import Agent
+from rans.evaluation.fly.any_craft import for_spacecraft
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.measure.aggregate import measure
+from rans.fast.agent_files.agent import actor_bytes, read_policy
+from rans.flight import Flight
+from rans.model.spacecraft_file import load_spacecraft
+from rans.policy.any_craft import for_craft
+from rans.policy.network import Network
+from rans.policy.preprocess import TorchRows
+from rans.randomization.conditions import Conditions, FaultConditions
+
+PERIOD = 0.2
+
+
+def network(name: str) -> Network:
+    craft = load_spacecraft(name)
+    agent = contestant(f"adaptive:any-craft-{craft.dimension}d").controller
+    assert isinstance(agent, Agent)
+    return for_craft(agent.network, craft, PERIOD)
+
+
+def estimator_of(flown: Network) -> Adaptation:
+    """The estimator of a network that adapts, which is that of this package."""
+    found = flown.architecture.adaptation
+    assert isinstance(found, Adaptation)
+    return found
+
+
+class Flown:
+    """An estimator beside a craft that accelerates by a gain times its file's values, and has lost a thruster."""
+
+    def __init__(self, name: str, gain: float, lost: int | None, noise: float = 0.0) -> None:
+        self.adaptation = estimator_of(network(name))
+        self.random = np.random.default_rng(1)
+        self.works = np.ones(len(self.adaptation.effects))
+        if lost is not None:
+            self.works[lost] = 0.0
+        self.gain = gain
+        self.noise = noise
+
+    def after(self, periods: int) -> tuple[list[float], list[float]]:
+        """Gains and shut thrusters after random commands, while the craft turns."""
+        own = self.adaptation
+        columns = np.array(own.effects)
+        twist = np.zeros(own.twist)
+        memory = torch.zeros(1, own.width)
+        rows = TorchRows(memory)
+        gains: list[float] = []
+        shut = np.zeros(own.thrusters)
+        for _ in range(periods):
+            read = twist + self.noise * self.random.normal(size=own.twist)
+            estimate = own.estimated(rows, torch.tensor(read[None], dtype=torch.float32), memory)
+            gains = [float(x) for x in estimate.gains]
+            shut = estimate.shut[0].double().numpy()
+            # Of some random commands the one after which the craft moves least.
+            commands = (self.random.random((3, len(columns))) < 0.4) * (1.0 - shut)
+            opened = commands * self.works
+            if own.is_shared:
+                opened = opened / np.maximum(opened.sum(axis=1, keepdims=True), 1.0)
+            changes = self.gain * opened @ columns
+            best = int(np.abs(twist + changes).sum(axis=1).argmin())
+            command, change = commands[best], changes[best]
+            memory = own.next_memory(
+                rows, estimate.memory, torch.tensor(command[None], dtype=torch.float32)
+            )
+            # The velocity in B turns against the craft by its mean spin.
+            angle = -(twist[2] + 0.5 * change[2]) * PERIOD
+            turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+            twist = np.r_[turn @ twist[:2] + change[:2], twist[2] + change[2]]
+        return gains, shut.tolist()
+
+
+@pytest.mark.parametrize("name", ["floating-platform", "floating-platform-shared"])
+@pytest.mark.parametrize(("gain", "lost"), [(1.0, None), (1.0, 5), (0.5, 0), (2.0, 3)])
+def test_a_lost_thruster_is_shut(name: str, gain: float, lost: int | None) -> None:
+    _, shut = Flown(name, gain, lost, noise=0.003).after(60)
+    assert shut == [float(k == lost) for k in range(8)]
+
+
+@pytest.mark.parametrize(("part", "shut"), [(0.5, 0.0), (0.0, 1.0)])
+def test_a_weak_thruster_that_the_craft_needs_stays_in_use(part: float, shut: float) -> None:
+    flown = Flown("floating-platform", 1.0, 3, noise=0.003)
+    flown.works[3] = part
+    flown.adaptation = flown.adaptation._replace(weak=flown.adaptation.spare)
+    assert flown.after(60)[1] == [0.0, 0.0, 0.0, shut, 0.0, 0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("gain", [0.5, 1.0, 2.0])
+def test_gains_of_another_mass(gain: float) -> None:
+    gains, shut = Flown("floating-platform", gain, None).after(40)
+    assert gains == pytest.approx([gain, gain], rel=0.1)
+    assert shut == [0.0] * 8
+
+
+def test_one_reading_by_hand() -> None:
+    """A craft that cannot spare a thruster: the scalar formulas of least squares with an instrument."""
+    columns = ((0.1, 0.0, 0.0), (0.0, 0.2, 0.3))
+    own = Adaptation(PERIOD, columns, 2, False, ())
+    rows = TorchRows(torch.zeros(1, dtype=torch.float64))
+    # At rest for two readings; then the first command has given half of what the file says along x.
+    memory = rows.constant([[0.0] * own.width])
+    for command in ([0.0, 0.0], [1.0, 0.0]):
+        estimate = own.estimated(rows, rows.constant([[0.0, 0.0, 0.0]]), memory)
+        memory = own.next_memory(rows, estimate.memory, rows.constant([command]))
+    estimate = own.estimated(rows, rows.constant([[0.05, 0.0, 0.0]]), memory)
+    noise = 0.0045**2 + (0.15**2 + 0.15**2 + 0.25**2) * 0.1**2
+    variance = 1.0 / (1.0 / (0.4**2 + 1e-4) + 0.1**2 / noise)
+    assert float(estimate.gains[0]) == pytest.approx(1.0 - variance * 0.1 * 0.05 / noise)
+    assert float(estimate.gains[1]) == 1.0
+    assert estimate.shut.tolist() == [[0.0, 0.0]]
+
+
+def test_a_craft_that_moves_at_the_start_has_its_own_mass() -> None:
+    """A velocity before any command says nothing; then each command gives all of its effect."""
+    columns = ((0.02, 0.0, 0.0), (0.0, 0.02, 0.03))
+    own = Adaptation(PERIOD, columns, 2, False, ())
+    rows = TorchRows(torch.zeros(1, dtype=torch.float64))
+    memory = rows.constant([[0.0] * own.width])
+    for number in range(4):
+        twist = [0.3 + 0.02 * number, 0.0, 0.0]
+        estimate = own.estimated(rows, rows.constant([twist]), memory)
+        assert [float(gain) for gain in estimate.gains] == pytest.approx([1.0, 1.0])
+        memory = own.next_memory(rows, estimate.memory, rows.constant([[1.0, 0.0]]))
+
+
+def test_an_estimated_craft_gets_the_columns_of_its_file() -> None:
+    """With half of the gains the network is given what it is given of a craft with twice the mass."""
+    craft = load_spacecraft("floating-platform")
+    inertia = tuple(tuple(2.0 * x for x in row) for row in craft.inertia)
+    heavy = replace(craft, mass=2.0 * craft.mass, inertia=inertia)
+    plain = contestant("any-craft-2d").controller
+    assert isinstance(plain, Agent)
+    row = [0.6, 0.8, 0.1, -0.2, 0.3, 1.0, 1.5, -0.4, 0.28, 0.96]
+    stated = for_craft(plain.network, heavy, PERIOD).architecture.preprocessed(row)
+    architecture = network("floating-platform").architecture
+    read = architecture.preprocessed(row)
+    assert architecture.adapted(read, [0.5, 0.5]) == pytest.approx(stated)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param("floating-platform-shared", marks=pytest.mark.slow), "spheres", "cubesat-6u"],
+)
+def test_machine_code_estimates_the_same(name: str) -> None:
+    pytest.importorskip("llvmlite")
+    plain = network(name)
+    coded = Network(plain.architecture, plain.tensors, preprocessor=compiled_preprocessor)
+    random = torch.Generator().manual_seed(3)
+    states = [plain.initial_state(40), coded.initial_state(40)]
+    # CubeSats check their thrusters for eight periods.
+    for _ in range(12):
+        seen = 0.3 * torch.randn(40, plain.architecture.layout.width, generator=random)
+        expected, states[0] = plain.deterministic_action(seen, states[0])
+        found, states[1] = coded.deterministic_action(seen, states[1])
+        # Duty cycles, and roundings of logarithms of odds, up to 20, in float32.
+        torch.testing.assert_close(found, expected, atol=1e-3, rtol=0.0)
+        torch.testing.assert_close(states[1], states[0], atol=1e-3, rtol=1e-3)
+
+
+def cubesat(dead: int | None, steps: int | None = None) -> tuple[Flight, Adaptation]:
+    """Sixteen flights of cubesat-6u by the adapting agent, with a dead thruster or none, and its estimator.
+
+    They last for so many steps, or for those that its own agent takes.
+    """
+    specialist = contestant("go-to-pose-3d-cubesat-6u")
+    timing = replace(specialist.timing, episode_steps=steps or specialist.timing.episode_steps)
+    run = for_spacecraft(contestant("adaptive:any-craft-3d"), specialist.craft, timing)
+    conditions = Conditions()
+    if dead is not None:
+        conditions = Conditions(faults=FaultConditions(kinds=("dead",), thrusters=(dead,)))
+    run = run._replace(task=specialist.task, conditions=conditions)
+    assert isinstance(run.controller, Agent)
+    flight = fly_episodes(run.controller, run.judged, 5, 16, workers=1).flight
+    return flight, estimator_of(run.controller.network)
+
+
+@pytest.mark.slow
+def test_momenta_of_wheels_are_those_of_the_engine() -> None:
+    """The engine integrates the torques of wheels; the agent has their commands alone."""
+    flight, own = cubesat(None)
+    rows = TorchRows(torch.zeros(1))
+    memory = torch.zeros(16, own.width)
+    full = np.array([wheel.max_momentum for wheel in flight.craft.wheels])
+    for command, *stores in zip(flight.commands, *flight.states.stores, strict=False):
+        estimate = own.estimated(rows, torch.zeros(16, 6), memory)
+        assert estimate.wheels is not None
+        momenta = estimate.wheels[:, :3].numpy()
+        np.testing.assert_allclose(momenta, np.stack(stores, axis=1) / full, atol=1e-3)
+        # Networks command wheels from 0 to 1.
+        share = np.hstack([command[:, :8], 0.5 + 0.5 * command[:, 8:]])
+        memory = own.next_memory(rows, estimate.memory, torch.tensor(share, dtype=torch.float32))
+
+
+def test_a_cubesat_checks_its_thrusters_first() -> None:
+    flight, _ = cubesat(None, 12)
+    checks, flown = np.split(flight.commands, [8])
+    assert (checks[:, :, :8].sum(axis=2) == 2.0).all()
+    assert (checks[:, :, :8].sum(axis=0) == 2.0).all()
+    assert (checks[:, :, 8:] == 0.0).all()
+    assert flown[0, :, 8:].any()
+
+
+@pytest.mark.slow
+def test_a_cubesat_flies_without_a_thruster_that_no_file_leaves_out() -> None:
+    """Fifteen in a hundred settle without checks and memory of momenta."""
+    flight, _ = cubesat(5)
+    assert {row.name: row for row in measure(flight).rows}["solved"].value > 50.0
+
+
+def solved(spec: str, thruster: int) -> float:
+    """Part of flights of floating-platform-shared that settle with a dead thruster."""
+    run = contestant(spec)
+    faults = FaultConditions(kinds=("dead",), thrusters=(thruster,))
+    run = run._replace(conditions=Conditions(faults=faults))
+    flight = fly_episodes(run.controller, run.judged, 5, 16, workers=1).flight
+    return {row.name: row for row in measure(flight).rows}["solved"].value
+
+
+@pytest.mark.slow
+def test_a_dead_thruster_that_no_file_states() -> None:
+    assert solved("any-craft-2d@floating-platform-shared", 2) < 80.0
+    assert solved("adaptive:any-craft-2d@floating-platform-shared", 2) > 94.0
+
+
+@pytest.mark.parametrize("spec", ["adaptive:lqr:go-to-pose-2d", "adaptive:go-to-pose-2d"])
+def test_others_do_not_adapt(spec: str) -> None:
+    with pytest.raises(ConfigError, match="adaptive:any-craft-2d"):
+        contestant(spec)
+
+
+@pytest.mark.parametrize("filling", [(0.2,), (0.2, 0.2, 0.0), (0.2, 0.2, -0.2)])
+def test_files_whose_wheels_fill_up_otherwise_are_refused(
+    tmp_path: Path, filling: tuple[float, ...]
+) -> None:
+    plain = network("cubesat-6u")
+    damaged = replace(plain.architecture, filling=filling)
+    file = tmp_path / "agent.safetensors"
+    file.write_bytes(actor_bytes(damaged, plain.member(0), 0))
+    with pytest.raises(ConfigError, match="filling"):
+        read_policy(file)
+
+
+def test_a_lost_thruster_takes_nothing_of_the_supply() -> None:
+    """Of two open thrusters each gives half; if one is lost, it gives a fifth, and the other one all."""
+    effects = ((1.0, 0.0, 0.5), (0.0, 2.0, -0.5), (-1.0, 0.0, 0.0))
+    own = Adaptation(PERIOD, effects, 3, True, spare=(1,))
+    command = torch.tensor([[1.0, 1.0, 0.0]])
+    changes = torch.stack(own._effects(TorchRows(command), command), dim=-1)[0]
+    torch.testing.assert_close(changes[0], torch.tensor([0.5, 1.0, 0.0]))
+    torch.testing.assert_close(changes[1], torch.tensor([1.0, 0.4, 0.4]))
+
+
+@pytest.mark.parametrize(("weak", "shut"), [(4.0, 1.0), (5.6, 0.0)])
+def test_after_checks_little_evidence_keeps_a_lost_thruster_shut(weak: float, shut: float) -> None:
+    """Odds of 6 for lost: a weak one that stays in use is preferred by at most 1, and by 4 without checks."""
+    effects = ((1.0, 0.0, 0.5), (0.0, 2.0, -0.5), (-1.0, 0.0, 0.0))
+    for has_checks in (True, False):
+        own = Adaptation(PERIOD, effects, 3, False, spare=(0,), weak=(0,), has_checks=has_checks)
+        at_rest = [0.0] * (2 * own.twist + 2 * len(effects))
+        beliefs = [*[1.0] * 6, *[0.1] * 6]
+        memory = torch.tensor([[*at_rest, *beliefs, 0.0, 6.0, weak]])
+        estimate = own.estimated(TorchRows(memory), torch.zeros(1, own.twist), memory)
+        assert estimate.shut[0].tolist() == [shut if has_checks else 0.0, 0.0, 0.0]
