@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import os
 import sys
 import threading
@@ -16,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, RansError
 
 _PAGE = b"""<!doctype html><title>RANS</title>
 <body style="margin: 0; display: grid; place-items: center; height: 100vh">
@@ -24,6 +25,16 @@ _PAGE = b"""<!doctype html><title>RANS</title>
 _PART = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n"
 
 
+_LOADS_AGAIN = b"""<script>
+let known;
+setInterval(() => fetch("/version").then(answer => answer.text()).then(version => {
+  if (known !== undefined && version !== known) location.reload();
+  known = version;
+}).catch(() => {}), 1000);
+</script>
+"""
+_LONGEST = 65_536
+"""Bytes that a page may send."""
 PORTS = range(7000, 7100)
 """Ports of pages, of which the first that is free is taken."""
 
@@ -109,18 +120,26 @@ class _Handler(_Quiet):
 
 
 class Served:
-    """Local server of one page that may change; ``/version`` is the number of its changes.
+    """Local server of a page, which browsers load again after a change; ``/version`` is the number of its changes.
 
     Args:
         page: returns the HTML of the page.
         ports: ports to try in order.
+        answer: of what the page sends as JSON, to a value that JSON has. It raises LookupError, TypeError or
+            ValueError for what the page does not send.
 
     Raises:
         ConfigError: all ports are taken.
     """
 
-    def __init__(self, page: Callable[[], str], ports: Sequence[int]) -> None:
+    def __init__(
+        self,
+        page: Callable[[], str],
+        ports: Sequence[int],
+        answer: Callable[[Any], Any] | None = None,
+    ) -> None:
         self._page = page
+        self.answer = answer
         self.version = 0
         self.renew()
         for port in ports:
@@ -138,7 +157,7 @@ class Served:
 
     def renew(self) -> None:
         """Read the page again after a change."""
-        self.content, self.version = self._page().encode(), self.version + 1
+        self.content, self.version = self._page().encode() + _LOADS_AGAIN, self.version + 1
 
 
 class _Page(_Quiet):
@@ -148,10 +167,28 @@ class _Page(_Quiet):
 
     def do_GET(self) -> None:
         """Answer a request with the page or the number of its changes."""
-        version = self.path == "/version"
-        content = str(self._served.version).encode() if version else self._served.content
+        if self.path == "/version":
+            self._send("text/plain", str(self._served.version).encode())
+        else:
+            self._send("text/html; charset=utf-8", self._served.content)
+
+    def do_POST(self) -> None:
+        """Answer what the page sends; pages of other addresses may not send JSON without being asked first."""
+        is_json = self.headers.get("Content-Type") == "application/json"
+        size = int(self.headers.get("Content-Length") or 0)
+        if self._served.answer is None or not is_json or not 0 < size <= _LONGEST:
+            self.send_error(400)
+            return
+        try:
+            answer = json.dumps(self._served.answer(json.loads(self.rfile.read(size))))
+        except (LookupError, TypeError, ValueError, RansError) as error:
+            self.send_error(400, explain=str(error))
+            return
+        self._send("application/json", answer.encode())
+
+    def _send(self, kind: str, content: bytes) -> None:
         self.send_response(200)
-        self.send_header("Content-Type", "text/plain" if version else "text/html; charset=utf-8")
+        self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(content)))
         self.end_headers()
         with contextlib.suppress(ConnectionError):  # the page was closed

@@ -216,9 +216,8 @@ MARKED_UP = (
     "rans.show.pages",
     "rans.show.markup",
     "rans.show.figures.svg",
-    "rans.show.scene.overlay",
 )
-"""Modules that write elements of HTML or SVG: of pages, of figures in them, and of the view over a scene."""
+"""Modules that write elements of HTML or SVG: of pages, and of figures in them."""
 
 
 def elements(text: str) -> list[str]:

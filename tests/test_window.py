@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import socket
 import urllib.request
 from collections.abc import Iterator
 from http.client import HTTPResponse
@@ -12,7 +13,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rans.window import Window, tiled
+from rans.errors import ConfigError
+from rans.window import PORTS, Served, Window, tiled
 from tests.support.processes import PATIENCE
 
 
@@ -87,3 +89,24 @@ def test_tiles(count: int, rows: int, columns: int) -> None:
         row, column = divmod(k, columns)
         tile = whole[row * 30 : (row + 1) * 30, column * 40 : (column + 1) * 40]
         assert (tile == (k if k < count else 255)).all()
+
+
+def test_a_page_says_when_it_has_changed() -> None:
+    pages = iter(("one", "two"))
+    served = Served(lambda: next(pages), PORTS)
+    for change in ("1", "2"):
+        with urllib.request.urlopen(f"{served.url}/version", timeout=PATIENCE) as answer:
+            assert answer.read().decode() == change
+        with urllib.request.urlopen(served.url, timeout=PATIENCE) as answer:
+            text = answer.read().decode()
+        assert text.startswith("one" if change == "1" else "two")
+        assert "location.reload" in text
+        if change == "1":
+            served.renew()
+
+
+def test_a_taken_port_is_a_sentence() -> None:
+    with socket.create_server(("localhost", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(ConfigError, match=f"port {port} of this computer, it is taken"):
+            Served(lambda: "", [port])

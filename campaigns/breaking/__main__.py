@@ -45,7 +45,7 @@ _HEAVY = (
     "rans.evaluation.compare.run",
     "rans.evaluation.fly.episodes",
     "rans.show.pages.report",
-    "rans.show.scene.view",
+    "rans.show.pages.replay",
     "rans.deploy.export",
     "rans.optimal.control.lqr",
     "rans.reference.plant",

@@ -280,7 +280,7 @@ WORDS: dict[str, tuple[str, ...]] = {
         "resume training",
     ),
     "verification": ("drake", "validation", "mujoco", "cross-validation", "verification"),
-    "viewing": ("video", "visualization", "rendering", "meshcat", "animation", "report"),
+    "viewing": ("video", "visualization", "rendering", "animation", "report"),
 }
 """Words by page, in lower case; every word belongs to one page."""
 

@@ -46,9 +46,9 @@ class Replay:
     def html(self) -> str:
         """HTML text of the page, complete and offline."""
         if self._html is None:
-            from rans.show.viewing import replay_html
+            from rans.show.pages.replay import replay_page
 
-            self._html, _ = replay_html(self.flights, self.title)
+            self._html = replay_page(self.flights, self.title).html()
         return self._html
 
     def save(self, file: str | Path) -> Path:

@@ -523,7 +523,7 @@ def _nominal_hole(trainer: Trainer) -> str:
 
 
 def _watched(run: Path) -> contextlib.AbstractContextManager[None]:
-    """Context with a process that shows the newest agent of a training; see `rans.show.scene.watch`.
+    """Context with a process that shows the newest agent of a training; see `rans.show.watch`.
 
     It reads the checkpoints of the training and has the lowest priority.
     """
@@ -539,7 +539,7 @@ def _watched(run: Path) -> contextlib.AbstractContextManager[None]:
 def _watch(run: Path, port: int) -> None:
     lower_priority()
     trust_files()  # the training has checked its files
-    from rans.show.scene.watch import watch
+    from rans.show.watch import watch
 
     try:
         watch(run, port)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import shlex
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rans.api.judging import flown
 from rans.api.pages import flyers, kind_of_flights, title_of, view
@@ -14,7 +15,6 @@ from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.cli.states import written_endpoints
 from rans.errors import ConfigError
-from rans.files import write_text
 from rans.terminal import Terminal, doing, progress, stages
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 class View(Options):
     """Replay flights in three dimensions in the browser, in real time; Ctrl-C ends it.
 
-    Every contestant has a row and every episode a tile. Open thrusters have orange plumes; the goal is green.
+    All from the same starts fly in one picture. Open thrusters have orange plumes; the goal is green.
     A bar has pause, time and speed. Folders of `rans optimal` show their trajectories, in Drake.
     """
 
@@ -135,19 +135,10 @@ class View(Options):
 
     def _play(self, runs: list[LoadedRun]) -> int:
         """Serve a flight with controls until Ctrl-C."""
-        from rich.live import Live
-        from rich.text import Text
+        from rans.show.pages.live import Live
 
-        from rans.show.scene.play import LivePlayground
-        from rans.window import open_browser
-
-        with contextlib.suppress(KeyboardInterrupt), Live(Text(""), transient=True) as line:
-            playground = LivePlayground(
-                runs, self.seed, self.episode, lambda text: line.update(Text(text))
-            )
-            line.console.print(f"Fly along at {playground.url} until Ctrl-C.", highlight=False)
-            open_browser(playground.url)
-            playground.run()
+        live = Live(runs, self.seed, self.episode)
+        _serve(live.html, "Fly along at", live.answer)
         return 0
 
     def _endpoints(self, run: LoadedRun) -> Endpoints | None:
@@ -171,26 +162,15 @@ class View(Options):
         return results
 
     def _show(self, flights: list[Flight]) -> None:
-        from rans.show.viewing import replay_html
-        from rans.window import PORTS, Served, open_browser
+        from rans.show.pages.replay import replay_page
 
-        html, colours = replay_html(flights, title_of(flights, self.conditions))
-        names = [flight.controller for flight in flights]
-        if colours:
-            names = [f"{name} ({colour})" for name, colour in zip(names, colours, strict=True)]
-        legend = ", ".join(names)
-        if self.save is not None:
-            write_text(self.save, html)
-            Terminal().say(f"{self.save} replays {legend} in any browser.")
+        page = replay_page(flights, title_of(flights, self.conditions))
+        names = ", ".join(flight.controller for flight in flights)
+        if self.save is None:
+            _serve(page.html, f"{names}: shown at")
             return
-        with contextlib.suppress(
-            KeyboardInterrupt
-        ):  # Ctrl-C is expected from the first printed sentence on
-            url = Served(lambda: html, PORTS).url
-            Terminal().say(f"{legend}: shown at {url} until Ctrl-C.")
-            open_browser(url)
-            while True:
-                time.sleep(3600.0)
+        page.write(self.save)
+        Terminal().say(f"{self.save} replays {names} in any browser.")
 
     def _film(self, flights: list[Flight], file: Path) -> None:
         from rans.show.scene.video import save_video
@@ -199,3 +179,16 @@ class View(Options):
             save_video(flights, file, stages(bars))
         names = dict.fromkeys(flight.controller for flight in flights)
         Terminal().say(f"{file} is a video of {', '.join(names)}.")
+
+
+def _serve(page: Callable[[], str], words: str, answer: Callable[[Any], Any] | None = None) -> None:
+    """Serve a page until Ctrl-C, and say its address after the words; see `rans.window.Served`."""
+    from rans.window import PORTS, Served, open_browser
+
+    # Ctrl-C is expected from the first printed sentence on.
+    with contextlib.suppress(KeyboardInterrupt):
+        url = Served(page, PORTS, answer).url
+        Terminal().say(f"{words} {url} until Ctrl-C.")
+        open_browser(url)
+        while True:
+            time.sleep(3600.0)

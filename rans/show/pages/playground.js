@@ -257,12 +257,12 @@ let draw = () => {
 };
 let told = () => {
   const {errors, reached} = flight.seen;
-  const parts = [`Start ${flight.number}`, `${flight.time.toFixed(1)} s`];
+  const parts = [...(flight.name ? [flight.name] : []), `Start ${flight.number}`, `${flight.time.toFixed(1)} s`];
   DATA.errors.forEach(({name, factor, unit}, n) => {
     const value = factor * errors[n], far = value >= 1000 && unit.startsWith("cm");
     parts.push(`${name} ${far ? (value / 100).toFixed(1) : value.toFixed(1)} ${far ? unit.slice(1) : unit}`);
   });
-  if (flight.over) parts.push(flight.over === "won" ? "mission won: restart, or take the next start" : "failed: go back, or restart");
+  if (flight.over) parts.push({won: "mission won: restart, or take the next start", failed: "failed: go back, or restart"}[flight.over] ?? flight.over);
   else if (reached[0]) parts.push("within all tolerances");
   at("status").textContent = parts.join(" · ");
   at("pause").textContent = running ? "Pause" : "Go";
@@ -282,9 +282,16 @@ function advance_flight() {
   if (trail.length > SPAN / DATA.period) trail.shift();
   told();
 }
+// The left stick of a gamepad moves the goal, at its end by 1 m/s; below 0.15 it rests.
+function pushed_by_stick(seconds) {
+  const pad = DATA.moves && (navigator.getGamepads?.() ?? []).find(Boolean);
+  const [x, y] = pad ? pad.axes.map(u => Math.abs(u) < 0.15 ? 0 : u) : [0, 0];
+  if (x || y) moved(pushed(flight.goal, seconds * x, -seconds * y));
+}
 function tick(now) {
   const passed = Math.min(0.1, (now - last) / 1000);
   last = now;
+  pushed_by_stick(passed);
   if (running && !flight.over) {
     clock += passed * speed * DATA.pace;
     // One frame of the control period after the other, then the next period.
@@ -323,6 +330,7 @@ at("back").onclick = () => rewound(Math.max(1, Math.round(back / DATA.period)));
 at("again").onclick = () => { flight.restart(); begin_anew(); };
 at("next").onclick = () => { flight.restart(flight.number + 1); begin_anew(); };
 at("closer").onclick = () => { close = !close; at("closer").textContent = close ? "Whole way" : "Closer"; draw(); };
+if (at("follow")) at("follow").onclick = () => { flight.follow(); told(); draw(); };
 at("repair").onclick = () => { flight.faults.fill("ok"); told(); draw(); };
 function valves() {
   at("valves").replaceChildren(...DATA.thrusters.map((_, k) => {

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -47,8 +47,9 @@ from rans.randomization.conditions import Conditions, bounds
 from rans.randomization.parameters import StepInputs
 from rans.scenario import EVALUATION_SEED
 from rans.show import markup
+from rans.show.pages.interactive import FRAME, interactive_world, may_move_goal, noise_scale
 from rans.show.pages.page import filled
-from rans.show.scene.interactive import FRAME, interactive_world, may_move_goal, noise_scale
+from rans.tasks import Task
 from rans.tasks.quantities import QUANTITIES
 from rans.tasks.shapes import Ball, Cone, GlideSlope, Shape
 
@@ -86,7 +87,7 @@ class Playground:
 
     Attributes:
         title: who flies which spacecraft with which task.
-        is_agent: whether an agent flies, rather than guidance without a network.
+        kind: whether an agent flies, or guidance without a network, or whoever Python steps (`live.py`).
         script: JavaScript without a browser in it: the functions ``begin``, ``act``, ``advance`` and
             ``describe`` printed from the code, the weights, and a class ``Flight`` that drives them.
         data: what the page must know of the spacecraft and the task.
@@ -95,7 +96,9 @@ class Playground:
     title: str
     script: str
     data: Mapping[str, Any]
-    is_agent: bool = True
+    kind: Literal["agent", "guidance", "live"] = "agent"
+    several: bool = False
+    """Whether there is a button for whoever commands next."""
 
     def html(self) -> str:
         """The page, which fetches nothing."""
@@ -104,10 +107,13 @@ class Playground:
             "playground.html.j2",
             title=self.title,
             bits=self.data.get("bits"),
-            is_agent=self.is_agent,
+            kind=self.kind,
+            several=self.several,
             draws=draws,
             script=markup.code(self.script),
-            page=markup.code(*map(_text, ("craft.js", "playground.js", "drawing.js")[: 2 + draws])),
+            page=markup.code(
+                *map(text_of, ("craft.js", "playground.js", "drawing.js")[: 2 + draws])
+            ),
         )
 
     def write(self, file: Path) -> None:
@@ -163,11 +169,11 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
                 traced.demand(one, number, f"{number}." if several else "")
                 for number, one in enumerate(choices)
             ]
-            text += [_text("allocation.js"), traced.in_ranges()]
+            text += [text_of("allocation.js"), traced.in_ranges()]
         else:
             text.append(traced.act(controller, tables))
         if draws:
-            text += [_pushes(setup), _text("drawn_craft.js")]
+            text += [_pushes(setup), text_of("drawn_craft.js")]
         else:
             text.append(traced.advance())
     except UNTRACEABLE as error:
@@ -180,7 +186,15 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
         x.size for name, x in parameters(controller.network).items() if name.endswith(".weight")
     )
     bits = next(bits for limit, bits in _BITS.items() if size <= limit)
-    data = _data(traced, run, seed, episode, architecture.memory) | {"bits": bits}
+    data = page_data(
+        traced.world,
+        traced.episode.state,
+        traced.episode.goal,
+        run,
+        seed,
+        episode,
+        architecture.memory,
+    ) | {"bits": bits}
     if _is_allocated_here(architecture):
         data["allocation"] = _allocation_data(choices, chosen)
     if draws:
@@ -191,7 +205,7 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
         )
         for name in names
     }
-    return Playground(_title(run), _script(data, layers, text), data)
+    return Playground(title_of(run), _script(data, layers, text), data)
 
 
 def _guided(guidance: Law, run: LoadedRun, seed: int, episode: int) -> Playground:
@@ -200,8 +214,8 @@ def _guided(guidance: Law, run: LoadedRun, seed: int, episode: int) -> Playgroun
     setup = run.judged
     traced = _Traced(interactive_world(setup, FRAME * pace(setup)))
     text = [traced.begin(), traced.describe(), traced.guided(guidance), traced.advance()]
-    data = _data(traced, run, seed, episode, 0)
-    return Playground(_title(run), _script(data, {}, text), data, is_agent=False)
+    data = page_data(traced.world, traced.episode.state, traced.episode.goal, run, seed, episode, 0)
+    return Playground(title_of(run), _script(data, {}, text), data, "guidance")
 
 
 def pace(setup: Setup) -> int:
@@ -210,7 +224,8 @@ def pace(setup: Setup) -> int:
     return max((x for x in _PACES if x <= seconds), default=1)
 
 
-def _title(run: LoadedRun) -> str:
+def title_of(run: LoadedRun) -> str:
+    """Who flies what."""
     return f"{run.controller.name}: {task_name(run.judged.task)}, {run.judged.craft.name}"
 
 
@@ -222,7 +237,7 @@ def _script(data: Mapping[str, Any], layers: Mapping[str, Any], text: Sequence[s
             f"const WEIGHTS = {markup.data(layers)};",
             activations(),
             *text,
-            _text("flight.js"),
+            text_of("flight.js"),
         )
     )
 
@@ -419,16 +434,15 @@ class _Traced:
             {
                 "errors": [*task.errors(state, goal).values()],
                 "reached": [task.reached(state, goal)],
-                "scenery": [x for shape in self.scenery for x in leaves(shape)],
+                "scenery": [x for shape in scenery(task, goal) for x in leaves(shape)],
                 "markers": leaves(task.markers(goal)),
             },
         )
 
-    @property
-    def scenery(self) -> list[Shape]:
-        """Shapes of the task that the page draws."""
-        shapes = self.world.task.scenery(self.episode.goal)
-        return [shape for shape in shapes if isinstance(shape, Ball | Cone | GlideSlope)]
+
+def scenery(task: Task, goal: Any) -> list[Shape]:
+    """Shapes of a task that the page draws."""
+    return [shape for shape in task.scenery(goal) if isinstance(shape, Ball | Cone | GlideSlope)]
 
 
 def _is_allocated_here(architecture: Architecture) -> bool:
@@ -563,11 +577,12 @@ def _drawing_data(run: LoadedRun) -> dict[str, Any]:
     }
 
 
-def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int, memory: int) -> dict[str, Any]:
-    """Data of the page; lengths in m, angles in rad, times in s."""
-    world = traced.world
+def page_data(
+    world: World, state: Any, goal: Any, run: LoadedRun, seed: int, episode: int, memory: int
+) -> dict[str, Any]:
+    """Data of the page of a flight with such states and goals; lengths in m, angles in rad, times in s."""
     craft = world.craft
-    errors = world.task.errors(traced.episode.state, traced.episode.goal)
+    errors = world.task.errors(state, goal)
     tolerances = world.task.tolerances()
     # A delay of the training's conditions, without which the agent may not fly: the middle of its range.
     conditions = run.conditions or Conditions()
@@ -586,7 +601,7 @@ def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int, memory: int)
         "checks": world.timing.checks,
         "words": seed_words(seed),
         "episode": episode,
-        "goal": len(leaves(traced.episode.state)),
+        "goal": len(leaves(state)),
         "memory": memory,
         "commands": craft.command_count,
         "noise": noise_scale(craft).tolist(),
@@ -603,7 +618,8 @@ def _data(traced: _Traced, run: LoadedRun, seed: int, episode: int, memory: int)
             for name in errors
         ],
         "scenery": [
-            {"kind": type(shape).__name__, "size": len(leaves(shape))} for shape in traced.scenery
+            {"kind": type(shape).__name__, "size": len(leaves(shape))}
+            for shape in scenery(world.task, goal)
         ],
     }
 
@@ -622,5 +638,6 @@ def _packed(weights: np.ndarray, biases: np.ndarray, bits: int) -> dict[str, str
     return {name: base64.b64encode(part.tobytes()).decode() for name, part in parts.items()}
 
 
-def _text(name: str) -> str:
+def text_of(name: str) -> str:
+    """The text of a script of pages."""
     return (files("rans.show.pages") / name).read_text("utf-8")

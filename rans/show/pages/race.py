@@ -44,7 +44,10 @@ class Race:
 
 
 def race(
-    craft: Spacecraft, starts: Iterable[tuple[str, Sequence[Track]]], caption: str = ""
+    craft: Spacecraft,
+    starts: Iterable[tuple[str, Sequence[Track]]],
+    caption: str = "",
+    plays: bool = False,
 ) -> Race:
     """Flights by start, as plain values for a page.
 
@@ -52,13 +55,14 @@ def race(
         craft: what flies; its thrusters are drawn.
         starts: of each a label, and the flights that begin there.
         caption: what readers see.
+        plays: whether it plays by itself, again and again.
 
     Returns:
         Positions in W (m), two axes of B in W, and commands as digits from 0 (shut) to 9 (open); for tasks that are
         nowhere also velocities (m/s). Numbers have three decimals.
     """
     results = [_start(label, tracks, craft) for label, tracks in starts]
-    return Race(Outline(craft).values(3) | {"starts": results}, caption)
+    return Race(Outline(craft).values(3) | {"starts": results, "plays": plays}, caption)
 
 
 def has_place(flight: Flight) -> bool:

@@ -126,6 +126,7 @@ def _race(content: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "planar": bool(content["planar"]),
         "radius": float(content["radius"]),
+        "plays": bool(content.get("plays")),
         "thrusters": [
             {name: [*map(float, thruster[name])] for name in ("at", "along")}
             for thruster in content["thrusters"]

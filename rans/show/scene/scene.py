@@ -1,6 +1,6 @@
 """Scene of a flight: poses, instant by instant, and Drake's shapes.
 
-One description serves the browser (`rans.show.scene.view`) and rendered pictures (`rans.show.scene.frames`).
+It serves films (`rans.show.scene.video`) and rendered pictures (`rans.show.scene.frames`).
 """
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged.

@@ -31,13 +31,14 @@ from rans.randomization.conditions_file import load_conditions
 from rans.show import markup
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.comparison_page import page as comparison_page
+from rans.show.pages.live import Live
 from rans.show.pages.notebook import html_of
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile
 from rans.show.pages.playground import playground
 from rans.show.pages.race import median_and_slowest
+from rans.show.pages.replay import replay_page
 from rans.show.pages.report import report_from_run
 from rans.show.pages.screen import Screen
-from rans.show.scene.view import View
 from rans.table import Table
 from tests.support import comparisons
 from tests.support.browser import HOSTILE, live, ran
@@ -245,14 +246,10 @@ def pages(folder: Path) -> dict[str, Callable[[], str]]:
         (level.name, HOSTILE): StressOutcome.of(two_episodes()) for level in stress.levels
     }
 
-    def replay() -> str:
-        view = View()
-        view.show([flight()], HOSTILE)
-        return view.html()
-
     return {
         "playground": playground(flyer).html,
-        "replay": replay,
+        "replay": replay_page([flight()], HOSTILE).html,
+        "live": Live([flyer], 1).html,
         "comparison": comparison_page(comparison, HOSTILE).html,
         "assurance": assurance_page(assurance, "worst.html").html,
         "stress": StressReport(stress, folder, 1, HOSTILE).page().html,

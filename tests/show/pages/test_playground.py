@@ -39,8 +39,8 @@ from rans.policy.any_craft import authority
 from rans.policy.timing import timing_for
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.scenario import scenarios
+from rans.show.pages.interactive import InteractiveFlight, interactive_world
 from rans.show.pages.playground import Playground, _Traced, playground
-from rans.show.scene.interactive import InteractiveFlight, interactive_world
 from tests.support import packages
 from tests.support.browser import opened, served
 from tests.support.layouts import sample_layout
@@ -136,9 +136,7 @@ console.log(JSON.stringify(told));"""
             flight.dead.add(0)
             flight.stuck.add(3)
         if k == 20 and flight.moves:
-            planar = run.craft.dimension == 2
-            place = [1.0, -0.5] if planar else [1.0, -0.5, 0.3]
-            flight.place_goal(place, 0.3 if planar else None)
+            flight.place_goal([1.0, -0.5, 0.3])
         flight.step()
         np.testing.assert_allclose(
             row["state"], np.ravel(leaves(flight.state)[: len(row["state"])]), rtol=0, atol=1e-9

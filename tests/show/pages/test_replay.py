@@ -15,7 +15,6 @@ from rans.scenario import scenarios
 from rans.show.pages.page import Page
 from rans.show.pages.race import Race
 from rans.show.pages.replay import replay_page
-from rans.show.viewing import replay_html
 from tests.support.browser import opened, served
 from tests.support.random_flights import Random
 
@@ -73,9 +72,9 @@ def test_a_browser_draws_it(tmp_path: Path) -> None:
     assert re.findall(r'class="now">[\d.]+ (m|m/s) · [\d.]+ s open', page) == ["m", "m/s"]
 
 
-def test_without_drake_a_replay_is_such_a_page(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_replay_needs_no_drake_and_plays_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pydrake", None)
-    html, colours = replay_html([flown(PLATFORM, rans.GoToPose())], "a platform")
-    assert 'class="race"' in html
-    assert "<title>a platform</title>" in html
-    assert colours == []
+    page = rans.view("lqr:go-to-pose-2d")
+    assert "<title>go-to-pose, floating-platform</title>" in page.html()
+    (replay,) = races(replay_page(page.flights, page.title))
+    assert replay.data["plays"]

@@ -18,7 +18,6 @@ from rans.extend import (
     ready_folder,
     stages,
     write_json,
-    write_text,
 )
 from rans.files import command_line
 from rans.scenario import ASSURANCE_SEED
@@ -162,11 +161,10 @@ def _show(assurance: Assurance, file: Path) -> None:
     write_json(file, result)
     worst = ""
     if assurance.searched and assurance.searched.breaking:
-        from rans.show.viewing import replay_html
+        from rans.show.pages.replay import replay_page
 
         worst = f"{file.stem}-worst-case.html"
-        html, _ = replay_html([assurance.searched.breaking.flight], "Worst case")
-        write_text(file.with_name(worst), html)
+        replay_page([assurance.searched.breaking.flight], "Worst case").write(file.with_name(worst))
     with doing("drawing the page", in_log=False):
         assurance_page(assurance, worst).write(file.with_suffix(".html"))
     console = Terminal(room=100)

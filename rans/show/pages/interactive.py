@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,8 +15,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import LoadedRun
 from rans.model.body import Body
 from rans.model.coordinates import around
-from rans.model.dynamics import PlanarState
-from rans.model.fields import Heading
+from rans.model.fields import leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.parameters import StepInputs
 from rans.scenario import scenarios
@@ -29,6 +27,8 @@ POSITION_NOISE = 0.05
 """Standard deviation of position (m) and velocity (m/s) at full noise."""
 ANGLE_NOISE = math.radians(5.0)
 """Standard deviation of each angle (rad) and angular velocity (rad/s) at full noise."""
+_MOST_DECIDED = 100
+"""Commands that are remembered: more than any delay has control periods."""
 FRAME = 0.05
 """Longest time between two states to draw, s."""
 
@@ -67,15 +67,18 @@ class _Snapshot:
     """Number of who commanded."""
     memory: Any
     """What that one remembered; None where it cannot say."""
-    waiting: tuple[tuple[float, ...], ...]
-    """Commands under way to the thrusters, the oldest first."""
+    decided: tuple[tuple[float, ...], ...]
+    """Commands of the controllers so far, the latest last, of which those of the longest delay count."""
+    command: tuple[float, ...]
+    """That reached the thrusters."""
 
 
 class InteractiveFlight:
     """One episode in float64, step by step, with several who may command it.
 
     Attributes:
-        delay: control periods after which a command reaches the thrusters.
+        delay: control periods after which a command reaches the thrusters; of a period that begins with an older
+            command they have the mean.
         noise: 0 to 1, share of `POSITION_NOISE` and `ANGLE_NOISE` in the state that the controller reads.
         over: "" while it lasts, else how it ended: "won" or "failed".
 
@@ -83,7 +86,9 @@ class InteractiveFlight:
         ConfigError: contestants fly different craft or tasks, or none is given.
     """
 
-    def __init__(self, runs: Sequence[LoadedRun], seed: int, episode: int = 0) -> None:
+    def __init__(
+        self, runs: Sequence[LoadedRun], seed: int, episode: int = 0, frame: float = FRAME
+    ) -> None:
         if not runs:
             raise ConfigError("say who flies: an interactive flight needs a controller.")
         setups = [run.judged for run in runs]
@@ -95,11 +100,11 @@ class InteractiveFlight:
                     f"{setup.craft.name} and {type(setup.task).__name__}, the first for "
                     f"{first.craft.name} and {type(first.task).__name__}."
                 )
-        self.world = interactive_world(first)
+        self.world = interactive_world(first, frame)
         self.controllers = [run.controller for run in runs]
         self.seed = seed
         self.number = episode
-        self.delay = 0
+        self.delay = 0.0
         self.noise = 0.0
         self.dead: set[int] = set()
         self.stuck: set[int] = set()
@@ -114,7 +119,7 @@ class InteractiveFlight:
         samples = scenarios(self.world.task, craft, self.seed, 1, first=self.number)
         self._episode = self.world.begin(samples.start, samples.goal, 0, None, Body.of(craft))
         self._past: list[_Snapshot] = []
-        self._waiting: deque[tuple[float, ...]] = deque()
+        self._decided: tuple[tuple[float, ...], ...] = ()
         self.over = ""
         self.command = (0.0,) * self.world.craft.command_count
         self.controller.reset(1)
@@ -154,8 +159,8 @@ class InteractiveFlight:
         result = self.world.task.errors(self.state, self.goal)
         return {name: float(np.asarray(x).ravel()[0]) for name, x in result.items()}
 
-    def place_goal(self, position: Sequence[float], heading: float | None = None) -> None:
-        """Move the goal, m in W; in the plane also its heading, rad.
+    def place_goal(self, pose: Sequence[float]) -> None:
+        """Move the goal: its position, m in W, and if it follows its attitude, a heading in rad or a quaternion.
 
         Raises:
             ConfigError: this task's goal cannot be moved by hand.
@@ -165,10 +170,9 @@ class InteractiveFlight:
                 f"the goal of {type(self.world.task).__name__} cannot be moved by hand."
             )
         goal = self._episode.goal
-        goal = replace(goal, p=type(goal.p)(*(np.full(1, float(x)) for x in position)))
-        if heading is not None and isinstance(goal, PlanarState):
-            goal = replace(goal, attitude=Heading(np.full(1, float(heading))))
-        self._episode = replace(self._episode, goal=goal)
+        rest = leaves(goal)[len(pose) :]
+        moved = unflatten(goal, [*(np.full(1, float(x)) for x in pose), *rest])
+        self._episode = replace(self._episode, goal=moved)
 
     def command_by(self, number: int) -> None:
         """Let another one command, who begins without a memory."""
@@ -185,7 +189,7 @@ class InteractiveFlight:
         world = self.world
         episode = replace(self._episode, body=self._body())
         self._past.append(
-            _Snapshot(self._episode, self._active, self._memory(), tuple(self._waiting))
+            _Snapshot(self._episode, self._active, self._memory(), self._decided, self.command)
         )
 
         # The controller's inputs, and its command.
@@ -197,10 +201,13 @@ class InteractiveFlight:
         )
 
         # The command that reaches the thrusters now.
-        self._waiting.append(tuple(float(x) for x in answer[0]))
-        self.command = (0.0,) * world.craft.command_count
-        while len(self._waiting) > self.delay:
-            self.command = self._waiting.popleft()
+        self._decided = (*self._decided[-_MOST_DECIDED:], tuple(float(x) for x in answer[0]))
+        whole = math.floor(self.delay)
+        late = self.delay - whole
+        self.command = tuple(
+            (1.0 - late) * now + late * before
+            for now, before in zip(self._before(whole), self._before(whole + 1), strict=True)
+        )
 
         # Motion, of which every check is a state to draw.
         frames: list[Any] = []
@@ -229,11 +236,17 @@ class InteractiveFlight:
         then = self._past[-back]
         del self._past[-back:]
         self._episode = then.episode
-        self._waiting = deque(then.waiting)
+        self._decided = then.decided
+        self.command = then.command
         self.over = ""
         self.controller.reset(1)
         if then.active == self._active and then.memory is not None:
             self.controller.recall(then.memory)
+
+    def _before(self, periods: int) -> tuple[float, ...]:
+        """The command that was decided so many control periods ago; shut before the first."""
+        shut = (0.0,) * self.world.craft.command_count
+        return self._decided[-1 - periods] if periods < len(self._decided) else shut
 
     def _body(self) -> Body:
         """The craft with the thrusters that failed."""

@@ -10,7 +10,7 @@ from rans.errors import ConfigError
 from rans.flight import fly
 from rans.model.fields import leaves
 from rans.scenario import scenarios
-from rans.show.scene.interactive import InteractiveFlight
+from rans.show.pages.interactive import InteractiveFlight
 
 SEED = 7
 PERIODS = 30
@@ -93,7 +93,7 @@ def test_what_is_flown_again_after_going_back_is_the_same(name: str) -> None:
 
 def test_it_goes_where_the_goal_is_moved_to() -> None:
     one = flight()
-    one.place_goal((1.0, -0.5), 0.3)
+    one.place_goal((1.0, -0.5, 0.3))
     flown(one, 120)
     assert one.errors()["position"] < 0.05
     assert float(one.state.p.x[0]) == pytest.approx(1.0, abs=0.05)

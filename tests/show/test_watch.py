@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import socket
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
+from rans.flight import Flight
 from rans.model.fields import leaves
 from rans.scenario import EVALUATION_SEED, scenarios
-from rans.show.scene import watch
+from rans.show import watch
+from rans.show.pages.page import Page
 from tests.support.training import tiny_trainer
 
 
@@ -22,7 +25,13 @@ def test_new_agents_are_shown_once_each(tmp_path: Path, monkeypatch: pytest.Monk
     shown = []
     pauses = []
     monkeypatch.setattr(watch, "open_browser", lambda url: None)
-    monkeypatch.setattr(watch.View, "show", lambda view, flights: shown.append(flights[0]))
+    page = watch.replay_page
+
+    def shows(flights: Sequence[Flight], title: str) -> Page:
+        shown.append(flights[0])
+        return page(flights, title)
+
+    monkeypatch.setattr(watch, "replay_page", shows)
 
     def sleep(seconds: float) -> None:
         """Time passes: nothing yet, a first agent, nothing new, another agent."""

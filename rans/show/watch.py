@@ -11,8 +11,9 @@ from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.run_folder import RunFolder
 from rans.scenario import EVALUATION_SEED
-from rans.show.scene.view import View
-from rans.window import open_browser
+from rans.show.pages.page import Page
+from rans.show.pages.replay import replay_page
+from rans.window import Served, open_browser
 
 _EPISODES = 4
 _SECONDS = 10.0
@@ -25,22 +26,21 @@ def watch(run: Path, port: int) -> None:
     """Show a training's newest agent in the browser, for ever.
 
     It only looks whether the trainer has replaced ``agent.safetensors``, so the trainer need not know of it. A new
-    agent flies four episodes in a batch, a fraction of a second of work; the browser then plays them at
-    real time without help. `ConfigError` if the port is taken, or the run folder damaged.
+    agent flies four episodes in a batch, a fraction of a second of work; the browser then plays them by
+    itself. `ConfigError` if the port is taken, or the run folder damaged.
     """
     torch.set_num_threads(1)  # of small networks; more would disturb the training
-    view = View()
+    page = Page("No agent yet", [])
     file = RunFolder(run).trained_file
     latest = 0
-    served = view.serve(port)
+    served = Served(lambda: page.html(), [port])
     open_browser(served.url)
     while True:
         changed = file.stat().st_mtime_ns if file.exists() else 0
         if changed != latest:
             agent = load_policy(run)
-            view.show(
-                [fly_episodes(agent.controller, agent.judged, EVALUATION_SEED, _EPISODES).flight]
-            )
+            flight = fly_episodes(agent.controller, agent.judged, EVALUATION_SEED, _EPISODES).flight
+            page = replay_page([flight], flight.controller)
             served.renew()
             latest = changed
             time.sleep(_SECONDS)
