@@ -46,9 +46,11 @@ from rans_any_craft.training import (
 from scipy.linalg import solve_discrete_are
 from torch import Tensor
 
+from campaigns.craft import CRAFTS, flown
 from rans.deploy.export import evaluated
 from rans.episode import Setup
 from rans.errors import ConfigError
+from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.any_craft import for_spacecraft, frugal
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
@@ -78,25 +80,26 @@ SPECIALISTS = {
     2: (
         "go-to-pose-2d",
         "go-to-pose-2d-shared",
-        "go-to-pose-2d-atmos",
-        "go-to-pose-2d-pingu",
-        "go-to-pose-2d-freeflyer2",
-        "go-to-pose-2d-astrobee-granite",
-        "go-to-pose-2d-roboran-platform",
+        "atmos",
+        "pingu",
+        "freeflyer2",
+        "astrobee-granite",
+        "roboran-platform",
     ),
     3: (
         "go-to-pose-3d",
         "go-to-pose-3d-spheres",
         "go-to-pose-3d-astrobee-iss",
         "go-to-pose-3d-atmos-orbit-12",
-        "go-to-pose-3d-atmos-orbit-16",
+        "atmos-orbit-16",
         "go-to-pose-3d-cubesat-3u",
         "go-to-pose-3d-cubesat-6u",
-        "go-to-pose-3d-afrl-12kg",
-        "go-to-pose-3d-apollo-csm",
+        "afrl-12kg",
+        "apollo-csm",
     ),
 }
-"""Agents of a single craft each, whose task, starts, conditions and control period are the protocol."""
+"""Agents of a single craft each, whose task, starts, conditions and control period are the protocol; real craft
+without such an agent have one in `campaigns.craft`."""
 _OWN = {2: ("floating-platform", Timing(0.2, 1, 125)), 3: ("free-flyer", Timing(0.2, 1, 125))}
 """Craft and timing of an agent without a craft's name."""
 RECIPES = {
@@ -191,6 +194,16 @@ class Contest(NamedTuple):
     """Fault of a thruster in every flight, drawn among those that the craft can spare."""
 
 
+def _own(name: str) -> LoadedRun:
+    """The setup of a contest, with the agent of that craft alone where there is one."""
+    return flown(name) if name in CRAFTS else contestant(f"pretrained:{name}")
+
+
+def _may_fly(by: str, name: str) -> bool:
+    """Whether there is such a contestant: a real craft may have no agent of its own."""
+    return by != "specialist" or name not in CRAFTS
+
+
 class _Judge(NamedTuple):
     """Number and seed of the flights of every contest."""
 
@@ -201,7 +214,7 @@ class _Judge(NamedTuple):
 
     def rows(self, contest: Contest) -> Figures | str:
         """Figures of a contest by name, or why the controller refuses the craft."""
-        own = contestant(f"pretrained:{contest.name}")
+        own = _own(contest.name)
         craft = own.craft
         if contest.mass != 1.0:
             inertia = tuple(tuple(contest.mass * x for x in row) for row in craft.inertia)
@@ -256,10 +269,10 @@ def shipped(
     """Rows of the table of shipped craft, as Markdown, from the starts of a seed."""
     yield "| craft | flown by | settled | lower end | settling time, s | impulse, N s |"
     yield "|---|---|---|---|---|---|"
-    contests = [Contest(name, who) for name in names for who in by]
+    contests = [Contest(name, who) for name in names for who in by if _may_fly(who, name)]
     judged = _judged(contests, episodes, start_seed, agent)
     for contest, rows in zip(contests, judged, strict=True):
-        craft = contestant(f"pretrained:{contest.name}").craft
+        craft = _own(contest.name).craft
         label = FOR_ANY_CRAFT[craft.dimension] if contest.by == "any-craft" else contest.by
         if isinstance(rows, str):
             yield f"| {craft.name} | {label} | refuses the craft | | | |"
@@ -286,7 +299,7 @@ def heavier(episodes: int, names: Sequence[str]) -> Iterator[str]:
         episodes,
     )
     for name in names:
-        craft = contestant(f"pretrained:{name}").craft
+        craft = _own(name).craft
         for by, is_stated in kinds:
             cells = [_settled(next(judged)) for _ in _MASSES]
             yield f"| {craft.name} | {by}{'' if is_stated else ', not in its file'} | {' | '.join(cells)} |"
@@ -301,14 +314,14 @@ def dead(episodes: int, names: Sequence[str], by: Sequence[str] = _STATED) -> It
     who = ", ".join(by)
     yield f"| craft | thrusters that it can spare | in its file: {who} | not in its file: {who} |"
     yield "|---|---|---|---|"
-    spare = {name: _spare(contestant(f"pretrained:{name}").craft) for name in names}
+    spare = {name: _spare(_own(name).craft) for name in names}
     each = _judged(
         [Contest(name, one, dead=k) for name in names for one in by for k in spare[name]], episodes
     )
     some = [name for name in names if spare[name]]
     unknown = _judged([Contest(name, one, fault="dead") for name in some for one in by], 1024)
     for name in names:
-        craft = contestant(f"pretrained:{name}").craft
+        craft = _own(name).craft
         numbers = spare[name]
         worst = []
         for _ in by:
@@ -328,7 +341,7 @@ def unstated(episodes: int, names: Sequence[str]) -> Iterator[str]:
     yield f"|---|---|{'---|' * (3 + len(_MASSES))}"
     kinds: list[dict[str, Any]] = [{}, {"fault": "dead"}, {"fault": "weak"}]
     kinds += [{"mass": mass} for mass in _MASSES]
-    spare = {name: _spare(contestant(f"pretrained:{name}").craft) for name in names}
+    spare = {name: _spare(_own(name).craft) for name in names}
     contests = [
         Contest(name, by, is_stated=False, **kind)
         for name in names
@@ -338,7 +351,7 @@ def unstated(episodes: int, names: Sequence[str]) -> Iterator[str]:
     ]
     judged = _judged(contests, episodes)
     for name in names:
-        craft = contestant(f"pretrained:{name}").craft
+        craft = _own(name).craft
         for prefix in _ANY.values():
             sound = next(judged)
             cells = [_settled(sound)]
@@ -365,17 +378,17 @@ def at_values(
     others = [who for who in by if who not in _ANY]
     kinds = [Contest("", "any-craft", value=value) for value in (None, *values)]
     kinds += [Contest("", who) for who in others]
-    contests = [kind._replace(name=name) for name in names for kind in kinds]
+    flying = {name: [kind for kind in kinds if _may_fly(kind.by, name)] for name in names}
+    contests = [kind._replace(name=name) for name in names for kind in flying[name]]
     judged = _judged(contests, episodes, start_seed)
     for name in names:
-        craft = contestant(f"pretrained:{name}").craft
-        flown = {kind: next(judged) for kind in kinds}
-        spent = {kind: _spent(rows) for kind, rows in flown.items()}
-        for kind in kinds:
+        craft = _own(name).craft
+        spent = {kind: _spent(next(judged)) for kind in flying[name]}
+        for kind in flying[name]:
             settled, time, impulse = spent[kind]
             left = [
                 one.by
-                for one in kinds
+                for one in flying[name]
                 if one.by in others
                 and not (settled == 100.0 and time <= spent[one][1] and impulse <= spent[one][2])
             ]

@@ -1,18 +1,20 @@
-"""Real spacecraft: their authority, the faults they bear, and the agent of each beside what is possible.
+"""Real spacecraft: their authority, the faults they bear, and who flies each best beside what is possible.
 
-``python -m campaigns craft`` computes authority, single faults and bounds, and flies the agent of each in Drake
-too.
+``python -m campaigns craft`` computes authority, single faults and bounds, and flies each in the engine and in
+Drake.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from tyro.conf import Positional
 
+from rans.evaluation.fly.agent import LoadedRun
+from rans.evaluation.fly.any_craft import for_spacecraft, frugal
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
@@ -20,31 +22,71 @@ from rans.model.authority import authorities, authority_rows
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
 from rans.optimal.certificate.hull import least_time, settling_set
-from rans.pretrained import pretrained_card, pretrained_names
 from rans.randomization.conditions import Conditions, bounds
+from rans.randomization.conditions_file import load_conditions
 from rans.randomization.faults import fault_sets
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import GoToPose, Task
 
 CRAFTS = {
-    "pingu": "2d",
-    "atmos": "2d",
-    "roboran-platform": "2d",
-    "freeflyer2": "2d",
-    "astrobee-granite": "2d",
-    "astrobee-iss": "3d",
-    "atmos-orbit-12": "3d",
-    "atmos-orbit-16": "3d",
-    "spheres": "3d",
-    "apollo-csm": "3d",
-    "afrl-12kg": "3d",
-    "cubesat-3u": "3d",
-    "cubesat-6u": "3d",
+    "pingu": "any-craft-2d",
+    "atmos": "any-craft-2d",
+    "roboran-platform": "any-craft-2d#0.15",
+    "freeflyer2": "any-craft-2d#0.15",
+    "astrobee-granite": "any-craft-2d",
+    "astrobee-iss": "go-to-pose-3d-astrobee-iss",
+    "atmos-orbit-12": "go-to-pose-3d-atmos-orbit-12",
+    "atmos-orbit-16": "any-craft-3d",
+    "spheres": "go-to-pose-3d-spheres",
+    "apollo-csm": "any-craft-3d",
+    "afrl-12kg": "any-craft-3d#0.15",
+    "cubesat-3u": "go-to-pose-3d-cubesat-3u",
+    "cubesat-6u": "go-to-pose-3d-cubesat-6u",
 }
-"""Real craft, and where they fly."""
+"""Real craft, and who flies them best: an agent of the craft alone only where none for any craft beats it."""
+
+
+class _Setting(NamedTuple):
+    """In what a real craft without an agent of its own flies."""
+
+    period: float
+    """Control period, s."""
+    steps: int
+    """Control periods of a flight."""
+    conditions: str = "real"
+    distance: tuple[float, float] = (3.0, 4.0)
+    """From the start to the goal, m."""
+
+
+_SETTINGS = {
+    "pingu": _Setting(0.1, 300),
+    "atmos": _Setting(0.1, 300),
+    "roboran-platform": _Setting(0.1, 300),
+    "freeflyer2": _Setting(0.1, 400, distance=(1.0, 1.5)),
+    "astrobee-granite": _Setting(0.2, 250, "astrobee", (1.0, 1.5)),
+    "atmos-orbit-16": _Setting(0.1, 300, "real-space"),
+    "apollo-csm": _Setting(1.0, 120, "real-space"),
+    "afrl-12kg": _Setting(1.0, 80, "real-space"),
+}
 _STARTS = 256
 """Of which bounds are averaged: the first of an evaluation."""
+
+
+def flown(name: str) -> LoadedRun:
+    """A real craft with who flies it best, in the task, period and conditions of the craft."""
+    if name not in _SETTINGS:
+        return contestant(f"pretrained:{CRAFTS[name]}")
+    setting = _SETTINGS[name]
+    agent, _, value = CRAFTS[name].partition("#")
+    task = GoToPose(spawn_distance=setting.distance, evaluation_distance=setting.distance)
+    run = for_spacecraft(
+        contestant(f"pretrained:{agent}"),
+        load_spacecraft(name),
+        Timing(setting.period, 1, setting.steps),
+    )._replace(task=task, conditions=load_conditions(setting.conditions))
+    return frugal(run, float(value)) if value else run
 
 
 def luckiest(craft: Spacecraft, conditions: Conditions | None) -> Spacecraft:
@@ -64,12 +106,12 @@ def luckiest(craft: Spacecraft, conditions: Conditions | None) -> Spacecraft:
     )
 
 
-def least_settling_times(agent: str, count: int) -> np.ndarray:
+def least_settling_times(name: str, count: int) -> np.ndarray:
     """Seconds before which nobody has settled in position, of the first evaluation starts: (count,).
 
     See `rans.optimal.certificate.hull.settling_set`; the time that attitude takes is left out.
     """
-    run = contestant(f"pretrained:{agent}")
+    run = flown(name)
     craft = luckiest(run.craft, run.conditions)
     task = _task(run.task)
     starts = scenarios(task, run.craft, EVALUATION_SEED, count)
@@ -108,30 +150,31 @@ def facts(name: str) -> dict[str, Any]:
     }
 
 
-def agent_facts(agent: str) -> dict[str, Any]:
-    """Of an agent: what its card says, its period and starts, and the mean bound of these."""
-    run = contestant(f"pretrained:{agent}")
-    card = pretrained_card(agent)
-    own = card["evaluation"]["own"][""]
+def agent_facts(name: str, episodes: int) -> dict[str, Any]:
+    """Of a craft: who flies it and how, its period and starts, and the mean bound of these."""
+    run = flown(name)
+    flights = fly_episodes(run.controller, run.judged, EVALUATION_SEED, episodes, workers=1)
+    found = measure(flights.flight)
+    settled = found["settled"]
     return {
-        "agent": agent,
+        "agent": f"{CRAFTS[name]}@{name}" if name in _SETTINGS else CRAFTS[name],
         "period": run.timing.control_period,
         "seconds": run.timing.control_period * run.timing.episode_steps,
         "distance": list(_task(run.task).spawn_distance),
-        "episodes": card["episodes"],
-        "settled": own["settled"][:3],
-        "settling time": own["settling time"][0],
-        "position error": own["position error"][0],
-        "attitude error": own["attitude error"][0],
-        "bound": float(least_settling_times(agent, _STARTS).mean()),
+        "episodes": episodes,
+        "settled": [settled.value, settled.low, settled.high],
+        **{key: found[key].value for key in ("settling time", "position error", "attitude error")},
+        "bound": float(least_settling_times(name, _STARTS).mean()),
     }
 
 
-def drake_facts(agent: str, episodes: int) -> dict[str, Any]:
-    """How the agent settles where Drake moves the craft."""
-    run = contestant(f"pretrained:{agent}")
-    flown = fly_episodes(run.controller, run.judged, EVALUATION_SEED, episodes, "drake", workers=1)
-    found = measure(flown.flight)
+def drake_facts(name: str, episodes: int) -> dict[str, Any]:
+    """How who flies it settles where Drake moves the craft."""
+    run = flown(name)
+    flights = fly_episodes(
+        run.controller, run.judged, EVALUATION_SEED, episodes, "drake", workers=1
+    )
+    found = measure(flights.flight)
     return {
         "episodes": episodes,
         "settled": found["settled"].value,
@@ -145,18 +188,17 @@ class Craft:
 
     only: Positional[tuple[str, ...]] = ()
     """Names of craft; by default all. The others stay as they are in the evidence."""
+    episodes: int = 1024
+    """Flights of each craft."""
     drake: int = 64
-    """Flights of each agent in Drake; 0: none."""
+    """Flights of each craft in Drake; 0: none."""
 
     def measured(self) -> Iterator[dict[str, Any]]:
-        """Authority, single faults, and the agent of each craft."""
+        """Authority, single faults, and the flights of each craft."""
         for name in self.only or CRAFTS:
-            row = {"name": name, **facts(name)}
-            agent = f"go-to-pose-{CRAFTS[name]}-{name}"
-            if agent in pretrained_names():
-                row |= agent_facts(agent)
-                if self.drake:
-                    row["drake"] = drake_facts(agent, self.drake)
+            row = {"name": name, **facts(name), **agent_facts(name, self.episodes)}
+            if self.drake:
+                row["drake"] = drake_facts(name, self.drake)
             yield row
 
 

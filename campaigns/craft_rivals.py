@@ -12,8 +12,7 @@ from typing import Any
 
 from tyro.conf import Positional
 
-from campaigns.craft import CRAFTS
-from rans.evaluation.fly.contestants import contestant
+from campaigns.craft import CRAFTS, flown
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.measure.aggregate import measure
@@ -24,10 +23,10 @@ CONTROLLERS = ("lqr", "switching")
 
 def measured(name: str, episodes: int) -> dict[str, Any]:
     """Settled share with its interval, median time and impulse of a craft's agent and of each controller."""
-    run = contestant(f"pretrained:go-to-pose-{CRAFTS[name]}-{name}")
-    flown = {"agent": run.controller} | {kind: controller(kind, run.judged) for kind in CONTROLLERS}
+    run = flown(name)
+    controllers = {kind: controller(kind, run.judged) for kind in CONTROLLERS}
     results = {}
-    for kind, one in flown.items():
+    for kind, one in ({"agent": run.controller} | controllers).items():
         flights = fly_episodes(one, run.judged, EVALUATION_SEED, episodes, "fast", workers=1)
         rows = {row.name: row for row in measure(flights.flight).rows}
         settled = rows["settled"]

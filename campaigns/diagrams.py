@@ -253,7 +253,7 @@ def comparison() -> Figure:
 def tasks() -> Figure:
     """Three tasks in the plane, four flights of an agent each."""
     subjects = (
-        ("go-to-position-2d-robust", "go-to-position"),
+        ("multi-task-2d#go-to-position", "go-to-position"),
         ("go-to-pose-2d", "go-to-pose: the heading too"),
         ("track-velocity-2d", "track-velocity"),
     )

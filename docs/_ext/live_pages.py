@@ -17,7 +17,7 @@ import rans
 FLOWN = (
     "go-to-pose-2d",
     "go-to-pose-2d-robust",
-    "go-to-pose-2d-pingu",
+    "any-craft-2d@pingu",
     "any-craft-2d",
     "track-velocity-2d",
     "go-to-pose-3d-cubesat-3u",
@@ -46,7 +46,7 @@ it has all controls.</p>
 
 def file_name(who: str) -> str:
     """Name of a live page."""
-    return f"{who.replace(':', '-')}.html"
+    return f"{who.replace(':', '-').replace('@', '-')}.html"
 
 
 def _write(app: Sphinx) -> None:

@@ -46,7 +46,7 @@ class Tune(Options):
 
     contestant: Annotated[str | None, Positional, arg(metavar="[CONTESTANT]")] = None
     """Take task, starts, spacecraft and control period from this contestant, such as
-    pretrained:go-to-pose-2d-pingu."""
+    any-craft-2d@pingu."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from campaigns.craft import least_settling_times, luckiest
-from rans.evaluation.fly.contestants import contestant
+from campaigns.craft import flown, least_settling_times, luckiest
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions_file import load_conditions
@@ -21,8 +20,8 @@ def test_the_luckiest_craft_is_lighter_and_stronger_than_any_that_is_drawn() -> 
 
 
 def test_no_flight_settles_before_its_bound() -> None:
-    agent = "go-to-pose-2d-astrobee-granite"
-    run = contestant(f"pretrained:{agent}")
+    name = "astrobee-granite"
+    run = flown(name)
     task = run.task.for_evaluation()
     flight = fly(
         run.craft, task, run.controller, scenarios(task, run.craft, EVALUATION_SEED, 16), run.timing
@@ -30,6 +29,6 @@ def test_no_flight_settles_before_its_bound() -> None:
     far = flight.errors()["position"] > 0.05
     last = np.array([np.flatnonzero(column).max() for column in far.T])
     settled = (last + 1) * run.timing.control_period
-    bound = least_settling_times(agent, 16)
+    bound = least_settling_times(name, 16)
     assert (bound > 3.0).all()  # a metre at 0.036 m/s^2 takes longer
     assert (settled >= bound).all()

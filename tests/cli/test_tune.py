@@ -42,14 +42,14 @@ def test_what_is_tuned_flies_from_then_on(
 def test_tunes_for_the_setup_of_a_contestant(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An agent of a CubeSat flies at 1 Hz, where its task alone would be at 5 Hz."""
+    """An agent of a CubeSat flies at 2 Hz, where its task alone would be at 5 Hz."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("rans.cli.tune._STARTS", 1)
-    like = "pretrained:go-to-pose-3d-afrl-12kg"
+    like = "pretrained:go-to-pose-3d-cubesat-3u"
     assert main(["tune", "lqr", like]) == 0
     [file] = OWN.iterdir()
     result = Tuned.read(file)
-    assert result.control_period == 1.0
+    assert result.control_period == 0.5
     assert result.fits("lqr", contestant(like).judged)
 
 

@@ -148,9 +148,8 @@ def test_a_twin_of_no_episode_is_refused(
 
 def test_a_contract_tells_which_way_a_wheel_turns_the_craft() -> None:
     """Its sentence, beside the motion of the craft over one period of the command 1."""
-    run = RunFolder(pretrained_folder("go-to-pose-2d-pingu"))
-    config = run.config()
-    craft = run.spacecraft()
+    config = RunFolder(pretrained_folder("go-to-pose-2d")).config()
+    craft = load_spacecraft("pingu")
     about = contract("", config, craft, "", 0, np.zeros((1, 1, 10), np.float32))
     assert "the motor turns its wheel about +axis" in about["command"]["wheel_command"]
     assert "and the spacecraft about -axis" in about["command"]["wheel_command"]

@@ -42,13 +42,13 @@ def opened(folder: Path) -> SavedPolicy:
 @pytest.fixture
 def alone(tmp_path: Path) -> Path:
     """A shipped agent that a test may spoil."""
-    return Path(shutil.copytree(pretrained_folder("track-velocity-heading-2d"), tmp_path / "alone"))
+    return Path(shutil.copytree(pretrained_folder("go-to-pose-2d"), tmp_path / "alone"))
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """The same as ``policy.zip``, as trainings and `rans export` write it."""
-    return zipped("track-velocity-heading-2d", tmp_path / "agent")
+    return zipped("go-to-pose-2d", tmp_path / "agent")
 
 
 def zipped(name: str, folder: Path) -> Path:
@@ -137,9 +137,7 @@ def test_pickles_alone_are_refused_with_what_to_do(folder: Path) -> None:
     assert not is_agent(folder / "policy.zip")
 
 
-@pytest.mark.parametrize(
-    "name", ["go-to-pose-2d", "go-to-pose-3d-faults", "track-velocity-3d-robust"]
-)
+@pytest.mark.parametrize("name", ["go-to-pose-2d", "go-to-pose-3d-faults", "go-to-pose-3d-robust"])
 def test_what_flies_is_kept_of_an_agent_and_no_more(name: str, tmp_path: Path) -> None:
     """Commands of an agent without its critic, which may have had layers of its own, are the agent's."""
     shipped = read_policy(RunFolder(pretrained_folder(name)).agent_file).network

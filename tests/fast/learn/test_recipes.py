@@ -52,10 +52,6 @@ def test_robust_agents_meet_the_laboratory_and_every_single_disturbance(name: st
     assert config.curriculum[-1].begin + config.curriculum[-1].duration < config.total_timesteps
 
 
-_UNGATED = {"track-velocity-3d-robust", "track-velocity-heading-3d-robust"}
-"""Agents trained before filters had a gate."""
-
-
 _EXAMPLES = Path(__file__).parents[3] / "examples"
 _CONTINUED = {"land-3d": str(_EXAMPLES / "landing/glide-slope.toml")}
 """Agents whose last training went on from another's weights, and the recipe of that training."""
@@ -86,8 +82,6 @@ def test_every_agent_that_comes_with_rans_has_its_recipe() -> None:
         again["seed"] = config["seed"]
         if config["timing"]["substeps"] == 1:  # what is chosen for all of them, and was the default
             again["timing"]["substeps"] = 1
-        if name in _UNGATED:
-            again["ppo"]["filters"]["gate"] = 0.0
         assert _without_descriptions(config) == _without_descriptions(again), name
 
 

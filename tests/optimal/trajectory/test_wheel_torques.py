@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import rans
+from campaigns.craft import flown
 from rans.effectors.motion import held
 from rans.errors import ConfigError
-from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import settling_times
 from rans.flight import fly
 from rans.model.actuators import Throttle, Wheel
@@ -31,14 +31,8 @@ from tests.support.effector_crafts import BURNING, CUBESAT, UNEVEN, platform
 PERIOD = 0.1
 THROTTLED = platform(actuators=Throttle(), wheels=(Wheel((0.0, 0.0, 1.0), 0.1, 0.7, 1e-3),))
 """Eight thrusters of 1 N at 0.31 m, and a wheel of 0.1 N m and 0.7 N m s."""
-AGENTS = {
-    "pingu": "go-to-pose-2d-pingu",
-    "roboran-platform": "go-to-pose-2d-roboran-platform",
-    "afrl-12kg": "go-to-pose-3d-afrl-12kg",
-    "cubesat-3u": "go-to-pose-3d-cubesat-3u",
-    "cubesat-6u": "go-to-pose-3d-cubesat-6u",
-}
-"""Real craft with wheels, and the agent whose task, period and conditions they fly."""
+WHEELED = "pingu", "roboran-platform", "afrl-12kg", "cubesat-3u", "cubesat-6u"
+"""Real craft with wheels, which fly in the task, period and conditions of `campaigns.craft`."""
 
 
 def split(craft: Spacecraft, wrench: list[float], *momenta: float) -> np.ndarray:
@@ -158,8 +152,8 @@ def test_authority_counts_wheels() -> None:
 
 
 def flights(name: str, kind: Any, count: int, craft: Spacecraft | None = None) -> Any:
-    """Flights of a craft from its agent's own starts, without domain randomization."""
-    run = contestant(f"pretrained:{AGENTS[name]}")
+    """Flights of a real craft from starts of its own, without domain randomization."""
+    run = flown(name)
     task = run.task.for_evaluation()
     starts = scenarios(task, run.craft, 2023, count)
     controller = kind(craft or run.craft, task, run.timing)

@@ -50,12 +50,11 @@ needs_node = pytest.mark.skipif(NODE is None, reason="needs Node.js to run JavaS
 AGENTS = (
     pytest.param("go-to-pose-2d", marks=pytest.mark.slow),
     "go-to-pose-2d-robust",
-    "go-to-pose-2d-pingu",
     "go-to-pose-3d-astrobee-iss",
     "any-craft-2d",
     pytest.param("any-craft-2d@pingu", marks=pytest.mark.slow),
 )
-"""Without a memory, with filters and a history of commands, with throttled thrusters, in space, with
+"""Without a memory, with filters and a history of commands, with throttled thrusters in space, with
 allocation to on/off thrusters, and to throttled ones and a wheel."""
 SEED = 7
 
