@@ -8,7 +8,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol, get_args
 
+import torch
+
 from rans.deploy.c.compiler import stack_of
+from rans.deploy.c.compressed import in_steps
 from rans.deploy.c.files import C_FILES, write_c
 from rans.deploy.contract import (
     FLIGHTS,
@@ -27,7 +30,7 @@ from rans.deploy.program import Ports, agent_program
 from rans.effectors.commands import allowed, is_identity
 from rans.episode import Setup
 from rans.errors import ConfigError, require
-from rans.evaluation.fly.agent import load_policy
+from rans.evaluation.fly.agent import Agent, load_policy
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.protocols import ProtocolName, fitting_protocols
@@ -47,6 +50,8 @@ from rans.files import (
 )
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
+from rans.policy.architecture import EXTRACTOR
+from rans.policy.network import Network
 from rans.registry import Registry
 from rans.scenario import EVALUATION_SEED
 from rans.structure import LARGEST_TOML
@@ -91,6 +96,7 @@ _FILES: dict[str, tuple[str, ...]] = {
     "onnx": ("agent.onnx",),
     "numpy": ("agent.py", "agent.npz"),
     "c": C_FILES,
+    "c8": C_FILES,
 }
 """Files of the agent, by its form."""
 
@@ -108,7 +114,7 @@ def write_export(
     "rans": agent.safetensors, without the critic, and config.json, which `load_agent` opens; "sb3":
     policy.zip and config.json, which `load_agent` and ``stable_baselines3.PPO.load`` open; "onnx": agent.onnx, for
     any runtime; "numpy": agent.py and agent.npz, which need NumPy only; "c": agent.h and agent.c, which need
-    nothing, and agent_check.c. Beside them
+    nothing, and agent_check.c; "c8": the same with weights of a byte. Beside them
     spacecraft.toml, contract.json (`rans.deploy.contract`), golden.json and card.json, the same for every
     form, so that several may share a folder. An agent that was exported before keeps its name; a trained one has
     that of the folder. Everything is written anew: nothing
@@ -140,6 +146,10 @@ def write_export(
     config = source.config()
     card = _card(source)
     saved = read_policy(source.agent_file)
+    if form == "c8":
+        # From here on this is the agent: golden pairs and margins are its own.
+        saved = saved._replace(network=_in_bytes(saved.network))
+        loaded = loaded._replace(controller=Agent(saved.network, loaded.controller.name, craft))
     network = saved.network
     text = read_text(source.spacecraft_file, LARGEST_TOML)
     setup = Setup(craft, config.settings, config.timing, config.conditions.or_none)
@@ -231,7 +241,7 @@ def write_agent(
         write_onnx(folder / "agent.onnx", agent_program(network, craft), ports, about)
     elif form == "numpy":
         write_numpy(folder, agent_program(network, craft), ports, title)
-    elif form == "c":
+    elif form in ("c", "c8"):
         program = agent_program(network, craft)
         write_c(folder, program, ports, title, contract, pairs)
     elif form not in get_args(Form):
@@ -250,6 +260,17 @@ def write_agent(
             settings,
             saved.steps,
         )
+
+
+def _in_bytes(network: Network) -> Network:
+    """A network whose layers before the last have weights in 127 steps of the largest of their row."""
+    tensors = {
+        name: torch.from_numpy(in_steps(x.numpy()))
+        if name.startswith(EXTRACTOR) and x.ndim == 2
+        else x
+        for name, x in network.member(0).items()
+    }
+    return Network(network.architecture, tensors)
 
 
 def _agent_name(run: RunFolder) -> str:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rans.deploy.program import Ports
     from rans.policy.program import Program
 
-Form = Literal["sb3", "rans", "onnx", "numpy", "c"]
+Form = Literal["sb3", "rans", "onnx", "numpy", "c", "c8"]
 """Forms of the core; `forms` has those of packages too."""
 
 

@@ -1,4 +1,4 @@
-"""Tables of few distinct numbers, stored by their index: what makes an exported agent's tables small."""
+"""Tables of few distinct numbers, and of whole steps: what makes an exported agent's tables small."""
 
 from __future__ import annotations
 
@@ -79,3 +79,62 @@ class Packed(NamedTuple):
             which = f"(({name}_index[({at}) / 8] >> (({at}) % 8)) & 1)"
         start = "" if blocks == 1 else f"{row} / {self.rows} * {longest} + "
         return f"{name}[{start}{which}]"
+
+
+STEPS = 127
+"""Largest number of steps of a row of weights: what a byte with a sign counts."""
+
+
+class Stepped(NamedTuple):
+    """A table whose rows are whole steps of their own size, as `in_steps` makes them: a byte an entry."""
+
+    values: np.ndarray
+    """(rows,) size of a step, float32."""
+    indices: np.ndarray
+    """(rows, columns) int8."""
+
+    @classmethod
+    def of(cls, table: np.ndarray) -> Stepped | None:
+        """A float32 table (rows, columns) without loss; None: it is no such table."""
+        largest = np.abs(table).max(axis=1)
+        guess = np.where(largest > 0.0, largest / np.float32(STEPS), np.float32(1.0))
+        size = guess.copy()
+        is_found = np.zeros(len(table), dtype=bool)
+        # The largest entry is rounded too: a step is the quotient, or a float beside it.
+        for direction in (0.0, -np.inf, np.inf):
+            tried = guess if direction == 0.0 else np.nextafter(guess, np.float32(direction))
+            counts = np.rint(table / tried[:, None])
+            fits = (counts * tried[:, None] == table).all(axis=1) & ~is_found
+            size[fits] = tried[fits]
+            is_found |= fits
+        if not is_found.all():
+            return None
+        return cls(size, np.rint(table / size[:, None]).astype(np.int8))
+
+    @property
+    def stored(self) -> np.ndarray:
+        """Bytes of the counts."""
+        return self.indices.ravel()
+
+    @property
+    def bytes(self) -> int:
+        """Size of what is stored."""
+        return self.values.nbytes + self.indices.nbytes
+
+    def entry(self, name: str, row: str, column: str, width: int) -> str:
+        """Entry of a row and a column, in C."""
+        return f"({name}[{row}] * {name}_index[({row}) * {width} + {column}])"
+
+
+def in_steps(table: np.ndarray) -> np.ndarray:
+    """A float32 table (rows, columns) rounded to whole steps, of which the largest entry of a row has `STEPS`."""
+    size = np.abs(table).max(axis=1, keepdims=True) / np.float32(STEPS)
+    size = np.where(size > 0.0, size, np.float32(1.0))
+    return np.rint(table / size) * size
+
+
+def smallest(table: np.ndarray) -> Packed | Stepped | None:
+    """The smallest way to store a float32 table (rows, columns) without loss; None: as it is."""
+    ways = [way for way in (Packed.of(table), Stepped.of(table)) if way is not None]
+    best = min(ways, key=lambda way: way.bytes, default=None)
+    return best if best is not None and best.bytes < table.nbytes // 2 else None

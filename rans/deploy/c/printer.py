@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.deploy.c.compressed import Packed
+from rans.deploy.c.compressed import Packed, Stepped, smallest
 from rans.deploy.c.memory import Scratch, last_uses
 from rans.deploy.c.search import searches
 from rans.deploy.c.text import literal, rows_of, table_name, variable
@@ -85,8 +85,9 @@ class Printer:
                 packed = self._known[name].packed
                 if packed is not None:
                     stored = packed.stored
+                    byte = "int8_t" if isinstance(packed, Stepped) else "uint8_t"
                     texts.append(
-                        f"static const uint8_t {table_name(name)}_index[{len(stored)}] = {{\n    "
+                        f"static const {byte} {table_name(name)}_index[{len(stored)}] = {{\n    "
                         f"{rows_of([str(x) for x in stored])}}};"
                     )
                     flat = packed.values.ravel()
@@ -119,7 +120,7 @@ class Printer:
                 self._used[name] = None
             packed = None
             if name in self._packable:
-                packed = Packed.of(constant.reshape(len(constant), -1))
+                packed = smallest(constant.reshape(len(constant), -1))
             self._known[name] = Value(text, constant.shape, kind, packed)
             if constant.size > 1:
                 self._tables[key] = self._known[name]

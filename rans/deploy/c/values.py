@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from rans.deploy.c.compressed import Packed
+from rans.deploy.c.compressed import Packed, Stepped
 
 Shape = tuple[int, ...]
 
@@ -17,8 +17,8 @@ class Value(NamedTuple):
     shape: Shape
     kind: str = "float"
     """"float" or "int"."""
-    packed: Packed | None = None
-    """How a table is stored whose entries repeat."""
+    packed: Packed | Stepped | None = None
+    """How a table is stored whose entries repeat, or are whole steps."""
 
     def entry(self, row: str, column: str) -> str:
         """Its entry, as a table of rows."""

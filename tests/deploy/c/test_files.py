@@ -14,16 +14,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rans.cli import main
+from rans.deploy import export
 from rans.deploy.c.compiler import FLAGS, compiled_check, loaded_size, stack_of
-from rans.deploy.c.compressed import Packed
+from rans.deploy.c.compressed import Packed, Stepped, in_steps
 from rans.deploy.c.files import C_FILES, filled, write_c
 from rans.deploy.contract import contract, golden
+from rans.deploy.export import write_export
 from rans.deploy.program import Ports, agent_program
 from rans.errors import ConfigError
+from rans.evaluation.fly.agent import Agent, load_policy
 from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.measure.metrics import solved
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import plain
 from rans.model.spacecraft import Spacecraft
@@ -517,3 +524,47 @@ def test_a_sample_is_left_replaced_or_left_out() -> None:
     text = "/* @TITLE@ */ a/*@X*/ = 1/*@*/; /*@Y*/two\nlines\n/*@*/b;"
     assert filled(text, {"TITLE": "t", "X": " = 2", "Y": True}) == "/* t */ a = 2; two\nlines\nb;"
     assert filled(text, {"TITLE": "@X@", "X": "", "Y": False}) == "/* @X@ */ a; b;"
+
+
+@given(st.integers(1, 40), st.integers(2, 40), st.integers(0, 2**32 - 1), st.floats(1e-6, 1e6))
+def test_weights_in_steps_are_stored_without_loss(
+    rows: int, columns: int, seed: int, size: float
+) -> None:
+    """Each is at most half a step from what it was, and the C expression of every entry gives it."""
+    random = np.random.default_rng(seed)
+    table = (size * random.normal(size=(rows, columns))).astype(np.float32)
+    table[random.integers(rows)] = 0.0
+    rounded = in_steps(table)
+    step = np.abs(table).max(axis=1, keepdims=True) / 127
+    assert (np.abs(rounded - table) <= 0.501 * step).all()  # half a step, and rounding of float32
+    stored = Stepped.of(rounded)
+    assert stored is not None
+    assert stored.stored.dtype == np.int8
+    arrays = {"t": stored.values, "t_index": stored.stored}
+    for (i, k), number in np.ndenumerate(rounded):
+        assert eval(stored.entry("t", str(i), str(k), columns), arrays) == number
+    # Planted: an entry between two steps is none.
+    rounded[0, 0] += 0.3 * max(float(step[0, 0]), 1e-3)
+    rounded[0, 1] = max(float(step[0, 0]), 1e-3) * 127
+    assert Stepped.of(rounded) is None
+
+
+@pytest.mark.slow
+def test_weights_of_a_byte_take_a_third_of_the_flash(tmp_path: Path) -> None:
+    """The program commands what its own golden pairs say, in NumPy's arithmetic of the same weights, and flies."""
+    run = pretrained_folder("go-to-pose-2d")
+    for form in ("c", "c8"):
+        write_export(run, tmp_path / form, form, episodes=2, margins=0)
+    assert "500 of 500 golden pairs come out as they should" in compiled_check(tmp_path / "c8")
+    sizes = []
+    for form in ("c", "c8"):
+        library(tmp_path / form)
+        sizes.append(loaded_size(tmp_path / form / "agent.o"))
+    whole, small = sizes
+    assert small < 0.35 * whole
+    exact = load_policy(run)
+    rounded = export._in_bytes(exact.controller.network)  # type: ignore[attr-defined]
+    agent = Agent(rounded, "rounded", exact.craft)
+    flights = fly_episodes(agent, exact.judged, 2023, 256, workers=1).flight
+    # Of 256 flights all but two: the agent itself settles all of 1,024.
+    assert solved(flights).mean() > 0.99
