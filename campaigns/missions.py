@@ -67,9 +67,6 @@ _VARIED: dict[str, dict[str, dict[str, Any]]] = {
 
 _WITHOUT_TRAINING = "avoid", "dock-port"
 """Missions that controllers without training fly too."""
-_PLANNED = {"hold": 4}
-"""Number of starts of convex guidance, where it plans for seconds in every period of the stay; else all that have
-bounds."""
 _PREDICTED = 8
 """Number of starts of MPC, which solves an optimal control problem in every period."""
 _LANDED: dict[str, dict[str, Any]] = {
@@ -128,7 +125,6 @@ class Missions:
             condition = f"{deadline:,.0f} s"
             starts = scenarios(task, craft, self.seed, self.episodes)
             few = scenarios(task, craft, self.seed, self.bounded)
-            planned = min(self.bounded, _PLANNED.get(self.mission, self.bounded))
             lower = np.full(self.episodes, np.nan)
             lower[: self.bounded] = [
                 answer.lower for answer in transfer_bounds(craft, task, few, deadline)
@@ -149,7 +145,7 @@ class Missions:
                     ),
                     "convex guidance": (
                         lambda task=task: ConvexGuidance(craft, task, task.timing),
-                        scenarios(task, craft, self.seed, planned),
+                        few,
                     ),
                     "LQR": (lambda task=task: LQR(craft, task, task.timing), few),
                 }

@@ -13,6 +13,7 @@ from rans.extend import Ball, Spacecraft, Task, Timing, leaves, map_leaves
 from rans.tasks.shapes import Cone, Shape, SpeedLimit
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.planning import PlanningGuidance
+from rans_missions.convex.holding import flight_that_holds
 from rans_missions.convex.impulses import Impulses
 from rans_missions.convex.rendezvous import (
     Meeting,
@@ -55,7 +56,8 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
     tolerances, the program of `rans_missions.convex.rendezvous` is solved from the state as it is. Between, the
     planned commands are given, so that a perfect world needs one program an episode: 0.05 to 2 s of a core.
     Where no transfer is found, the craft coasts. After the arrival it stays at the goal, and after a deadline that
-    was missed it plans again (`rans_missions.control.afterwards`).
+    was missed it plans again (`rans_missions.control.afterwards`). With ``search``, a mission that asks for a stay
+    has it in its plan (`rans_missions.convex.holding`).
 
     Args:
         craft: by name, TOML file or as such; one whose thrusters do not turn it.
@@ -115,6 +117,9 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         if len(self._plans) != len(relative_states):
             self.reset(len(relative_states))
         goal = self._afterwards.goal(state, goal)
+        if self._search and self._mission.stays:
+            # Plans contain the stay: the law of staying begins when they end.
+            self._afterwards.stays &= np.array([plan is None for plan in self._plans])
         stays = self._afterwards.stays
         deadline, arrival = (
             np.broadcast_to(np.asarray(x, float), len(relative_states))
@@ -210,7 +215,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
             return None
         try:
             transfer = (
-                self._searched(meeting, relative_state, left)
+                self._searched(meeting, relative_state, left, self._mission.stay_seconds)
                 if self._search
                 else self._direct(meeting, relative_state, last, arrival)
             )
@@ -222,8 +227,14 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         return _Plan(transfer.commands, trajectory(meeting, relative_state, transfer))
 
     @staticmethod
-    def _searched(meeting: Meeting, relative_state: np.ndarray, left: float) -> MeetingTransfer:
+    def _searched(
+        meeting: Meeting, relative_state: np.ndarray, left: float, stay: float
+    ) -> MeetingTransfer:
         """The cheapest transfer; where none is known that keeps the limits, the cheapest without them."""
+        if stay > 0.0:
+            held = flight_that_holds(meeting, relative_state, left, stay)
+            if held is not None:
+                return held
         answer = rendezvous(meeting, relative_state, left)
         return answer.free if answer.transfer is None else answer.transfer
 

@@ -1,9 +1,12 @@
-"""Least impulse of reaching a point by a deadline and staying there, bounded from below by conic programs.
+"""Least impulse of reaching a point by a deadline and staying there, by conic programs: its bound, and a flight.
 
 A flight that arrives at any check between two, and stays for a time, is within the tolerances at all checks from
 the later of the two to the earlier one plus that time. The flight of least impulse that is so at some of these
 checks follows from a second-order cone program, whose multipliers bound the impulse of all flights by weak duality,
 as in `rans_missions.convex.rendezvous.proof`. The bound is computed from them: it holds for any multipliers.
+
+A flight drifts through the tolerances for most of the stay: its program keeps them at every check of the stay, and
+limits that are not convex by their tangents at the flight before.
 """
 
 from __future__ import annotations
@@ -13,7 +16,15 @@ from itertools import pairwise
 import numpy as np
 
 from rans.errors import SolverFailed
-from rans_missions.convex.rendezvous import Meeting, instant_bounds, staying_prices
+from rans_missions.convex.rendezvous import (
+    Meeting,
+    MeetingTransfer,
+    instant_bounds,
+    least_margin,
+    least_stay,
+    staying_prices,
+    trajectory,
+)
 from rans_missions.tasks.orbital import last_check
 
 _SPACING = 30.0
@@ -23,6 +34,70 @@ _WIDEST = 100.0
 """Range of arrivals that share a program at first, s."""
 _NARROWEST = 60.0
 """Range of arrivals below which none is divided, s: that of 15 s raises hold's bound by 0.1 % more."""
+
+_ARRIVALS = (1.0, 0.95, 0.9, 0.8, 0.7, 0.6)
+"""Parts of the time until the deadline at which arrivals are compared. Most starts are cheapest at the deadline."""
+_ROUNDS = 12
+"""Rounds in which limits that are not convex are tangent at the flight of the round before, at most."""
+_CONVERGED = 1e-4
+"""Relative change of the impulse at which rounds end."""
+
+
+def flight_that_holds(
+    meeting: Meeting, start: np.ndarray, deadline: float, seconds: float
+) -> MeetingTransfer | None:
+    """A flight that arrives by a deadline, stays within the tolerances, and keeps every limit at every check.
+
+    It is the cheapest that the rounds find from some arrivals, and the end of its stay is its meeting. None: no
+    arrival had one.
+
+    Args:
+        meeting: the point, its tolerances, and the limits.
+        start: (2 d,) position (m) and velocity (m/s) in W.
+        deadline: of the arrival, s.
+        seconds: for which the craft stays, s.
+
+    Raises:
+        SolverFailed: Clarabel ends neither with a solution nor with a proof that there is none.
+    """
+    interval = meeting.interval
+    stay = last_check(seconds, interval)
+    longest = meeting.timing.checks * meeting.timing.episode_steps
+    last = min(last_check(deadline, interval), longest - stay)
+    arrivals = sorted({max(1, round(part * last)) for part in _ARRIVALS}) if last > 0 else []
+    # Without the limits first: arrivals in the order of what they cost.
+    free = [(least_stay(meeting, start, first, first + stay), first) for first in arrivals]
+    order = sorted((one.impulse, first, one) for one, first in free if one is not None)
+    best: MeetingTransfer | None = None
+    for cost, first, one in order:
+        if best is not None and cost >= best.impulse:
+            break
+        found = _within_limits(meeting, start, first, one)
+        if found is not None and (best is None or found.impulse < best.impulse):
+            best = found
+    return best
+
+
+def _within_limits(
+    meeting: Meeting, start: np.ndarray, first: int, begun: MeetingTransfer
+) -> MeetingTransfer | None:
+    """The flight with the same arrival that keeps the limits; None: the rounds find none."""
+    states = trajectory(meeting, start, begun)
+    if least_margin(meeting.limits, states) >= 0.0:
+        return begun
+    result: MeetingTransfer | None = None
+    cost = np.inf
+    for _ in range(_ROUNDS):
+        trial = least_stay(meeting, start, first, begun.check, meeting.limits, states)
+        if trial is None:
+            break
+        states = trajectory(meeting, start, trial)
+        if least_margin(meeting.limits, states) >= 0.0:
+            result = trial
+        if result is not None and abs(cost - trial.impulse) < _CONVERGED * trial.impulse:
+            break
+        cost = trial.impulse
+    return result
 
 
 def least_to_hold(meeting: Meeting, start: np.ndarray, deadline: float, seconds: float) -> float:

@@ -308,25 +308,78 @@ def least_impulse(
     Raises:
         SolverFailed: Clarabel ends neither with a solution nor with a proof that there is none.
     """
-    rows = _Rows(meeting, start, check)
-    rows.arrive()
+    return least_stay(meeting, start, check, check, limits, reference)
+
+
+_APART = 30.0
+"""Time between two checks of a stay that a program has at first, s; those that its flight breaks join them."""
+
+
+def least_stay(
+    meeting: Meeting,
+    start: np.ndarray,
+    first: int,
+    last: int,
+    limits: Sequence[Shape] = (),
+    reference: np.ndarray | None = None,
+) -> MeetingTransfer | None:
+    """The flight of least impulse that meets at every check from one to another; None: there is none.
+
+    Args:
+        meeting: what is to be done.
+        start: (2 d,) position (m) and velocity (m/s) in W.
+        first: check of the arrival, from the start.
+        last: last check of the stay, that of the arrival or a later one.
+        limits: kept at every check from the first one of the flight to the last of the stay.
+        reference: (last + 1, 2 d) states at which concave limits are taken as tangents; needed with limits.
+
+    Raises:
+        SolverFailed: Clarabel ends neither with a solution nor with a proof that there is none.
+    """
+    rows = _Rows(meeting, start, last)
+    count = 2 + int((last - first) * meeting.interval / _APART)
+    within = {int(k) for k in np.linspace(last, first, count)}
+    for k in sorted(within, reverse=True):
+        rows.be_within(k)
     watched: set[int] = set()
     while True:
         result = rows.solve()
-        if result is None or reference is None or not limits:
-            return result
-        # Looks at which the limits are broken join those that are watched.
+        if result is None:
+            return None
+        # Checks at which tolerances or limits are broken join those that are watched.
         states = trajectory(meeting, start, result)
-        broken = [
-            k for k in range(1, check + 1) if _tangent_margin(limits, states[k], reference[k]) < 0.0
-        ]
-        fresh = [k for k in broken if k not in watched]
-        if not fresh:
+        left = [k for k in range(first, last) if k not in within and _misses(meeting, states[k])]
+        fresh: list[int] = []
+        if reference is not None and limits:
+            pairs = enumerate(zip(states[1:], reference[1:], strict=True), 1)
+            fresh = [
+                k
+                for k, (state, other) in pairs
+                if k not in watched and _tangent_margin(limits, state, other) < 0.0
+            ]
+        if not left and not fresh:
             return result
+        # Where a stay is left in many checks, the outermost and every tenth tell of all others.
+        for k in left if len(left) < _FEW else left[:: len(left) // _FEW]:
+            within.add(k)
+            rows.be_within(k)
         watched.update(fresh)
-        for k in fresh:
-            for limit in limits:
-                rows.keep(limit, k, reference[k])
+        if reference is not None:
+            for k in fresh:
+                for limit in limits:
+                    rows.keep(limit, k, reference[k])
+
+
+_FEW = 8
+"""Checks of a stay that join a program at once, about."""
+
+
+def _misses(meeting: Meeting, state: np.ndarray) -> bool:
+    """Whether a state (2 d,) is outside the tolerances of the meeting."""
+    size = len(meeting.point)
+    away = np.linalg.norm(state[:size] - meeting.point)
+    speed = np.linalg.norm(state[size:])
+    return bool(away > meeting.position_tolerance or speed > meeting.velocity_tolerance)
 
 
 def trajectory(meeting: Meeting, start: np.ndarray, transfer: MeetingTransfer) -> np.ndarray:
@@ -670,10 +723,6 @@ class _Rows:
         self._vector = [np.zeros(count), np.ones(count)]
         self._cones: list[int] = []
 
-    def arrive(self) -> None:
-        """Be within both balls at the meeting."""
-        self.be_within(self.check)
-
     def be_within(self, check: int) -> None:
         """Be within both balls at a check."""
         meeting = self.meeting
@@ -716,7 +765,7 @@ class _Rows:
             return None
         size = len(self.meeting.point)
         dual = np.array(result.z)[2 * count :]
-        # The arrival's two cones come first; their first rows are the radii.
+        # The last check's two cones come first; their first rows are the radii.
         multiplier = -np.concatenate([dual[1 : size + 1], dual[size + 2 : 2 * size + 2]])
         flat = np.zeros(len(self._used))
         flat[self._used] = np.clip(np.array(result.x), 0.0, 1.0)

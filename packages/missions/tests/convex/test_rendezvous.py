@@ -87,7 +87,7 @@ def test_only_a_checked_certificate_says_that_a_meeting_is_impossible() -> None:
     far = state + np.array([1e5, 0.0, 0.0, 0.0, 0.0, 0.0])
     assert least_impulse(meeting, far, 100) is None
     rows = _Rows(meeting, state, 300)
-    rows.arrive()
+    rows.be_within(rows.check)
     rng = np.random.default_rng(0)
     size = sum(map(len, rows._vector))
     assert least_impulse(meeting, state, 300) is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,14 @@ import pytest
 from rans_missions.tasks import DockPort
 from scipy.spatial.transform import Rotation
 
+import rans
 from rans.drawing import columns, rotations
 from rans.episode import Setup, World, step
 from rans.errors import ConfigError
 from rans.flight import fly
 from rans.model.dynamics import PlanarState
-from rans.model.fields import Heading, Vec2
+from rans.model.fields import Heading, Vec2, map_leaves
+from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
@@ -134,7 +137,7 @@ def test_flights_dock_in_both_engines(flying: Any, craft: Any) -> None:
     flight = flying(
         craft, task, pilot, replace(starts, start=aligned), replace(task.timing, episode_steps=60)
     )
-    assert flight.done.all()
+    assert np.asarray(flight.done).all()
     # 0.38 m at 4 cm/s are 9.5 s: within the 48th period.
     assert (flight.verdict.settled[flight.verdict.settles] * 0.2).tolist() == pytest.approx(
         [9.6] * 8
@@ -154,3 +157,32 @@ def test_flights_dock_in_both_engines(flying: Any, craft: Any) -> None:
 def test_settings_that_cannot_be(settings: Any, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         DockPort(**settings)
+
+
+def _momenta(craft: Spacecraft, state: Any) -> np.ndarray:
+    """Momentum along x and y, N s, and angular momentum about the origin, N m s, of a craft in the plane."""
+    p, v = np.array(state.p.columns()), np.array(state.v.columns())
+    return np.append(
+        craft.mass * v,
+        craft.inertia[2][2] * state.w + craft.mass * (p[0] * v[1] - p[1] * v[0]),
+    )
+
+
+@pytest.mark.slow
+def test_a_flight_ends_in_a_joined_craft_that_flies_on(tmp_path: Path) -> None:
+    flight = rans.load_agent("dock-port-2d").fly()
+    assert np.asarray(flight.done).all()
+    chaser, port = (map_leaves(lambda x: float(x[-1, 0]), x) for x in (flight.states, flight.goals))
+    target = rans.state((0.0, 0.0), attitude=port.attitude.angle + math.pi, spin=port.w)
+    pair, after = rans.join_at_contact(
+        "floating-platform", "floating-platform", chaser, target, name="pair"
+    )
+    # Momenta of both bodies, worked out one by one, and that of the pair: rounding of ten products.
+    platform = rans.load_spacecraft("floating-platform")
+    before = _momenta(platform, chaser) + _momenta(platform, target)
+    np.testing.assert_allclose(_momenta(pair.spacecraft, after), before, rtol=1e-12)
+    # The pair is at rest at another place after 25 s, within the tolerances of its mission.
+    pair.write(tmp_path / "pair.toml")
+    on = rans.load_agent(f"any-craft-2d@{tmp_path / 'pair.toml'}").fly(start=after)
+    assert on.errors()["position"][-1, 0] < 0.05
+    assert on.errors()["attitude"][-1, 0] < math.radians(5.0)
