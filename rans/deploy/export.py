@@ -263,13 +263,20 @@ def write_agent(
 
 
 def _in_bytes(network: Network) -> Network:
-    """A network whose layers before the last have weights in 127 steps of the largest of their row."""
+    """A network whose layers have weights in 127 steps of the largest of their row."""
     tensors = {
         name: torch.from_numpy(in_steps(x.numpy()))
         if name.startswith(EXTRACTOR) and x.ndim == 2
         else x
         for name, x in network.member(0).items()
     }
+    # Of an on/off thruster the difference of both outputs is what is exported.
+    last = tensors["action_net.weight"]
+    folded, _ = network.architecture.last.folded(last, tensors["action_net.bias"])
+    rounded = torch.from_numpy(in_steps(folded.numpy()))
+    if len(folded) < len(last):
+        rounded = torch.stack([torch.zeros_like(rounded), rounded], dim=1).flatten(0, 1)
+    tensors["action_net.weight"] = rounded
     return Network(network.architecture, tensors)
 
 
