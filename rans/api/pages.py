@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -22,6 +22,7 @@ from rans.settled import settled_alone
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
     from rans.flight import Flight
+    from rans.scenario import Endpoints
     from rans.window import Served
 
 _HEIGHT = 480
@@ -80,6 +81,25 @@ class Replay:
             save_video(self.flights, file, stage)
         return file
 
+    def write(self, file: Path) -> str:
+        """Write a page, a film or a picture by the ending of its name, and return what it is in a sentence.
+
+        Raises:
+            ConfigError: the name has another ending, a package is missing, or the disk refused.
+        """
+        names = ", ".join(dict.fromkeys(flight.controller for flight in self.flights))
+        kind = kind_of_flights(file)
+        if kind == "page":
+            self.save(file)
+            return f"{file} replays {names} in any browser."
+        if kind == "film":
+            self.film(file)
+            return f"{file} is a video of {names}."
+        from rans.show.scene.frames import save_frames
+
+        save_frames(self.flights[0], 0, file)
+        return f"Ten frames of {self.flights[0].controller} are in {file}."
+
     def open(self) -> str:
         """Open the page in the browser and return its address; it is served while this Python process runs."""
         from rans.window import PORTS, Served, open_browser
@@ -124,6 +144,7 @@ def view(
 
     Args:
         *contestants: run folders, agents that come with RANS, or any others, such as CONTROLLER:go-to-pose-3d.
+            A folder of `rans optimal` shows its trajectories, which Drake flies again.
             After the first, the name of a controller is enough, such as lqr.
         conditions: see `rans.api.judging.evaluate`.
         episodes: number of flights of each contestant; contestants of the same task have the same starts.
@@ -145,23 +166,84 @@ def view(
     """
     if not contestants:
         raise ConfigError('say who flies, as in rans.view("go-to-pose-2d").')
+    if save is not None:
+        check_file_of_flights(Path(save))
+    endpoints = own_endpoints(start, goal, zones)
+    replay = flown_side_by_side(
+        contestants,
+        conditions,
+        (trust, guard, guard_slack),
+        (episodes, seed, engine, episode),
+        None if endpoints is None else lambda _: endpoints,
+    )
+    if save is not None:
+        replay.write(Path(save))
+    return replay
+
+
+def flown_side_by_side(
+    contestants: tuple[object, ...],
+    conditions: ConditionsLike | None,
+    allowed: tuple[bool, bool, float | None],
+    flights: tuple[int, int, EngineName, int],
+    endpoints: Callable[[LoadedRun], Endpoints | None] | None,
+) -> Replay:
+    """The replay of contestants, and of folders of `rans optimal`.
+
+    Args:
+        contestants: see `view`.
+        conditions: see `view`.
+        allowed: trust, guard and guard_slack of `view`.
+        flights: episodes, seed, engine and first episode of `view`.
+        endpoints: of a contestant its own start and goal; None: those of the seed.
+
+    Raises:
+        ConfigError: see `view`, or a folder has no trajectory of these episodes.
+    """
+    episodes, seed, engine, episode = flights
     count = whole("episodes", episodes)
     first = whole("episode", episode, least=0)
-    kind = None if save is None else kind_of_flights(Path(save))
-    runs = flyers(contestants, conditions, trust, guard, guard_slack)
-    endpoints = own_endpoints(start, goal, zones)
-    flights = [flown(run, count, seed, engine, first, endpoints) for run in runs]
+    folders = [each for each in contestants if _is_optimum(each)]
+    others = tuple(each for each in contestants if not _is_optimum(each))
+    runs = flyers(others, conditions, *allowed)
+    if folders and endpoints is not None:
+        raise ConfigError(
+            "start, goal and zones are for flights, and an optimum has its own: leave them out."
+        )
+    shown = [
+        flown(run, count, seed, engine, first, None if endpoints is None else endpoints(run))
+        for run in runs
+    ]
+    for folder in folders:
+        shown += _optima(Path(str(folder)), range(first, first + count))
     label = None if conditions is None else str(getattr(conditions, "description", conditions))
-    replay = Replay(flights, title_of(flights, label))
-    if save is not None and kind == "page":
-        replay.save(save)
-    elif save is not None and kind == "film":
-        replay.film(save)
-    elif save is not None:
-        from rans.show.scene.frames import save_frames
+    return Replay(shown, title_of(shown, label))
 
-        save_frames(flights[0], 0, Path(save))
-    return replay
+
+def _is_optimum(contestant: object) -> bool:
+    return isinstance(contestant, str | Path) and (Path(contestant) / "optimal.npz").is_file()
+
+
+def _optima(folder: Path, starts: range) -> list[Flight]:
+    """Optimal trajectories of a folder from these starts, flown by Drake."""
+    from rans.evaluation.compare.optima import flights
+
+    every = flights(folder)
+    results = [flight for start, flight in every if start in starts]
+    if not results:
+        numbers = ", ".join(str(start) for start, _ in every) or "none"
+        raise ConfigError(
+            f"{folder} has no trajectory of start {starts[0]}; it has those of: {numbers}."
+        )
+    return results
+
+
+def check_file_of_flights(file: Path) -> None:
+    """Refuse (`ConfigError`), before anything flies, a file that `Replay.write` does not write."""
+    if kind_of_flights(file) == "film":
+        from rans.show.scene.video import check_video
+
+        check_video(file)
 
 
 def kind_of_flights(file: Path) -> Literal["page", "film", "picture"]:

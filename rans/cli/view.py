@@ -9,17 +9,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rans.api.judging import flown
-from rans.api.pages import flyers, kind_of_flights, title_of, view
+from rans.api.pages import check_file_of_flights, flown_side_by_side, flyers, view
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.cli.states import written_endpoints
 from rans.errors import ConfigError
-from rans.terminal import Terminal, doing, progress, stages
+from rans.terminal import Terminal, doing
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
-    from rans.flight import Flight
     from rans.scenario import Endpoints
 
 
@@ -60,51 +58,30 @@ class View(Options):
             raise ConfigError(
                 f"--episode must be >= 0 and < 2^31 with all that follow, got {self.episode}."
             )
-        # The ending of the file decides what is written.
-        kind = None if self.save is None or self.play else kind_of_flights(self.save)
-        video = self.save if kind == "film" else None
-        frames = self.save if kind == "picture" else None
-        page = self.save if self.play else None
-        if page is not None and page.suffix != ".html":
-            raise ConfigError(
-                f"--play --save writes a page, whose name must end in .html, got {str(page)!r}."
-            )
         if self.play:
             self._refuse_unused()
-        if video is not None:
-            from rans.show.scene.video import check_video
-
-            check_video(video)
-        folders = [
-            contestant
-            for contestant in self.contestants
-            if (Path(contestant) / "optimal.npz").is_file()
-        ]
-        others = tuple(contestant for contestant in self.contestants if contestant not in folders)
-        # Fly, and show or write the flights.
-        runs = flyers(others, self.conditions, self.trust, self.guard, self.guard_slack)
-        if folders and (self.start or self.goal or self.zones):
-            raise ConfigError(
-                "--start, --goal and --zones are for flights, and an optimum has its own: leave them out."
+            if self.save is not None and self.save.suffix != ".html":
+                raise ConfigError(
+                    f"--play --save writes a page, whose name must end in .html, got {str(self.save)!r}."
+                )
+            runs = flyers(
+                self.contestants, self.conditions, self.trust, self.guard, self.guard_slack
             )
-        if page is not None:
-            return self._write_page(runs, page)
-        if self.play:
-            return self._play(runs)
-        flights = [
-            flown(run, self.episodes, self.seed, self.engine, self.episode, self._endpoints(run))
-            for run in runs
-        ]
-        flights += [flight for folder in folders for flight in self._optima(Path(folder))]
-        if frames is not None:
-            from rans.show.scene.frames import save_frames
-
-            save_frames(flights[0], 0, frames)
-            Terminal().say(f"Ten frames of {flights[0].controller} are in {frames}.")
-        if video is not None:
-            self._film(flights, video)
-        if kind == "page" or frames is video is None:
-            self._show(flights)
+            return self._play(runs) if self.save is None else self._write_page(runs, self.save)
+        if self.save is not None:
+            check_file_of_flights(self.save)
+        replay = flown_side_by_side(
+            self.contestants,
+            self.conditions,
+            (self.trust, self.guard, self.guard_slack),
+            (self.episodes, self.seed, self.engine, self.episode),
+            self._endpoints if self.start or self.goal or self.zones else None,
+        )
+        if self.save is not None:
+            Terminal().say(replay.write(self.save))
+            return 0
+        names = ", ".join(flight.controller for flight in replay.flights)
+        _serve(replay.html, f"{names}: shown at")
         return 0
 
     def _refuse_unused(self) -> None:
@@ -146,39 +123,6 @@ class View(Options):
         return written_endpoints(
             self.start, self.goal, run.judged.task, run.craft.dimension, self.seed, self.zones
         )
-
-    def _optima(self, folder: Path) -> list[Flight]:
-        """Optimal trajectories of the requested starts."""
-        from rans.evaluation.compare.optima import flights
-
-        last = self.episode + self.episodes
-        every = flights(folder)
-        results = [flight for start, flight in every if self.episode <= start < last]
-        if not results:
-            numbers = ", ".join(str(start) for start, _ in every) or "none"
-            raise ConfigError(
-                f"{folder} has no trajectory of start {self.episode}; it has those of: {numbers}."
-            )
-        return results
-
-    def _show(self, flights: list[Flight]) -> None:
-        from rans.show.pages.replay import replay_page
-
-        page = replay_page(flights, title_of(flights, self.conditions))
-        names = ", ".join(flight.controller for flight in flights)
-        if self.save is None:
-            _serve(page.html, f"{names}: shown at")
-            return
-        page.write(self.save)
-        Terminal().say(f"{self.save} replays {names} in any browser.")
-
-    def _film(self, flights: list[Flight], file: Path) -> None:
-        from rans.show.scene.video import save_video
-
-        with progress() as bars:
-            save_video(flights, file, stages(bars))
-        names = dict.fromkeys(flight.controller for flight in flights)
-        Terminal().say(f"{file} is a video of {', '.join(names)}.")
 
 
 def _serve(page: Callable[[], str], words: str, answer: Callable[[Any], Any] | None = None) -> None:

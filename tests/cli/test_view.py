@@ -42,7 +42,7 @@ def test_a_replay_is_saved(engine: str, capsys: pytest.CaptureFixture[str]) -> N
     arguments = ["lqr:go-to-pose-2d", "lqr:go-to-pose-3d", "--episodes", "2", "--engine", engine]
     assert main(["view", *arguments, "--save", "replay.html"]) == 0
     printed = capsys.readouterr().out
-    assert printed.startswith("replay.html replays LQR, LQR in any browser.\n")
+    assert printed.startswith("replay.html replays LQR in any browser.\n")
     assert Path("replay.html").stat().st_size < 5e5
     assert (
         "<title>go-to-pose, floating-platform and free-flyer</title>"
@@ -95,7 +95,8 @@ def test_optimal_trajectories_are_shown(
     asked = ["go-to-pose", "--episodes", "2", "--output", "best"]
     assert main(["optimal", *asked]) == 0
     shown: list[Any] = []
-    monkeypatch.setattr("rans.cli.view.View._show", lambda _, flights: shown.extend(flights))
+    monkeypatch.setattr("rans.api.pages.Replay.html", lambda replay: shown.extend(replay.flights))
+    monkeypatch.setattr("rans.cli.view._serve", lambda page, *_: page())
     assert main(["view", "lqr:go-to-pose-2d", "best", "--episode", "1"]) == 0
     assert [flight.engine for flight in shown] == ["fast", "drake"]
     task = GoToPose().for_evaluation()
@@ -110,7 +111,8 @@ def test_optimal_trajectories_are_shown(
 def test_one_episode_of_a_seed_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beside the first, a controller by its name flies the same craft from the same start."""
     shown: list[Any] = []
-    monkeypatch.setattr("rans.cli.view.View._show", lambda _, flights: shown.extend(flights))
+    monkeypatch.setattr("rans.api.pages.Replay.html", lambda replay: shown.extend(replay.flights))
+    monkeypatch.setattr("rans.cli.view._serve", lambda page, *_: page())
     assert main(["view", "lqr:go-to-pose-2d@atmos", "mpc", "--episode", "5", "--seed", "7"]) == 0
     craft = load_spacecraft("atmos")
     task = GoToPose().for_evaluation()
@@ -228,7 +230,10 @@ def test_every_option_reaches_the_flights(
         controller: Any, _: Any, *given: Any, first: int, endpoints: Any, **others: Any
     ) -> Any:
         asked.append((controller.name, *given, first, endpoints.goal.p.x))
-        return SimpleNamespace(flight=SimpleNamespace(controller=controller.name))
+        flight = SimpleNamespace(
+            controller=controller.name, task=GoToPose(), craft=load_spacecraft("floating-platform")
+        )
+        return SimpleNamespace(flight=flight)
 
     monkeypatch.setattr("rans.evaluation.fly.episodes.fly_episodes", flown)
     monkeypatch.setattr("rans.show.scene.frames.save_frames", lambda *given: framed.append(given))

@@ -1,13 +1,11 @@
-"""Is 25 s of closed loop accurate for any craft? Random stiff ones against SciPy's DOP853.
+"""Random stiff craft in 25 s of closed loop, beside SciPy's DOP853.
 
-``python -m campaigns.accuracy --count 200``: each craft is drawn, written to a file and read again, flown
-with the substeps that are chosen for it (`rans.model.accuracy`), and its commands are integrated once more by
-equations of this file's own.
+Each craft is drawn, written to a file and read again, flown with the substeps that are chosen for it
+(`rans.model.accuracy`), and its commands are integrated once more by equations of this file's own.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import math
 import warnings
@@ -263,29 +261,3 @@ def _spatial(craft: Spacecraft) -> Callable[[np.ndarray], Any]:
         return rate
 
     return motion
-
-
-def main() -> None:
-    """Print a line per craft and the worst."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=200)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--flights", type=int, default=1)
-    given = parser.parse_args()
-    rows = []
-    for number in range(given.first, given.first + given.count):
-        rows.append(row(number, given.flights))
-        print(rows[-1], flush=True)  # noqa: T201
-    steady = [r for r in rows if not r.warned]
-    print(  # noqa: T201
-        f"{len(rows)} craft, {len(rows) - len(steady)} too fast for their period. Worst, "
-        f"bound {BOUND:g}: {_worst(steady)}; with those too fast {_worst(rows)}."
-    )
-
-
-def _worst(rows: list[Row]) -> str:
-    return f"{max(r.position for r in rows):.1e} m, {max(r.attitude for r in rows):.1e} rad"
-
-
-if __name__ == "__main__":
-    main()

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from campaigns.accuracy import BOUND, integrated, random_craft, row
 from rans.flight import fly
 from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
+from tests.support.stiff_crafts import BOUND, integrated, random_craft, row
 from validation.study.sampling import Restless, gap
 
 
