@@ -40,7 +40,7 @@ def written(network: Sequence[Layer], file: Path) -> Path:
     from onnx import TensorProto, helper, numpy_helper
 
     nodes, tables, name = [], [], "x"
-    for k, (weight, bias, activation) in enumerate(network):
+    for k, (weight, bias, activation, _) in enumerate(network):
         tables += [
             numpy_helper.from_array(weight.T.astype(np.float32), f"w{k}"),
             numpy_helper.from_array(bias.astype(np.float32), f"b{k}"),

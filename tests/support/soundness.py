@@ -99,7 +99,7 @@ class Checker:
     def _layers(self, network: Sequence[Layer]) -> Any:
         return [
             (self.balls.matrix(weight), self._column(bias), activation.capitalize())
-            for weight, bias, activation in network
+            for weight, bias, activation, _ in network
         ]
 
     def lines(self, low: float, high: float, kind: str) -> tuple[float, float, float]:
@@ -157,17 +157,13 @@ class Checker:
         flint.ctx.cap = 1
         series = flint.arb_series
         variables = [
-            self.check.Sloped(
-                series([c]), series([self._arb(c, r)]), [series([int(i == k)]) for i in range(2)]
-            )
+            self.check.Sloped(series([c]), series([self._arb(c, r)]), {k: series([1])})
             for k, (c, r) in enumerate(zip(centre.tolist(), radius.tolist(), strict=True))
         ]
         value = self.check.formula(text, ["x0", "x1"])(variables)
         sums = [
             value.at[0]
-            + sum(
-                (p[0] * self._arb(x) for p, x in zip(value.slopes, row, strict=True)), self._arb(0)
-            )
+            + sum((p[0] * self._arb(row[k]) for k, p in value.slopes.items()), self._arb(0))
             for row in (signs * radius).tolist()
         ]
         over = float(value.over[0].lower()), float(value.over[0].upper())
@@ -251,7 +247,7 @@ class Prover:
         """Gain, offset and error; the last generators are a box where they are one."""
         tensors = [
             self.relaxation.TorchLayer(self.torch.tensor(w), self.torch.tensor(b), kind)
-            for w, b, kind in network
+            for w, b, kind, _ in network
         ]
         count = len(states.centre)
         box = states.generators[:, -count:]
@@ -335,7 +331,7 @@ Bounds = Checker | Prover
 
 def answers(network: Sequence[Layer], states: np.ndarray) -> np.ndarray:
     """Answers (N, outputs) to states (N, inputs)."""
-    for weight, bias, activation in network:
+    for weight, bias, activation, _ in network:
         states = BENDS[activation](np.einsum("oi,ni->no", weight, states) + bias)
     return states
 
@@ -374,7 +370,7 @@ def enclosures(bounds: Bounds) -> None:
     ):
         network = [
             Layer(weight, 2.0 * bias, activation)
-            for weight, bias, activation in random_layers(sizes, len(sizes), kind, 1.5)
+            for weight, bias, activation, _ in random_layers(sizes, len(sizes), kind, 1.5)
         ]
         if len(sizes) == 3:  # a last layer that does not bend
             network[-1] = network[-1]._replace(activation="")
@@ -997,7 +993,7 @@ def readings(bounds: Checker) -> None:
         )
         layers = [
             Layer(bounds._array(weight), bounds._array(bias)[:, 0], kind.lower())
-            for weight, bias, kind in bounds.check.layers_of(content, (-1.0, -1.0), (1.0, 1.0))
+            for weight, bias, kind, _ in bounds.check.layers_of(content, (-1.0, -1.0), (1.0, 1.0))
         ]
         np.testing.assert_allclose(answers(layers, states.astype(float)), true, atol=1e-5)
 

@@ -53,7 +53,7 @@ ROWS = {
     "nav-set": Row(HERE / "nav-set.toml", "d8220afa931b3e3b"),
     "nav-point": Row(HERE / "nav-point.toml", "cc356922a0842e5f"),
     "balancing": Row(HERE / "balancing.toml", "ac10c817c994e8ee"),
-    "quad": Row(HERE / "quad.toml", "10e511efa754e128"),
+    "quad": Row(HERE / "quad.toml", "10e511efa754e128", 2),
     "airplane": Row(HERE / "airplane.toml", "655ba1e82d676373"),
     "attitude": Row(EXAMPLES / "attitude.toml", "5d819b007f6d6807"),
     "docking": Row(EXAMPLES / "docking.toml", "cc46c45e5ee7a0a5", 4),

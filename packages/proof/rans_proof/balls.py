@@ -7,7 +7,7 @@ arithmetic", 2017). Nothing here is used by the provers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from flint import arb, arb_mat
@@ -101,33 +101,55 @@ def _rectified(z: Any) -> Any:
     return arb(0) if z <= 0 else z
 
 
+class Layer(NamedTuple):
+    """Layer y = bend(weight x + bias)."""
+
+    weight: Any
+    bias: Any
+    kind: str
+    """Tanh, Sigmoid, Relu, or "" for none."""
+    machine: tuple[Any, Any, Any] | None = None
+    """What a machine's sums err by, at most factors |x| + shift, and its bends; None: they are exact."""
+
+
 def network_enclosure(
-    layers: Sequence[tuple[Any, Any, str]], centre: Any, spread: Any
+    layers: Sequence[tuple[Any, ...]], centre: Any, spread: Any
 ) -> tuple[Any, Any, list[Any]]:
-    """Planes around a network's answers to the states x = c + G s, |s| <= 1.
+    """Planes around a network's answers to the states x = c + G s, |s| <= 1, as a machine computes them.
 
     What a layer gives is gain x + offset + noise e with |e| <= 1: each activation lies between two parallel lines
-    over the range of its argument (`parallel`), and half their distance is a noise of its own.
+    over the range of its argument (`parallel`), and half their distance is a noise of its own, with the rounding of
+    its argument times their slope.
 
     Args:
-        layers: weight, bias and activation of each.
+        layers: values of `Layer`.
         centre: c, (n, 1).
         spread: G, (n, k).
 
     Returns:
         Gain, offset and errors: the answers lie in gain x + offset +- errors.
     """
-    gain = diagonal([arb(1)] * centre.nrows())
-    offset = arb_mat(centre.nrows(), 1)
-    noise = arb_mat(centre.nrows(), 0)
-    for weight, bias, kind in layers:
+    count = centre.nrows()
+    gain, offset, noise = diagonal([arb(1)] * count), arb_mat(count, 1), arb_mat(count, 0)
+    largest = [abs(c) + r for c, r in zip(centre.entries(), absolute_row_sums(spread), strict=True)]
+    for layer in layers:
+        weight, bias, kind, machine = Layer(*layer)
         gain, offset, noise = weight * gain, weight * offset + bias, weight * noise
+        factors, shift, of_bend = machine or (0 * weight, 0 * bias, arb(0))
+        off = (factors * column(largest) + shift).entries()
         if not kind:
+            noise = side_by_side(noise, diagonal(off))
             continue
         middles = (gain * centre + offset).entries()
-        reach = absolute_row_sums(side_by_side(gain * spread, noise))
+        reach = absolute_row_sums(side_by_side(gain * spread, noise, diagonal(off)))
         lines = [parallel(m - r, m + r, kind) for m, r in zip(middles, reach, strict=True)]
         slopes, middle, half = zip(*lines, strict=True)
+        half = [h + abs(s) * o + of_bend for h, s, o in zip(half, slopes, off, strict=True)]
         gain, noise = scaled(slopes, gain), side_by_side(scaled(slopes, noise), diagonal(half))
         offset = scaled(slopes, offset) + column(middle)
+        # Between the lines, whose slopes are not negative, lie the answers.
+        largest = [
+            s * (abs(m) + r) + abs(a) + h
+            for s, m, r, a, h in zip(slopes, middles, reach, middle, half, strict=True)
+        ]
     return gain, offset, absolute_row_sums(noise)

@@ -17,6 +17,7 @@ Every number is an interval of FLINT, so that no rounding is argued about. It ne
 from __future__ import annotations
 
 import ast
+import contextlib
 import functools
 import hashlib
 import json
@@ -33,6 +34,7 @@ from onnx import numpy_helper
 from onnx.reference import ReferenceEvaluator
 
 from rans_proof.balls import (
+    Layer,
     Refused,
     absolute_row_sums,
     column,
@@ -40,7 +42,6 @@ from rans_proof.balls import (
     matrix,
     need,
     network_enclosure,
-    scaled,
     side_by_side,
     sizes,
 )
@@ -53,12 +54,15 @@ _STATES, _UNITS, _NODES = 16, 1024, 100
 """Largest numbers of states, of numbers between two operations of a network, and of its operations."""
 _SAMPLES = 1000
 """States on which layers are compared with onnx.reference; it takes half a second."""
-_PART = 1e-4
-"""Largest difference, a part of the largest answer to the states around the starts, whatever a command's unit is.
-Single precision errs by some 1e-6 of it."""
+_DEVIATIONS = 4
+"""Largest difference, in standard deviations of the rounding, which are estimated from above."""
+_BEND_UNITS = 8
+"""Units of rounding that activations err by at most."""
+_TINY = 1e-30
+"""Added to a sum's size, since products below the least normal number of single precision may become 0."""
 _TERMS = 6
 """Terms of a step's series in time; the next one is its rest."""
-_COARSE, _FINE = 0.01, 1e-8
+_COARSE, _FINE = 5e-5, 1e-8
 """Parts of a state's spread and of its size that the rest of a step may add; a step that adds more is halved."""
 _HALVINGS = 10
 """A period is halved so often at most."""
@@ -313,7 +317,7 @@ def statement(problem: dict[str, Any]) -> str:
     commands = ", ".join(f"u{i}" for i in range(problem["commands"]))
     period, steps, begins = problem["period"], problem["steps"], problem.get("begins", 0)
     begin, last = (f"{n * period:.10g}" for n in (begins, steps))
-    held = f"computed exactly and held for {_digits(period)} s each"
+    held = f"rounded as its file computes, and held for {_digits(period)} s each"
     lines = [
         "plant: " + ", ".join(f"x{i}' = {rate}" for i, rate in enumerate(rates)),
         f"commands: {commands} = network({taken}), {held}",
@@ -406,7 +410,7 @@ def layers_of(content: bytes, low: tuple[float, ...], high: tuple[float, ...]) -
         layers, name, shape, precision = _chain(model)
     except (ValueError, TypeError, IndexError, OverflowError, RuntimeError) as error:
         raise Refused(f"its network is damaged, or its shapes do not fit: {error}.") from error
-    numbers = [x for weight, bias, _ in layers for x in (*weight.entries(), *bias.entries())]
+    numbers = [x for layer in layers for m in layer[:2] for x in m.entries()]
     need(all(x.is_finite() for x in numbers), "its network has a weight that is not finite.")
     width = layers[0][0].ncols()
     need(
@@ -444,9 +448,10 @@ def _chain(model: Any) -> tuple[list[Any], str, tuple[int, ...], Any]:
     first = shape = (1, *axes[1:])
     data = free[0].name
     names = {"", data, *constants}
-    # Linear operations that follow one another are one layer, which ends with an activation.
+    # Linear operations that follow one another are one layer, which ends with an activation: matrix and shift,
+    # those of the sizes of its terms, and how often a term is rounded.
     layers: list[Any] = []
-    linear: tuple[Any, Any] | None = None
+    linear: list[Any] = []
     for node in graph.node:
         operands = list(node.input)
         while operands and not operands[-1]:  # the last ones may be left out
@@ -466,13 +471,19 @@ def _chain(model: Any) -> tuple[list[Any], str, tuple[int, ...], Any]:
                 linear,
                 f"its network has the activation {node.op_type!r} without weights before it.",
             )
-            layers.append((*(linear or ()), node.op_type))
-            linear = None
+            layers.append(_rounded(linear, node.op_type, precision))
+            linear = []
         else:
             is_same = node.op_type == "Reshape" or all(w.dtype == precision for w in weights)
             need(is_same, "its network has a weight in another precision.")
             position = operands.index(data)
-            shape, linear = _after(node.op_type, shape, position, weights, attributes, linear)
+            size = math.prod(shape)
+            shape, table, shift = _after(node.op_type, shape, position, weights, attributes)
+            if table is not None:
+                before = linear or [diagonal([arb(1)] * size), arb_mat(size, 1)] * 2 + [1]
+                rows, tiny = sizes(table), column([arb(_TINY)] * table.nrows())
+                linear = [table * before[0], table * before[1] + shift, rows * before[2]]
+                linear += [rows * before[3] + sizes(shift) + tiny, before[4] + size + 3]
             need(
                 math.prod(shape) <= _UNITS, f"its network has {math.prod(shape)} numbers in a row."
             )
@@ -480,8 +491,8 @@ def _chain(model: Any) -> tuple[list[Any], str, tuple[int, ...], Any]:
         data = node.output[0]
         names.add(data)
     need(graph.output[0].name == data, "its network's output is not that of its last operation.")
-    if linear is not None:
-        layers.append((*linear, ""))
+    if linear:
+        layers.append(_rounded(linear, "", precision))
     need(layers, "its network has no layer.")
     return layers, free[0].name, first, precision
 
@@ -492,9 +503,8 @@ def _after(
     position: int,
     weights: list[np.ndarray],
     attributes: dict[str, Any],
-    before: tuple[Any, Any] | None,
-) -> tuple[tuple[int, ...], tuple[Any, Any] | None]:
-    """Shape after a linear operation, and the matrix and shift of it and those before it (None: none).
+) -> tuple[tuple[int, ...], Any, Any]:
+    """Shape after a linear operation, and its matrix and shift, or None twice where numbers stay as they are.
 
     Args:
         kind: name of the operation.
@@ -502,7 +512,6 @@ def _after(
         position: of what it takes among its operands.
         weights: its other operands.
         attributes: each with an allowed value.
-        before: matrix and shift of the operations before it.
     """
     size = math.prod(shape)
     match kind, weights:
@@ -531,22 +540,31 @@ def _after(
                 "Mul": (values, zeros),
                 "Div": ([1 / x for x in values], zeros),
             }[kind]
-            if before is None:
-                return shape, (diagonal(factors), column(shift))
-            return shape, (scaled(factors, before[0]), scaled(factors, before[1]) + column(shift))
+            table, shift = diagonal(factors), column(shift)
         case "Flatten", []:
-            return (1, size), before
+            return (1, size), None, None
         case "Reshape", [axes] if position == 0 and axes.dtype == np.int64 and axes.ndim == 1:
             target = [shape[k] if axis == 0 else int(axis) for k, axis in enumerate(axes)]
             after = np.zeros(shape, np.int8).reshape(target).shape
             need(len(after) > 1 and after[0] == 1, "its network has a Reshape that parts a state.")
-            return after, before
+            return after, None, None
         case _:
             raise Refused(f"its network has an operation that is not read: {kind!r}.")
     need(table.ncols() == size, f"its network has a {kind!r} of {table.ncols()} inputs for {size}.")
-    if before is None:
-        return shape, (table, shift)
-    return shape, (table * before[0], table * before[1] + shift)
+    return shape, table, shift
+
+
+def _rounded(linear: Sequence[Any], kind: str, precision: Any) -> Layer:
+    """A layer, with what a machine of a precision makes of it.
+
+    A sum of products, each of which is rounded n times at most, errs by 1 / (1 - n u) - 1 of the sum of their
+    sizes, in any order (Higham, "Accuracy and stability of numerical algorithms", 3.1).
+    """
+    table, shift, of_table, of_shift, count = linear
+    unit = arb(float(np.finfo(precision).eps)) / 2
+    part = 1 / (1 - count * unit) - 1
+    bends = _BEND_UNITS * unit if kind in ("Tanh", "Sigmoid") else arb(0)
+    return Layer(table, shift, kind, (of_table * part, of_shift * part, bends))
 
 
 def _compare(
@@ -565,10 +583,10 @@ def _compare(
     away = random.normal(size=close.shape) * 10.0 ** random.uniform(-3.0, 4.0, (len(close), 1))
     away = away * (np.maximum(np.abs(low), np.abs(high)) + wide)
     states = np.concatenate([close, away]).astype(precision)
-    # Answers of both; also how large the numbers are that each answer is a sum of, for its rounding.
+    # Answers of both, and the standard deviations of the rounding, a part of its bounds: errors of n terms add up
+    # to some sqrt(n) of one, and those of units to the root of their squares' sum.
     x = states.astype(float).T
-    unit = float(np.finfo(np.float32).eps)
-    rounding = np.zeros_like(x)
+    deviations = np.zeros_like(x)
     bends: dict[str, Callable[[Any], Any]] = {
         "Tanh": np.tanh,
         "Sigmoid": lambda z: (1 + np.tanh(z / 2)) / 2,
@@ -576,12 +594,18 @@ def _compare(
         "": lambda z: z,
     }
     for layer in layers:
-        table, shift = (
-            np.array([[float(e.mid()) for e in r] for r in m.tolist()]) for m in layer[:2]
+        table, shift, factors, constants = (
+            np.array([[float(e.mid()) for e in r] for r in m.tolist()])
+            for m in (*layer[:2], *layer.machine[:2])
         )
-        rounding = abs(table) @ rounding + unit * (abs(table) @ abs(x) + abs(shift))
-        x = bends[layer[2]](table @ x + shift)
-        rounding = rounding + unit * abs(x)
+        bend, of_bend = bends[layer.kind], float(layer.machine[2]) / 2
+        single = (factors @ abs(x) + constants) / math.sqrt(table.shape[1])
+        deviations = np.hypot(np.sqrt(table**2 @ deviations**2), single)
+        z = table @ x + shift
+        x = bend(z)
+        # How far a bend passes them on.
+        passed = abs(bend(z + deviations) - x) + abs(bend(z - deviations) - x)
+        deviations = np.hypot(passed / (1 + (layer.kind != "Relu")), of_bend)
     try:
         evaluator = ReferenceEvaluator(model)
         with np.errstate(all="ignore"):  # its sigmoid overflows on the way to a right answer
@@ -589,12 +613,11 @@ def _compare(
         difference = abs(np.array([np.ravel(y) for (y,) in runs], dtype=float).T - x)
     except Exception as error:  # of the evaluator anything
         raise Refused("its network cannot be evaluated by onnx.reference.") from error
-    count = len(close)
-    bound = np.repeat(_PART * abs(x[:, :count]).max(axis=1, keepdims=True), len(states), axis=1)
-    bound[:, count:] += _PART * abs(x[:, count:]) + 8 * rounding[:, count:]
+    bound = _DEVIATIONS * deviations
     worst = float(np.nan_to_num(difference, nan=np.inf).max())
+    is_fine = (bound.max(axis=1) <= abs(x).max(axis=1) + 1e-6).all()  # a bend errs by less
     need(
-        (difference <= bound).all(),
+        is_fine and (difference <= bound).all(),
         f"its network answers otherwise by {worst:.2g} in onnx.reference than as it was read, or single precision "
         "is too coarse for its weights.",
     )
@@ -653,9 +676,9 @@ def formula(text: str, names: Sequence[str]) -> Formula:
 
 
 class Sloped:
-    """Series of a function of the state: at the centre, over the set, and its slopes by every variable."""
+    """Series of a function of the state: at the centre, over the set, and its slopes by the variables in it."""
 
-    def __init__(self, at: Any, over: Any, slopes: list[Any]) -> None:
+    def __init__(self, at: Any, over: Any, slopes: dict[int, Any]) -> None:
         self.at = at
         self.over = over
         self.slopes = slopes
@@ -665,22 +688,26 @@ class Sloped:
         if isinstance(other, Sloped):
             return other
         constant = arb_series([other])
-        return Sloped(constant, constant, [arb_series([0])] * len(self.slopes))
+        return Sloped(constant, constant, {})
 
     def __add__(self, other: Any) -> Sloped:
         b = self.of(other)
-        slopes = [p + q for p, q in zip(self.slopes, b.slopes, strict=True)]
+        slopes = self.slopes | {
+            k: self.slopes[k] + q if k in self.slopes else q for k, q in b.slopes.items()
+        }
         return Sloped(self.at + b.at, self.over + b.over, slopes)
 
     def __mul__(self, other: Any) -> Sloped:
         b = self.of(other)
-        slopes = [p * b.over + self.at * q for p, q in zip(self.slopes, b.slopes, strict=True)]
+        slopes = {k: p * b.over for k, p in self.slopes.items()}
+        for k, q in b.slopes.items():
+            slopes[k] = slopes[k] + self.at * q if k in slopes else self.at * q
         return Sloped(self.at * b.at, self.over * b.over, slopes)
 
     __radd__, __rmul__ = __add__, __mul__
 
     def __neg__(self) -> Sloped:
-        return Sloped(-self.at, -self.over, [-p for p in self.slopes])
+        return Sloped(-self.at, -self.over, {k: -p for k, p in self.slopes.items()})
 
     def __sub__(self, other: Any) -> Sloped:
         return self + -self.of(other)
@@ -702,7 +729,7 @@ class Sloped:
         at, first, _ = function(self.at)
         over, _, second = function(self.over)
         slope = first + (self.over - self.at) * second * arb("0.5")
-        return Sloped(at, over, [slope * p for p in self.slopes])
+        return Sloped(at, over, {k: slope * p for k, p in self.slopes.items()})
 
     def sin(self) -> Sloped:
         """See `_FUNCTIONS`, as for the others."""
@@ -730,10 +757,10 @@ def _linear(text: str, names: Sequence[str]) -> list[Any]:
     """Factors of names in a formula, and its constant as the last one; a formula that is not linear is refused."""
     ctx.cap = 1
     zero, wide = arb_series([0]), arb_series([arb(0, 1e30)])
-    unit = [[arb_series([int(i == k)]) for i in range(len(names))] for k in range(len(names))]
-    variables = [Sloped(zero, wide, row) for row in unit]
+    variables = [Sloped(zero, wide, {k: arb_series([1])}) for k in range(len(names))]
     result = variables[0].of(formula(text, names)(variables))
-    row = [*(p[0] for p in result.slopes), result.at[0]]
+    row = [result.slopes[k][0] if k in result.slopes else arb(0) for k in range(len(names))]
+    row.append(result.at[0])
     is_linear = all(x.is_finite() and x.rad() <= 1e-15 * (1 + abs(x.mid())) for x in row)
     need(is_linear, f"its formula {text[:80]!r} is no linear function of the state.")
     return row
@@ -753,7 +780,7 @@ class Plant:
         names = [f"x{i}" for i in range(len(rates))] + [f"u{i}" for i in range(commands)]
         self._rates = [formula(text, names) for text in rates]
         self._period = arb(period)
-        self._halvings = self._periods = 0
+        self.halvings = self._periods = 0
 
     def move(
         self, centre: Any, spread: Any, gain: Any, offset: Any, errors: Sequence[Any]
@@ -777,32 +804,31 @@ class Plant:
         pieces: list[tuple[Any, Any, list[Any]]] = []
         self._periods += 1
         if self._periods % 8 == 0:  # the motion may have become slower
-            self._halvings = max(0, self._halvings - 1)
-        while len(pieces) < 2**self._halvings:
-            end, sag = self._step(middle, wide, self._period / 2**self._halvings)
-            if sag is None:  # again, in shorter steps
-                self._halvings += 1
-                need(self._halvings <= _HALVINGS, "its motion has no bound within a Taylor step.")
+            self.halvings = max(0, self.halvings - 1)
+        while len(pieces) < 2**self.halvings:
+            step: Any = None
+            with contextlib.suppress(ValueError):  # FLINT's division by a ball round 0
+                step = self._step(middle, wide, self._period / 2**self.halvings)
+            if step is None:  # again, in shorter steps
+                self.halvings += 1
+                need(self.halvings <= _HALVINGS, "its motion has no bound within a Taylor step.")
                 middle, wide, pieces = *first, []
                 continue
             begin = column(middle[:n]), arb_mat(wide.tolist()[:n])
-            middle, wide = end
+            (middle, wide), sag = step
             pieces.append((begin, (column(middle[:n]), arb_mat(wide.tolist()[:n])), sag))
         return pieces
 
-    def _step(self, middle: list[Any], wide: Any, h: Any) -> tuple[Any, Any]:
+    def _step(self, middle: list[Any], wide: Any, h: Any) -> tuple[Any, Any] | None:
         """Set after a step and its sag, or None if the step is too long."""
         n = self._count
         widths = absolute_row_sums(wide)
         balls = [_ball(c.mid(), w + c.rad()) for c, w in zip(middle, widths, strict=True)]
-        try:
-            during = self.during(balls, h)
-            if during is None:
-                return None, None
-            ctx.cap = _TERMS + 1  # a series ends where the cap was when it was made
-            rough = self._series([arb_series([x]) for x in during], _TERMS)
-        except ValueError:  # FLINT's division by a ball round 0
-            return None, None
+        during = self.during(balls, h)
+        if during is None:
+            return None
+        ctx.cap = _TERMS + 1  # a series ends where the cap was when it was made
+        rough = self._series([arb_series([x]) for x in during], _TERMS)
         # The next term over all of the motion is the rest of the series, and x'' h^2 / 8 the sag.
         rest = [abs(x[_TERMS] * h**_TERMS).upper() for x in rough]
         allowed = [
@@ -810,27 +836,35 @@ class Plant:
             for w, x in zip(widths, balls, strict=True)
         ]
         if not all(r.is_finite() and r < a.upper() for r, a in zip(rest, allowed, strict=False)):
-            return None, None
+            return None
         sag = [(h * h / 4 * abs(x[2])).upper() for x in rough]
         # f(z) is in f(c) + slopes (z - c), whose uncertain part is an error.
         ctx.cap = _TERMS
-        unit = [[arb_series([int(i == k)]) for i in range(len(balls))] for k in range(len(balls))]
         start = [
-            Sloped(arb_series([c.mid()]), arb_series([x]), row)
-            for c, x, row in zip(middle, balls, unit, strict=True)
+            Sloped(arb_series([c.mid()]), arb_series([x]), {k: arb_series([1])})
+            for k, (c, x) in enumerate(zip(middle, balls, strict=True))
         ]
         series = self._series(start, _TERMS - 1)
         after = [_sum(x.at, h) for x in series]
-        slopes = arb_mat([[_sum(p, h) for p in x.slopes] for x in series])
+        slopes = arb_mat(
+            [
+                [_sum(x.slopes[k], h) if k in x.slopes else arb(0) for k in range(len(balls))]
+                for x in series
+            ]
+        )
         fixed = arb_mat([[x.mid() for x in row] for row in slopes.tolist()])
         loose = arb_mat([[arb(x.rad()) for x in row] for row in slopes.tolist()])
         reach = column([w + arb(c.rad()) for w, c in zip(widths, middle, strict=True)])
         of_centre = (sizes(fixed) * column([arb(c.rad()) for c in middle])).entries()
+        moved = [[*row] for row in (fixed * wide).tolist()]
+        # The balls' own radii, which would grow from step to step, are errors, too.
         off = [
-            a + b + r + arb(x.rad())
-            for a, b, r, x in zip((loose * reach).entries(), of_centre, rest, after, strict=True)
+            a + b + r + arb(x.rad()) + sum((arb(y.rad()) for y in row), arb(0))
+            for a, b, r, x, row in zip(
+                (loose * reach).entries(), of_centre, rest, after, moved, strict=True
+            )
         ]
-        moved = arb_mat((fixed * wide).tolist() + wide.tolist()[n:])
+        moved = arb_mat([[y.mid() for y in row] for row in moved] + wide.tolist()[n:])
         extra = arb_mat(diagonal(off).tolist() + [[arb(0)] * n] * (len(middle) - n))
         return ([x.mid() for x in after] + middle[n:], side_by_side(moved, extra)), sag
 
@@ -854,25 +888,29 @@ class Plant:
             return [x + arb(0).union(h) * r for x, r in zip(balls, rates, strict=False)]
 
         guess = balls
-        for _ in range(2):
+        for _ in balls:  # states that follow from exact ones, one by one, need as many guesses
             guess = [
                 _ball(x.mid(), x.rad() * arb("1.1") + abs(x) * arb(1e-9) + arb(1e-12))
                 for x in moved(guess)
             ] + balls[self._count :]
-        is_held = all(x.contains_interior(y) for x, y in zip(guess, moved(guess), strict=False))
-        return guess if is_held else None
+            way = moved(guess)
+            if all(x.contains_interior(y) for x, y in zip(guess, way, strict=False)):
+                # The motion is within what a box that holds it is moved to, and in that of this.
+                return moved(way + balls[self._count :]) + balls[self._count :]
+        return None
 
 
 def reduced(centre: Any, spread: Any) -> tuple[Any, Any]:
     """A set around another one, in which the least columns of the spread are replaced by a box."""
     rows, columns = spread.nrows(), spread.ncols()
-    kept = max(_KEPT, 5 * rows)
+    kept = max(_KEPT, 10 * rows)
     if columns <= kept + rows:
         return centre, spread
     table = spread.tolist()
     scale = [float(w.upper()) or 1.0 for w in absolute_row_sums(spread)]
     sizes = [[abs(float(x.mid())) / s for x in row] for row, s in zip(table, scale, strict=True)]
-    order = sorted(range(columns), key=lambda k: -sum(row[k] for row in sizes))
+    # A column along one state is a part of a box already, so that the second largest part says what is lost.
+    order = sorted(range(columns), key=lambda k: sorted(row[k] for row in sizes)[-2:][0])[::-1]
     box = [sum((abs(row[k]) for k in order[kept:]), arb(0)) for row in table]
     left = arb_mat([[row[k] for k in order[:kept]] for row in table])
     return centre, side_by_side(left, diagonal(box))
@@ -891,7 +929,8 @@ def _integral(start: Any, rate: Any) -> Any:
     """Integral of a rate by time, from the first term of a series."""
     if isinstance(start, Sloped):
         rate = start.of(rate)
-        slopes = [p + q.integral() for p, q in zip(start.slopes, rate.slopes, strict=True)]
+        slopes = {k: q.integral() for k, q in rate.slopes.items()}
+        slopes |= {k: p + slopes[k] if k in slopes else p for k, p in start.slopes.items()}
         return Sloped(start.at + rate.at.integral(), start.over + rate.over.integral(), slopes)
     return start + (rate if isinstance(rate, arb_series) else arb_series([rate])).integral()
 
@@ -1042,6 +1081,7 @@ class Loop:
 
     def _pieces(self, centre: Any, spread: Any) -> Iterator[tuple[int, bool, Any, Any, Any]]:
         """Pieces of flights: control period, whether it ends with the piece, begin, end and sag."""
+        self._plant.halvings = 0
         for number in range(self._problem["steps"]):
             pieces = self._plant.move(centre, spread, *self._commands(centre, spread))
             for begin, end, sag in pieces:
@@ -1058,7 +1098,10 @@ class Loop:
 
     def margin(self, cell: Any, depth: int = 0) -> float:
         """Margin over all times of the flights from a cell, which is halved ``depth`` times at most."""
-        margin = self._margin(*_set(cell))
+        try:
+            margin = self._margin(*_set(cell))
+        except Refused:  # of a motion without a bound
+            margin = -math.inf
         if margin > 0.0 or not depth:
             return margin
         # Halves along the state that is widest as a part of its starts, until one is refused.

@@ -15,7 +15,7 @@ from rans_proof.motion import TaylorPlant
 from rans_proof.network import Layer
 from rans_proof.plants import LinearPlant, Piece, Plant
 from rans_proof.problem import Avoid, HalfSpaces, KeepOut, Problem, SpeedLimit, StayIn, Within
-from rans_proof.relaxation import TorchLayer, Zonotope, enclose
+from rans_proof.relaxation import Rounding, TorchLayer, Zonotope, enclose
 
 _DIRECTIONS = 64
 """Directions of a speed: their polygon is outside the circle by a factor of 1 / cos(pi / 64), 0.12 %."""
@@ -148,9 +148,9 @@ def _proof(
 
 
 def _grid(problem: Problem, first: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (N, n) of equal cells; neighbours share their edges bit for bit."""
+    """Corners (N, n) of equal cells; neighbours share their edges bit for bit, and a state of one value has one."""
     edges = [
-        np.append(low + (high - low) * (np.arange(count) / count), high)
+        np.append(low + (high - low) * (np.arange(count) / count), high)[-2 if low == high else 0 :]
         for low, high, count in zip(problem.lower, problem.upper, first, strict=True)
     ]
     lows = np.meshgrid(*(edge[:-1] for edge in edges), indexing="ij")
@@ -216,19 +216,33 @@ class ClosedLoop:
         if inputs is not None:  # they are a part of the first layer
             first = layers[0]
             bias = first.weight @ inputs[1] + first.bias
-            layers = [Layer(first.weight @ inputs[0], bias, first.activation), *layers[1:]]
-        self._layers = [
-            TorchLayer(
-                torch.tensor(layer.weight, dtype=torch.float64, device=device),
-                torch.tensor(layer.bias, dtype=torch.float64, device=device),
-                layer.activation,
-            )
-            for layer in layers
-        ]
+            rounding = first.rounding
+            if rounding is not None:
+                sizes = [np.abs(part) for part in inputs]
+                of_bias = rounding.weight @ sizes[1] + rounding.bias
+                rounding = rounding._replace(weight=rounding.weight @ sizes[0], bias=of_bias)
+            joined = Layer(first.weight @ inputs[0], bias, first.activation, rounding)
+            layers = [joined, *layers[1:]]
+        self._layers = [self._on_device(layer) for layer in layers]
         plant = TaylorPlant if problem.linear() is None else LinearPlant
         self._plant: Plant = plant(problem, device)
         angles = 2.0 * torch.pi * torch.arange(_DIRECTIONS, dtype=torch.float64) / _DIRECTIONS
         self._round = torch.stack((angles.cos(), angles.sin()), 1).to(device)
+
+    def _on_device(self, layer: Layer) -> TorchLayer:
+        """A layer in tensors."""
+
+        def tensor(array: np.ndarray) -> Tensor:
+            return torch.tensor(array, dtype=torch.float64, device=self.device)
+
+        rounding = layer.rounding
+        machine = None
+        if rounding is not None:
+            part = rounding.part
+            machine = Rounding(
+                tensor(part * rounding.weight), tensor(part * rounding.bias), rounding.unit
+            )
+        return TorchLayer(tensor(layer.weight), tensor(layer.bias), layer.activation, machine)
 
     @torch.no_grad()
     def margins(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

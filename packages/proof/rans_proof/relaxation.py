@@ -18,7 +18,7 @@ from torch import Tensor
 _UNIT = 2.0**-53
 """Unit roundoff of double precision."""
 _ULPS = 8.0
-"""Errors of tanh, in units in the last place; of libraries in use they are below 2."""
+"""Errors of tanh, in units in the last place; of libraries in use they are below 2, in single precision below 5."""
 
 
 class Zonotope(NamedTuple):
@@ -68,6 +68,23 @@ class TorchLayer(NamedTuple):
     weight: Tensor
     bias: Tensor
     activation: str
+    rounding: Rounding | None = None
+    """None: computed exactly."""
+
+
+class Rounding(NamedTuple):
+    """Errors of the machine that computes a layer: at most weight |x| + bias of its sums."""
+
+    weight: Tensor
+    """(outputs, inputs)."""
+    bias: Tensor
+    """(outputs,)."""
+    unit: float
+    """Unit roundoff; an activation errs by `_ULPS` of them."""
+
+    def error(self, reach: Tensor) -> Tensor:
+        """Errors (B, outputs) of sums over numbers of absolute values up to (B, inputs)."""
+        return (reach @ self.weight.T + self.bias) * (1.0 + 1e-9)
 
 
 def parallel_lines(low: Tensor, high: Tensor, activation: str) -> tuple[Tensor, Tensor, Tensor]:
@@ -102,8 +119,11 @@ def parallel_lines(low: Tensor, high: Tensor, activation: str) -> tuple[Tensor, 
     return 0.25 * slope, 0.5 + 0.5 * offset, 0.5 * error + _ULPS * _UNIT
 
 
+_BENDS = {"tanh": torch.tanh, "sigmoid": torch.sigmoid, "relu": torch.relu}
+
+
 def enclose(layers: Sequence[TorchLayer], states: Zonotope) -> Planes:
-    """Planes around a network over zonotopes.
+    """Planes around a network over zonotopes, as a machine computes it that rounds each layer.
 
     Errors of an activation stay linear until they reach the output, so that those of several layers may cancel.
     """
@@ -115,20 +135,26 @@ def enclose(layers: Sequence[TorchLayer], states: Zonotope) -> Planes:
     errors: list[Tensor] = []
     size = states.size  # bound of the absolute values that are summed, for rounding
     rounding = torch.zeros_like(states.centre)
+    reach = states.size  # largest absolute values of what a layer takes
     depth = 0
-    for number, (weight, bias, activation) in enumerate(layers):
+    for number, (weight, bias, activation, machine) in enumerate(layers):
         depth += weight.shape[1] + 4
         gain = gain @ weight.T
         offset = offset @ weight.T + bias
         size = size @ weight.abs().T + bias.abs()
         rounding = rounding @ weight.abs().T + 2.0 * depth * _UNIT * size
-        error = rounding + _passed(layers, slopes, errors, number)
+        wrong = torch.zeros_like(offset) if machine is None else machine.error(reach)
+        error = rounding + _passed(layers, slopes, errors, number) + wrong
         if not activation:
             return Planes(gain.mT, offset, error)
         middle = _rows(gain, states.centre) + offset
         spread = (states.generators.mT @ gain).abs().sum(dim=1)
         spread = spread + _rows(gain.abs(), states.box) + error
-        slope, shift, half = parallel_lines(middle - spread, middle + spread, activation)
+        low, high = middle - spread, middle + spread
+        slope, shift, half = parallel_lines(low, high, activation)
+        bend = 0.0 if machine is None or activation == "relu" else _ULPS * machine.unit
+        half = half + slope * wrong + bend
+        reach = torch.maximum(*(_BENDS[activation](z).abs() for z in (low, high))) + bend + 1e-15
         slopes.append(slope)
         errors.append(half)
         gain = gain * slope[:, None, :]

@@ -106,7 +106,7 @@ class Loop:
     def log_odds(self, velocity: np.ndarray, spin: np.ndarray) -> np.ndarray:
         """Log-odds (N, thrusters) of states (N, 2) and (N,)."""
         x = torch.tensor(np.column_stack((velocity, spin)))
-        for weight, bias, activation in self.layers:
+        for weight, bias, activation, _ in self.layers:
             x = x @ weight.T + bias
             x = torch.tanh(x) if activation else x
         return x.numpy()

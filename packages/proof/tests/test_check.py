@@ -323,3 +323,40 @@ def test_the_checker_agrees_about_rectifiers(tmp_path: Path) -> None:
     found = verdict((tmp_path / "ball.json").read_bytes(), network.read_bytes())
     # They bound the way between control instants each in its own way.
     assert found == pytest.approx(proof.margins.min(), rel=0.01)
+
+
+def test_turns_of_many_periods_do_not_widen_balls(tmp_path: Path) -> None:
+    """A turn by 0.8 rad multiplies radii by up to 1.4, which are rounding alone; 300 turns make 1e45 of it."""
+    from rans_proof.check import Loop, problem_table
+
+    network = written([Layer(np.zeros((1, 2)), np.zeros(1), "tanh")], tmp_path / "net.onnx")
+    text = """
+name = "an oscillator"
+period = 0.8
+steps = 300
+commands = 1
+derivative = ["x1 + 0 * u0", "-x0"]
+start = {lower = [0.9, 0.0], upper = [1.0, 0.0]}
+keep.within = {lower = [-1.1, -1.1], upper = [1.1, 1.1]}
+"""
+    margin = Loop(problem_table(text), network.read_bytes()).margin([(0.9, 1.0), (0.0, 0.0)])
+    # Over a period a chord is 8 % of the circle's radius away from it.
+    assert 0.0 < margin < 0.1
+
+
+def test_states_that_follow_from_exact_ones_need_no_shorter_steps() -> None:
+    """A box that a step does not leave is guessed once more for each state of a chain that begins at rest."""
+    from flint import arb, arb_mat, ctx
+    from rans_proof.balls import column
+    from rans_proof.check import Plant
+
+    ctx.prec = 80
+    rates = ["x1", "x2", "x3", "x4", "u0"]
+    pieces = Plant(rates, 1, 0.1).move(
+        arb_mat(5, 1), arb_mat(5, 1), arb_mat(1, 5), column([arb(1)]), [arb(0)]
+    )
+    assert len(pieces) == 1
+    (_, end, _) = pieces[0]
+    # x_k is t^(5 - k) / (5 - k)!
+    expected = [1e-5 / 120, 1e-4 / 24, 1e-3 / 6, 1e-2 / 2, 0.1]
+    np.testing.assert_allclose([float(x.mid()) for x in end[0].entries()], expected, rtol=1e-9)

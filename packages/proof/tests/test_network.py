@@ -52,8 +52,10 @@ def of_checker(module: Any, content: bytes) -> np.ndarray:
     }
     x = STATES.astype(float).T
     layers = module.layers_of.__wrapped__(content, (-1.0, -1.0), (1.0, 1.0))
-    assert all(kind for _, _, kind in layers[:-1])  # enclosures end at a layer that does not bend
-    for weight, bias, kind in layers:
+    assert all(
+        kind for _, _, kind, _ in layers[:-1]
+    )  # enclosures end at a layer that does not bend
+    for weight, bias, kind, _ in layers:
         table, shift = (np.array(m.tolist(), dtype=float) for m in (weight, bias))
         x = bends[kind](table @ x + shift)
     return x.T
@@ -103,7 +105,7 @@ MISREAD = {
         ("divided", "self._affine(1.0 / divisor", "self._affine(divisor"),
         ("convolution", "            shift = operands[1]\n", ""),
         ("activations", "np.maximum(x, 0.0)", "np.abs(x)"),
-        ("sum after an activation", "return [*self._layers, Layer", "return self._layers or [Layer"),
+        ("sum after an activation", "[*self._layers, self._layer(", "self._layers or [self._layer("),
     ],
     "checker": [
         ("product and sum", "matrix(w.T), arb_mat(", "matrix(w), arb_mat("),
@@ -116,7 +118,7 @@ MISREAD = {
         ("divided", "[1 / x for x in values]", "values"),
         ("convolution", "bias[0] if bias else np.zeros", "np.zeros"),
         ("activations", '"Relu": lambda z: z * (z > 0)', '"Relu": lambda z: z'),
-        ("product and sum", "scaled(factors, before[1]) + column(shift)", "scaled(factors, before[1])"),
+        ("product and sum", "table * before[1] + shift", "table * before[1]"),
     ],
 }  # fmt: skip
 """Errors of reading, each with a graph that it reads wrongly."""
@@ -146,6 +148,84 @@ def test_weights_too_large_for_single_precision_are_refused(reader: str) -> None
     )
     with pytest.raises(refusal):
         answers(module, content)
+
+
+def planes_of_prover(module: Any, content: bytes, state: np.ndarray) -> tuple[np.ndarray, ...]:
+    import torch
+    from rans_proof.problem import problem_of
+    from rans_proof.prove import ClosedLoop
+    from rans_proof.relaxation import Zonotope, enclose
+
+    problem = problem_of(_ANY)
+    loop = ClosedLoop(problem, module.network_of(content, "net.onnx"), torch.device("cpu"))
+    centre, radius = torch.tensor(state, dtype=torch.float64)[None], torch.zeros((1, 2, 2))
+    return tuple(
+        x[0].numpy() for x in enclose(loop._layers, Zonotope(centre, radius.double(), 0 * centre))
+    )
+
+
+def planes_of_checker(module: Any, content: bytes, state: np.ndarray) -> tuple[np.ndarray, ...]:
+    from flint import arb_mat
+    from rans_proof.balls import matrix, network_enclosure
+
+    layers = module.layers_of.__wrapped__(content, (-1.0, -1.0), (1.0, 1.0))
+    gain, offset, error = network_enclosure(layers, matrix(state[:, None]), arb_mat(2, 2))
+    gain, offset = (np.array(m.tolist(), dtype=float) for m in (gain, offset))
+    return gain, offset[:, 0], np.array([float(x.upper()) for x in error])
+
+
+_ANY = """
+name = "any"
+period = 1.0
+steps = 1
+commands = 2
+derivative = ["u0", "u1"]
+start = {lower = [-1.0, -1.0], upper = [1.0, 1.0]}
+keep.within = {lower = [-9.0, -9.0], upper = [9.0, 9.0]}
+"""
+PLANES = {"prover": planes_of_prover, "checker": planes_of_checker}
+UNROUNDED = {
+    "prover": ("return self.times * self.unit /", "return 0.0 * self.unit /"),
+    "checker": ("part = 1 / (1 - count * unit) - 1", "part = arb(0)"),
+}
+"""Errors by which a reader takes networks for exact."""
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("kind", ["Tanh", "Sigmoid", "Relu"])
+def test_planes_hold_what_single_precision_answers(reader: str, kind: str) -> None:
+    """Sums whose terms are 2,000 times as large as they are err by some 1e-4."""
+    random = np.random.default_rng(4)
+    big = 1000.0 * random.normal(size=(2, 30))
+    content = graph(
+        [
+            *(step("Gemm", "x c d", "m"), step("Sub", "m e", "n"), step(kind, "n", "t")),
+            step("Gemm", "t f g", "y"),
+        ],
+        c=np.round(big),
+        d=1000.0 + random.normal(size=30),
+        e=np.full(30, 1000.0),
+        f=random.normal(size=(30, 2)),
+        g=np.zeros(2),
+    )
+    module = READERS[reader][0]
+    old, new = UNROUNDED[reader]
+    exact: Any = planted([module.__name__], (module.__name__, old, new))[module.__name__]
+    exact._compare = lambda *_: None  # which would refuse it
+    states = (1e-3 * STATES[:20]).astype(np.float32)
+    session = runtime.InferenceSession(content, providers=["CPUExecutionProvider"])
+    (answers,) = session.run(None, {"x": states})
+    excess = {}
+    for reading in (module, exact):
+        off, errors = [], []
+        for state, answer in zip(states.astype(float), answers, strict=True):
+            gain, offset, error = PLANES[reader](reading, content, state)
+            off.append(np.abs(answer - gain @ state - offset))
+            errors.append(error)
+        excess[reading] = np.array(off) / np.array(errors)
+    assert excess[module].max() <= 1.0
+    assert excess[module].max() >= 0.003  # no term errs by its bound, and hundreds are summed
+    assert excess[exact].max() > 1.0
 
 
 def test_networks_of_other_sizes_than_the_starts_are_refused() -> None:
