@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from rans_robot.identify.fit import fit
 from rans_robot.identify.log import FlightLog
+from rans_robot.identify.momentum import Source
 from rans_robot.identify.result import SPREAD
 
 from rans.errors import ConfigError
@@ -26,6 +27,8 @@ from rans.terminal import progress, stages
 
 _STEP = 0.25
 """s: step of the integration (Runge and Kutta, fourth order)."""
+_COURSE = 1.0
+"""s: step of the courses of torques."""
 _PERIOD = 1.0
 """s: period of attitude control."""
 _MU, _EARTH = 3.986004418e14, 6.371e6
@@ -50,8 +53,17 @@ class Satellites:
     """(K, 3), m, centre of pressure in the body."""
     drag: np.ndarray
     """(K,), N."""
+    gained: np.ndarray
+    """(K, T, 3 sources, 3), N m s: momentum in inertial axes until `_COURSE` * k, of gradient, dipole and air."""
     logs: tuple[FlightLog, ...]
     """Telemetry."""
+    with_orbit: tuple[FlightLog, ...]
+    """The same with positions and magnetic fields."""
+
+    @property
+    def scale(self) -> np.ndarray:
+        """(K,), the data sheet's sum of the moments over the satellite's."""
+        return np.trace(np.array(self.sheet.inertia)) / np.trace(self.inertia, axis1=1, axis2=2)
 
 
 def satellites(count: int, seed: int, seconds: float = 900.0) -> Satellites:
@@ -91,18 +103,24 @@ def satellites(count: int, seed: int, seconds: float = 900.0) -> Satellites:
     lever = random.uniform(-0.03, 0.03, (count, 3))
     drag = 10.0 ** random.uniform(-6.5, -5.0, count)
 
-    def torque(t: float, q: np.ndarray) -> np.ndarray:
-        """Gravity gradient, dipole and drag in the body."""
+    def around(t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Directions from the Earth and of the velocity, and the field, T, in inertial axes."""
         angle = (rate * t)[:, None]
         up = np.cos(angle) * first + np.sin(angle) * second
         along = np.cos(angle) * second - np.sin(angle) * first
         field = 3.0 * (up @ pole)[:, None] * up - pole
-        field *= (_FIELD * (_EARTH / radius) ** 3)[:, None]
-        to_body = q * [1.0, -1.0, -1.0, -1.0]
-        up, field, along = (_rotated(to_body, v) for v in (up, field, along))
+        return up, along, field * (_FIELD * (_EARTH / radius) ** 3)[:, None]
+
+    def parts(t: float, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Torques of gravity gradient, dipole and drag in the body."""
+        up, along, field = (_rotated(q * [1.0, -1.0, -1.0, -1.0], v) for v in around(t))
         gradient = np.cross(up, np.einsum("kij,kj->ki", inertia, up))
-        result = 3.0 * (rate**2)[:, None] * gradient + np.cross(dipole, field)
-        return result + np.cross(lever, -drag[:, None] * along)
+        drags = np.cross(lever, -drag[:, None] * along)
+        return 3.0 * (rate**2)[:, None] * gradient, np.cross(dipole, field), drags
+
+    def torque(t: float, q: np.ndarray) -> np.ndarray:
+        gradient, magnetic, air = parts(t, q)
+        return gradient + magnetic + air
 
     def derivative(t: float, state: np.ndarray, command: np.ndarray) -> np.ndarray:
         q, w, s = state[:, :4], state[:, 4:7], state[:, 7:]
@@ -142,7 +160,25 @@ def satellites(count: int, seed: int, seconds: float = 900.0) -> Satellites:
         state[:, :4] /= np.linalg.norm(state[:, :4], axis=1, keepdims=True)
         path[k + 1] = state
     logs = tuple(_telemetry(random, f"satellite {k}", path[:, k], seconds) for k in range(count))
-    return Satellites(sheet, inertia, rotors, dipole, lever, drag, logs)
+    course = range(0, steps + 1, round(_COURSE / _STEP))
+    acting = [
+        np.stack([_rotated(path[k, :, :4], one) for one in parts(k * _STEP, path[k, :, :4])], 1)
+        for k in course
+    ]
+    acting = np.stack(acting, axis=1)
+    gained = np.zeros_like(acting)
+    gained[:, 1:] = np.cumsum(0.5 * _COURSE * (acting[:, 1:] + acting[:, :-1]), axis=1)
+    # Positions to 10 m and fields to 200 nT, at instants that the rows name; random numbers of their own.
+    further = np.random.default_rng([seed, 1])
+    measured = []
+    for k, log in enumerate(logs):
+        readings = [tuple(x[k] for x in around(t)) for t in log.times]
+        up, _, field = (np.array(x) for x in zip(*readings, strict=True))
+        body = _rotated(log.attitude * [1.0, -1.0, -1.0, -1.0], field)
+        body = body + further.normal(0.0, 2e-7, body.shape)
+        position = radius[k] * up + further.normal(0.0, 10.0, up.shape)
+        measured.append(replace(log, position=position, field=body))
+    return Satellites(sheet, inertia, rotors, dipole, lever, drag, gained, logs, tuple(measured))
 
 
 def _telemetry(
@@ -209,10 +245,20 @@ def _rotated(q: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return vector + q[:, :1] * across + np.cross(q[:, 1:], across)
 
 
-def _identified(
-    _: None, sheet: Spacecraft, log: FlightLog
-) -> tuple[np.ndarray, np.ndarray, float] | None:
-    """Moments of inertia, products and rotors (9,), their deviations, and the time of the fit, s; None: refused."""
+@dataclass(frozen=True)
+class _Found:
+    """Result of one log."""
+
+    values: np.ndarray
+    """(9,): moments of inertia, products and rotors, kg m^2."""
+    deviations: np.ndarray
+    sources: tuple[Source, ...]
+    seconds: float
+    """Time of the fit."""
+
+
+def _identified(_: None, sheet: Spacecraft, log: FlightLog) -> _Found | None:
+    """What is identified from a log; None: refused."""
     began = time.process_time()
     try:
         found = fit(sheet, [log]).momentum
@@ -220,47 +266,55 @@ def _identified(
         return None
     assert found is not None  # its craft has wheels alone
     deviations = np.sqrt(np.diag(found.covariance))
-    return found.values[:9], deviations[:9], time.process_time() - began
+    spent = time.process_time() - began
+    return _Found(found.values[:9], deviations[:9], found.sources, spent)
 
 
 @dataclass(frozen=True)
 class HiddenSatellites:
-    """Identify hidden satellites from their attitudes, rates and wheel speeds."""
+    """Identify hidden satellites from their attitudes, rates and wheel speeds, and with positions and fields."""
 
     count: int = 64
     """Number of hidden satellites."""
     seconds: float = 900.0
     """Length of each flight, s."""
-    seed: int = 2028
+    seed: int = 2029
     """Seed of the satellites and of their readings."""
 
     def measured(self) -> dict[str, Any]:
         """Fly, identify and compare."""
         hidden = satellites(self.count, self.seed, self.seconds)
         found = []
+        logs = (*hidden.logs, *hidden.with_orbit)
         with progress() as bars:
-            stage = stages(bars)(f"{self.count} hidden satellites", self.count)
-            jobs = [(hidden.sheet, log) for log in hidden.logs]
+            stage = stages(bars)(f"{self.count} hidden satellites", len(logs))
+            jobs = [(hidden.sheet, log) for log in logs]
             for one in Workers(nothing, work="identified satellites").ordered(_identified, jobs):
                 found.append(one)
                 stage(1)
-        taken = [k for k, one in enumerate(found) if one is not None]
-        values, deviations, spent = map(np.array, zip(*filter(None, found), strict=True))
+        alone, with_orbit = found[: self.count], found[self.count :]
         return {
-            "rows": [*self._rows(hidden, taken, values, deviations)],
+            "rows": [
+                *self._rows(hidden, alone, ""),
+                *self._rows(hidden, with_orbit, ", with orbit"),
+                *self._torques(hidden, with_orbit),
+            ],
             "count": self.count,
-            "refused": self.count - len(taken),
-            "median seconds of a fit": float(np.median(spent)),
+            "refused": found.count(None),
+            "median seconds of a fit": float(np.median([one.seconds for one in found if one])),
         }
 
     def _rows(
-        self, hidden: Satellites, taken: list[int], values: np.ndarray, deviations: np.ndarray
+        self, hidden: Satellites, found: list[_Found | None], title: str
     ) -> Iterator[list[str]]:
-        """Rows of the table. Readings say the scale of nothing, so the sum of the moments is the sheet's."""
+        """Rows of inertia and wheels. Readings do not say the scale: the sum of the moments is the sheet's."""
+        taken = [k for k, one in enumerate(found) if one]
+        values = np.array([one.values for one in found if one])
+        deviations = np.array([one.deviations for one in found if one])
         inertia = hidden.inertia[taken]
-        scale = np.trace(np.array(hidden.sheet.inertia)) / np.trace(inertia, axis1=1, axis2=2)
         upper = inertia[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
-        truth = np.concatenate([upper, hidden.rotors[taken]], axis=1) * scale[:, None]
+        truth = np.concatenate([upper, hidden.rotors[taken]], axis=1)
+        truth = truth * hidden.scale[taken, None]
         errors = values - truth
         held = np.abs(errors) <= SPREAD * deviations
         largest = truth[:, [0, 3, 5]].max(axis=1, keepdims=True)
@@ -269,11 +323,48 @@ class HiddenSatellites:
             "product of inertia, of the largest moment": ([1, 2, 4], largest),
             "inertia of a wheel": ([6, 7, 8], truth[:, 6:]),
         }
-        for title, (columns, of) in groups.items():
+        for name, (columns, of) in groups.items():
             percent = 100.0 * np.abs(errors[:, columns] / of)
             yield [
-                title,
+                f"{name}{title}",
                 f"{np.median(percent):.2g} %",
                 f"{np.quantile(percent, 0.95):.2g} %",
                 f"{100.0 * held[:, columns].mean():.1f} %",
             ]
+
+    def _torques(self, hidden: Satellites, found: list[_Found | None]) -> Iterator[list[str]]:
+        """Rows of what the torques come from: the means over stretches of each, and what is fixed in the body."""
+        taken = [k for k, one in enumerate(found) if one]
+        arms = (None, hidden.dipole, hidden.drag[:, None] * hidden.lever)
+        units = (0.0, 1e3, 1e9), ("", "mA m^2", "nN m")
+        for part, title in enumerate(("gravity gradient", "magnetic dipole", "air")):
+            errors, held, fixed, fixed_held = [], [], [], []
+            for k in taken:
+                one = found[k]
+                assert one is not None
+                source = one.sources[part]
+                times = np.arange(hidden.gained.shape[1]) * _COURSE
+                columns = hidden.gained[k, :, part].T
+                at = np.stack([np.interp(source.torque.times, times, x) for x in columns], axis=1)
+                truth = np.diff(at, axis=0) / np.diff(source.torque.times)[:, None]
+                off = source.torque.torque - hidden.scale[k] * truth
+                errors.append(1e9 * np.abs(off).ravel())
+                held.append((np.abs(off) <= SPREAD * source.torque.deviation).ravel())
+                arm = arms[part]
+                if arm is not None:
+                    off = source.values - hidden.scale[k] * arm[k]
+                    fixed.append(np.abs(off))
+                    fixed_held.append(np.abs(off) <= SPREAD * np.sqrt(np.diag(source.covariance)))
+            yield _row(f"torque of the {title}", np.concatenate(errors), "nN m", held)
+            if fixed:
+                name = "magnetic dipole" if part == 1 else "lever times force of the air"
+                yield _row(name, units[0][part] * np.concatenate(fixed), units[1][part], fixed_held)
+
+
+def _row(title: str, errors: np.ndarray, unit: str, held: list[np.ndarray]) -> list[str]:
+    return [
+        title,
+        f"{np.median(errors):.2g} {unit}",
+        f"{np.quantile(errors, 0.95):.2g} {unit}",
+        f"{100.0 * np.concatenate(held).mean():.1f} %",
+    ]

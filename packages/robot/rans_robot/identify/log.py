@@ -43,7 +43,9 @@ POSE_COLUMNS = {2: ("x", "y", "heading"), 3: ("x", "y", "z", "qw", "qx", "qy", "
 RATE_COLUMNS = {2: ("vx", "vy", "spin"), 3: ("vx", "vy", "vz", "wx", "wy", "wz")}
 """Columns of a CSV file with the velocity in the world, m/s, and the angular velocity in the body, rad/s."""
 
-_UNITS = ("", "s", "m", "rad", "m/s", "rad/s")
+FIELD_COLUMNS = ("bx", "by", "bz")
+"""Columns of a CSV file with the magnetic field in the body, T."""
+_UNITS = ("", "s", "m", "rad", "m/s", "rad/s", "t")
 """Units in parentheses that headings may have."""
 
 
@@ -81,6 +83,8 @@ class FlightLog:
     frames: np.ndarray | None = None
     """(M,), number of the inertial frame that attitudes are in, which rises where a satellite that reads its
     attitude relative to its goal is given another one; None: all are in one."""
+    field: np.ndarray | None = None
+    """(M, 3), T: magnetic field in the body frame; None: not measured."""
 
     @property
     def duration(self) -> float:
@@ -211,6 +215,12 @@ def checked_satellite_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
     frames = _frames(log, together)
     if not frames.any():
         return log
+    if log.field is not None:
+        raise ConfigError(
+            f"{what}: the attitude jumps {counted(int(frames[-1]), 'time')} by more than the rates say, as "
+            "one does that is relative to a goal, so that positions and fields cannot be compared with it: leave "
+            "out the columns bx, by and bz."
+        )
     note = (
         f"{log.source}: the attitude jumps {counted(int(frames[-1]), 'time')} by more than the rates say, so it is "
         "read as relative to a goal, and each jump as another goal."
@@ -486,7 +496,10 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     """Log of a CSV file whose first line names its columns.
 
     Of a satellite without thrusters ``time`` (s), the attitude, the angular velocity in the body and the speeds of
-    all wheels are needed. Of other craft ``time`` is needed, the pose (`POSE_COLUMNS`), and ``u0`` to ``u<C-1>``,
+    all wheels are needed; with ``x``, ``y``, ``z`` from the Earth's centre and the magnetic field in the body
+    (`FIELD_COLUMNS`), torques are told apart.
+
+    Of other craft ``time`` is needed, the pose (`POSE_COLUMNS`), and ``u0`` to ``u<C-1>``,
     the commands from this row on; the velocities (`RATE_COLUMNS`) and the speeds of wheels, ``s0`` and so on
     (rad/s), may be missing. An empty cell is a value that was not measured, or the last command; an empty line
     counts as none. The file that `rans.flight.Flight.to_csv` writes is such a file: units in parentheses and
@@ -516,7 +529,9 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     d = craft.dimension
     needed = ["time", *POSE_COLUMNS[d], *inputs]
     read = {*needed, *RATE_COLUMNS[d], *wheels}
-    if not craft.thrusters and d == 3:
+    is_satellite = not craft.thrusters and d == 3
+    if is_satellite:
+        read |= {*FIELD_COLUMNS}
         # What turns a satellite with wheels is their speeds; it needs no position and no command.
         needed = ["time", *POSE_COLUMNS[d][d:], *RATE_COLUMNS[d][d:], *wheels]
     if missing := [name for name in needed if name not in header]:
@@ -560,11 +575,14 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     pose = columns(POSE_COLUMNS[d])
     rates = columns(RATE_COLUMNS[d])
     speeds = columns(wheels) if wheels else None
+    field = columns(FIELD_COLUMNS) if is_satellite and {*FIELD_COLUMNS} <= {*header} else None
     commands = columns(inputs)
     has_command = ~np.isnan(commands).any(axis=1)
     measured = ~np.isnan(pose).all(axis=1) | ~np.isnan(rates).all(axis=1)
     if speeds is not None:
         measured |= ~np.isnan(speeds).all(axis=1)
+    if field is not None:
+        measured |= ~np.isnan(field).all(axis=1)
     given = np.flatnonzero(has_command)
     taken = np.flatnonzero(measured)
     early = {"command": unstamped(time[given]), "reading": unstamped(time[taken])}
@@ -588,4 +606,5 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
         rates[taken, 2] if d == 2 else rates[taken, 3:],
         None if speeds is None else speeds[taken],
         tuple(notes),
+        field=None if field is None else field[taken],
     )

@@ -27,6 +27,7 @@ from scipy.optimize import minimize
 
 from rans.extend import ConfigError, Spacecraft
 from rans_robot.identify.log import FlightLog, rotations, turn
+from rans_robot.identify.orbit_torques import AIR, DIPOLE, OrbitTorques, has_orbit
 
 _COMPONENTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Entries of the inertia tensor in the order of `Body.inertia`."""
@@ -93,6 +94,20 @@ class Torque:
 
 
 @dataclass(frozen=True)
+class Source:
+    """What a part of the external torque comes from, during a log that has positions and fields."""
+
+    name: str
+    """Such as "air"."""
+    values: np.ndarray
+    """(P,): the three components of the dipole, A m^2, or of the lever of the air times its force, N m; none of the
+    gradient of gravity, which the inertia gives."""
+    covariance: np.ndarray
+    """(P, P)."""
+    torque: Torque
+
+
+@dataclass(frozen=True)
 class MomentumFit:
     """Values, their covariance and what they leave; see `rans_robot.identify.fit.Fit` for the arrays."""
 
@@ -108,6 +123,8 @@ class MomentumFit:
     white: tuple[np.ndarray, ...]
     """(M, 3), residuals in their standard deviations."""
     torques: tuple[Torque, ...]
+    sources: tuple[Source, ...]
+    """Parts of the torques of logs with positions and fields."""
     outliers: int
     """Rows that were left out, since they were off by more than `_OUTLIER`."""
     outside: float
@@ -119,7 +136,7 @@ class MomentumFit:
 class _Rows:
     """Readings of a log in which everything was measured, and the momenta that external torques give."""
 
-    def __init__(self, log: FlightLog) -> None:
+    def __init__(self, log: FlightLog, unit: float) -> None:
         assert log.wheel_speeds is not None
         read = np.isfinite(log.attitude).all(axis=1) & np.isfinite(log.spin).all(axis=1)
         read &= np.isfinite(log.wheel_speeds).all(axis=1)
@@ -154,25 +171,50 @@ class _Rows:
         self.stretch = length / stretches
         ramps = np.clip((self.t[:, None] - self.knots[:-1]) / self.stretch, 0.0, 1.0)
 
-        # A lever fixed in the body in a field of hats: the integral of (R e_i) x e_c.
+        # What is fixed in the body: a dipole and air where the orbit is measured, else a lever in an unknown field.
+        self.orbit: OrbitTorques | None = None
+        if has_orbit(log):
+            self.orbit = OrbitTorques(log, self.index, aligned)
+            self.lever = self.orbit.columns
+            prior = np.repeat([DIPOLE / unit, AIR / unit], 3)
+            self.field_information = np.diag(1.0 / prior**2)
+            self.field_log_volume = 0.0
+        else:
+            self._in_unknown_field(aligned)
+        walk = np.einsum("nk,xy->nxky", ramps, np.eye(3)).reshape(count, 3, -1)
+        # Momenta are compared in the frame in which they were read.
+        turned = np.concatenate([walk, self.lever], axis=2)
+        self._back = aligned.mT
+        turned = self._turned(turned)
+        starts = np.einsum("nf,xy->nxfy", self.starts, np.eye(3)).reshape(count, 3, -1)
+        self.columns = np.concatenate([starts, turned], axis=2)
+        """(N, 3, P), momentum in the frame of its row of each unknown of this log."""
+
+    def _in_unknown_field(self, aligned: np.ndarray) -> None:
+        """A lever fixed in the body in a field of hats: the integral of (R e_i) x e_c."""
+        count = len(self.t)
+        length = max(self.t[-1], 1.0)
         fields = int(np.clip(np.ceil(length / _FIELD_KNOT), 1, _MOST_FIELD)) + 1
-        self.fields = np.linspace(0.0, length, fields)
-        hats = np.stack([np.interp(self.t, self.fields, row) for row in np.eye(fields)], axis=1)
+        knots = np.linspace(0.0, length, fields)
+        hats = np.stack([np.interp(self.t, knots, row) for row in np.eye(fields)], axis=1)
         across = np.cross(aligned.mT[:, :, None, :], np.eye(3))  # (N, i, c, 3)
         density = np.einsum("nl,nicx->nxlic", hats, across).reshape(count, 3, -1)
         steps = 0.5 * (density[1:] + density[:-1]) * np.diff(self.t)[:, None, None]
         self.lever = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
-        walk = np.einsum("nk,xy->nxky", ramps, np.eye(3)).reshape(count, 3, -1)
-        # Momenta are compared in the frame in which they were read.
-        turned = np.concatenate([walk, self.lever], axis=2)
-        turned = self.rotation @ aligned.mT @ turned
-        starts = np.einsum("nf,xy->nxfy", self.starts, np.eye(3)).reshape(count, 3, -1)
-        self.columns = np.concatenate([starts, turned], axis=2)
-        """(N, 3, P), momentum in the frame of its row of each unknown of this log."""
-        apart = (self.fields[:, None] - self.fields) / _FIELD_TIME
+        apart = (knots[:, None] - knots) / _FIELD_TIME
         near = np.exp(-0.5 * apart**2) + 1e-6 * np.eye(fields)
         self.field_information = np.kron(np.linalg.inv(near), np.eye(9))
         self.field_log_volume = -9.0 * float(np.linalg.slogdet(near)[1])
+
+    def gradient(self, tensor: np.ndarray) -> np.ndarray:
+        """Momentum (N, 3) of the gradient of gravity in the frame of its row; 0 where the orbit is not known."""
+        if self.orbit is None:
+            return np.zeros_like(self.rates)
+        return self._turned(self.orbit.gradient(tensor)[..., None])[..., 0]
+
+    def _turned(self, momenta: np.ndarray) -> np.ndarray:
+        """Momenta (N, 3, P) in the axes of the first frame, in the frame of their row."""
+        return self.rotation @ self._back @ momenta
 
     def _aligned(self) -> np.ndarray:
         """Attitudes in the axes of the first frame; rates carry them over the change of a frame."""
@@ -192,9 +234,10 @@ class _Rows:
         result[:starts, :starts] = np.eye(starts) / (_FLAT * largest) ** 2
         part = slice(starts, starts + walks)
         result[part, part] = np.eye(walks) / (walk**2 * self.stretch)
-        result[starts + walks :, starts + walks :] = self.field_information / lever**2
+        scale = 1.0 if self.orbit else lever
+        result[starts + walks :, starts + walks :] = self.field_information / scale**2
         volume = -walks * np.log(walk**2 * self.stretch) + self.field_log_volume
-        volume -= len(self.field_information) * np.log(lever**2)
+        volume -= len(self.field_information) * np.log(scale**2)
         return result, volume
 
 
@@ -212,12 +255,13 @@ class _Momentum:
         units[-2:] = 1.0
         self.nominal = nominal / units
         self.prior = prior / units
-        self.rows = [_Rows(log) for log in logs]
+        self.rows = [_Rows(log, self.unit) for log in logs]
         # The scale of everything is that of the file: the sum of the moments stays, so that zz follows from xx, yy.
         count = len(self.nominal)
         self.free = np.delete(np.eye(count), 5, axis=1)
         self.free[5, 0] = self.free[5, 3] = -1.0
         """(8 + W, 7 + W): values from free ones."""
+        self.count = self.free.shape[1]
         self.prior_information = self.free.T @ np.diag(1.0 / self.prior**2) @ self.free
 
     def tensor(self, values: np.ndarray) -> np.ndarray:
@@ -292,7 +336,6 @@ class _Linear:
         spread: dict[str, float],
         derivatives: Sequence[np.ndarray],
     ) -> None:
-        count = model.free.shape[1]
         self.volume = 0.0
         self.square = 0.0
         corner = model.prior_information.copy()
@@ -304,7 +347,9 @@ class _Linear:
             whitening, volume = model.whitening(rows, values, spread)
             momentum = model.momentum(rows, values)[3]
             largest = float(np.abs(momentum).max()) + 1e-9
-            y = (whitening @ (rows.rotation @ momentum[..., None]))[..., 0].ravel()
+            momentum = (rows.rotation @ momentum[..., None])[..., 0]
+            momentum = momentum - rows.gradient(model.tensor(values))
+            y = (whitening @ momentum[..., None]).ravel()
             D = (whitening @ (rows.rotation @ change)).reshape(len(y), -1)
             X = (whitening @ rows.columns).reshape(len(y), -1)
             before, before_volume = rows.information(spread["walk"], spread["lever"], largest)
@@ -321,7 +366,6 @@ class _Linear:
         self.corner = corner
         self.change = np.linalg.solve(corner, right)
         """(7 + W,): change of the free values that minimises the squares."""
-        self.count = count
 
     def evidence(self) -> float:
         """Minus twice the log likelihood of the spreads, values and unknowns integrated out, up to a constant."""
@@ -439,6 +483,7 @@ def _adjust(
     result = []
     for number, rows in enumerate(model.rows):
         whole = rows.columns @ linear.unknowns(number, change)
+        whole = whole + rows.gradient(model.tensor(values))
         momentum = model.momentum(rows, values)[3]
         error = momentum - (rows.rotation.mT @ whole[..., None])[..., 0]
         whitening, _ = model.whitening(rows, values, spread)
@@ -487,37 +532,15 @@ def _result(
         error @ np.linalg.inv(model.tensor(model.nominal))
         for error, _ in _adjust(model, model.nominal, spread, at_sheet, none)
     ]
-    torques = []
     inflation = _inflation(model, white)
     wider = inflation * _CALIBRATED**2
-    for number, rows in enumerate(model.rows):
-        starts = 3 * rows.starts.shape[1]
-        _, _, _, lower, _, _ = linear.parts[number]
-        unknown = linear.unknowns(number, none)
-        stretches = len(rows.knots) - 1
-        # Momentum gained in each stretch: of the walk, and of the lever between its ends.
-        gained = np.zeros((stretches, 3, len(unknown)))
-        at = np.stack(
-            [
-                np.stack([np.interp(rows.knots, rows.t, column) for column in part.T], axis=-1)
-                for part in np.moveaxis(rows.lever, 1, 0)
-            ],
-            axis=1,
-        )
-        gained[:, :, starts + 3 * stretches :] = np.diff(at, axis=0)
-        for k in range(stretches):
-            gained[k, :, starts + 3 * k : starts + 3 * k + 3] = np.eye(3)
-        scale = model.unit / rows.stretch
-        spreads = np.linalg.solve(lower, gained.reshape(-1, len(unknown)).T)
-        deviation = np.sqrt(np.sum(spreads**2, axis=0)).reshape(stretches, 3)
-        torques.append(
-            Torque(
-                rows.log.source,
-                rows.log.times[rows.index[0]] + rows.knots,
-                scale * (gained @ unknown),
-                scale * deviation * np.sqrt(wider),
-            )
-        )
+    covariance = wider * _covariance(model, linear)
+    torques: list[Torque] = []
+    sources: list[Source] = []
+    for number in range(len(model.rows)):
+        own = _torques_of(model, values, linear, number, wider)
+        torques.append(own[0])
+        sources.extend(own[1])
 
     def whole(parts: list[np.ndarray]) -> tuple[np.ndarray, ...]:
         result = []
@@ -529,16 +552,92 @@ def _result(
 
     return MomentumFit(
         values * unit,
-        wider * _covariance(model, linear) * np.outer(unit, unit),
+        covariance * np.outer(unit, unit),
         spread,
         whole(left),
         whole(sheet),
         whole(white),
         tuple(torques),
+        tuple(sources),
         outliers,
         _outside(model, values * unit, torques),
         inflation,
     )
+
+
+def _torques_of(
+    model: _Momentum, values: np.ndarray, linear: _Linear, number: int, wider: float
+) -> tuple[Torque, list[Source]]:
+    """External torque along a log, and its parts where it has positions and fields; variances are times wider."""
+    rows = model.rows[number]
+    starts = 3 * rows.starts.shape[1]
+    stretches = len(rows.knots) - 1
+    walks = slice(starts, starts + 3 * stretches)
+    unknown = linear.unknowns(number, np.zeros_like(linear.change))
+    _, _, _, lower, side, _ = linear.parts[number]
+    # Covariance of the log's own unknowns, with that of the values, and of both.
+    of_values = np.linalg.inv(linear.corner)
+    carried = np.linalg.solve(lower.T, side)
+    inverse = np.linalg.inv(lower)
+    count = len(unknown)
+    both = np.zeros((count + len(of_values),) * 2)
+    both[:count, :count] = inverse.T @ inverse + carried @ of_values @ carried.T
+    both[:count, count:] = carried @ of_values
+    both[count:, :count] = both[:count, count:].T
+    both[count:, count:] = of_values
+
+    def gained(momenta: np.ndarray) -> np.ndarray:
+        """Momenta (N, 3, P) that each stretch between two knots adds, (stretches, 3, P)."""
+        parts = [
+            np.stack([np.interp(rows.knots, rows.t, one) for one in axis.T], axis=-1)
+            for axis in np.moveaxis(momenta, 1, 0)
+        ]
+        return np.diff(np.stack(parts, axis=1), axis=0)
+
+    def torque(of_unknowns: np.ndarray, of_free: np.ndarray, mean: np.ndarray) -> Torque:
+        """Of momenta gained (stretches, 3), and their change with the log's own unknowns and with free values."""
+        columns = np.concatenate([of_unknowns, of_free], axis=2)
+        variance = np.einsum("kxp,pq,kxq->kx", columns, both, columns)
+        scale = model.unit / rows.stretch
+        return Torque(
+            rows.log.source,
+            rows.log.times[rows.index[0]] + rows.knots,
+            scale * mean,
+            scale * np.sqrt(wider * variance),
+        )
+
+    # The walk, what is fixed in the body, and the gradient of gravity, which is linear in the values.
+    whole = np.zeros((stretches, 3, count))
+    whole[:, :, walks.stop :] = gained(rows.lever)
+    for k in range(stretches):
+        whole[k, :, starts + 3 * k : starts + 3 * k + 3] = np.eye(3)
+    gradients = np.zeros((stretches, 3, model.count))
+    fall = np.zeros((stretches, 3))
+    if rows.orbit is not None:
+        tensors = [model.tensor(column) for column in model.free.T]
+        each = np.stack([rows.orbit.gradient(tensor) for tensor in tensors], axis=-1)
+        gradients = gained(each)
+        fall = gained(rows.orbit.gradient(model.tensor(values))[..., None])[..., 0]
+    external = torque(whole, gradients, whole @ unknown + fall)
+    if rows.orbit is None:
+        return external, []
+    nothing = np.zeros_like(whole)
+    sources = [
+        Source("gravity gradient", np.empty(0), np.empty((0, 0)), torque(nothing, gradients, fall))
+    ]
+    for part, name in enumerate(("magnetic dipole", "air")):
+        place = slice(walks.stop + 3 * part, walks.stop + 3 * part + 3)
+        own = np.zeros_like(whole)
+        own[:, :, place] = whole[:, :, place]
+        sources.append(
+            Source(
+                name,
+                model.unit * unknown[place],
+                model.unit**2 * wider * both[place, place],
+                torque(own, np.zeros_like(gradients), own @ unknown),
+            )
+        )
+    return external, sources
 
 
 def _outside(model: _Momentum, values: np.ndarray, torques: Sequence[Torque]) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from rans.randomization.conditions import (
 )
 from rans_robot.identify.fit import CHANNELS, Fit, channel_columns
 from rans_robot.identify.momentum import MomentumFit
+from rans_robot.identify.orbit_torques import AIR, DIPOLE
 
 _EXPLAINED = 0.9
 """Noise of a channel as a part of what a coast leaves, up to which the model explains something of it."""
@@ -251,7 +253,7 @@ class Identification:
     def rows(self) -> list[Identified]:
         """Every quantity with its interval, in the order of the spacecraft file."""
         identifiable = self.fit.is_identifiable()
-        return [
+        fitted = [
             Identified(
                 parameter.name,
                 parameter.unit,
@@ -265,6 +267,33 @@ class Identification:
                 self.fit.parameters, self.fit.values, self.fit.deviations, identifiable, strict=True
             )
         ]
+        return [*fitted, *self._fixed_in_body()]
+
+    def _fixed_in_body(self) -> Iterator[Identified]:
+        """Components of a satellite's dipole, and of the lever times the force of the air, from all logs."""
+        sources = () if self.fit.momentum is None else self.fit.momentum.sources
+        for name, title, unit, prior in (
+            ("magnetic dipole", "dipole", "A m^2", DIPOLE),
+            ("air", "lever times force of the air", "N m", AIR),
+        ):
+            own = [one for one in sources if one.name == name]
+            if not own:
+                continue
+            information = [np.linalg.inv(one.covariance) for one in own]
+            covariance = np.linalg.inv(sum(information[1:], information[0]))
+            weighed = [part @ one.values for part, one in zip(information, own, strict=True)]
+            values = covariance @ sum(weighed[1:], weighed[0])
+            deviations = np.sqrt(np.diag(covariance))
+            for axis, value, deviation in zip("xyz", values, deviations, strict=True):
+                yield Identified(
+                    f"{title} {axis}",
+                    unit,
+                    0.0,
+                    float(value),
+                    float(value - SPREAD * deviation),
+                    float(value + SPREAD * deviation),
+                    bool(deviation < 0.5 * prior),
+                )
 
     def channels(self) -> list[Channel]:
         """How well each measured quantity is predicted, before and after."""
@@ -379,9 +408,9 @@ class Identification:
         least, most = int(np.argmin(size)), int(np.argmax(size))
         result.append(
             f"The external torque along the logs is {size[least]:.2g} (95 %: +-{SPREAD * spread[least]:.1g}) to "
-            f"{size[most]:.2g} N m (+-{SPREAD * spread[most]:.1g}); identified.json has its course. What part is "
-            "of gravity, of a dipole and of drag, only position and magnetic field could say."
+            f"{size[most]:.2g} N m (+-{SPREAD * spread[most]:.1g}); identified.json has its course."
         )
+        result += self._parts_of_torque(momentum)
         silent = [row.name for row in self.rows() if not row.is_identifiable]
         if silent:
             result.append(
@@ -398,6 +427,21 @@ class Identification:
                 "wide as those of independent ones."
             )
         return [*result, *(note for log in self.fit.logs for note in log.notes)]
+
+    def _parts_of_torque(self, momentum: MomentumFit) -> list[str]:
+        """Sentences on what the external torque comes from."""
+        if not momentum.sources:
+            return [
+                "What part of it is of gravity, of a dipole and of the air, only positions from the centre of the "
+                "Earth (x, y, z) and the magnetic field in the body (bx, by, bz) say: a CSV file may have columns."
+            ]
+        parts = []
+        for name in dict.fromkeys(one.name for one in momentum.sources):
+            own = [one.torque for one in momentum.sources if one.name == name]
+            size = _rms([one.torque for one in own])
+            off = SPREAD * _rms([one.deviation for one in own])
+            parts.append(f"{name} {np.sqrt(3.0) * size:.2g} (+-{np.sqrt(3.0) * off:.1g})")
+        return [f"Its parts, root mean squares in N m and 95 %: {', '.join(parts)}."]
 
     def _wheels_at_limit(self) -> list[int]:
         """Numbers of the wheels whose measured speeds came to the largest."""
@@ -445,6 +489,16 @@ class Identification:
                 "half of the interval of 95 %, N m": (SPREAD * one.deviation).tolist(),
             }
             for one in momentum.torques
+        ]
+        result["parts of the external torque"] = [
+            {
+                "log": one.torque.source,
+                "part": one.name,
+                "ends of stretches, s": one.torque.times.tolist(),
+                "N m in the axes of the attitudes": one.torque.torque.tolist(),
+                "half of the interval of 95 %, N m": (SPREAD * one.torque.deviation).tolist(),
+            }
+            for one in momentum.sources
         ]
         return result
 
