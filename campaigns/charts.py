@@ -103,8 +103,8 @@ def failure_probabilities() -> Figure:
 
 @styled
 def missions() -> Figure:
-    """What the cheapest known flight, guidance and agent of each mission spend over the proven bound."""
-    kinds = (("cheapest known", GREEN), ("guidance", ORANGE), ("agent", BLUE))
+    """What the least known flight, guidance and agent of each mission spend over the proven bound."""
+    kinds = (("least known", GREEN), ("guidance", ORANGE), ("agent", BLUE))
     figure = Figure(figsize=(7.6, 3.0), layout="constrained")
     axes = figure.add_subplot()
     names = []
@@ -112,7 +112,7 @@ def missions() -> Figure:
         # The best of each kind.
         known = [(row[0], row[4]) for row in rows(_DOCS, mission)[1] if row[4] != "-"]
         ratios = {
-            kind: min(float(ratio) for one, ratio in known if one == kind)
+            kind: min(float(ratio.split()[0]) for one, ratio in known if one == kind)
             for kind, _ in kinds
             if kind in dict(known)
         }

@@ -1,6 +1,6 @@
 """What is known at least of every mission, the first table of its page.
 
-It measures nothing: it gathers proven bound, cheapest known flight, guidance and agent of each mission from the
+It measures nothing: it gathers proven bound, least known flight, guidance and agent of each mission from the
 evidence of `campaigns.missions`, `campaigns.inspection`, `campaigns.front` and `campaigns.passive`. The
 cheapest known flight is of whoever spends least, optimal trajectories included.
 """
@@ -42,7 +42,7 @@ class Mission:
 
 
 _BOUND = "proven bound"
-_CHEAPEST = "cheapest known"
+_CHEAPEST = "least known"
 _GUIDANCE = "guidance"
 _SAFE = "guidance, passively safe"
 _AGENT = "agent"
