@@ -172,8 +172,6 @@ class World:
         further: tuple[Any, ...] = setup.craft.further_effectors
         for effector in further:
             effector.check_flight(setup.craft, setup.task.drift, period, setup.conditions)
-        if setup.conditions is not None:
-            setup.conditions.check_pulses(period)
         bodies = None
         torque = 0.0
         if setup.conditions is not None:
@@ -426,10 +424,6 @@ def step(
         before = [earlier[:count] for earlier in episode.commands]
         obeyed = episode.parameters.dwell.enforced(command[:count], before, period)
         command = (*obeyed, *command[count:])
-    if episode.parameters is not None and episode.parameters.limits is not None:
-        count = world.craft.thruster_count
-        limited = episode.parameters.limits.enforced(command[:count], world.craft.actuators, period)
-        command = (*limited, *command[count:])
 
     # Motion, and constraints, memory and success at every check.
     states = (move or world.move)(episode.state, world.step_inputs(episode, command, draws))

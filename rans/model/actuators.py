@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from rans.errors import ConfigError, brief
-from rans.model.fields import Field, ascending, at_least, floor, where, within
+from rans.model.fields import Field, ascending, at_least, floor, where
 
 Command = Sequence[Field]
 """One field per thruster."""
@@ -48,10 +48,6 @@ class Actuators:
     def pulses(self, command: Command) -> Iterator[tuple[Field, Command]]:
         """Pieces of a control period, each with its share of the period and the thrusters' shares of full force."""
         yield 1.0, command
-
-    def without_short_pulses(self, command: Command, shortest: Field, period: float) -> Command:
-        """Commands without pulses below ``shortest`` (s) in a control period (s); actuators without pulses: all."""
-        return command
 
     def steady(self) -> Actuators:
         """Actuators that hold the mean force of each command for the control period: themselves, or a throttle."""
@@ -192,12 +188,6 @@ class Pulsed(Actuators):
             # Valves that are open to the end do not shut, even if the last piece has zero length.
             begun = end
             past = end if regular else -at_least(-end, 0.5 - self.counts)
-
-    def without_short_pulses(self, command: Command, shortest: Field, period: float) -> Command:
-        """See `Actuators.without_short_pulses`: the bound is rounded to counts; whole periods are always given."""
-        counts = float(self.counts)
-        least = within(floor(shortest * (counts / period) + 0.5), 0.0, counts)
-        return [where(self._width(duty) < least, duty * 0.0, duty) for duty in command]
 
     def steady(self) -> Throttle:
         """Throttle with the same mean forces, without rounding to counts and without the least pulse."""

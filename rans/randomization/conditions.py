@@ -68,9 +68,6 @@ class BodyConditions(Settings):
     """Factor on all moments of inertia."""
     centre: Range = 0.0
     """Distance between the true centre of mass and the designed one, in a random direction, m."""
-    stretch: Range = 1.0
-    """Factor on the distances of all masses from the centre of mass along an axis of B, in space, drawn for each
-    axis: it changes the ratios of the moments of inertia, which remain those of a rigid body."""
 
 
 @dataclass(frozen=True)
@@ -113,11 +110,6 @@ class ThrusterConditions(Settings):
     """Angle between the true and the designed direction of each thruster, to a random side, rad."""
     position: Range = 0.0
     """Distance between the true and the designed position of each thruster, in a random direction, m."""
-    least_pulse: Range = 0.0
-    """Shortest pulse of a pulsed thruster, s, rounded to counts of the spacecraft; shorter ones are not given."""
-    on_off: Range = 0.0
-    """Probability that the pulsed or throttled thrusters of an episode are on/off: a command of half or more opens
-    them fully for the control period, a smaller one does nothing."""
 
 
 @dataclass(frozen=True)
@@ -270,13 +262,6 @@ class Conditions(NamedArguments, Settings):
         """
         self._check_propellant(craft)
         self._check_effectors(craft)
-        stretches = [part.body.stretch for part in (self, *self.others) if part.body.stretch != 1.0]
-        if stretches and (craft.dimension == 2 or not craft.is_rigid):
-            raise ConfigError(
-                f"body.stretch = {stretches[0]} is for rigid craft in space, and {craft.name!r} "
-                f"{'moves in the plane' if craft.dimension == 2 else 'has a mass that moves'}; body.inertia is a "
-                "factor on all moments of inertia."
-            )
         count = craft.thruster_count
         failing = max(bounds(part.faults.count)[0] for part in (self, *self.others))
         named = self.faults.thrusters
@@ -297,33 +282,6 @@ class Conditions(NamedArguments, Settings):
                     f"Conditions have thrusters.{name} up to {longest:g} s, which is for on/off "
                     f"valves; the thrusters of {craft.name!r} are {craft.actuators.kind}."
                 )
-        actuators = craft.actuators
-        for name, fitting, fits_craft in (
-            ("least_pulse", "pulsed thrusters", actuators.kind == "pulsed"),
-            (
-                "on_off",
-                "pulsed or throttled thrusters that can be shut",
-                actuators.is_continuous and actuators.low == 0.0,
-            ),
-        ):
-            if not fits_craft and self._largest("thrusters", name) > 0.0:
-                raise ConfigError(
-                    f"Conditions have thrusters.{name} up to {self._largest('thrusters', name):g}, which is for "
-                    f"{fitting}; those of {craft.name!r} take commands of {actuators.allowed}."
-                )
-
-    def check_pulses(self, control_period: float) -> None:
-        """Reject least pulses above a control period (s), at which thrusters only fire for whole periods.
-
-        Raises:
-            ConfigError: ``thrusters.least_pulse`` reaches above the control period.
-        """
-        longest = self._largest("thrusters", "least_pulse")
-        if longest > control_period:
-            raise ConfigError(
-                f"Conditions have thrusters.least_pulse up to {longest:g} s, above the control period of "
-                f"{control_period:g} s, which is the longest pulse; the usual cause is a time in ms."
-            )
 
     def _largest(self, section: str, name: str) -> float:
         """Upper bound of a range in all conditions of the mixture."""
@@ -471,7 +429,7 @@ def piecewise(values: Sequence[float], ends: Sequence[float], chance: Field) -> 
 
 _BOUNDS: tuple[tuple[str, Callable[[Any], Any], str], ...] = (
     ("weight", lambda x: fits(x, lambda weight: 0 < weight < math.inf), "a finite number > 0"),
-    ("body.mass body.inertia body.stretch", lambda x: bounds(x)[0] > 0, "> 0"),
+    ("body.mass body.inertia", lambda x: bounds(x)[0] > 0, "> 0"),
     (
         "thrusters.thrust thrusters.pressure",
         lambda x: largest(x) > 0,
@@ -479,7 +437,6 @@ _BOUNDS: tuple[tuple[str, Callable[[Any], Any], str], ...] = (
     ),
     ("thrusters.least_on thrusters.least_off", lambda x: largest(x) <= 30, "at most 30 s"),
     ("thrusters.noise", lambda x: largest(x) <= 1, "at most 1, all of the force"),
-    ("thrusters.on_off", lambda x: largest(x) <= 1, "a probability, at most 1"),
     ("thrusters.misalignment", lambda x: largest(x) <= math.pi / 2, "at most pi / 2 rad"),
     (
         "faults.kinds",

@@ -15,14 +15,13 @@ from functools import reduce
 import numpy as np
 
 from rans.errors import ConfigError, brief
-from rans.model.actuators import Actuators
 from rans.model.body import Body, Mounting
 from rans.model.drift import Drift
 from rans.model.dynamics import Piece, Wrench, undelayed
 from rans.model.fields import Field, Vec3, at_least, cos, floor, map_leaves, sin, where
 from rans.model.random import Draws, Random
 from rans.model.spacecraft import Spacecraft
-from rans.randomization.conditions import Conditions, Range, ThrusterConditions, largest
+from rans.randomization.conditions import Conditions, Range, largest
 from rans.randomization.fault_draws import Fault, draw_fault
 from rans.randomization.sensors import Sensors, draw_sensors
 from rans.randomization.valves import Lag, failing, pieces
@@ -59,29 +58,6 @@ class MinimumDwell:
                     must_open, commanded * 0.0 + 1.0, where(must_shut, commanded * 0.0, commanded)
                 )
             )
-        return tuple(result)
-
-
-@dataclass(frozen=True)
-class CommandLimits:
-    """Limits of the commands of pulsed or throttled thrusters in an episode."""
-
-    least_pulse: Field | None = None
-    """Shortest pulse, s; None: that of the spacecraft."""
-    on_off: Field | None = None
-    """1 where thrusters only open and shut, else 0; None: everywhere 0."""
-
-    def enforced(
-        self, command: Sequence[Field], actuators: Actuators, period: float
-    ) -> tuple[Field, ...]:
-        """Commands of thrusters that are carried out in a control period (s)."""
-        result = command
-        if self.on_off is not None:
-            half = 0.5 * actuators.high
-            switched = [where(c >= half, c * 0.0 + actuators.high, c * 0.0) for c in result]
-            result = [where(self.on_off > 0.5, a, b) for a, b in zip(switched, result, strict=True)]
-        if self.least_pulse is not None:
-            result = actuators.without_short_pulses(result, self.least_pulse, period)
         return tuple(result)
 
 
@@ -175,8 +151,6 @@ class EpisodeParameters:
     sensors: Sensors | None
     noise: Field | None = None
     """Standard deviation of each thrust over its force, drawn anew in every control period."""
-    limits: CommandLimits | None = None
-    """Limits of commands; None: those of the spacecraft."""
 
     def body_at(self, time: Field) -> Body:
         """Body at a time since the start of the episode, s."""
@@ -294,8 +268,6 @@ _STREAMS = {
     "mixture": 17,
     "noise": 18,
     "mountings": 19,
-    "limits": 20,
-    "stretch": 21,
     "effectors": 22,
 }
 """Random streams of the effects, of 256 blocks of random numbers each. Start and goal have stream 0, kicks have
@@ -333,10 +305,6 @@ def draw(
 
     if conditions.others:
         conditions = conditions.met(random("mixture").unit())
-    if conditions.body.stretch != 1.0:
-        stretch = random("stretch")
-        factors = [stretch.within(conditions.body.stretch) for _ in range(3)]
-        base = replace(base, inertia=_stretched(base.inertia, factors))
     body = _body(conditions, base, random("body"), random("thrusters"))
     thrusters = conditions.thrusters
     mountings = _mountings(thrusters.misalignment, thrusters.position, craft, random("mountings"))
@@ -358,7 +326,6 @@ def draw(
         kicks=tuple(_kick(conditions, steps, random("kicks", k)) for k in range(pushes.kicks)),
         sensors=draw_sensors(conditions.sensors, random("sensors")),
         noise=_noise(conditions.thrusters.noise, random("noise")),
-        limits=_limits(conditions.thrusters, random("limits")),
     )
 
 
@@ -435,26 +402,6 @@ def _body(conditions: Conditions, base: Body, random: Random, thrusters: Random)
     )
 
 
-def _stretched(inertia: Sequence[Field], factors: Sequence[Field]) -> tuple[Field, ...]:
-    """Six moments of inertia of a body whose masses move by a factor along each axis.
-
-    With the integrals S of x_i x_j over the mass, the moments are trace(S) 1 - S, and S_ij gets the factors of both
-    axes.
-    """
-    xx, xy, xz, yy, yz, zz = inertia
-    a, b, c = factors
-    half = 0.5 * (xx + yy + zz)
-    x = a * a * (half - xx)
-    y = b * b * (half - yy)
-    z = c * c * (half - zz)
-    products = (
-        moment if isinstance(moment, float) and moment == 0.0 else moment * u * v
-        for moment, u, v in ((xy, a, b), (xz, a, c), (yz, b, c))
-    )
-    xy, xz, yz = products
-    return y + z, xy, xz, x + z, yz, x + y
-
-
 def _lag(conditions: Conditions, random: Random) -> Lag | None:
     thrusters = conditions.thrusters
     if conditions.lasting == 0.0:
@@ -474,17 +421,6 @@ def _dwell(conditions: Conditions, random: Random) -> MinimumDwell | None:
         if largest(on) > 0 or largest(off) > 0
         else None
     )
-
-
-def _limits(thrusters: ThrusterConditions, random: Random) -> CommandLimits | None:
-    has_pulse = largest(thrusters.least_pulse) > 0.0
-    has_kinds = largest(thrusters.on_off) > 0.0
-    if not has_pulse and not has_kinds:
-        return None
-    pulse = random.within(thrusters.least_pulse)
-    chance = random.unit()
-    on_off = where(chance < random.within(thrusters.on_off), chance * 0.0 + 1.0, chance * 0.0)
-    return CommandLimits(pulse if has_pulse else None, on_off if has_kinds else None)
 
 
 def _push(force: Range, torque: Range, random: Random) -> Wrench | None:

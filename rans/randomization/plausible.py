@@ -34,7 +34,6 @@ _EDGES: tuple[tuple[str, float, str, str], ...] = (
     ("thrusters.fall", 5.0, "s", "a time in ms"),
     ("thrusters.least_on", 10.0, "s", "a time in ms"),
     ("thrusters.least_off", 10.0, "s", "a time in ms"),
-    ("thrusters.least_pulse", 10.0, "s", "a time in ms"),
     ("thrusters.noise", 0.5, "of the force", "a share in percent, or a force in N"),
     ("thrusters.misalignment", 0.35, "rad (20 degrees)", "an angle in degrees"),
     ("thrusters.position", 0.2, "m", "a distance in mm or cm"),

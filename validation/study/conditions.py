@@ -25,11 +25,10 @@ from validation.study.checks import Check, Curve
 from validation.study.sampling import Restless, gaps, growth, reach
 
 _GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "body": ("body", ("mass", "inertia", "stretch", "centre")),
+    "body": ("body", ("mass", "inertia", "centre")),
     "thrust and supply": ("thrusters", ("thrust", "pressure", "droop")),
     "late and gradual valves": ("thrusters", ("latency", "command_delay", "rise", "fall")),
     "least on- and off-times": ("thrusters", ("least_on", "least_off")),
-    "least pulses and on/off thrusters": ("thrusters", ("least_pulse", "on_off")),
     "errors of thrusters": ("thrusters", ("noise", "misalignment", "position")),
     "faults": ("faults", ("count", "kinds", "share", "time")),
     "steady pushes": ("disturbances", ("force", "torque")),

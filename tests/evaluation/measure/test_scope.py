@@ -27,8 +27,8 @@ from rans.tasks import GoToPose
 
 NUMBERS = set(
     """
-    body.mass body.inertia body.stretch
-    thrusters.thrust thrusters.pressure thrusters.droop thrusters.noise thrusters.on_off
+    body.mass body.inertia
+    thrusters.thrust thrusters.pressure thrusters.droop thrusters.noise
     faults.count faults.kinds faults.share faults.among faults.thrusters disturbances.kicks
     sensors.position.dropout sensors.attitude.dropout sensors.velocity.dropout sensors.spin.dropout
     effectors

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 from rans.episode import Guard
-from rans.extend import Conditions, ConfigError, Setup, brief, is_finite, positive, scenario
+from rans.extend import ConfigError, Setup, brief, is_finite, positive, scenario
 from rans.model.drift import ClohessyWiltshire
-from rans.randomization.conditions import largest
 from rans_missions.guard.ahead import SLACK
 from rans_missions.guard.backup import FlownBackup
 from rans_missions.guard.barrier import BarrierProgram, check_throttles
@@ -38,9 +37,9 @@ def safety_filter(
     'flown backup'
 
     Raises:
-        ConfigError: the task has no constraints, the filter cannot brake with the craft's throttles, the conditions
-            draw layouts, kinds or least pulses of thrusters, the slack or the time of a coast is no finite number
-            above 0, or coasts are to be safe, and the task has no zone for them.
+        ConfigError: the task has no constraints, the filter cannot brake with the craft's throttles, the slack or
+            the time of a coast is no finite number above 0, or coasts are to be safe, and the task has no zone for
+            them.
     """
     task = setup.task
     name = type(task).__name__
@@ -57,7 +56,6 @@ def safety_filter(
             "safe_coasts must be True (coasts of an orbit), False, or the time of a coast, a finite number of s "
             f"above 0, got {brief(safe_coasts)}."
         )
-    _check_thrusters(setup.conditions)
     expected = Expected.of(setup)
     reserve = expected.reserve if slack is None else ()
     least = SLACK if slack is None else slack
@@ -76,19 +74,3 @@ def safety_filter(
     orbit = 2.0 * math.pi / drift.mean_motion
     seconds = orbit if safe_coasts is True else safe_coasts
     return SafeCoasts(result, zone, drift.mean_motion, seconds)
-
-
-def _check_thrusters(conditions: Conditions | None) -> None:
-    """Reject conditions whose episodes have other thrusters than those that predictions are computed with."""
-    if conditions is None:
-        return
-    parts = (conditions, *conditions.others)
-    for name, is_drawn in (
-        ("thrusters.on_off", any(largest(part.thrusters.on_off) > 0.0 for part in parts)),
-        ("thrusters.least_pulse", any(largest(part.thrusters.least_pulse) > 0.0 for part in parts)),
-    ):
-        if is_drawn:
-            raise ConfigError(
-                f"a safety filter predicts the craft as designed, and conditions with {name} give every episode "
-                "other thrusters: leave it out, or fly without the filter."
-            )

@@ -272,19 +272,3 @@ class _OnlyTarget:
 
     def scenery(self, goal: Any) -> Any:
         return [one for one in self.task.scenery(goal) if isinstance(one, Ball)]
-
-
-@pytest.mark.parametrize(
-    "other",
-    [
-        rans.Conditions(thrusters=rans.ThrusterConditions(on_off=0.5)),
-        rans.Conditions(thrusters=rans.ThrusterConditions(least_pulse=(0.01, 0.05))),
-    ],
-)
-def test_thrusters_that_the_filter_does_not_know_are_refused(other: rans.Conditions) -> None:
-    mixed = rans.Conditions(others=(replace(other, weight=2.0),))
-    for conditions in (other, mixed):
-        with pytest.raises(
-            ConfigError, match="predicts the craft as designed, and conditions with"
-        ):
-            safety_filter(Setup(PLATFORM, Avoid(), conditions=conditions))
