@@ -332,8 +332,8 @@ class _Port(NamedTuple):
 def of_onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
     """Policy of an ONNX network, whose first input is the observation and whose first output is the command.
 
-    Its states are the inputs after the first, and in the same order the outputs after the first: (N, m), or
-    (layers, N, m) as layers of torch have them.
+    Its states are the inputs after the first, and in the same order the outputs after the first, or the last ones:
+    (N, m), or (layers, N, m) as layers of torch have them.
     """
     onnxruntime = require("onnxruntime")
     _check_file(name)
@@ -385,8 +385,17 @@ class OnnxPolicy:
             self._check_layers()
 
     def _givens(self, states: list[Any]) -> list[Any]:
-        """Outputs after the command, one for each state that the network takes."""
-        givens = self._session.get_outputs()[1 : 1 + len(states)]
+        """Outputs after the command, one for each state that the network takes.
+
+        They follow the command, as RSL-RL exports them, or are the last ones, as rl_games does: there a deviation
+        and a value stand between.
+        """
+        outputs = self._session.get_outputs()[1:]
+        givens = outputs[: len(states)]
+        last = outputs[len(outputs) - len(states) :]
+        if len(outputs) >= len(states) and not all(map(_fits, states, givens)):
+            givens = last if all(map(_fits, states, last)) else givens
+        self._given = len(outputs) - len(states) if givens is last else 0
         if len(givens) < len(states):
             raise ConfigError(
                 f"{self._file} must have one input, the observation, and after it the states that it also gives "
@@ -402,12 +411,7 @@ class OnnxPolicy:
         axis = len(shape) - 2
         sizes = [size for k, size in enumerate(shape) if k != axis]
         whole = all(isinstance(size, int) and 0 < size <= _LARGEST_STATE for size in sizes)
-        fits = len(given.shape) == len(shape) and all(
-            not isinstance(a, int) or not isinstance(b, int) or a == b
-            for k, (a, b) in enumerate(zip(shape, given.shape, strict=True))
-            if k != axis
-        )
-        if axis not in (0, 1) or not whole or not fits or shape[axis] == 0:
+        if axis not in (0, 1) or not whole or not _fits(taken, given) or shape[axis] == 0:
             raise ConfigError(
                 f"the state {taken.name} of {self._file} must be (N, m) or (layers, N, m), and given back in the "
                 f"same shape, got {shape} taken and {list(given.shape)} given as {given.name}."
@@ -442,6 +446,7 @@ class OnnxPolicy:
                 for port, zeros, state in zip(self._ports, states, memory, strict=True)
             ]
         command, *after = self._run(observation, states)
+        after = after[self._given :]
         if not self._is_checked and count > 1:
             self._check(observation, states, command)
             self._is_checked = True
@@ -486,15 +491,28 @@ class OnnxPolicy:
         if not self._is_single:
             return self._asked(observation, states)
         rows = [self._of_row(observation, states, k) for k in range(len(observation))]
-        axes = [0, *(port.axis for port in self._ports)]
-        # Outputs after the states, such as a value, are not read.
-        return [np.concatenate([row[k] for row in rows], axis=axis) for k, axis in enumerate(axes)]
+        # Outputs beside command and states, such as a value, are not read.
+        axes = [0] * (1 + self._given) + [port.axis for port in self._ports]
+        return [
+            np.concatenate([np.atleast_1d(row[k]) for row in rows], axis=axis)
+            for k, axis in enumerate(axes)
+        ]
 
 
 _LARGEST_STATE = 2**16
 """Numbers along an axis of a state; layers in control have some hundred."""
 _LARGEST_NETWORK = 2**26
 """Bytes of a network whose layers are looked through; networks in control have less than a thousandth of it."""
+
+
+def _fits(taken: Any, given: Any) -> bool:
+    """Whether an output may be the state that is taken, by its shape; the axis of episodes has any length."""
+    before, after = list(taken.shape), list(given.shape)
+    return len(before) == len(after) and all(
+        not isinstance(a, int) or not isinstance(b, int) or a == b
+        for k, (a, b) in enumerate(zip(before, after, strict=True))
+        if k != len(before) - 2
+    )
 
 
 def _along(starts: np.ndarray, port: _Port) -> np.ndarray:

@@ -279,6 +279,75 @@ def test_networks_with_two_states_of_layers(tmp_path: Path, count: int | str) ->
     assert differs  # or the states would not matter
 
 
+class Layered(torch.nn.Module):
+    """Layers of torch; with ``between``, a deviation and a value stand before the states."""
+
+    def __init__(self, kind: str, between: bool) -> None:
+        super().__init__()
+        self.layers = getattr(torch.nn, kind)(10, UNITS, num_layers=2)
+        self.last = torch.nn.Linear(UNITS, 8)
+        self.between = between
+
+    def forward(self, obs: torch.Tensor, *states: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        """Commands, and the states after them."""
+        out, after = self.layers(obs[None], states[0] if len(states) == 1 else states)
+        mean = self.last(out[0])
+        further = (0.0 * mean, mean.sum(dim=1, keepdim=True)) if self.between else ()
+        return (mean > 0.0).float(), *further, *((after,) if len(states) == 1 else after)
+
+
+@pytest.mark.parametrize(
+    ("kind", "names", "between"),
+    [
+        ("LSTM", ["h_in", "c_in"], False),
+        ("GRU", ["h_in"], False),
+        ("LSTM", ["out_state.1", "hidden_state.1"], True),
+        ("GRU", ["out_state.1"], True),
+    ],
+)
+@pytest.mark.parametrize("any_count", [False, True])
+def test_exports_of_torch_fly_as_torch_does(
+    tmp_path: Path, kind: str, names: list[str], between: bool, any_count: bool
+) -> None:
+    """The layouts of RSL-RL and Isaac Lab, and of rl_games; for a batch of one, and for any number of rows."""
+    torch.manual_seed(3)
+    network = Layered(kind, between).eval()
+    torch.nn.init.normal_(network.last.weight, std=3.0)
+    for name, weights in network.layers.named_parameters():
+        if name.startswith("weight_hh"):  # what is remembered
+            torch.nn.init.normal_(weights, std=3.0)
+    file = tmp_path / "recurrent.onnx"
+    zeros = torch.zeros(2, 1, UNITS)
+    after = [f"{name} after" for name in names]
+    further = ["sigma", "value"] if between else []
+    axes = {"obs": {0: "n"}, **{name: {1: "n"} for name in [*names, *after]}}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # torch recommends its other exporter
+        torch.onnx.export(
+            network,
+            (torch.zeros(1, 10), *[zeros] * len(names)),
+            str(file),
+            dynamo=False,
+            opset_version=17,
+            input_names=["obs", *names],
+            output_names=["mu", *further, *after],
+            dynamic_axes=axes if any_count else None,
+        )
+    policy = user_policy(f"onnx:{file}", CRAFT, TASK)
+    policy.reset(6)
+    states = [torch.zeros(2, 6, UNITS)] * len(names)
+    differs = False
+    for step in STEPS:
+        observation = torch.as_tensor(np.asarray(step), dtype=torch.float32)
+        with torch.no_grad():
+            forgets = network(observation, *(0.0 * state for state in states))[0]
+            command, *rest = network(observation, *states)
+        states = rest[-len(names) :]
+        differs |= not torch.equal(command, forgets)
+        np.testing.assert_array_equal(policy.act(None, None, step), command.numpy())
+    assert differs  # or the states would not matter
+
+
 def test_a_network_that_hides_its_states_is_refused(tmp_path: Path) -> None:
     file = network(tmp_path / "hidden.onnx", states=False)
     with pytest.raises(ConfigError, match=r"has a memory \(LSTM\) that it neither takes nor gives"):
