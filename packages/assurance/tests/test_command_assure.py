@@ -71,7 +71,8 @@ def test_numbers_a_page_and_commands_that_show_failures_again(
     rows = re.findall(r"<tr>.*?</tr>", failures, re.DOTALL)
     assert [row in report for row in rows] == [True] * 7  # a heading, any failure, five kinds
     shown: list[Any] = []
-    monkeypatch.setattr("rans.cli.view.View._show", lambda _, flights: shown.extend(flights))
+    monkeypatch.setattr("rans.api.pages.Replay.html", lambda replay: shown.extend(replay.flights))
+    monkeypatch.setattr("rans.cli.view._serve", lambda page, *_: page())
     assert main(shlex.split(found["replays"]["judged"][0]["see"])[1:]) == 0
     assert solved(shown[0]).tolist() == [False]
 

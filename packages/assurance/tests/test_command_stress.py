@@ -43,7 +43,8 @@ def test_pages_numbers_and_commands_that_show_it_again(
     assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
     assert f"rans view {FIRST} --conditions" in printed
     shown: list[Any] = []
-    monkeypatch.setattr("rans.cli.view.View._show", lambda _, flights: shown.extend(flights))
+    monkeypatch.setattr("rans.api.pages.Replay.html", lambda replay: shown.extend(replay.flights))
+    monkeypatch.setattr("rans.cli.view._serve", lambda page, *_: page())
     command = shlex.split(lost["worst"][0]["see"])
     assert command[:2] == ["rans", "view"]
     assert main(command[1:]) == 0
