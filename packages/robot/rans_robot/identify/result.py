@@ -433,7 +433,7 @@ class Identification:
         if not momentum.sources:
             return [
                 "What part of it is of gravity, of a dipole and of the air, only positions from the centre of the "
-                "Earth (x, y, z) and the magnetic field in the body (bx, by, bz) say: a CSV file may have columns."
+                "Earth (x, y, z) and the magnetic field in the body (bx, by, bz) say, which a CSV file may have."
             ]
         parts = []
         for name in dict.fromkeys(one.name for one in momentum.sources):
