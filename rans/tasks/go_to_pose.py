@@ -114,7 +114,6 @@ class GoToPose(SingleTask):
         return {
             **terms,
             **self.arrived.terms(transition, closest, *relative(transition.state)),
-            **self.arrived.departure(transition, relative),
             **self.prices(transition),
         }
 

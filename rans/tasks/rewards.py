@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
 from operator import add
@@ -145,9 +145,6 @@ class RestReward(Settings):
     boundary_weight: float = 0.0
     """Reward lost between the tolerances and twice the tolerances. An approach passes this region in a step or two,
     and an agent that has arrived should not return to it."""
-    departed_weight: float = 0.0
-    """Reward lost in a control period that begins at rest within the tolerances and does not end so: an agent that
-    has arrived should stay, and correct itself with pulses that leave it at rest."""
     within: float = 1.0
     """Fraction of the tolerances that counts as arrived; below 1 leaves a margin."""
     spin: float = math.radians(5.0)
@@ -189,23 +186,6 @@ class RestReward(Settings):
             near = inside(*(0.5 * error for error in scaled))
             terms["boundary"] = near * (1.0 - inside(*scaled)) * -self.boundary_weight
         return terms
-
-    def departure(
-        self, transition: Transition, errors: Callable[[State], tuple[Field, ...]]
-    ) -> dict[str, Field]:
-        """The price of leaving rest within the tolerances; nothing where its weight is zero.
-
-        Args:
-            transition: control period.
-            errors: errors of a state over the task's tolerances.
-        """
-        if not is_used(self.departed_weight):
-            return {}
-        after = transition.state
-        before = after if transition.before is None else transition.before
-        stayed = self._at_rest(after, errors(after))
-        left = self._at_rest(before, errors(before)) * (1.0 - stayed)
-        return {"departed": left * -self.departed_weight}
 
     def _at_rest(self, state: State, errors: tuple[Field, ...]) -> Field:
         """Smooth indicator of rest within the tolerances: 1 inside, 0 outside."""

@@ -200,30 +200,6 @@ def test_who_is_nearly_there_pays_for_not_being_there(
     assert "boundary" not in GoToPose().reward(Transition(state, goal, (0.0,), (0.0,)))
 
 
-@pytest.mark.parametrize(
-    ("spin_before", "spin_after", "x_after", "expected"),
-    [
-        (0.0, 0.3, 0.0, -8.0),  # one pulse of a nozzle
-        (0.0, 0.0, 0.06, -8.0),  # drifted out
-        (0.0, 0.0, 0.01, 0.0),
-        (0.3, 0.0, 0.0, 0.0),
-        (0.3, 0.3, 0.0, 0.0),
-        (0.0, math.radians(5.0), 0.0, -4.0),  # half of it at the edge
-    ],
-)
-def test_who_leaves_rest_pays_once(
-    spin_before: float, spin_after: float, x_after: float, expected: float
-) -> None:
-    """Edges to the power of 64: 1e-5 of the weight is left at 1.2 times a bound."""
-    task = GoToPose(arrived=RestReward(departed_weight=8.0, sharpness=6))
-    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    before = replace(goal, w=spin_before)
-    after = replace(goal, p=Vec2(x_after, 0.0), w=spin_after)
-    moved = Transition(after, goal, (0.0,), (0.0,), before)
-    assert task.reward(moved)["departed"] == pytest.approx(expected, abs=1e-4)
-    assert "departed" not in GoToPose().reward(moved)
-
-
 @pytest.mark.parametrize("sharpness", [0, 9, 2.5])
 def test_edges_of_no_sharpness(sharpness: float) -> None:
     with pytest.raises(ConfigError, match="sharpness must be a whole number from 1 to 8, got"):
