@@ -1,7 +1,8 @@
 """The agents for any craft: their training, and their figures on craft that they have never flown.
 
 ``python -m campaigns.any_craft train --seed 12 --device cuda`` trains that of the plane and writes it into the
-package, ``train --dimension 3 --seed 1 --device cuda`` that of space;
+package, ``train --dimension 3 --seed 1 --device cuda`` that of space; ``values`` in its place trains only the
+weights of every value from fast to frugal, from those of the agent, which stay;
 ``craft`` in its place prints the table of the shipped craft, ``frugal`` that of its frugalities, of
 docs/any_craft/any_craft_frugal.md, ``layouts`` that of random layouts (with ``--engine
 drake`` that of some as spacecraft, in the engine and in Drake), ``dead`` that of a dead thruster, ``mass`` that
@@ -20,11 +21,12 @@ from dataclasses import asdict, replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from shutil import copytree
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
-from rans_any_craft.evolution import NODES, EvolutionSettings, evolve
+from rans_any_craft.evolution import NODES, SETTINGS, evolve
 from rans_any_craft.layout_bodies import layout_spacecraft
 from rans_any_craft.layouts import layouts
 from rans_any_craft.training import (
@@ -42,6 +44,7 @@ from rans_any_craft.training import (
     policy_layers,
     stopping_law,
     train,
+    with_weights,
 )
 from scipy.linalg import solve_discrete_are
 from torch import Tensor
@@ -58,9 +61,9 @@ from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.protocols import fitting_protocols
 from rans.evaluation.measure.aggregate import measure
 from rans.evaluation.measure.metrics import impulses, settling_times
-from rans.fast.agent_files.agent import actor_bytes
+from rans.fast.agent_files.agent import AGENT, actor_bytes, read_policy
 from rans.fast.learn.config import TrainConfig, to_table
-from rans.files import environment, write_json, write_text
+from rans.files import environment, read_json, write_json, write_text
 from rans.model.joined import Effectors, joined
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, to_toml
@@ -68,7 +71,8 @@ from rans.model.timing import Timing
 from rans.model.twists import authority_margin
 from rans.optimal.control.regulator import Weights
 from rans.policy.any_craft import COAST, without
-from rans.policy.authority import Authority, coasting, columns, rotation_vector
+from rans.policy.authority import DIMENSIONS, Authority, coasting, columns, rotation_vector
+from rans.policy.network import Network
 from rans.pretrained import ADAPTIVE, FOLDER, FOR_ANY_CRAFT
 from rans.processes import Workers
 from rans.randomization.conditions import Conditions, FaultConditions, FaultKind
@@ -132,6 +136,8 @@ _MOST = {"switching": 64, "MPC": 64}
 """Largest number of flights of those who take seconds for each."""
 _MOST_OF_EACH = {"switching": 8, "MPC": 4}
 """Largest number of flights of each thruster that is dead in turn, by who takes seconds for a flight."""
+_LAYOUTS_OF_VALUES = 960
+"""Layouts of a training of weights for every value."""
 _VALUES = 0.0, 0.15, 0.3, 0.5, 0.75, 1.0
 """Frugalities of the table of frugal flights."""
 _MASSES = 0.5, 0.7, 1.5, 2.0
@@ -643,12 +649,60 @@ def write_agent(folder: Path, settings: DemandSettings) -> None:
     """Train an agent and write it as a run folder without a critic."""
     begun = time.perf_counter()
     network = train(settings, lambda text, _: print(text, flush=True))  # noqa: T201
-    further: list[dict[str, Tensor]] = []
-    if settings.dimension == 2:
-        pool = draw_pool(1600, 6000 + 2 * settings.seed, 2, None, settings.shared)
-        own = EvolutionSettings(seed=settings.seed, device=settings.device)
-        further = evolve(network, pool, own, lambda text: print(text, flush=True))  # noqa: T201
+    further = _evolved([network], settings.seed, settings.device)
     save(folder, network.state_dict(), settings, time.perf_counter() - begun, further)
+
+
+def _evolved(begun: Sequence[DemandNetwork], seed: int, device: str) -> list[dict[str, Tensor]]:
+    """Weights of every node, see `evolve`, with layouts of a seed that no training of networks has."""
+    dimension = begun[0].dimension
+    shared = RECIPES[dimension].shared
+    pool = draw_pool(_LAYOUTS_OF_VALUES, 6000 + 2 * seed, dimension, None, shared)
+    settings = replace(SETTINGS[dimension], seed=seed, device=device)
+    return evolve(begun, pool, settings, lambda text: print(text, flush=True))  # noqa: T201
+
+
+def write_values(source: Path, folder: Path, seed: int, device: str, is_continued: bool) -> None:
+    """Train weights of every value from an agent's own weights, which stay, and write the agent with them.
+
+    Args:
+        source: run folder of the agent.
+        folder: to be written.
+        seed: of the training.
+        device: of torch.
+        is_continued: whether the training begins with the weights that the agent has for values.
+    """
+    begun = time.perf_counter()
+    saved = read_policy(source / AGENT)
+    network = saved.network
+    architecture = network.architecture
+    tensors = [network.member(0)]
+    if is_continued:
+        tensors += [dict(network.at[value]) for value in NODES]
+    dimension = DIMENSIONS[len(architecture.authority) - 1]
+    networks = [
+        DemandNetwork.of_layers(policy_layers(Network(architecture, own)), dimension)
+        for own in tensors
+    ]
+    further = _evolved(networks, seed, device)
+    at: dict[float, dict[str, Tensor]] = {}
+    for value, own in zip(NODES, further, strict=True):
+        networks[0].load_state_dict(own, strict=False)
+        at[value] = with_weights(network, networks[0])
+    if folder != source:
+        copytree(source, folder, dirs_exist_ok=True)
+    (folder / AGENT).write_bytes(actor_bytes(architecture, tensors[0], saved.steps, at))
+    card = read_json(folder / "card.json")
+    card["training"]["values"] = {
+        "nodes": NODES,
+        "seed": seed,
+        "device": device,
+        "begun with those of values": is_continued,
+        "seconds": round(time.perf_counter() - begun, 1),
+        "settings": asdict(SETTINGS[dimension]),
+        "environment": environment(),
+    }
+    write_json(folder / "card.json", card)
 
 
 def save(
@@ -705,6 +759,7 @@ def main() -> None:
         "part",
         choices=(
             "train",
+            "values",
             "craft",
             "frugal",
             "dead",
@@ -721,9 +776,15 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cpu", help="of torch, on which train runs")
     parser.add_argument("--output", type=Path, help="folder of the trained agent")
+    parser.add_argument(
+        "--continued",
+        action="store_true",
+        help="values begins with the weights that the agent has for values",
+    )
     parser.add_argument("--start-seed", type=int, default=EVALUATION_SEED)
     parser.add_argument(
-        "--agent", help="run folder whose agent craft flies; by default the shipped one"
+        "--agent",
+        help="run folder whose agent craft and frugal fly and values trains; by default the shipped one",
     )
     parser.add_argument(
         "--engine", choices=("fast", "drake"), default="fast", help="of joined and layouts"
@@ -736,6 +797,12 @@ def main() -> None:
     if given.part == "train":
         settings = replace(RECIPES[given.dimension], seed=given.seed, device=given.device)
         write_agent(given.output or FOLDER / FOR_ANY_CRAFT[given.dimension], settings)
+        return
+    if given.part == "values":
+        shipped_agent = FOLDER / FOR_ANY_CRAFT[given.dimension]
+        source = Path(given.agent) if given.agent else shipped_agent
+        output = given.output or shipped_agent
+        write_values(source, output, given.seed, given.device, given.continued)
         return
     if given.part == "picture":
         picture(Path("docs/pictures/layouts.svg"))

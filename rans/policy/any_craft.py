@@ -277,7 +277,13 @@ def frugal(network: Network, value: float, distance: float) -> Network:
     numbers = Frugality.of_value(value, distance, dimension)
     tensors: Mapping[str, torch.Tensor] = network.tensors
     if network.at:
-        numbers = Frugality.trained(value, architecture.last.weights == 1)
+        is_continuous = architecture.last.weights == 1
+        kinds = {row[-1] for row in architecture.tokens}
+        is_pulsed_in_space = (
+            dimension == 3 and is_continuous and architecture.coast > 0.0 and WHEEL not in kinds
+        )
+        hurries = kinds == {SHARED} or is_pulsed_in_space
+        numbers = Frugality.trained(value, is_continuous, hurries)
         nodes = network.at
         values = sorted(nodes)
         following = min(int(np.searchsorted(values, value, "right")), len(values) - 1)

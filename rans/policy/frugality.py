@@ -36,6 +36,10 @@ _ACCELERATIONS = {2: (1.0, 1.2, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0), 3: (1.0,) * 8}
 shortened distance loses no time near the goal: with 1.2 the agent is quicker and cheaper than switching control on
 six of fifteen planar craft, with 1 on four. In space it costs the free-flyer 60 % more thrust
 (docs/decisions/any_craft_frugal.md)."""
+_HURRY = 1.1
+"""Factor of the linear accelerations at the value 0 for trained weights. Craft with a shared supply, or in space
+with pulsed thrusters, then take 3 to 5 % less time; the free flyer, throttled craft and those with wheels lose by
+it (docs/decisions/any_craft_frugal.md)."""
 _COASTS = {2: (1.0,) + (5.0 / 3.0,) * 7, 3: (1.0,) * 8}
 """Factor of the time for which a craft coasts near the goal, by dimension: in the plane five control periods in
 place of three save 2 % of the thrust."""
@@ -86,15 +90,18 @@ class Frugality(NamedTuple):
         )
 
     @classmethod
-    def trained(cls, value: float, is_continuous: bool) -> Frugality:
+    def trained(cls, value: float, is_continuous: bool, hurries: bool = False) -> Frugality:
         """The numbers of a value from 0 to 1 for an agent that has weights of its own for every value.
 
         Only the price of continuous thrusters and their coasting change: on/off thrusters whose pulses are large
-        lose flights by it (docs/decisions/any_craft_frugal.md).
+        lose flights by it (docs/decisions/any_craft_frugal.md). A craft that ``hurries`` is given larger
+        accelerations at fast values.
         """
-        part = min(2.0 * value, 1.0) if is_continuous else 0.0
+        toward = min(2.0 * value, 1.0)
+        part = toward if is_continuous else 0.0
         price, coast = _PRICES[2][-1] ** part, 1.0 + part * (_COASTS[2][-1] - 1.0)
-        return cls(1.0, 0.0, 0.0, round(price, 6), 1.0, coast)
+        acceleration = 1.0 + (1.0 - toward) * (_HURRY - 1.0) if hurries else 1.0
+        return cls(1.0, 0.0, 0.0, round(price, 6), round(acceleration, 6), coast)
 
 
 AS_TRAINED = Frugality(1.0, 0.0, 0.0, 1.0)

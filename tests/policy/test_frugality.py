@@ -13,14 +13,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rans.errors import ConfigError, NonFiniteState
+from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.any_craft import frugal
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
+from rans.evaluation.measure.metrics import settling_times
 from rans.fast.agent_files.agent import actor_bytes, read_policy
+from rans.policy.any_craft import frugal as at_value
 from rans.policy.authority import Authority, of_body, shortened
 from rans.policy.frugality import AS_TRAINED, Frugality
+from rans.policy.network import Network
 from rans.policy.predict import predict
 from tests.support.pose_observations import observations
 
@@ -59,11 +63,41 @@ def test_the_value_0_is_quicker_than_the_agent_as_it_was_trained() -> None:
     assert fast["impulse"] < plain["impulse"]
 
 
-def test_the_value_0_in_space_is_the_agent_as_it_was_trained() -> None:
-    plain, named = (contestant(spec).controller for spec in ("any-craft-3d", "any-craft-3d#0"))
-    first, second = (x.network for x in (plain, named))  # type: ignore[attr-defined]
-    assert first.architecture.frugal == second.architecture.frugal == ()
-    assert all(torch.equal(x, second.tensors[name]) for name, x in first.tensors.items())
+def test_the_value_0_of_an_agent_without_further_weights_is_the_agent_as_it_was_trained() -> None:
+    run = contestant("any-craft-3d")
+    own = run.controller.network  # type: ignore[attr-defined]
+    alone = Network(own.architecture, own.tensors)
+    fast = at_value(alone, 0.0, 3.5)
+    assert own.architecture.frugal == fast.architecture.frugal == ()
+    assert all(torch.equal(x, fast.tensors[name]) for name, x in own.tensors.items())
+
+
+def test_a_shared_supply_is_flown_sooner_with_larger_accelerations() -> None:
+    """Without wheels; a platform of its own supplies, or with wheels, is given its own accelerations."""
+    spec = "any-craft-2d#0@floating-platform-shared"
+    run = contestant(spec)
+    network = run.controller.network  # type: ignore[attr-defined]
+    assert network.architecture.frugality.acceleration > 1.0
+    plain = Network(replace(network.architecture, frugal=()), network.tensors)
+    slow = run._replace(controller=Agent(plain, "plain", run.craft))
+    times = [
+        settling_times(fly_episodes(one.controller, one.judged, 77, 48, workers=1).flight).mean()
+        for one in (run, slow)
+    ]
+    assert times[0] < 0.99 * times[1]
+    for other in ("any-craft-2d#0", "any-craft-2d#0@roboran-platform", "any-craft-3d#0@cubesat-6u"):
+        own = contestant(other).controller.network  # type: ignore[attr-defined]
+        assert own.architecture.frugality.acceleration == 1.0
+
+
+@given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.booleans(), st.booleans())
+def test_a_larger_value_of_trained_weights_never_hurries(
+    one: float, other: float, is_continuous: bool, hurries: bool
+) -> None:
+    low, high = (Frugality.trained(value, is_continuous, hurries) for value in sorted((one, other)))
+    assert high.acceleration <= low.acceleration
+    assert high.price >= low.price
+    assert high.coast >= low.coast
 
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.1, 100.0), st.sampled_from((2, 3)))

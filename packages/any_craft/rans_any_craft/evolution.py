@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from rans.extend import RansError
 from rans.policy.any_craft import COAST
 from rans.policy.authority import Authority, coasting, columns
 from rans_any_craft.training import (
@@ -42,7 +43,16 @@ _ANGLE = 0.082
 """Angle, rad, likewise: 0.3 degrees less."""
 _LOST = (2.5, 0.5)
 """Settling time of flights that do not settle, over their length, and what is added for those that end as far
-away as they began. With 1.5 in place of 2.5 frugal craft learn not to arrive."""
+away as they began. With 1.5 in place of 2.5 frugal craft learn not to arrive; with 5, and logarithms of costs,
+on/off craft in space take a half more thrust to lose fewer flights."""
+_DROOP = 0.6
+"""Least part of their force that throttled thrusters give in half of the flights: nozzles which share a plenum."""
+_JUDGED = 1024
+"""Craft of either kind of thruster that judge weights."""
+_PARTS = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)
+"""Parts of the way from one node's weights to the next one's that are judged."""
+_MAY_LOSE = 0.005
+"""Part of the flights that weights of a node may lose beyond those of the beginning."""
 _THROTTLED = 0.4
 """Part of the craft with continuous thrusters that never coast, as throttled ones; pulsed ones do."""
 _LEAST_SCALE = 0.05
@@ -51,17 +61,18 @@ _MEAN, _SQUARE, _AVERAGE = 0.1, 0.02, 0.02
 """Part of a step in the mean and the mean square of gradients, and in the average of the weights."""
 
 
+class TrainingFailed(RansError):
+    """A training has ended with weights that are no better than those at its beginning."""
+
+
 @dataclass(frozen=True)
 class EvolutionSettings:
     """Settings of the evolution. Weights of trained networks are its start."""
 
-    seconds: float = 270.0
+    seconds: float = 150.0
     """Time, s."""
-    prices: tuple[float, ...] = (0.08, 0.5, 2.2)
+    prices: tuple[float, ...] = (0.08, 0.5, 1.1)
     """Price of a second of thrust with the craft's least authority at each node, in seconds of settling time."""
-    last: float = 0.5
-    """Part of the way from the weights of the middle node to those of the last in the result: at the price of 2.2
-    itself flights take longer than most tasks last."""
     pairs: int = 384
     """Pairs of networks in a step, for either kind of thruster."""
     crafts: int = 48
@@ -77,6 +88,10 @@ class EvolutionSettings:
     seed: int = 0
     device: str = "cpu"
     """Device of torch."""
+
+
+SETTINGS = {2: EvolutionSettings(), 3: EvolutionSettings(prices=(0.05, 0.5, 1.1), pairs=256)}
+"""Settings by dimension. In space flights take twice the operations."""
 
 
 class Flown(NamedTuple):
@@ -279,7 +294,7 @@ class Evolution:
             moved = own.sigma * self._scale * noise
             centre = parts @ self.theta
             layers = self.layers(torch.cat((centre + moved, centre - moved)))
-            flown = self._fly(layers, self._crafts(value, continuous))
+            flown = self._fly(layers, self._crafts(value, continuous, own.crafts))
             plus, minus = flown.cost.unflatten(0, (2, own.pairs, own.crafts))
             # The derivative of the logarithm of the cost: every craft counts alike.
             change = (2.0 * (plus - minus) / (plus + minus)).mean(dim=1).nan_to_num(0.0)
@@ -302,23 +317,76 @@ class Evolution:
         self.theta -= rate * self._scale * mean / (square.sqrt() + 1e-8)
         self._average.lerp_(self.theta, max(_AVERAGE, 1.0 / self._count))
 
-    def nodes(self) -> list[dict[str, Tensor]]:
-        """Weights of the nodes by name: averages over the last fifty steps or so."""
-        first, middle, last = self._average.cpu()
-        rows = (first, middle, middle.lerp(last, self._settings.last))
+    def chosen(self, begun: Tensor, report: Callable[[str], None]) -> Tensor:
+        """Weights (3, k) of the nodes: averages over the last fifty steps or so, as far as they lose no flight.
+
+        The weights of a node are as far on the way from those of the node before it as they lose no more flights
+        than the weights (k,) of the beginning, from the same starts with craft that no step has had.
+
+        Raises:
+            TrainingFailed: the first node is not quicker, or loses flights.
+        """
+        rows: list[Tensor] = []
+        for number, (own, value) in enumerate(zip(self._average, NODES, strict=True)):
+            parts = _PARTS if number else _PARTS[:1]
+            before = rows[-1] if rows else own
+            candidates = torch.stack([torch.lerp(before, own, part) for part in parts])
+            lost, quicker = self._judged(candidates, begun, value)
+            for part, *figures in zip(parts, lost, quicker, strict=True):
+                report(
+                    f"value {value:g}, {part:g} of the way: loses {100 * figures[0]:.2f} % more flights, takes "
+                    f"{math.exp(figures[1]):.3f} of the time"
+                )
+            good = [k for k, more in enumerate(lost) if more <= _MAY_LOSE]
+            if number == 0 and (not good or quicker[0] >= 0.0):
+                raise TrainingFailed(
+                    f"weights of the fast end lose {100 * lost[0]:.2f} % more flights than those at the beginning, "
+                    f"and take {math.exp(quicker[0]):.3f} of their time: try another seed"
+                )
+            rows.append(candidates[good[0]] if good else before)
+        return torch.stack(rows)
+
+    def _judged(self, rows: Tensor, begun: Tensor, value: float) -> tuple[list[float], list[float]]:
+        """What flights with weights (G, k) lose more than with others (k,), and logarithms of times over theirs."""
+        lost = torch.zeros(len(rows), device=rows.device)
+        quicker = torch.zeros_like(lost)
+        for continuous in (False, True):
+            values = torch.full((len(rows),), value, device=rows.device)
+            crafts = self._crafts(values, continuous, _JUDGED)
+            layers = self.layers(torch.cat((rows, begun.expand_as(rows))))
+            own = self._settings
+            flown = _flown(
+                layers,
+                crafts,
+                own.steps,
+                self._generator,
+                partial(_period, continuous=continuous),
+            )
+            length = own.steps * crafts.batch.authority.period
+            shape = (2, len(rows), _JUDGED)
+            is_lost = (flown.settling > length).float().unflatten(0, shape)
+            lost += 0.5 * (is_lost[0] - is_lost[1]).mean(dim=1)
+            both = 1.0 - is_lost.amax(dim=0)
+            times = flown.settling.log().unflatten(0, shape)
+            change = ((times[0] - times[1]) * both).sum(dim=1) / both.sum(dim=1)
+            quicker += 0.5 * change
+        return lost.tolist(), quicker.tolist()
+
+    def named(self, rows: Tensor) -> list[dict[str, Tensor]]:
+        """Weights (G, k) by name."""
         sizes = [math.prod(shape) for shape in self._shapes.values()]
         return [
             {
                 name: part.reshape(shape).clone()
                 for (name, shape), part in zip(self._shapes.items(), row.split(sizes), strict=True)
             }
-            for row in rows
+            for row in rows.cpu()
         ]
 
-    def _crafts(self, value: Tensor, continuous: bool) -> _Crafts:
-        """Craft of pairs with frugalities (P,)."""
+    def _crafts(self, value: Tensor, continuous: bool, number: int) -> _Crafts:
+        """Craft, a number of them for each pair, whose frugalities are (P,)."""
         own = self._settings
-        value = value.repeat_interleave(own.crafts)
+        value = value.repeat_interleave(number)
         settings = DemandSettings(
             self._network.dimension, crafts=len(value), steps=own.steps, coarse=own.coarse
         )
@@ -329,7 +397,12 @@ class Evolution:
         nearer = (batch.authority.least_linear * reach.square() / far).clamp(max=1.0)
         batch = batch._replace(state=batch.state._replace(p=nearer[:, None] * batch.state.p))
         uniform = torch.rand(len(value), generator=self._generator, device=value.device)
-        coast = torch.where((uniform < _THROTTLED) & continuous, 0.0, COAST)
+        is_throttled = (uniform < _THROTTLED) & continuous
+        coast = torch.where(is_throttled, 0.0, COAST)
+        # Half of the throttled ones droop.
+        drooped = _DROOP + (1.0 - _DROOP) * 2.0 * uniform / _THROTTLED
+        gain = torch.where(is_throttled, drooped.clamp(max=1.0), 1.0)
+        batch = batch._replace(gain=gain[:, None] * batch.gain)
         return _twice(_Crafts(batch, coast, _between(own.prices, value)))
 
     def _fly(self, layers: Layers, crafts: _Crafts) -> Flown:
@@ -381,27 +454,34 @@ def _tensors(entry: Any) -> Iterator[Tensor]:
 
 
 def evolve(
-    network: DemandNetwork,
+    begun: Sequence[DemandNetwork],
     pool: Pool,
     settings: EvolutionSettings,
     report: Callable[[str], None] = lambda line: None,
 ) -> list[dict[str, Tensor]]:
-    """Weights of `NODES` by name, from a network's weights for all.
+    """Weights of `NODES` by name.
 
     Args:
-        network: trained by `rans_any_craft.training.train`.
+        begun: the network that `rans_any_craft.training.train` has trained, then those of the nodes if there are
+            any, with which the evolution begins.
         pool: layouts.
         settings: of the evolution.
         report: is given a line now and then.
+
+    Raises:
+        TrainingFailed: the weights are no better than those at the beginning.
     """
-    own = {name: x.detach().cpu().clone() for name, x in network.named_parameters()}
-    evolution = Evolution(network, [own] * len(NODES), pool, settings)
+    first, *nodes = (
+        {name: x.detach().cpu().clone() for name, x in one.named_parameters()} for one in begun
+    )
+    evolution = Evolution(begun[0], nodes or [first] * len(NODES), pool, settings)
+    own = torch.cat([x.flatten() for x in first.values()]).to(settings.device)
     evolution.step(0.0)  # compilers take their time
-    begun = time.perf_counter()
+    begin = time.perf_counter()
     number = 0
-    while (elapsed := time.perf_counter() - begun) < settings.seconds:
+    while (elapsed := time.perf_counter() - begin) < settings.seconds:
         line = evolution.step(elapsed / settings.seconds)
         if number % 20 == 0:
             report(f"{elapsed:6.0f} s {line}")
         number += 1
-    return evolution.nodes()
+    return evolution.named(evolution.chosen(own, report))

@@ -374,6 +374,23 @@ class DemandNetwork(torch.nn.Module):
             (three, three.new_zeros(three.shape[:2])),
         ]
 
+    @classmethod
+    def of_layers(cls, layers: Layers, dimension: int) -> DemandNetwork:
+        """The network whose dense layers (`layers`) these are."""
+        (first, first_bias), (second, second_bias), (last, _) = (
+            (weight.detach(), bias.detach()) for weight, bias in layers
+        )
+        sides = len(Cube(dimension).elements)
+        network = cls(len(first) // sides, torch.Generator(), dimension)
+        # The first unit of each channel has its input as from the side 0, the identity.
+        with torch.no_grad():
+            network.first.copy_(first[::sides])
+            network.first_bias.copy_(first_bias[::sides])
+            network.second.copy_(second[::sides].unflatten(1, (-1, sides)))
+            network.second_bias.copy_(second_bias[::sides])
+            network.last.copy_(last[:, ::sides])
+        return network
+
 
 Layers = list[tuple[Tensor, Tensor]]
 Law = Callable[
@@ -1024,16 +1041,27 @@ def as_policy(network: DemandNetwork, craft: Spacecraft, task: Task, period: flo
         authority=authority(craft, period),
         coast=coast(craft),
     )
-    first, second, last = ((w.detach().cpu(), b.detach().cpu()) for w, b in network.layers())
-    tensors = last_layer(architecture, *last) | {
-        f"{EXTRACTOR}trunk.{2 * number}.{name}": x
-        for number, pair in enumerate((first, second))
-        for name, x in zip(("weight", "bias"), pair, strict=True)
-    }
+    tensors = _tensors_of(architecture, network)
     tensors |= {EXTRACTOR + name: x for name, x in architecture.statistics().items()}
     shapes = architecture.shapes()
     # There is no critic.
     return Network(architecture, {k: tensors.get(k, torch.zeros(s)) for k, s in shapes.items()})
+
+
+def with_weights(policy: Network, network: DemandNetwork) -> dict[str, Tensor]:
+    """Tensors of a policy of `as_policy` with the weights of another network."""
+    own = dict(policy.member(0))
+    return own | _tensors_of(policy.architecture, network)
+
+
+def _tensors_of(architecture: Architecture, network: DemandNetwork) -> dict[str, Tensor]:
+    """Tensors of the network's layers by their names in a policy."""
+    first, second, last = ((w.detach().cpu(), b.detach().cpu()) for w, b in network.layers())
+    return last_layer(architecture, *last) | {
+        f"{EXTRACTOR}trunk.{2 * number}.{name}": x
+        for number, pair in enumerate((first, second))
+        for name, x in zip(("weight", "bias"), pair, strict=True)
+    }
 
 
 def policy_layers(policy: Network) -> Layers:

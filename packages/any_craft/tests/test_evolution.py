@@ -8,8 +8,19 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from rans_any_craft.evolution import NODES, Evolution, EvolutionSettings, evolve, parts_of_nodes
-from rans_any_craft.training import DemandNetwork, Pool, draw_pool
+from rans_any_craft import evolution as evolution_module
+from rans_any_craft.evolution import (
+    NODES,
+    Evolution,
+    EvolutionSettings,
+    TrainingFailed,
+    evolve,
+    parts_of_nodes,
+)
+from rans_any_craft.training import DemandNetwork, Pool, draw_pool, policy_layers
+
+from rans.evaluation.fly.contestants import contestant
+from rans.policy.network import Network
 
 SETTINGS = EvolutionSettings(seconds=0.0, pairs=8, crafts=2, steps=6)
 
@@ -67,7 +78,52 @@ def test_steps_lower_the_cost_where_it_is_thrust(pool: Pool) -> None:
     assert sum(costs[-4:]) < sum(costs[:4])
 
 
-def test_a_result_has_the_weights_of_every_node(pool: Pool) -> None:
-    nodes = evolve(network(), pool, SETTINGS)
-    assert [node.keys() for node in nodes] == [weights(network()).keys()] * len(NODES)
-    assert all(bool(x.isfinite().all()) for node in nodes for x in node.values())
+def shipped(value: float | None = None) -> DemandNetwork:
+    """Network of the agent that comes with RANS, as it was trained or at one of its values."""
+    own = contestant("any-craft-2d").controller.network  # type: ignore[attr-defined]
+    chosen = own if value is None else Network(own.architecture, own.at[value])
+    return DemandNetwork.of_layers(policy_layers(chosen), 2)
+
+
+def judged(pool: Pool, nodes: list[DemandNetwork], begun: DemandNetwork) -> torch.Tensor:
+    """Weights that are chosen after an evolution that begins and ends with those of the nodes."""
+    longer = replace(SETTINGS, steps=200)
+    evolution = Evolution(shipped(), [weights(one) for one in nodes], pool, longer)
+    own = torch.cat([x.flatten() for x in weights(begun).values()])
+    return evolution.chosen(own, lambda line: None)
+
+
+@pytest.mark.slow
+def test_weights_that_lose_flights_are_not_chosen(
+    pool: Pool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Demands the other way never arrive: the last node's weights stay nearer to those of the node before it."""
+    monkeypatch.setattr(evolution_module, "_JUDGED", 12)
+    fast, away = shipped(0.0), shipped(0.0)
+    with torch.no_grad():
+        away.last.neg_()
+    rows = judged(pool, [fast, fast, away], shipped())
+    assert torch.equal(rows[0], rows[1])
+    lost = torch.cat([x.flatten() for x in weights(away).values()])
+    assert float((rows[2] - rows[1]).norm()) <= 0.5 * float((lost - rows[1]).norm())
+
+
+def test_a_training_that_is_no_quicker_has_failed(
+    pool: Pool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last weights are those of the first: they take as long."""
+    monkeypatch.setattr(evolution_module, "_JUDGED", 4)
+    with pytest.raises(TrainingFailed, match="try another seed"):
+        evolve([shipped()], pool, replace(SETTINGS, sigma=1e-30))
+
+
+@pytest.mark.slow
+def test_a_network_of_dense_layers_is_the_one_that_has_them() -> None:
+    for dimension in (2, 3):
+        own = DemandNetwork(2, torch.Generator().manual_seed(5), dimension)
+        with torch.no_grad():
+            for bias in (own.first_bias, own.second_bias):
+                bias.normal_(generator=torch.Generator().manual_seed(6))
+        again = DemandNetwork.of_layers(own.layers(), dimension)
+        for name, x in own.named_parameters():
+            assert torch.equal(x, again.get_parameter(name))
