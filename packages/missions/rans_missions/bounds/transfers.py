@@ -24,6 +24,7 @@ from rans.extend import (
 from rans.optimal.control.lqr import LQR
 from rans.reference.flight import fly_in_drake
 from rans.scenario import each
+from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.guidance import VelocityToGain
 from rans_missions.control.mission_guidance import MissionGuidance
@@ -31,30 +32,44 @@ from rans_missions.convex.holding import flight_that_holds, least_to_hold
 from rans_missions.convex.rendezvous import (
     Answer,
     Meeting,
+    MeetingTransfer,
+    least_impulse,
     rendezvous,
+    within_limits,
 )
 from rans_missions.tasks.orbital import OrbitalMission
 
+_RESERVE = 0.01
+"""Share of the position tolerance that an arrival leaves after which the craft stays: it may pass along it."""
+_SLOWLY = 0.5
+"""Share of the speed tolerance with which it arrives at most: braking on the way is cheaper than at the goal."""
+
 
 class Script:
-    """A controller that gives a fixed sequence of commands."""
+    """A controller that gives a fixed sequence of commands, and from the arrival on stays if it is told how."""
 
     name = "optimum"
     observes = False
 
-    def __init__(self, commands: np.ndarray) -> None:
+    def __init__(self, commands: np.ndarray, afterwards: Afterwards | None = None) -> None:
         self._commands = commands
+        self._afterwards = afterwards
         self._step = 0
 
     def reset(self, count: int) -> None:
         """Begin the sequences, which are (count, T, m)."""
         self._step = 0
+        if self._afterwards is not None:
+            self._afterwards.reset(count)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`."""
         commands = self._commands[:, self._step]
         self._step += 1
-        return commands
+        if self._afterwards is None:
+            return commands
+        goal = self._afterwards.goal(state, goal)
+        return self._afterwards.commands(state, goal, commands)
 
 
 @dataclass(frozen=True)
@@ -219,24 +234,43 @@ def optimum(
 ) -> Row:
     """Row of the optima; a flight counts as docked if it docked in the fast engine and in Drake.
 
-    Where a mission asks to stay, the flight is that of `rans_missions.convex.holding.flight_that_holds`.
+    A point is held by the flight of `rans_missions.convex.holding.flight_that_holds`; where motion changes along
+    the orbit, by a transfer to an instant within the tolerances, from which on the craft stays as guidance does.
     """
     steps = task.timing.episode_steps
     commands = np.zeros((len(answers), steps, craft.thruster_count))
+    # In a drift that changes the program of arrival and stay takes minutes a start.
+    is_one_program = task.drift.steady and task.stay_seconds > 0.0
+    afterwards = Afterwards(craft, task, task.timing) if task.stays and not is_one_program else None
     for k, (answer, scenario) in enumerate(zip(answers, each(starts), strict=True)):
         transfer = answer.transfer
-        if task.stay_seconds:
+        if is_one_program:
             meeting = Meeting.of(craft, task, scenario.goal)
             transfer = flight_that_holds(
                 meeting, _state(scenario), task.deadline[1], task.stay_seconds
             )
+        elif afterwards is not None:
+            transfer = _to_stay(Meeting.of(craft, task, scenario.goal), _state(scenario), answer)
         if transfer is not None:
             commands[k, : len(transfer.commands)] = transfer.commands
     fast, drake = (
-        row_of("optimum", flying(craft, task, Script(commands), starts, task.timing))
+        row_of("optimum", flying(craft, task, Script(commands, afterwards), starts, task.timing))
         for flying in (fly, fly_in_drake)
     )
     return replace(fast, docked=fast.docked & drake.docked)
+
+
+def _to_stay(meeting: Meeting, start: np.ndarray, answer: Answer) -> MeetingTransfer | None:
+    """The transfer to where commands can stop the craft: with a reserve, and at the end of a control period."""
+    begun = answer.free if answer.transfer is None else answer.transfer
+    checks = meeting.timing.checks
+    meeting = replace(
+        meeting,
+        position_tolerance=meeting.position_tolerance * (1.0 - _RESERVE),
+        velocity_tolerance=meeting.velocity_tolerance * _SLOWLY,
+    )
+    free = least_impulse(meeting, start, max(1, begun.check // checks) * checks)
+    return None if free is None else within_limits(meeting, start, free)
 
 
 def _state(scenario: Scenario) -> np.ndarray:

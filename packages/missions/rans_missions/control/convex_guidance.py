@@ -89,6 +89,8 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         )
         self._afterwards = Afterwards(self._craft, self._mission, self._timing)
         self._search = search
+        # In a drift that changes a program of arrival and stay takes minutes.
+        self._holds = search and self._mission.stays and self._mission.drift.steady
         # Speeds of arrival are no equations of the closed form, and nor is a drift that changes.
         self._closed_form = not (search or self._mission.brakes) and self._mission.drift.steady
         self._later = _LATER
@@ -117,7 +119,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         if len(self._plans) != len(relative_states):
             self.reset(len(relative_states))
         goal = self._afterwards.goal(state, goal)
-        if self._search and self._mission.stays:
+        if self._holds:
             # Plans contain the stay: the law of staying begins when they end.
             self._afterwards.stays &= np.array([plan is None for plan in self._plans])
         stays = self._afterwards.stays
@@ -215,7 +217,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
             return None
         try:
             transfer = (
-                self._searched(meeting, relative_state, left, self._mission.stay_seconds)
+                self._searched(meeting, relative_state, left)
                 if self._search
                 else self._direct(meeting, relative_state, last, arrival)
             )
@@ -226,13 +228,12 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
             return None
         return _Plan(transfer.commands, trajectory(meeting, relative_state, transfer))
 
-    @staticmethod
     def _searched(
-        meeting: Meeting, relative_state: np.ndarray, left: float, stay: float
+        self, meeting: Meeting, relative_state: np.ndarray, left: float
     ) -> MeetingTransfer:
         """The cheapest transfer; where none is known that keeps the limits, the cheapest without them."""
-        if stay > 0.0:
-            held = flight_that_holds(meeting, relative_state, left, stay)
+        if self._holds:
+            held = flight_that_holds(meeting, relative_state, left, self._mission.stay_seconds)
             if held is not None:
                 return held
         answer = rendezvous(meeting, relative_state, left)
