@@ -65,6 +65,9 @@ ALLOWED = {
     ("rans_proof.check_hybrid", "json.loads"): "the same",
     ("rans_proof.agent_reader", "json.loads"): "the same",
     ("rans_proof.check_trap", "json.loads"): "the same",
+    ("rans_proof.check_pose", "json.loads"): "the same",
+    ("rans_proof.check_pose", "tomllib.loads"): "the same",
+    ("rans_proof.pose_flights", "json.loads"): "a certificate that the checker has accepted",
     ("rans_proof.check_trap", "tomllib.loads"): "the same",
     ("rans.structure", "tomllib.loads"): "the one parser of TOML, after a check of its effort",
     (

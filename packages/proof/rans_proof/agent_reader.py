@@ -92,10 +92,8 @@ def read_agent(content: bytes, task: str, thrusters: int) -> AgentWeights:
     """
     header, tensors = _tensors(content)
     metadata = header.get("__metadata__")
-    need(
-        isinstance(metadata, dict) and isinstance(metadata.get("rans"), str),
-        "it has no table of RANS",
-    )
+    if not isinstance(metadata, dict) or not isinstance(metadata.get("rans"), str):
+        raise Refused("it has no table of RANS")
     table = _json(metadata["rans"])
     need(
         isinstance(table, dict) and isinstance(table.get("architecture"), dict),

@@ -53,13 +53,19 @@ class Prove:
     agent: Annotated[str | None, Positional, arg(metavar="AGENT")] = None
     """An on/off agent that tracks velocities in the plane, whose goal is at rest: a run folder or
     pretrained:NAME; or FILE.onnx, a network that takes the state and gives the commands."""
-    property: Annotated[str | None, arg(metavar="speed=M/S,spin=RAD/S")] = None
-    """Limits that every flight of the agent keeps for ever."""
-    start: Annotated[str | None, arg(name="from", metavar="speed=M/S,spin=RAD/S")] = None
-    """Starts of the agent: every state up to this speed and this spin."""
-    off: Annotated[str, arg(metavar="mass=PART,thrust=PART,velocity=M/S,spin=RAD/S,delay=S")] = ""
+    property: Annotated[
+        str | None, arg(metavar="speed=M/S,spin=RAD/S or position=M,heading=DEG")
+    ] = None
+    """Limits that every flight of the agent keeps for ever: of one that goes to a pose, position and heading."""
+    start: Annotated[str | None, arg(name="from", metavar="speed=M/S,spin=RAD/S,...")] = None
+    """Starts of the agent: every state up to this speed and this spin; for one that goes to a pose also position
+    (m) and heading (degrees), and those beyond its limits, at rest, come into them."""
+    off: Annotated[
+        str, arg(metavar="mass=PART,thrust=PART,velocity=M/S,spin=RAD/S,delay=S,...")
+    ] = ""
     """How far mass (with the inertia), thrust, and the readings of velocity and spin may be off, and the delay of
-    all thrusters, which is one constant, the same to open and to shut; by default 0."""
+    all thrusters, which is one constant, the same to open and to shut; by default 0. Of an agent that goes to a
+    pose mass, thrust, and the readings of position, velocity, heading (rad) and spin."""
     resolution: int = 1
     """How much finer cells are along each coordinate: those of an agent, and the smallest ones of a network, which
     are 1/512 of the range of a start by default."""
@@ -99,10 +105,13 @@ class Prove:
         contestant = ContestantName.parse(agent)
         folder = contestant.folder
         task = RunFolder(folder).config().task
+        if task == "go-to-pose":
+            return self._pose(agent, folder)
         if task != "track-velocity":
             raise ConfigError(
                 f"{agent} flies {task}, and no proof is known for that: rans prove proves on/off agents that track "
-                "velocities in the plane, such as track-velocity-2d, and networks in ONNX files with a --problem."
+                "velocities in the plane, such as track-velocity-2d, or go to a pose by units of one column, "
+                " and networks in ONNX files with a --problem."
             )
         run = load_policy(folder)
         files = _files(folder)
@@ -185,6 +194,70 @@ class Prove:
         terminal.suggest(shlex.join(["rans", "prove", agent, "--check", str(output)]))
         return 0
 
+    def _pose(self, agent: str, folder: Path) -> int:
+        """Prove a trapping set of poses."""
+        require("flint")
+        from rans.extend import load_policy
+        from rans_proof import pose_trap as poses
+        from rans_proof.trap_certificate import LARGEST
+
+        run = load_policy(folder)
+        network = run.controller.network.architecture  # type: ignore[attr-defined]
+        if network.activation != "relu" or len(network.layers) != 2:
+            raise ConfigError(
+                f"{agent} flies go-to-pose, and no proof is known for its network: rans prove proves on/off "
+                "agents that track velocities in the plane, such as track-velocity-2d, agents of go-to-pose with "
+                "two layers of ReLU whose first units take one column each, and ONNX files with a --problem."
+            )
+        if self.property is None or self.start is None:
+            raise ConfigError(
+                "name the --property to keep (m, degrees) and the starts, --from, of an agent that goes to a pose, "
+                "as in --property position=0.05,heading=5 --from position=0.015,heading=1.5."
+            )
+        keep = named_numbers(
+            self.property, ("position", "heading"), "--property", are_all_needed=True
+        )
+        start = named_numbers(self.start, ("position", "heading", "speed", "spin"), "--from")
+        off = named_numbers(self.off, tuple(poses.PoseErrors.__dataclass_fields__), "--off")
+        limits = keep["position"], keep["heading"]
+        begin = poses.PoseStart(
+            start.get("position", 0.0),
+            start.get("heading", 0.0),
+            start.get("speed", 0.0),
+            start.get("spin", 0.0),
+        )
+        is_right = 0.0 < limits[0] <= 1.0 and 0.0 < limits[1] <= 45.0
+        if not is_right or min(begin) < 0.0 or begin.heading >= 180.0 or begin.position > 5.0:
+            raise ConfigError(
+                "--property takes a position up to 1 m and a heading up to 45 degrees, and --from starts up to 5 m "
+                f"away and below 180 degrees, got {self.property} and {self.start}."
+            )
+        begun = time.monotonic()
+        files = _files(folder)
+        terminal = Terminal()
+        # A search proposes cells, and the checker judges all of them.
+        radians = limits[0], math.radians(limits[1])
+        near = begin._replace(heading=math.radians(begin.heading))
+        try:
+            trap = poses.pose_trap(run, radians, near, poses.PoseErrors(**off))
+        except ConfigError as error:
+            terminal.say(f"Open: no trapping set is found: {error}")
+            return 1
+        output = self.output or Path(f"{folder.name}.certificate.json")
+        errors = poses.PoseErrors(**off)
+        poses.write_pose_trap(trap, limits, begin, errors, files, run.timing.control_period, output)
+        theorem, refusal = _posed(read_bytes(output, LARGEST), files)
+        if refusal:
+            terminal.say(f"Open: the checker refuses {output}: {refusal}")
+            return 1
+        terminal.say(
+            f"Proved: {folder.name} on {run.craft.name}, {theorem}. {int(trap.place.sum()):,} and "
+            f"{int(trap.heading.sum()):,} cells, all checked, {time.monotonic() - begun:.1f} s. The certificate is "
+            f"{output}."
+        )
+        terminal.suggest(shlex.join(["rans", "prove", agent, "--check", str(output)]))
+        return 0
+
     def _check_trap(self, agent: str, certificate: Path) -> int:
         """Check the certificate of a trapping set."""
         require("flint")
@@ -194,6 +267,13 @@ class Prove:
         # The certificate, the agent and the cover, before other processes begin with the cells.
         folder = ContestantName.parse(agent).folder
         content, files = read_bytes(certificate, LARGEST), _files(folder)
+        if b'"reach"' in content:
+            theorem, refusal = _posed(content, files)
+            verdict = (
+                f"Refused: {refusal}" if refusal else f"Accepted. Proved: {folder.name}, {theorem}."
+            )
+            Terminal().say(verdict)
+            return 1 if refusal else 0
         _, refusal = _trapped(None, content, files, [], is_flown=True)
         if refusal:
             Terminal().say(f"Refused: {refusal}")
@@ -414,6 +494,23 @@ def _trapped(
         return math.inf
 
     return _verdict(judge)
+
+
+def _posed(certificate: bytes, files: dict[str, bytes]) -> tuple[str, str]:
+    """What the certificate of a trapping set of poses states, and why it is refused, or ""."""
+    from rans_proof.check_pose import check_pose
+    from rans_proof.pose_flights import check_pose_as_flown
+
+    theorem = ""
+
+    def judge() -> float:
+        nonlocal theorem
+        theorem = check_pose(certificate, files).theorem
+        check_pose_as_flown(certificate, files)
+        return math.inf
+
+    _, refusal = _verdict(judge)
+    return theorem, refusal
 
 
 def _checked(_: None, certificate: bytes, network: bytes, cells: list[int]) -> tuple[float, str]:

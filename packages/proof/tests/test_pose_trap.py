@@ -1,0 +1,419 @@
+"""Trapping sets of poses: flights, the checker's sets against simulated states, and planted errors."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("flint")
+
+from rans_proof import check_pose
+from rans_proof.balls import Refused
+from rans_proof.flown import read_run
+from rans_proof.pose_flights import check_pose_as_flown, leaving
+from rans_proof.pose_trap import PoseErrors, PoseStart, pose_trap, write_pose_trap
+from rans_proof.trap_certificate import FILES
+
+from rans.cli import main
+from tests.support.planted import planted
+from tests.support.processes import ROOT
+
+MASS, INERTIA, PERIOD = 5.32, 0.2045008, 0.1
+OFF = {"mass": 0.02, "thrust": 0.02, "position": 0.001, "velocity": 0.001}
+OFF |= {"heading": 0.003, "spin": 0.005}
+
+
+@pytest.fixture(scope="module")
+def example() -> ModuleType:
+    spec = importlib.util.spec_from_file_location(
+        "pulse_agent", ROOT / "examples/proofs/pulse_agent.py"
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def folder(example: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("agents") / "pulse-agent"
+    example.write_agent(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def files(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in FILES}
+
+
+@pytest.fixture(scope="module")
+def certificate(files: dict[str, bytes], tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    keep, start, off = (0.05, 5.0), PoseStart(0.02, 1.5, 0.02, 0.05), PoseErrors(**OFF)
+    run = read_run(files)
+    near = start._replace(heading=math.radians(start.heading))
+    trap = pose_trap(run, (keep[0], math.radians(keep[1])), near, off)
+    file = tmp_path_factory.mktemp("certificates") / "pose.json"
+    write_pose_trap(trap, keep, start, off, files, PERIOD, file)
+    return file.read_bytes()
+
+
+@pytest.fixture
+def table(certificate: bytes) -> dict[str, Any]:
+    return json.loads(certificate)
+
+
+def judged(table: dict[str, Any], files: dict[str, bytes]) -> check_pose.PoseCertificate:
+    return check_pose.check_pose(json.dumps(table).encode(), files)
+
+
+def test_it_is_accepted_and_no_flight_leaves(certificate: bytes, files: dict[str, bytes]) -> None:
+    assert check_pose.check_pose(certificate, files).settled == 0.0
+    left, far, turned = leaving(read_run(files), json.loads(certificate), 2000, 40, 3)
+    assert left == 0
+    assert far < 0.05
+    assert turned < math.radians(5.0)
+
+
+@pytest.mark.slow
+def test_no_flight_of_drake_leaves(certificate: bytes, files: dict[str, bytes]) -> None:
+    pytest.importorskip("pydrake")
+    assert leaving(read_run(files), json.loads(certificate), 20, 30, 4, "drake")[0] == 0
+
+
+def without(table: dict[str, Any], part: str) -> None:
+    """The last row's runs, which flights come to, are gone."""
+    rows = table["cells"][part]
+    rows[:] = [run for run in rows if run[0] != max(run[0] for run in rows)]
+
+
+CHANGED: dict[str, Callable[[dict[str, Any]], object]] = {
+    "a row of positions": lambda t: without(t, "place"),
+    "a row of headings": lambda t: without(t, "heading"),
+    "a smaller limit": lambda t: t["keep"].update(position=0.03),
+    "a smaller heading": lambda t: t["keep"].update(heading=1.5),
+    "farther starts": lambda t: t["start"].update(position=0.03),
+    "faster starts": lambda t: t["start"].update(speed=0.1),
+    "faster spins": lambda t: t["start"].update(spin=0.5),
+    "wider errors of mass": lambda t: t["uncertainty"].update(mass=0.1),
+    "wider errors of thrust": lambda t: t["uncertainty"].update(thrust=0.1),
+    "wider readings": lambda t: t["uncertainty"].update(position=0.01),
+    "wider readings of velocity": lambda t: t["uncertainty"].update(velocity=0.01),
+    "wider readings of the heading": lambda t: t["uncertainty"].update(heading=0.02),
+    "wider readings of the spin": lambda t: t["uncertainty"].update(spin=0.05),
+    "smaller cells": lambda t: t["grid"].update(speed=0.0039),
+    "other cells of spin": lambda t: t["grid"].update(spin=0.0041),
+    "another agent": lambda t: t["agent"].update({FILES[0]: "0" * 64}),
+    "a key that nobody reads": lambda t: t.update(note="checked"),
+    "a start without a number": lambda t: t["start"].update(position=math.nan),
+    "an empty run": lambda t: t["cells"]["place"].append([0, 3, 3]),
+    "too few sectors": lambda t: t.update(reach={"sectors": 0, "periods": 5}),
+    "moving starts of a way": lambda t: t.update(reach={"sectors": 1, "periods": 5}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("changed", CHANGED)
+def test_another_claim_is_refused(
+    changed: str, table: dict[str, Any], files: dict[str, bytes]
+) -> None:
+    CHANGED[changed](table)
+    with pytest.raises(Refused):
+        judged(table, files)
+
+
+OTHER: dict[str, tuple[str, bytes, bytes]] = {
+    "a heavier craft": ("spacecraft.toml", b"mass = 5.32", b"mass = 4.5"),
+    "a slower craft": ("spacecraft.toml", b"inertia = 0.2045008", b"inertia = 0.17"),
+    "a stronger thruster": ("spacecraft.toml", b"force = 1.0", b"force = 1.1"),
+    "a turned thruster": ("spacecraft.toml", b"[1.0, -1.0]", b"[1.0, -1.1]"),
+    "pulsed thrusters": ("spacecraft.toml", b'shape = "sphere"', b'actuators = {kind = "pulsed"}'),
+    "a longer period": ("config.json", b'"control_period": 0.1', b'"control_period": 0.2'),
+    "another task": ("config.json", b"go-to-pose", b"go-to-position"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("other", OTHER)
+def test_another_agent_is_refused(
+    other: str, table: dict[str, Any], files: dict[str, bytes]
+) -> None:
+    name, old, new = OTHER[other]
+    content = files[name].replace(old, new, 1)
+    assert content != files[name]
+    table["agent"][name] = hashlib.sha256(content).hexdigest()
+    with pytest.raises(Refused):
+        judged(table, files | {name: content})
+
+
+def test_flights_that_leave_are_found(certificate: bytes, files: dict[str, bytes]) -> None:
+    """What the checker believes of an agent is compared with flights of it."""
+    table = json.loads(certificate)
+    heading = table["cells"]["heading"]
+    heading[:] = [run for run in heading if run[0] > 0]  # every pulse the other way leaves these
+    with pytest.raises(Refused, match="flights"):
+        check_pose_as_flown(json.dumps(table).encode(), files)
+
+
+# The checker's sets against states that are simulated by formulas of this test alone.
+
+SIGNS = [[1, -1], [-1, 1], [1, 1], [-1, -1], [-1, 1], [1, -1], [-1, -1], [1, 1]]
+ALONG = np.array(SIGNS) * math.sqrt(0.5)
+LEVER = np.array([-1, 1, -1, 1, -1, 1, -1, 1])
+DIAGONALS = np.array([[1.0, -1.0], [1.0, 1.0]]) * math.sqrt(0.5)
+
+
+def violations(
+    module: ModuleType,
+    table: dict[str, Any],
+    files: dict[str, bytes],
+    weights: dict[str, np.ndarray],
+) -> list[str]:
+    """States of random cells whose command, image or path is outside what a checker says of their cells."""
+    random = np.random.default_rng(2)
+    loop = module.Loop(table, files)
+    place, heading = (loop.cells(table["cells"][name], name) for name in ("place", "heading"))
+    bounds = loop.bounds(place, heading)
+    # States of pairs of single cells, and the other position somewhere in its set, more often at its rim.
+    pairs, states = 150, 200
+    count = pairs * states
+
+    def drawn(cells: Any, number: int, repeats: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        every = np.argwhere(cells.inside)
+        somewhere = random.integers(0, len(every), number)
+        rim = random.choice([*range(60), *range(-60, 0)], number)
+        chosen = np.repeat(every[np.where(random.random(number) < 0.5, somewhere, rim)], repeats, 0)
+        inner = random.choice([1e-9, 0.5, 1.0 - 1e-9], (len(chosen), 2))
+        rate, position = ((chosen + inner - cells.half) * cells.width).T
+        return chosen, position, rate
+
+    off = table["uncertainty"]
+
+    def error(size: float) -> np.ndarray:
+        turn = random.uniform(0.0, 2.0 * np.pi, count)
+        return size * np.stack((np.cos(turn), np.sin(turn)), axis=1)
+
+    def either(size: float) -> np.ndarray:
+        return size * random.choice([-1.0, 1.0], count)
+
+    def commanded(p: np.ndarray, v: np.ndarray, angle: np.ndarray, spin: np.ndarray) -> np.ndarray:
+        """Commands of readings in the body frame, off by as much as they may be."""
+        read = angle + either(off["heading"])
+        way = turned(-(p + error(off["position"])), -read)
+        velocity = turned(v + error(off["velocity"]), -read)
+        sine = np.sin(-(angle + either(off["heading"])))
+        rest = (spin + either(off["spin"]), np.ones(count), way, np.sqrt(1.0 - sine**2), sine)
+        h = np.column_stack((velocity, *rest))
+        for k in (0, 2):
+            name = f"features_extractor.trunk.{k}"
+            h = np.maximum(h @ weights[f"{name}.weight"].T + weights[f"{name}.bias"], 0.0)
+        score = h @ weights["action_net.weight"].T + weights["action_net.bias"]
+        return (score[:, 1::2] - score[:, ::2] > 0.0).astype(float)
+
+    # Bounds of thrust and of what a craft sees, where they are wide.
+    broken = []
+    low, high = (1 - off["thrust"]) / (1 + off["mass"]), (1 + off["thrust"]) / (1 - off["mass"])
+    for angle in (0.0, 0.5):
+        pushes = loop._pulls(module.Parts(0.1, 0.1, angle, 0.0))
+        seen = loop._seen((np.array(-0.3), np.array(0.7)), 1.0, angle)
+        for sign in (-1.0, 1.0):
+            for level, (least, most) in pushes.items():
+                exact = [
+                    f / MASS * (level * math.cos(angle) + sign * 2.0 * math.sin(angle))
+                    for f in (low, high)
+                ]
+                broken += [f"push {level}"] * (not (least <= min(exact) and max(exact) <= most))
+            across = sign * math.sin(angle)
+            if not (
+                seen[0] <= -0.3 * math.cos(angle) + across
+                and 0.7 * math.cos(angle) + across <= seen[1]
+            ):
+                broken.append("seen")
+    # Commands of states of many cells, then images of a few.
+    levels = loop.place_levels(place, bounds), loop.heading_levels(heading, bounds)
+    for number, repeats in ((count, 1), (pairs, states)):
+        cx, x, vx = drawn(place, number, repeats)
+        _, y, vy = drawn(place, count, 1)
+        ch, angle, spin = drawn(heading, number, repeats)
+        p = np.stack((x, y), axis=1) @ DIAGONALS
+        v = np.stack((vx, vy), axis=1) @ DIAGONALS
+        opened = commanded(p, v, angle, spin)
+        push = np.rint(opened @ ALONG @ DIAGONALS.T).astype(int)
+        twist = np.rint(opened @ LEVER).astype(int)
+        for name, cells, chosen, mine in (
+            ("push", levels[0], cx, push[:, 0]),
+            ("twist", levels[1], ch, twist),
+        ):
+            for level in np.unique(mine):
+                rows = chosen[mine == level]
+                may = cells.get(
+                    level,
+                    np.zeros(
+                        place.inside.shape if name == "push" else heading.inside.shape, dtype=bool
+                    ),
+                )
+                broken += [f"{name} {level}"] * int((~may[rows[:, 0], rows[:, 1]]).sum())
+    # Images, by small steps in the world frame.
+    factor = random.choice([low, high], count)
+    steps = 64
+    dt = PERIOD / steps
+    farthest = np.zeros(2)
+    position, speed, heading_now, rate = p, v, angle, spin
+    alpha = factor * twist * 0.31 / INERTIA
+    for _ in range(steps):
+        middle = heading_now + 0.5 * dt * rate
+        pull = turned(opened @ ALONG, middle) * (factor / MASS)[:, None]
+        position = position + dt * speed + 0.5 * dt * dt * pull
+        speed = speed + dt * pull
+        heading_now = heading_now + dt * rate + 0.5 * dt * dt * alpha
+        rate = rate + dt * alpha
+        farthest = np.maximum(
+            farthest, (np.abs(position @ DIAGONALS.T).max(), np.abs(heading_now).max())
+        )
+    parts = (
+        (
+            "place",
+            place,
+            cx,
+            levels[0],
+            loop._pulls(bounds),
+            position @ DIAGONALS[0],
+            speed @ DIAGONALS[0],
+        ),
+        ("heading", heading, ch, levels[1], loop._twists(), heading_now, rate),
+    )
+    for name, cells, chosen, may, pushes, where, fast in parts:
+        for first in range(0, count, states):
+            own = cells.like()
+            own.inside[tuple(chosen[first])] = True
+            image = own.moved(may, pushes, PERIOD).inside
+            inside = np.zeros(states, dtype=bool)
+            part = slice(first, first + states)
+            for a in (-1e-5, 1e-5):
+                for b in (-1e-5, 1e-5):
+                    row = np.floor(fast[part] / cells.width[0] + a).astype(int) + cells.half[0]
+                    column = np.floor(where[part] / cells.width[1] + b).astype(int) + cells.half[1]
+                    row, column = (
+                        np.clip(k, 0, n - 1)
+                        for k, n in zip((row, column), image.shape, strict=True)
+                    )
+                    inside |= image[row, column]
+            broken += [f"{name} {first}"] * int((~inside).sum())
+    within = loop.between_decisions(bounds)
+    if not (farthest <= (within.place, within.heading)).all():
+        broken.append(f"a path reaches {farthest}")
+    return broken
+
+
+def turned(vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack(
+        (c * vectors[:, 0] - s * vectors[:, 1], s * vectors[:, 0] + c * vectors[:, 1]), axis=1
+    )
+
+
+def test_simulated_states_are_in_the_checkers_sets(
+    example: ModuleType, table: dict[str, Any], files: dict[str, bytes]
+) -> None:
+    assert violations(check_pose, table, files, example.network()) == []
+
+
+@pytest.mark.slow
+def test_far_starts_come_into_it(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A short way, by the command, and the same claim with too little time."""
+    file = tmp_path / "far.json"
+    command = ["prove", str(folder), "--property", "position=0.05,heading=5", "--output", str(file)]
+    assert main([*command, "--from", "position=0.06,heading=8"]) == 0
+    assert "at rest, it is after" in capsys.readouterr().out.replace("\n", " ")
+    table = json.loads(file.read_bytes())
+    table["reach"]["periods"] = 10
+    with pytest.raises(Refused, match="periods"):
+        judged(table, {name: (folder / name).read_bytes() for name in FILES})
+
+
+PLANTED: dict[str, tuple[str, str]] = {
+    "no thrust across": (
+        "forward = min(ends) - across, max(ends) + across",
+        "forward = min(ends), max(ends)",
+    ),
+    "half of the thrust across": ("across = self.most_pull *", "across = 0.5 * self.most_pull *"),
+    "the nominal thrust": (
+        "for f in self.factor for x in forward",
+        "for f in (1.0,) for x in forward",
+    ),
+    "the nominal torque": ("ends = value * factor[0], value * factor[1]", "ends = value, value"),
+    "mass is not in the factor": (
+        '(1.0 + self.off["thrust"]) / (1.0 - self.off["mass"])',
+        '(1.0 + self.off["thrust"])',
+    ),
+    "a craft seen along its axes": (
+        "low - s * across - _SLACK, high + s * across",
+        "low - _SLACK, high",
+    ),
+    "readings without errors": (
+        "return interval[0] - off - _SLACK, interval[1] + off",
+        "return interval[0] - _SLACK, interval[1]",
+    ),
+    "the other sign of the way": (
+        "columns[4 + axis] = -columns[4 + axis][1], -columns[4 + axis][0]",
+        "columns[4 + axis] = columns[4 + axis]",
+    ),
+    "the other sign of the sine": (
+        "np.maximum(-sine[1] - off, -1.0), np.minimum(-sine[0] + off, 1.0)",
+        "np.maximum(sine[0] - off, -1.0), np.minimum(sine[1] + off, 1.0)",
+    ),
+    "units that are never live together": ("if x < -2.0 * _LOGIT", "if x < 1e9"),
+    "live units only": (
+        "may &= high[k] > -_LOGIT if is_live else low[k] < _LOGIT",
+        "may &= low[k] > -_LOGIT if is_live else low[k] < _LOGIT",
+    ),
+    "thrusters that follow others": ("all(x >= y for x, y", "any(x >= y for x, y"),
+    "open thrusters are open for sure": (
+        "shuts.append(may & (least < _LOGIT))",
+        "shuts.append(may & (most < _LOGIT))",
+    ),
+    "a position without its rate": (
+        "(column + row, column + row + 2, 0.5, self.half[1])",
+        "(column, column + 1, 0.5, self.half[1])",
+    ),
+    "one cell of two": ("column + row + 2, 0.5", "column + row + 1, 0.5"),
+    "a pulse's way is lost": ("column + row + 2, 0.5", "column + row + 2, 0.0"),
+    "an image is rounded inwards": (
+        "np.ceil(last + part * high + above)",
+        "np.floor(last + part * high + above)",
+    ),
+    "a lever of the other sign": ("(moment > 0) - (moment < 0)", "(moment < 0) - (moment > 0)"),
+    "a bias is lost": ("shift = shift + weight[:, 3]", "shift = 0.0 * shift"),
+    "the other output opens": (
+        "head[1::2] - head[::2], bias[1::2] - bias[::2]",
+        "head[::2] - head[1::2], bias[::2] - bias[1::2]",
+    ),
+    "columns are one too soon": (
+        "dead = base[1] + ends[1].max(axis=1, keepdims=True) < -_LOGIT",
+        "dead = base[0] + ends[0].min(axis=1, keepdims=True) < 1e9",
+    ),
+}
+"""Errors that make the checker unsound: a text of its source, and what stands in its place."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("error", PLANTED)
+def test_a_checker_with_a_planted_error_is_found(
+    error: str, example: ModuleType, table: dict[str, Any], files: dict[str, bytes]
+) -> None:
+    name = check_pose.__name__
+    module = planted([name], (name, *PLANTED[error]))[name]
+    try:
+        broken = violations(module, table, files, example.network())
+    except (Refused, ValueError):  # of the true certificate, or no command is possible
+        return
+    assert broken
