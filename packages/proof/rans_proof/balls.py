@@ -141,7 +141,8 @@ def network_enclosure(
             noise = side_by_side(noise, diagonal(off))
             continue
         middles = (gain * centre + offset).entries()
-        reach = absolute_row_sums(side_by_side(gain * spread, noise, diagonal(off)))
+        reach = absolute_row_sums(side_by_side(gain * spread, noise))
+        reach = [r + o for r, o in zip(reach, off, strict=True)]
         lines = [parallel(m - r, m + r, kind) for m, r in zip(middles, reach, strict=True)]
         slopes, middle, half = zip(*lines, strict=True)
         half = [h + abs(s) * o + of_bend for h, s, o in zip(half, slopes, off, strict=True)]

@@ -37,7 +37,7 @@ CHECKER_ERRORS = [
     # Planes around networks.
     ("enclosures", "balls", "weight * offset + bias, weight", "weight * offset, weight"),
     ("enclosures", "balls", "side_by_side(scaled(slopes, noise), diagonal(half))", "diagonal(half)"),
-    ("enclosures", "balls", "side_by_side(gain * spread, noise, diagonal(off)))", "gain * spread)"),
+    ("enclosures", "balls", "side_by_side(gain * spread, noise))", "gain * spread)"),
     ("enclosures", "balls", "side_by_side(scaled(slopes, noise), ", "side_by_side(noise, "),
     ("enclosures", "balls", "gain, noise = scaled(slopes, gain), side", "gain, noise = gain, side"),
     ("enclosures", "balls", "diagonal(half))", "diagonal([x / 2 for x in half]))"),
