@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from rans.errors import ConfigError, RansError
+from rans.files import parse_json
 
 _PAGE = b"""<!doctype html><title>RANS</title>
 <body style="margin: 0; display: grid; place-items: center; height: 100vh">
@@ -180,7 +181,9 @@ class _Page(_Quiet):
             self.send_error(400)
             return
         try:
-            answer = json.dumps(self._served.answer(json.loads(self.rfile.read(size))))
+            answer = json.dumps(
+                self._served.answer(parse_json(self.rfile.read(size), "what the page sent"))
+            )
         except (LookupError, TypeError, ValueError, RansError) as error:
             self.send_error(400, explain=str(error))
             return
