@@ -1146,7 +1146,8 @@ class Loop:
             if not is_last:
                 continue
             for x, claimed in zip(_hull(end), map(arb, flight[number + 1]), strict=True):
-                is_near = abs(x - claimed) <= arb(_OFF) * (1 + abs(claimed))
+                # A flight as the rounding of the file may make it, which is a ball, is near it.
+                is_near = abs(x - claimed).lower() <= arb(_OFF) * (1 + abs(claimed))
                 need(is_near, f"its flight is another one in period {number}.")
             if self._end is not None and number + 1 >= self._earliest:
                 at_ends.append(self._end.value(end))
