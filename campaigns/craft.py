@@ -151,7 +151,7 @@ def facts(name: str) -> dict[str, Any]:
 
 
 def agent_facts(name: str, episodes: int) -> dict[str, Any]:
-    """Of a craft: who flies it and how, its period and starts, and the mean bound of these."""
+    """Facts of the flights of one craft: its agent, how it flies, period, starts, and the starts' mean bound."""
     run = flown(name)
     flights = fly_episodes(run.controller, run.judged, EVALUATION_SEED, episodes, workers=1)
     found = measure(flights.flight)

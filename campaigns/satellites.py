@@ -56,9 +56,9 @@ class Satellites:
     gained: np.ndarray
     """(K, T, 3 sources, 3), N m s: momentum in inertial axes until `_COURSE` * k, of gradient, dipole and air."""
     logs: tuple[FlightLog, ...]
-    """Telemetry."""
+    """Telemetry: attitude, rates and wheels."""
     with_orbit: tuple[FlightLog, ...]
-    """The same with positions and magnetic fields."""
+    """Telemetry of the same flights that has positions and magnetic fields, too."""
 
     @property
     def scale(self) -> np.ndarray:

@@ -257,7 +257,7 @@ def test_files_whose_wheels_fill_up_otherwise_are_refused(
 
 
 def test_a_lost_thruster_takes_nothing_of_the_supply() -> None:
-    """Of two open thrusters each gives half; if one is lost, it gives a fifth, and the other one all."""
+    """Two open thrusters give half each; once one is lost, it gives a fifth and the other one its whole."""
     effects = ((1.0, 0.0, 0.5), (0.0, 2.0, -0.5), (-1.0, 0.0, 0.0))
     own = Adaptation(PERIOD, effects, 3, True, spare=(1,))
     command = torch.tensor([[1.0, 1.0, 0.0]])

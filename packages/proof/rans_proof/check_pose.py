@@ -216,7 +216,7 @@ class Cells:
     def __init__(self, width: tuple[float, float], half: tuple[int, int]) -> None:
         need(4 * half[0] * half[1] <= _MOST_CELLS, "it has too many cells")
         self.width = width
-        """Of a row and of a column."""
+        """Height of a row, in units of the rate, and width of a column, in units of the position."""
         self.half = half
         """Rows and columns of either sign."""
         self.inside = np.zeros((2 * half[0], 2 * half[1]), dtype=bool)

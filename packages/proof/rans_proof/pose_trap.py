@@ -49,11 +49,11 @@ class PoseErrors:
     position: float = 0.0
     """Readings of the position are off by at most this, m, at each decision anew."""
     velocity: float = 0.0
-    """The same of the velocity, m/s."""
+    """Readings of the velocity are off by at most this, m/s, at each decision anew."""
     heading: float = 0.0
-    """The same of the heading, rad."""
+    """Readings of the heading are off by at most this, rad, at each decision anew."""
     spin: float = 0.0
-    """The same of the spin, rad/s."""
+    """Readings of the spin are off by at most this, rad/s, at each decision anew."""
 
 
 class PoseStart(NamedTuple):
@@ -64,18 +64,18 @@ class PoseStart(NamedTuple):
     heading: float
     """Heading error, rad."""
     speed: float = 0.0
-    """m/s."""
+    """Speed, m/s."""
     spin: float = 0.0
-    """rad/s."""
+    """Angular velocity, rad/s."""
 
 
 class PoseTrap(NamedTuple):
     """Cells of a position along either diagonal of the goal's frame and its rate, and of a heading and its rate."""
 
     place: np.ndarray
-    """Table (rows of rate, columns of position); rest is in the middle."""
+    """Cells of a position, bool (rows of rate, columns of position); rest is in the middle."""
     heading: np.ndarray
-    """The same of the heading."""
+    """Cells of the heading, bool (rows of spin, columns of heading); rest is in the middle."""
     speed: float
     """Width of a row of ``place``, m/s; a column is as wide as a row moves in a period."""
     spin: float

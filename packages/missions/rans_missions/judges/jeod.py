@@ -305,7 +305,7 @@ def _at_target(orbit: Orbit, attitude: Rotation, spin: np.ndarray) -> SpatialSta
 
 
 def _renewed(state: SpatialState, orbit: Orbit, since: float) -> tuple[SpatialState, Orbit, float]:
-    """The same motion near a new target, which is where the craft is now, and the time until the next one, s.
+    """State of a craft relative to a new target at its own position, the target's orbit, and s to the next target.
 
     The target moves as the craft does, if that is an ellipse which `EllipticOrbit` takes. Else it is on a circle.
     """

@@ -497,7 +497,7 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
 
     Of a satellite without thrusters ``time`` (s), the attitude, the angular velocity in the body and the speeds of
     all wheels are needed; with ``x``, ``y``, ``z`` from the Earth's centre and the magnetic field in the body
-    (`FIELD_COLUMNS`), torques are told apart.
+    (`FIELD_COLUMNS`), torques are separated.
 
     Of other craft ``time`` is needed, the pose (`POSE_COLUMNS`), and ``u0`` to ``u<C-1>``,
     the commands from this row on; the velocities (`RATE_COLUMNS`) and the speeds of wheels, ``s0`` and so on

@@ -595,7 +595,7 @@ def _torques_of(
         return np.diff(np.stack(parts, axis=1), axis=0)
 
     def torque(of_unknowns: np.ndarray, of_free: np.ndarray, mean: np.ndarray) -> Torque:
-        """Of momenta gained (stretches, 3), and their change with the log's own unknowns and with free values."""
+        """Torque by momenta gained (stretches, 3), from changes with the log's unknowns and with free values."""
         columns = np.concatenate([of_unknowns, of_free], axis=2)
         variance = np.einsum("kxp,pq,kxq->kx", columns, both, columns)
         scale = model.unit / rows.stretch

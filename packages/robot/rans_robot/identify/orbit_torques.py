@@ -38,7 +38,7 @@ _FEWEST = 8
 _SMOOTH = 0.5
 """Part of the field's change in the body that no slow curve explains, up to which it may be so in inertial axes."""
 _STEADY = 0.1
-"""The same as a part of the field: below it a sensor's noise and offset are all there is to see."""
+"""Part of the field that may be left of a slow curve: noise and offset of a sensor are below it."""
 
 
 def has_orbit(log: FlightLog) -> bool:

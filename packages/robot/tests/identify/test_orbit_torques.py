@@ -144,12 +144,12 @@ def test_the_command_says_the_parts(
         "magnetic dipole",
         "air",
     }
-    found = rans.identify(replace_field(file), "innocube")
+    found = rans.identify(without_field(file), "innocube")
     assert "bx, by, bz" in " ".join(found.notes())
 
 
-def replace_field(file: Path) -> Path:
-    """The same log without fields."""
+def without_field(file: Path) -> Path:
+    """Write the log of a file without its magnetic field into another one."""
     lines = [line.rsplit(",", 3)[0] for line in file.read_text("utf-8").splitlines()]
     other = file.with_name("other.csv")
     other.write_text("\n".join(lines), "utf-8")
