@@ -59,6 +59,12 @@ class Options:
     function: ClassVar[Callable[..., Any]]
     """Python function with the same arguments."""
 
+    def call(self) -> Any:
+        """Call the function with the options that are its arguments."""
+        call = inspect.signature(self.function).bind_partial()
+        call.arguments = {name: getattr(self, name) for name in self.texts}
+        return self.function(*call.args, **call.kwargs)
+
     def changed(self, *names: str) -> list[str]:
         """Words of a command that repeat these options where they are not left at their defaults."""
         hints = get_type_hints(type(self), include_extras=True)

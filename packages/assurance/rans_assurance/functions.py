@@ -200,23 +200,24 @@ def follow(
     *,
     speed: float = 0.25,
     look_ahead: float = 0.25,
-    flights: int = 16,
+    episodes: int = 16,
     seed: int = EVALUATION_SEED,
     engine: EngineName = "fast",
 ) -> Following:
     """Fly an agent that tracks velocities along a path, with the paper's look-ahead planner.
 
-    >>> found = rans.follow("track-velocity-2d", "circle", flights=2)
+    >>> found = rans.follow("track-velocity-2d", "circle", episodes=2)
     >>> found.planner.path.label
     'circle'
 
     Args:
-        agent: an `Agent` for track-velocity, or a name as `load_agent` takes it.
+        agent: run folder of an agent for track-velocity, pretrained:NAME, or CONTROLLER:track-velocity-2d or -3d,
+            with @SPACECRAFT if you like.
         path: circle, spiral, square, lemniscate, helix (in space), or a CSV file of points x,y[,z] in m.
         speed: speed along the path, m/s.
         look_ahead: look-ahead radius, m: the commanded velocity points to the farthest point of the path
             within it.
-        flights: number of flights.
+        episodes: number of flights; each starts at rest near the first point of the path, with another attitude.
         seed: random seed of the starts.
         engine: what computes the motion, "fast" or "drake".
 
@@ -236,7 +237,7 @@ def follow(
         planner,
         run.timing,
         seed,
-        whole("flights", flights),
+        whole("episodes", episodes),
         engine,
     )
 
@@ -288,7 +289,7 @@ def faults(spacecraft: SpacecraftLike = CRAFT) -> Faults:
     ('one dead', '8 of 8')
 
     Args:
-        spacecraft: a name, a TOML file or a `Spacecraft`.
+        spacecraft: name of a spacecraft that comes with RANS, or your own TOML file.
 
     Raises:
         ConfigError: there is no such spacecraft, or it has one thruster.

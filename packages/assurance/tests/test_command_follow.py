@@ -69,10 +69,10 @@ def test_an_agent_of_another_task_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"course": "cirle"}, "no path named 'cirle'"),
-        ({"course": "nowhere.csv"}, "cannot read nowhere.csv"),
+        ({"path": "cirle"}, "no path named 'cirle'"),
+        ({"path": "nowhere.csv"}, "cannot read nowhere.csv"),
         ({"episodes": 0}, "--episodes must be >= 1 and < 2\\^31, got 0"),
-        ({"course": "helix"}, "the path helix is spatial"),
+        ({"path": "helix"}, "the path helix is spatial"),
     ],
 )
 def test_a_wrong_option_is_a_sentence(wrong: dict[str, object], said: str, run: Path) -> None:

@@ -7,13 +7,13 @@ import math
 import shlex
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from tyro.conf import Positional, arg
+from tyro.conf import arg
 
+from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import named_numbers
 from rans.extend import ConfigError, Terminal, is_installed, progress, read_bytes, require
 
@@ -32,8 +32,57 @@ _SMALLEST = 1.0 / 512
 """Part of the range of a start, below which a network's cells are not split with --resolution 1."""
 
 
-@dataclass(frozen=True)
-class Prove:
+def prove(
+    agent: str | None = None,
+    *,
+    property: str | None = None,
+    start: str | None = None,
+    off: str = "",
+    resolution: int = 1,
+    problem: Path | None = None,
+    output: Path | None = None,
+    check: Path | None = None,
+) -> bool:
+    """Prove that an agent or a network keeps a property from every start; returns whether that is proved.
+
+    Args:
+        agent: an on/off agent that tracks velocities in the plane, whose goal is at rest: a run folder or
+            pretrained:NAME; or FILE.onnx, a network that takes the state and gives the commands.
+        property: limits that every flight of the agent keeps for ever: of one that goes to a pose, position and
+            heading.
+        start: starts of the agent: every state up to this speed and this spin; for one that goes to a pose also
+            position (m) and heading (degrees), and those beyond its limits, at rest, come into them.
+        off: how far mass (with the inertia), thrust, and the readings of velocity and spin may be off, and the
+            delay of all thrusters, which is one constant, the same to open and to shut; by default 0. Of an agent
+            that goes to a pose mass, thrust, and the readings of position, velocity, heading (rad) and spin.
+        resolution: how much finer cells are along each coordinate: those of an agent, and the smallest ones of a
+            network, which are 1/512 of the range of a start by default.
+        problem: plant, starts and property, a TOML file (docs/proof/proofs.md); with --check the certificate must
+            fit it.
+        output: certificate to write; by default NAME.certificate.json, or proof.json in a run folder for
+            `rans report`.
+        check: certificate to check; nothing is proved then.
+
+    Raises:
+        ConfigError: one of these does not exist, or no proof is known for the agent.
+    """
+    return not Prove(**locals()).run()
+
+
+_FILE = Annotated[Path | None, arg(metavar="FILE")]
+
+
+@command_of(
+    prove,
+    agent=word("AGENT", str | None),
+    property=Annotated[str | None, arg(metavar="speed=M/S,spin=RAD/S or position=M,heading=DEG")],
+    start=Annotated[str | None, arg(name="from", metavar="speed=M/S,spin=RAD/S,...")],
+    off=Annotated[str, arg(metavar="mass=PART,thrust=PART,velocity=M/S,spin=RAD/S,delay=S,...")],
+    problem=_FILE,
+    output=_FILE,
+    check=Annotated[Path | None, arg(metavar="CERTIFICATE")],
+)
+class Prove(Options):
     """Prove that an agent or a network keeps a property from every start, or find a flight that breaks it.
 
     The set of starts is split into cells, each of which is proved as a whole. The exit code is 0 if the property
@@ -49,32 +98,6 @@ class Prove:
         "rans prove network.onnx --problem docking.toml",
         "rans prove network.onnx --check docking.certificate.json",
     )
-
-    agent: Annotated[str | None, Positional, arg(metavar="AGENT")] = None
-    """An on/off agent that tracks velocities in the plane, whose goal is at rest: a run folder or
-    pretrained:NAME; or FILE.onnx, a network that takes the state and gives the commands."""
-    property: Annotated[
-        str | None, arg(metavar="speed=M/S,spin=RAD/S or position=M,heading=DEG")
-    ] = None
-    """Limits that every flight of the agent keeps for ever: of one that goes to a pose, position and heading."""
-    start: Annotated[str | None, arg(name="from", metavar="speed=M/S,spin=RAD/S,...")] = None
-    """Starts of the agent: every state up to this speed and this spin; for one that goes to a pose also position
-    (m) and heading (degrees), and those beyond its limits, at rest, come into them."""
-    off: Annotated[
-        str, arg(metavar="mass=PART,thrust=PART,velocity=M/S,spin=RAD/S,delay=S,...")
-    ] = ""
-    """How far mass (with the inertia), thrust, and the readings of velocity and spin may be off, and the delay of
-    all thrusters, which is one constant, the same to open and to shut; by default 0. Of an agent that goes to a
-    pose mass, thrust, and the readings of position, velocity, heading (rad) and spin."""
-    resolution: int = 1
-    """How much finer cells are along each coordinate: those of an agent, and the smallest ones of a network, which
-    are 1/512 of the range of a start by default."""
-    problem: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Plant, starts and property, a TOML file (docs/proof/proofs.md); with --check the certificate must fit it."""
-    output: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Certificate to write; by default NAME.certificate.json, or proof.json in a run folder for `rans report`."""
-    check: Annotated[Path | None, arg(metavar="CERTIFICATE")] = None
-    """Certificate to check; nothing is proved then."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""

@@ -9,7 +9,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, cast, get_args
 
 from rans.extend import ConfigError, brief
 from rans_robot.messages import types
@@ -234,6 +234,43 @@ def _attachment(number: int, now: int, sender: bytes, ros: Distribution) -> byte
     """Number and time (ns) as int64, and the sender, with its length before it up to Kilted."""
     length = b"" if ros == "rolling" else bytes([len(sender)])
     return struct.pack("<qq", number, now) + length + sender
+
+
+def opened_bus(text: str) -> Bus:
+    """A bus by the text of --bus, in the domain and for the distribution that ROS's environment names.
+
+    Args:
+        text: "dds", "zenoh", "udp", or "zenoh:LOCATOR".
+
+    Raises:
+        ConfigError: there is no such bus, or the environment has a wrong value.
+    """
+    kind, _, locator = text.partition(":")
+    if kind not in get_args(BusName) or (locator and kind != "zenoh"):
+        raise ConfigError(
+            f"--bus takes dds, zenoh, udp or zenoh:LOCATOR, such as zenoh:tcp/192.168.0.2:7447, got {brief(text)}."
+        )
+    name = os.environ.get("ROS_DISTRO") or "jazzy"
+    if kind == "zenoh" and name not in get_args(Distribution):
+        raise ConfigError(
+            f"ROS_DISTRO must be one of {', '.join(get_args(Distribution))} for zenoh, got {brief(name)}."
+        )
+    distribution = name if name in get_args(Distribution) else "jazzy"  # which only zenoh reads
+    return open_bus(
+        cast("BusName", kind), ros_domain(), locator, cast("Distribution", distribution)
+    )
+
+
+def ros_domain() -> int:
+    """The domain of ROS's environment, or 0.
+
+    Raises:
+        ConfigError: ROS_DOMAIN_ID is no whole number.
+    """
+    number = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not number.isdecimal():
+        raise ConfigError(f"ROS_DOMAIN_ID must be a whole number, got {brief(number)}.")
+    return int(number)
 
 
 class DDSBus:

@@ -457,16 +457,7 @@ class BagReplay:
 
 
 def replay_bag(bag: Path, folder: Path | None = None) -> BagReplay:
-    """Give the messages of a bag to its agent again, at their times, and compare every command.
-
-    Args:
-        bag: file that `fly_over` wrote; it may end anywhere.
-        folder: of the exported agent; None: the one that flew.
-
-    Raises:
-        ConfigError: the file is no bag of a flight, its agent is not there, or agent.py is not trusted
-            (`rans.registry.trust_files`).
-    """
+    """See `rans_robot.functions.replay`."""
     stream = bag_entries(bag)
     first = next(stream, None)
     if first is None or first.topic != FLIGHT_TOPIC:

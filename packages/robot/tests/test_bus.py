@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_robot.bus import open_bus
-from rans_robot.commands.fly import opened_bus
+from rans_robot.bus import open_bus, opened_bus
 from rans_robot.interfaces import interface
 
 from rans.errors import ConfigError

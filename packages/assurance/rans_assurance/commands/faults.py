@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import arg
+
+from rans.cli.door import Options, command_of, word
+from rans.extend import Table, Terminal
+from rans_assurance.functions import FAULT_COLUMNS, faults
 
 
-@dataclass(frozen=True)
-class Faults:
+@command_of(faults, spacecraft=word("[SPACECRAFT]"))
+class Faults(Options):
     """Show which thrusters may fail, alone or in pairs, while every force and torque remains possible.
 
     A dead thruster never opens, a stuck one is always open. After a fault that is not recoverable, no
@@ -22,38 +25,25 @@ class Faults:
     guide = "docs/assurance/faults.md"
     examples = ("rans faults floating-platform --picture faults.svg",)
 
-    craft: Annotated[str, Positional, arg(metavar="SPACECRAFT")]
-    """Name of a spacecraft, or your own TOML file."""
     picture: Annotated[Path | None, arg(metavar="FILE")] = None
     """Save a figure to this file (.png, .svg or .pdf)."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        return (
-            shlex.join(
-                [
-                    "rans",
-                    "train",
-                    "go-to-pose",
-                    "--spacecraft",
-                    self.craft,
-                    "--conditions",
-                    "faults",
-                ]
-            ),
-        )
+        return (self._training(),)
+
+    def _training(self) -> str:
+        words = ["rans", "train", "go-to-pose", "--spacecraft", self.spacecraft]
+        return shlex.join([*words, "--conditions", "faults"])
 
     def run(self) -> int:
         """Print the table; the exit code is 0."""
-        from rans.extend import Table, Terminal, load_spacecraft
-        from rans_assurance.functions import FAULT_COLUMNS, faults
-
-        craft = load_spacecraft(self.craft)
         if self.picture is not None:
             from rans.show.figures.picture_file import check_picture
 
             check_picture(self.picture)
-        result = faults(craft)
+        result = faults(self.spacecraft)
+        craft = result.spacecraft
         Terminal().table(
             Table(
                 FAULT_COLUMNS,
@@ -73,6 +63,5 @@ class Faults:
             any(fault_set.recoverable for fault_set in sets) for sets in result.sets.values()
         )
         if written and craft.thruster_count > 2:
-            words = ["rans", "train", "go-to-pose", "--spacecraft", self.craft]
-            Terminal().suggest(shlex.join([*words, "--conditions", "faults"]))
+            Terminal().suggest(self._training())
         return 0

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import arg
 
+from rans.cli.door import Options, command_of, word
 from rans.extend import (
     EVALUATION_SEED,
     ConfigError,
@@ -21,9 +21,69 @@ from rans.extend import (
     stages,
 )
 
+if TYPE_CHECKING:
+    from rans_missions.improve.search import Improved
 
-@dataclass(frozen=True)
-class Improve:
+
+def improve(
+    task: str,
+    *contestants: str,
+    spacecraft: str | Path | None = None,
+    episodes: int = 4,
+    seed: int = EVALUATION_SEED,
+    rounds: int = 200,
+    output: str | Path = Path("least.csv"),
+) -> Improved:
+    """Search for cheaper flights of a mission, from flights that solve it, and write them.
+
+    Args:
+        task: mission that a craft flies which nothing turns, such as inspect, hold, dock, rendezvous or avoid.
+        *contestants: what the search begins from: FILE.csv with flights, names of controllers, run folders or
+            pretrained:NAME. For each start the cheapest flight that solves the task counts.
+        spacecraft: name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task.
+        episodes: number of starts.
+        seed: seed of the starts.
+        rounds: rounds of the search, with 256 flights of each start: some seconds of processor time each.
+        output: file of the flights.
+
+    Raises:
+        ConfigError: one of these does not exist, or no contestant solves the task from any start.
+    """
+    from rans.extend import TASKS, Setup, contestant, scenarios
+    from rans.registry import typed
+    from rans_missions.improve import search
+
+    check_count("--episodes", episodes)
+    check_count("--rounds", rounds)
+    file = Path(output)
+    if file.suffix != ".csv":
+        raise ConfigError(f"--output must end in .csv, got {str(file)!r}.")
+    if not contestants:
+        raise ConfigError(
+            f"rans improve {task} begins from flights: name a controller such as mission, or FILE.csv."
+        )
+    mission = TASKS[typed(task)]().for_evaluation()
+    name = spacecraft or mission.spacecraft
+    if name is None:
+        raise ConfigError(f"{task} has no spacecraft of its own: add --spacecraft NAME.")
+    setup = Setup(load_spacecraft(name), mission, mission.timing)
+    ready_folder(file.parent)
+    seeds = [contestant(text, default_setup=setup).controller for text in contestants]
+    starts = scenarios(mission, setup.craft, seed, episodes)
+    with progress() as bars:
+        step = stages(bars)("search", rounds)
+        found = search.improve(setup, starts, seeds, rounds, report=lambda *_: step(1))
+    found.write(file)
+    return found
+
+
+@command_of(
+    improve,
+    task=word("TASK"),
+    contestants=word("FLIGHT...", tuple[str, ...]),
+    output=Annotated[Path, arg(metavar="FILE.csv")],
+)
+class Improve(Options):
     """Search for cheaper flights of a mission, from flights that solve it, judged by the engine's own checks.
 
     Writes a file of flights, which `rans compare` takes as a contestant and this command as a beginning.
@@ -36,22 +96,6 @@ class Improve:
         "rans improve dock least.csv mission convex --rounds 400",
     )
 
-    task: Annotated[str, Positional, arg(metavar="TASK")]
-    """Mission that a craft flies which nothing turns, such as inspect, hold, dock, rendezvous or avoid."""
-    contestants: Annotated[tuple[str, ...], Positional, arg(metavar="FLIGHT...")]
-    """What the search begins from: FILE.csv with flights, names of controllers, run folders or pretrained:NAME. For
-    each start the cheapest flight that solves the task counts."""
-    spacecraft: str | None = None
-    """Name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task."""
-    episodes: int = 4
-    """Number of starts."""
-    seed: int = EVALUATION_SEED
-    """Seed of the starts."""
-    rounds: int = 200
-    """Rounds of the search, with 256 flights of each start: some seconds of processor time each."""
-    output: Path = Path("least.csv")
-    """File of the flights."""
-
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
         first = f"{self.contestants[0]}:{self.task}-3d"
@@ -62,29 +106,7 @@ class Improve:
 
     def run(self) -> int:
         """Print what each flight costs before and after."""
-        from rans.extend import TASKS, Setup, contestant, scenarios
-        from rans.registry import typed
-        from rans_missions.improve.search import improve
-
-        check_count("--episodes", self.episodes)
-        check_count("--rounds", self.rounds)
-        if self.output.suffix != ".csv":
-            raise ConfigError(f"--output must end in .csv, got {str(self.output)!r}.")
-        if not self.contestants:
-            raise ConfigError(
-                f"rans improve {self.task} begins from flights: name a controller such as mission, or FILE.csv."
-            )
-        task = TASKS[typed(self.task)]().for_evaluation()
-        name = self.spacecraft or task.spacecraft
-        if name is None:
-            raise ConfigError(f"{self.task} has no spacecraft of its own: add --spacecraft NAME.")
-        setup = Setup(load_spacecraft(name), task, task.timing)
-        ready_folder(self.output.parent)
-        seeds = [contestant(text, default_setup=setup).controller for text in self.contestants]
-        starts = scenarios(task, setup.craft, self.seed, self.episodes)
-        with progress() as bars:
-            step = stages(bars)("search", self.rounds)
-            found = improve(setup, starts, seeds, self.rounds, report=lambda *_: step(1))
+        found: Improved = self.call()
         console = Terminal()
         console.show(
             f"Impulse from {counted(self.episodes, 'start')} of {self.task}",
@@ -94,6 +116,5 @@ class Improve:
                 for k, (a, b) in enumerate(zip(found.before, found.after, strict=True))
             ],
         )
-        found.write(self.output)
         console.print(f"{found.flown:,} flights were judged. Written to {self.output}.")
         return 0

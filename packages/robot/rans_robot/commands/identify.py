@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
 
-import tyro
-
+from rans.cli.door import Options, command_of, word
 from rans.extend import ConfigError, Terminal, doing
+from rans_robot.functions import identify
 
 
-@dataclass(frozen=True)
-class Identify:
+@command_of(
+    identify,
+    without=("window",),
+    defaults={"spacecraft": ""},
+    logs=word("LOG...", tuple[Path, ...]),
+)
+class Identify(Options):
     """Identify forces, inertia, centre of mass, delays and disturbances from logs of flights.
 
     Motion determines forces and inertia only in proportion to the mass, so weigh the spacecraft first. Of a
@@ -26,23 +29,12 @@ class Identify:
     guide = "docs/robot/identify.md"
     examples = ("rans identify flight.csv --spacecraft floating-platform",)
 
-    logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG...")]
-    """Bags (.mcap) of `rans fly` or of ROS 2, folders of `ros2 bag record`, ULog files (.ulg) of PX4, or CSV files
-    with the columns time, x, y, heading (in space x, y, z, qw, qx, qy, qz), u0, u1, ... and perhaps velocities. Of
-    a satellite with wheels alone: CSV files with time, qw, qx, qy, qz, wx, wy, wz, s0, s1, ..., or folders of
-    InnoCube's telemetry."""
-    spacecraft: str = ""
-    """Data sheet from which to begin: a name, or a TOML file."""
     excite: str = ""
     """Instead of reading logs, write an agent that flies the most informative commands about this spacecraft (name
     or TOML file) for a minute, by `rans fly --trust`. They keep it in a box of 3 m round the goal of the flight, or
     of another side (m), as in `--excite mine.toml,box=2`."""
     output: Path | None = None
     """Folder of the results; by default identified, or excitation with --excite."""
-    robot: Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"] | None = None
-    """Kind of robot whose topics a bag has; by default the bag says it."""
-    namespace: str = ""
-    """Name before the topics of the robot in a bag, such as robot1 for /robot1/pose."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -50,7 +42,6 @@ class Identify:
 
     def run(self) -> int:
         """Print what was identified and what the logs do not determine."""
-        from rans_robot.functions import identify
         from rans_robot.identify.result import UNITS
 
         if self.excite:
