@@ -1,7 +1,8 @@
 """Random flights from proved starts, none of which may break what is proved; see docs/proof/proofs.md.
 
 `python -m campaigns.proof_flights --problem FILE.toml --network FILE.onnx` flies a network;
-`python -m campaigns.proof_flights --agent NAME --certificate FILE` flies an agent from its trapping set.
+`python -m campaigns.proof_flights --agent AGENT --certificate FILE` flies an agent from its trapping set, of
+velocities for one period and of poses for 30 periods. They take all cores.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from rans_proof.flights import lowest_margins
 from rans_proof.network import read_network
+from rans_proof.pose_flights import leaving as leaving_poses
 from rans_proof.problem import read_problem
 from rans_proof.trap import Loop, Trap, Uncertainty, velocity_loop
 
@@ -20,8 +22,11 @@ from campaigns.command import ended
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_policy
 from rans.pretrained import pretrained_folder
+from rans.processes import Workers, nothing
 
-_BATCH = 50_000
+_BATCH = 20_000
+_POSE_PERIODS = 30
+"""Periods of a flight from a trapping set of poses, in which most come to several pulses."""
 
 
 @dataclass
@@ -33,31 +38,40 @@ class ProofFlights:
     network: Path | None = None
     """The network's ONNX file."""
     agent: str | None = None
-    """Name of a shipped agent."""
+    """Name of a shipped agent, or a run folder."""
     certificate: Path | None = None
     """Certificate of the agent's trapping set."""
     flights: int = 1_000_000
-    """Flights; those of an agent last one period, since they end in a cell again."""
+    """Flights; those of an agent of velocities last one period, since they end in a cell again."""
 
     def run(self) -> int:
         """Number of flights that break the property."""
         batches = [min(_BATCH, self.flights - k) for k in range(0, self.flights, _BATCH)]
-        if self.problem is not None and self.network is not None:
-            problem, layers = read_problem(self.problem), read_network(self.network)
-            random = np.random.default_rng(6)
-            return sum(
-                int((lowest_margins(problem, layers, start) <= 0.0).sum())
-                for start in (
-                    random.uniform(problem.lower, problem.upper, (count, problem.states))
-                    for count in batches
-                )
-            )
-        if self.agent is None or self.certificate is None:
+        if (self.problem is None or self.network is None) and (
+            self.agent is None or self.certificate is None
+        ):
             raise ConfigError("name --problem and --network, or --agent and --certificate.")
-        run = load_policy(pretrained_folder(self.agent))
-        loop = velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
-        trap = read_trap(self.certificate)
-        return sum(leaving(loop, trap, count, 1, seed) for seed, count in enumerate(batches))
+        jobs = [(self, count, seed) for seed, count in enumerate(batches)]
+        workers = Workers(nothing, (), None, "flew from proved starts")
+        return sum(answer for _, answer in workers.finished(_broken, jobs))
+
+
+def _broken(_: None, plan: ProofFlights, count: int, seed: int) -> int:
+    """Number of flights of one batch that break the property."""
+    if plan.problem is not None and plan.network is not None:
+        problem, layers = read_problem(plan.problem), read_network(plan.network)
+        random = np.random.default_rng((6, seed))
+        start = random.uniform(problem.lower, problem.upper, (count, problem.states))
+        return int((lowest_margins(problem, layers, start) <= 0.0).sum())
+    assert plan.agent is not None
+    assert plan.certificate is not None
+    is_folder = (Path(plan.agent) / "config.json").is_file()
+    run = load_policy(Path(plan.agent) if is_folder else pretrained_folder(plan.agent))
+    table = json.loads(plan.certificate.read_text())
+    if "reach" in table:
+        return leaving_poses(run, table, count, _POSE_PERIODS, seed)[0]
+    loop = velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
+    return leaving(loop, read_trap(plan.certificate), count, 1, seed)
 
 
 def read_trap(certificate: Path) -> Trap:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import io
 import json
 import sys
 from dataclasses import replace
@@ -18,6 +19,7 @@ from rans_proof.network import network_of
 from rans_proof.problem import problem_of, read_problem
 from rans_proof.prove import Proof
 from scipy.integrate import solve_ivp
+from scipy.io import savemat
 
 from tests.support.processes import ROOT
 from tests.support.small_networks import damping, written
@@ -84,6 +86,23 @@ def test_an_old_network_means_the_same_anew(run: ModuleType) -> None:
     hidden = np.maximum((x - arrays["c"].ravel()) @ arrays["W"].T + arrays["b"], 0.0)
     np.testing.assert_allclose(apply(layers, x), hidden @ arrays["V"].T + arrays["d"], atol=1e-5)
     assert run.renewed(run.renewed(old)) == run.renewed(old)
+
+
+def test_a_matlab_network_means_the_same_in_onnx(run: ModuleType) -> None:
+    """Layers of a MATLAB file against their formula: ReLU, then a hyperbolic tangent, in double precision."""
+    random = np.random.default_rng(0)
+    weights, biases = np.empty((1, 2), object), np.empty((1, 2), object)
+    for k, shape in enumerate(((5, 3), (2, 5))):
+        weights[0, k], biases[0, k] = random.normal(size=shape), random.normal(size=(shape[0], 1))
+    file = io.BytesIO()
+    savemat(file, {"W": weights, "b": biases, "act_fcns": np.array(["relu", "tanh"])})
+    from rans_proof.network import apply
+
+    layers = network_of(run.renewed(file.getvalue()), "matlab")
+    x = random.normal(size=(20, 3))
+    hidden = np.maximum(x @ weights[0, 0].T + biases[0, 0].ravel(), 0.0)
+    expected = np.tanh(hidden @ weights[0, 1].T + biases[0, 1].ravel())
+    np.testing.assert_allclose(apply(layers, x), expected, atol=1e-14)
 
 
 def test_the_unsafe_rendezvous_is_refuted(

@@ -312,6 +312,38 @@ def test_a_flight_that_refutes_is_flown_again(
             verdict(json.dumps(forged).encode(), network.read_bytes())
 
 
+@pytest.mark.parametrize(("off", "is_accepted"), [(0.0, True), (2e-4, True), (2e-2, False)])
+def test_a_flight_that_refutes_may_differ_by_rounding(
+    off: float, is_accepted: bool, tmp_path: Path
+) -> None:
+    """u = tanh(((10^4 + x) - (10^4 - x)) / 2) in single precision, whose numbers near 10^4 are 0.001 apart.
+
+    Rounding changes u by up to 0.0005 and the velocity after 0.5 s by 0.00025, which is more than the 1e-6 that a
+    flight in double precision may be off.
+    """
+    sums = Layer(np.array([[1.0, 0.0], [-1.0, 0.0]]), np.full(2, 1e4), "relu")
+    network = written(
+        [sums, Layer(np.array([[0.5, -0.5]]), np.zeros(1), "tanh")], tmp_path / "net.onnx"
+    )
+    lower, upper = "lower = [-1.0, -0.2]\nupper", "upper = [1.0, 0.2]"
+    fast = SETTLING.replace(lower, "lower = [1.0, 0.2]\nupper").replace(upper, "upper = [1.1, 0.3]")
+    assert fast.count("0.2]") == 1
+    proof = prove(problem_of(fast), read_network(network))
+    assert proof.counterexample is not None
+    file = tmp_path / "flight.json"
+    write_certificate(proof, network.read_bytes(), file)
+    table = json.loads(file.read_text())
+    table["flight"][1][1] += off
+    content = json.dumps(table).encode()
+    if is_accepted:
+        assert verdict(content, network.read_bytes()) < -1.0
+        return
+    from rans_proof.balls import Refused
+
+    with pytest.raises(Refused, match="another one in period 0"):
+        verdict(content, network.read_bytes())
+
+
 def test_the_checker_agrees_about_rectifiers(tmp_path: Path) -> None:
     """Rectifiers below a last layer of tanh, whose commands push a craft at the limit of its speed."""
     hidden, last = layers([4, 8, 2], 5, scale=0.05)
