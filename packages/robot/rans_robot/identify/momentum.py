@@ -20,14 +20,14 @@ Measurement Error Models, 1987).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
 
 from rans.extend import ConfigError, Spacecraft
 from rans_robot.identify.log import FlightLog, rotations, turn
-from rans_robot.identify.orbit_torques import AIR, DIPOLE, OrbitTorques, has_orbit
+from rans_robot.identify.orbit_torques import AIR, DIPOLE, PARTS, OrbitTorques, has_orbit
 
 _COMPONENTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Entries of the inertia tensor in the order of `Body.inertia`."""
@@ -75,6 +75,11 @@ _SPREADS = (
     _Spread("lever", 1e-3, 1e-6, 0.3),
 )
 """rad/s, rad/s, rad, s, s; then in units of a wheel's inertia: rad/s per root of s, and rad/s^2."""
+_STAMPS_OFF = 0.41
+"""s: standard deviation of what all time stamps of whole seconds are off by together: half a second if they are
+rounded down or up, nothing if to the nearest, and logs do not say which."""
+_STAMP_APART = 0.29
+"""s: standard deviation of what each of them is off by beside that, evenly within a second."""
 _PRIOR_SPREAD = 3.0
 """Standard deviation of the logarithm of each before: a factor of 20."""
 
@@ -175,7 +180,7 @@ class _Rows:
         self.orbit: OrbitTorques | None = None
         if has_orbit(log):
             self.orbit = OrbitTorques(log, self.index, aligned)
-            self.lever = self.orbit.columns
+            self.lever = self.orbit.columns[::PARTS]
             prior = np.repeat([DIPOLE / unit, AIR / unit], 3)
             self.field_information = np.diag(1.0 / prior**2)
             self.field_log_volume = 0.0
@@ -210,7 +215,7 @@ class _Rows:
         """Momentum (N, 3) of the gradient of gravity in the frame of its row; 0 where the orbit is not known."""
         if self.orbit is None:
             return np.zeros_like(self.rates)
-        return self._turned(self.orbit.gradient(tensor)[..., None])[..., 0]
+        return self._turned(self.orbit.gradient(tensor)[::PARTS, :, None])[..., 0]
 
     def _turned(self, momenta: np.ndarray) -> np.ndarray:
         """Momenta (N, 3, P) in the axes of the first frame, in the frame of their row."""
@@ -336,6 +341,7 @@ class _Linear:
         spread: dict[str, float],
         derivatives: Sequence[np.ndarray],
     ) -> None:
+        self.spread = spread
         self.volume = 0.0
         self.square = 0.0
         corner = model.prior_information.copy()
@@ -586,10 +592,14 @@ def _torques_of(
     both[count:, :count] = both[:count, count:].T
     both[count:, count:] = of_values
 
+    # Momenta are known between rows, too, where there is an orbit.
+    instants = rows.t if rows.orbit is None else rows.orbit.times - rows.orbit.times[0]
+    lever = rows.lever if rows.orbit is None else rows.orbit.columns
+
     def gained(momenta: np.ndarray) -> np.ndarray:
-        """Momenta (N, 3, P) that each stretch between two knots adds, (stretches, 3, P)."""
+        """Momenta (K, 3, P) that each stretch between two knots adds, (stretches, 3, P)."""
         parts = [
-            np.stack([np.interp(rows.knots, rows.t, one) for one in axis.T], axis=-1)
+            np.stack([np.interp(rows.knots, instants, one) for one in axis.T], axis=-1)
             for axis in np.moveaxis(momenta, 1, 0)
         ]
         return np.diff(np.stack(parts, axis=1), axis=0)
@@ -608,7 +618,7 @@ def _torques_of(
 
     # The walk, what is fixed in the body, and the gradient of gravity, which is linear in the values.
     whole = np.zeros((stretches, 3, count))
-    whole[:, :, walks.stop :] = gained(rows.lever)
+    whole[:, :, walks.stop :] = gained(lever)
     for k in range(stretches):
         whole[k, :, starts + 3 * k : starts + 3 * k + 3] = np.eye(3)
     gradients = np.zeros((stretches, 3, model.count))
@@ -622,9 +632,10 @@ def _torques_of(
     if rows.orbit is None:
         return external, []
     nothing = np.zeros_like(whole)
-    sources = [
-        Source("gravity gradient", np.empty(0), np.empty((0, 0)), torque(nothing, gradients, fall))
-    ]
+    fallen = torque(nothing, gradients, fall)
+    by_times = model.unit * _gradient_error(rows, model.tensor(values), linear.spread)
+    fallen = replace(fallen, deviation=np.hypot(fallen.deviation, by_times))
+    sources = [Source("gravity gradient", np.empty(0), np.empty((0, 0)), fallen)]
     for part, name in enumerate(("magnetic dipole", "air")):
         place = slice(walks.stop + 3 * part, walks.stop + 3 * part + 3)
         own = np.zeros_like(whole)
@@ -638,6 +649,20 @@ def _torques_of(
             )
         )
     return external, sources
+
+
+def _gradient_error(rows: _Rows, tensor: np.ndarray, spread: dict[str, float]) -> np.ndarray:
+    """Standard deviations (stretches, 3) of the gradient through times and attitudes.
+
+    They count here only: inertia is known to a fraction of a percent, dipole and air are not.
+    """
+    assert rows.orbit is not None
+    stamps_are_whole = bool((rows.log.times == np.floor(rows.log.times)).all())
+    late = spread["jitter of attitudes"] ** 2 + (_STAMP_APART**2 if stamps_are_whole else 0.0)
+    apart = np.sqrt(spread["attitude"] ** 2 + np.sum(rows.rates**2, axis=1) * late)
+    knots = rows.orbit.times[0] + rows.knots
+    early = _STAMPS_OFF if stamps_are_whole else 0.0
+    return rows.orbit.gradient_error(tensor, knots, early, apart)
 
 
 def _outside(model: _Momentum, values: np.ndarray, torques: Sequence[Torque]) -> float:

@@ -15,9 +15,13 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 from rans.extend import ConfigError
-from rans_robot.identify.log import FlightLog
+from rans_robot.identify.log import FlightLog, turn
+
+PARTS = 4
+"""Parts of a gap between rows in integrals: of 3 s and turns of 3 degrees/s they are right to a thousandth."""
 
 _MU = 3.986004418e14
 """Gravitational parameter of the Earth, m^3/s^2."""
@@ -47,13 +51,20 @@ def has_orbit(log: FlightLog) -> bool:
 
 
 class OrbitTorques:
-    """Torques at the times of a log, integrated from its first.
+    """Torques of a log, integrated from its first row.
+
+    Between two rows the spin changes evenly by the difference of their rates. Sums over rows alone were off by a
+    third of the interval of a gradient.
 
     Args:
         log: with position from the Earth's centre in the inertial axes of the attitude, m, and field in the body,
             T.
         index: rows that are used.
         rotation: (N, 3, 3), body to inertial axes at these rows.
+
+    Attributes:
+        times: (K,), s, `PARTS` of each gap between rows; those of the rows are every `PARTS`-th one.
+        columns: (K, 3, 6), momentum of each component of the dipole and of c, in inertial axes.
 
     Raises:
         ConfigError: positions are no free fall around the Earth in inertial axes, fields are in other axes or
@@ -63,30 +74,83 @@ class OrbitTorques:
     def __init__(self, log: FlightLog, index: np.ndarray, rotation: np.ndarray) -> None:
         assert log.field is not None
         what = f"the log {log.source}"
-        self.times = log.times[index]
-        self.rotation = rotation
+        self.times, self._rotation = _between(log.times[index], rotation, log.spin[index])
         position, velocity = _orbit(what, log, self.times)
         radius = np.linalg.norm(position, axis=1, keepdims=True)
-        self.up = position / radius
-        self.strength = 3.0 * _MU / radius[:, 0] ** 3
+        self._up = position / radius
+        self._strength = 3.0 * _MU / radius[:, 0] ** 3
         along = velocity / np.linalg.norm(velocity, axis=1, keepdims=True)
-        field = _field(what, log, index, rotation)
-        arms = rotation.mT[:, :, None, :]  # (N, i, 1, 3): axes of the body
+        field = _field(what, log, index, rotation, self.times)
+        arms = self._rotation.mT[:, :, None, :]  # (K, i, 1, 3): axes of the body
         both = np.concatenate(
             [np.cross(arms, field[:, None, None, :]), np.cross(arms, -along[:, None, None, :])], 1
         )
         self.columns = self._integrated(both[:, :, 0].mT)
-        """(N, 3, 6): momentum of each component of the dipole and of c, in inertial axes."""
+        # The gradient is linear in the inertia.
+        of_entries = [self._torque(entry) for entry in np.eye(9).reshape(9, 3, 3)]
+        self._of_entries = self._integrated(np.stack(of_entries, axis=-1))
 
     def gradient(self, tensor: np.ndarray) -> np.ndarray:
-        """Momentum (N, 3) of the gradient of gravity in inertial axes, in N m s for an inertia (3, 3) in kg m^2."""
-        turned = np.einsum("nij,jk,nlk,nl->ni", self.rotation, tensor, self.rotation, self.up)
-        return self._integrated(self.strength[:, None] * np.cross(self.up, turned))
+        """Momentum (K, 3) of the gradient of gravity in inertial axes, in N m s for an inertia (3, 3) in kg m^2."""
+        return self._of_entries @ tensor.ravel()
+
+    def gradient_error(
+        self, tensor: np.ndarray, knots: np.ndarray, early: float, apart: np.ndarray
+    ) -> np.ndarray:
+        """Standard deviation (M, 3) of the mean gradient between knots (M + 1,) through times and attitudes.
+
+        Args:
+            tensor: inertia, kg m^2.
+            knots: times, s.
+            early: standard deviation of what all instants are off by, s.
+            apart: (N,), rad: standard deviation of each row's attitude about any axis.
+        """
+        torque = self._torque(tensor)
+        at = np.stack([np.interp(knots, self.times, column) for column in torque.T], axis=1)
+        shifted = (early * np.diff(at, axis=0) / np.diff(knots)[:, None]) ** 2
+        # A row counts for its part of the stretch. A turn d of the attitude changes the tensor T by [d] T - T [d].
+        rows = slice(None, None, PARTS)
+        turned = self._rotation[rows] @ tensor @ self._rotation[rows].mT
+        up = self._up[rows]
+        square = np.zeros_like(up)
+        for axis in np.eye(3):
+            change = np.cross(axis, np.einsum("nij,nj->ni", turned, up))
+            change = change - np.einsum("nij,nj->ni", turned, np.cross(axis, up))
+            square += np.cross(self._strength[rows, None] * up, change) ** 2
+        times = self.times[rows]
+        weight = np.gradient(times)[:, None] * apart[:, None]
+        inside = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(knots) - 2)
+        scattered = np.zeros_like(shifted)
+        np.add.at(scattered, inside, square * weight**2)
+        return np.sqrt(shifted + scattered / np.diff(knots)[:, None] ** 2)
+
+    def _torque(self, tensor: np.ndarray) -> np.ndarray:
+        """Torque (K, 3) of the gradient in inertial axes, N m."""
+        turned = np.einsum("nij,jk,nlk,nl->ni", self._rotation, tensor, self._rotation, self._up)
+        return self._strength[:, None] * np.cross(self._up, turned)
 
     def _integrated(self, density: np.ndarray) -> np.ndarray:
         steps = 0.5 * (density[1:] + density[:-1])
         steps = steps * np.diff(self.times).reshape(-1, *[1] * (density.ndim - 1))
         return np.concatenate([np.zeros_like(density[:1]), np.cumsum(steps, axis=0)])
+
+
+def _between(
+    times: np.ndarray, rotation: np.ndarray, rates: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times (K,) and attitudes (K, 3, 3) of `PARTS` of each gap; rates (N, 3) of the rows are in the body."""
+    gaps = np.diff(times)
+    share = (np.arange(PARTS) / PARTS)[:, None]
+    turns = Rotation.from_matrix(rotation[:-1].mT @ rotation[1:]).as_rotvec()
+    # With an even acceleration the turn is a parabola, whose slopes at both ends differ by the change of the rate.
+    bend = 0.5 * (rates[:-1] - rates[1:]) * gaps[:, None]
+    vectors = share * turns[:, None] + share * (1.0 - share) * bend[:, None]
+    between = rotation[:-1, None] @ turn(vectors.reshape(-1, 3)).reshape(*vectors.shape, 3)
+    instants = times[:-1, None] + share[:, 0] * gaps[:, None]
+    return (
+        np.append(instants.ravel(), times[-1]),
+        np.concatenate([between.reshape(-1, 3, 3), rotation[-1:]]),
+    )
 
 
 def _orbit(what: str, log: FlightLog, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -117,8 +181,10 @@ def _orbit(what: str, log: FlightLog, times: np.ndarray) -> tuple[np.ndarray, np
     return spline(times), spline(times, 1)
 
 
-def _field(what: str, log: FlightLog, index: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Field (N, 3) in inertial axes at the rows; between readings it is that of a line there."""
+def _field(
+    what: str, log: FlightLog, index: np.ndarray, rotation: np.ndarray, instants: np.ndarray
+) -> np.ndarray:
+    """Field (K, 3) in inertial axes at instants; between readings of the rows it is that of a line there."""
     assert log.field is not None
     read = np.isfinite(log.field[index]).all(axis=1)
     times = log.times[index]
@@ -138,7 +204,7 @@ def _field(what: str, log: FlightLog, index: np.ndarray, rotation: np.ndarray) -
             f"of it change otherwise than along an orbit, and {100.0 * before:.0f} % before: bx, by and bz must be "
             "in the axes of the body. Are they in inertial axes, or in those of the sensor?"
         )
-    return np.stack([np.interp(times, times[read], column) for column in turned.T], axis=1)
+    return np.stack([np.interp(instants, times[read], column) for column in turned.T], axis=1)
 
 
 def _roughness(times: np.ndarray, vectors: np.ndarray) -> float:

@@ -12,7 +12,7 @@ import pytest
 from rans_robot.identify.fit import fit
 from rans_robot.identify.log import FlightLog, checked_satellite_log
 from rans_robot.identify.orbit_torques import OrbitTorques
-from scipy.integrate import solve_ivp
+from scipy.integrate import simpson, solve_ivp
 from scipy.spatial.transform import Rotation
 
 import rans
@@ -121,6 +121,81 @@ def test_each_torque_is_told_from_the_others(log: FlightLog) -> None:
     ]
     largest = np.abs(means).max()
     np.testing.assert_allclose(gradient.torque.torque, means, rtol=0.0, atol=0.06 * largest)
+
+
+AXIS = np.array([0.48, -0.6, 0.64])
+KNOTS = np.linspace(0.0, SECONDS - 6.0, 21)
+
+
+def swinging(times: np.ndarray) -> tuple[Rotation, np.ndarray]:
+    """Attitudes, and rates in the body, of a turn about one axis whose speed changes, up to 4 degrees/s."""
+    angle = 0.03 * times - 0.8 * (np.cos(0.05 * times) - 1.0)
+    rate = 0.03 + 0.04 * np.sin(0.05 * times)
+    return Rotation.from_rotvec(np.outer(angle, AXIS)), np.outer(rate, AXIS)
+
+
+def swung(instants: np.ndarray, stamps: np.ndarray) -> OrbitTorques:
+    """Torques of a log whose rows were read at instants and have these stamps."""
+    turns, spin = swinging(instants)
+    rows = len(instants)
+    up, _, field = (np.array(x) for x in zip(*map(around, instants), strict=True))
+    attitude = turns.as_quat()[:, [3, 0, 1, 2]]
+    log = FlightLog(
+        "swung",
+        np.empty(0),
+        np.empty((0, 3)),
+        stamps,
+        RADIUS * up,
+        attitude,
+        np.full((rows, 3), np.nan),
+        spin,
+        np.zeros((rows, 3)),
+        field=turns.inv().apply(field),
+    )
+    return OrbitTorques(log, np.arange(rows), turns.as_matrix())
+
+
+def mean_gradient() -> np.ndarray:
+    """Means between `KNOTS` by SciPy's Simpson rule in steps of a twentieth of a second."""
+    means = []
+    for a, b in itertools.pairwise(KNOTS):
+        fine = np.linspace(a, b, 901)
+        turns, _ = swinging(fine)
+        up = np.array([around(t)[0] for t in fine])
+        own = turns.inv().apply(up)
+        torque = turns.apply(3.0 * MU / RADIUS**3 * np.cross(own, own @ INERTIA))
+        means.append(simpson(torque, x=fine, axis=0) / (b - a))
+    return np.array(means)
+
+
+def means_of(torques: OrbitTorques) -> np.ndarray:
+    """Means between `KNOTS` of what was integrated."""
+    momentum = torques.gradient(INERTIA)
+    at = np.stack([np.interp(KNOTS, torques.times, column) for column in momentum.T], axis=1)
+    return np.diff(at, axis=0) / np.diff(KNOTS)[:, None]
+
+
+def test_rows_far_apart_give_the_integral_of_the_turn_between_them() -> None:
+    """At 12 degrees from row to row sums over the rows alone are 0.35 % off."""
+    times = np.arange(0.0, SECONDS + 3.0, 3.0)
+    truth = mean_gradient()
+    off = np.abs(means_of(swung(times, times)) - truth).max()
+    assert off < 1e-3 * np.abs(truth).max()
+
+
+def test_the_interval_of_a_gradient_holds_it_under_stamps_of_whole_seconds() -> None:
+    """Rows are read at any part of the second that their stamp names, and attitudes alone are exact."""
+    random = np.random.default_rng(5)
+    stamps = np.arange(0.0, SECONDS + 1.0, 2.0)
+    instants = stamps + random.random(len(stamps))
+    torques = swung(instants, stamps)
+    _, spin = swinging(instants)
+    apart = 0.29 * np.linalg.norm(spin, axis=1)
+    off = means_of(torques) - mean_gradient()
+    ratio = off / torques.gradient_error(INERTIA, KNOTS, 0.41, apart)
+    # The common error, which is half a second here and 0.41 s in the interval, makes it 1.2.
+    assert 0.8 < np.sqrt(np.mean(ratio**2)) < 1.5
+    assert np.mean(np.abs(ratio) < 1.96) > 0.85
 
 
 @pytest.mark.slow
