@@ -71,25 +71,25 @@ def judges(docs: Path) -> Rows:
 
 
 def values(docs: Path) -> Rows:
-    """The second: the largest difference that every check has found."""
-    found = {
-        name: {check["name"]: check for check in study["checks"]}
-        for name, study in _studies(docs).items()
-    }
+    """The second: how near the largest difference of every group of checks comes to its tolerance."""
+    found = {name: _shares(study["checks"]) for name, study in _studies(docs).items()}
     rows = []
-    for name in dict.fromkeys(name for checks in found.values() for name in checks):
-        same = [checks.get(name) for checks in found.values()]
-        tolerances = dict.fromkeys(f"{one['tolerance']:.0e}" for one in same if one)
-        unit = next(one["unit"] for one in same if one)
-        rows.append(
-            (
-                name,
-                unit,
-                "/".join(tolerances),
-                *(f"{one['value']:.0e}" if one else "" for one in same),
-            )
-        )
-    return ("check", "unit", "tolerance", *found), rows
+    for group in dict.fromkeys(group for groups in found.values() for group in groups):
+        same = [groups.get(group, {}) for groups in found.values()]
+        tolerances = dict.fromkeys(tolerance for one in same for tolerance, _ in one.values())
+        cells = (f"{max(share for _, share in one.values()):.0e}" if one else "" for one in same)
+        rows.append((group, ", ".join(tolerances), *cells))
+    return ("check", "tolerance", *found), rows
+
+
+def _shares(checks: Sequence[dict[str, Any]]) -> dict[str, dict[str, tuple[str, float]]]:
+    """Of every group of checks, such as "25 s", the parts, such as "position": tolerance, difference over it."""
+    groups: dict[str, dict[str, tuple[str, float]]] = {}
+    for one in checks:
+        group, _, part = one["name"].partition(": ")
+        share = abs(one["value"]) / one["tolerance"]
+        groups.setdefault(group, {})[part] = f"{one['tolerance']:.0e}", share
+    return groups
 
 
 def _studies(docs: Path) -> dict[str, Any]:

@@ -65,8 +65,8 @@ def page() -> str:
 
 _HEAD = """# Provenance
 
-Where the tables of the pages come from. `rans reproduce` flies them again in a checkout, and writes a page
-of differences. This page is made from the same list, `campaigns/table.py`.
+`rans reproduce` flies the tables of the pages again in a checkout, and writes a page of differences. This page
+is made from the same list, `campaigns/table.py`.
 
 ![A command writes a JSON file, from which a table of a page is made; two checks compare them]\
 (pictures/diagrams/provenance.svg)
@@ -77,6 +77,8 @@ rans reproduce --only stress "dock with errors"    # these alone, with every fli
 rans reproduce                                     # all of them
 ```
 
+Where a name alone measures a table, the command is `python -m campaigns NAME --docs docs`.
+
 | table of | measured by | evidence | flights behind each share; with `--quick` | processor time with `--quick`, s |
 |---|---|---|---|---|"""
 _TAIL = """
@@ -85,24 +87,16 @@ A table marked with * needs trainings first, and is left out with a sentence unt
 ## What agrees
 
 Flights of a seed are deterministic. On the same processor, with the versions of the evidence, every cell is the
-same. Elsewhere, and with `--quick`, a share agrees within three standard deviations of both samples, and another
-number within the tolerance of the list. Extremes of fewer flights and times of a machine are not compared.
-Searches that a limit of time ends are never compared bit for bit. Of a thousand shares that agree, about three are
-expected beyond three standard deviations.
+same. Elsewhere, and with `--quick`, a share agrees within three standard deviations of both samples (about
+three of a thousand are beyond them), and another number within the tolerance of the list. Extremes of fewer
+flights, times of a machine, and searches that a limit of time ends are not compared.
 
 The page of differences, `runs/reproduce/differences.md`, has every cell that differs, the time of each row,
 versions, processor and GPU, and the SHA-256 of every agent. The exit code is 1 if a cell differs or a command
-fails.
+fails. `--executor` spreads the rows over [many machines](cluster.md). The whole reproduction was not timed.
 
-The whole reproduction was not timed. Flights in Drake, bounds and searches run on processors, and with
-`--executor` on those of a cluster ([on many machines](cluster.md)). A GPU shortens only the flights in torch. On a
-machine with one H100 and 16 processors two rows were timed with every flight: robustness in the plane 57 s on one
-processor, and identification in the plane 74 s on all, 795 s of processor time. Whether all rows together take less
-than an hour is not known: Drake and CasADi were not installed there.
-
-The tables of [InnoCube's telemetry](../packages/robot/docs/innocube.md) come from
-`rans identify` and `python -m campaigns.innocube FOLDER`, with data in FOLDER. They have no licence yet, so there
-is no evidence here, and `rans reproduce` leaves these tables out.
+The tables of [InnoCube's telemetry](../packages/robot/docs/innocube.md) come from `rans identify` and
+`python -m campaigns.innocube FOLDER`, with data that have no licence yet: `rans reproduce` leaves them out.
 
 ## Other figures
 
@@ -121,12 +115,18 @@ def _rows() -> Iterator[str]:
         link = f"[{Path(source.page).stem}]({_in_repository(source.page)})" + "*" * bool(
             source.needs
         )
-        commands = "<br>".join(f"`{command}`" for command in source.measured_by(name))
+        commands = "<br>".join(map(_short, source.measured_by(name)))
         files = ", ".join(f"[{name}](validation/{name})" for name in source.evidence)
         full, quick = source.flights
         counts = f"{full:,}, {quick:,}" if full else "-"
         seconds = source.time(quick=True)
         yield f"| {link} | {commands} | {files} | {counts} | {f'{seconds:.0f}' if seconds else '-'} |"
+
+
+def _short(command: str) -> str:
+    """A command as the table has it: of a campaign that writes into the pages its name alone."""
+    named = command.removeprefix("python -m campaigns ").removesuffix(" --docs docs")
+    return f"`{named}`" if f"python -m campaigns {named} --docs docs" == command else f"`{command}`"
 
 
 def _in_repository(page: str) -> str:

@@ -185,7 +185,7 @@ CAMPAIGNS: dict[str, Campaign] = {
     ),
     "judges": Campaign(
         tables={"judges": Shown(rows="figures:judges", reads=("judges.json",))},
-        page="judges.md",
+        page="missions/judges.md",
         commands=("rans validate --judges --output runs/judges",),
         # Differences of the last digits differ by a factor with the processor.
         tolerance=(30.0, 100.0),
@@ -199,7 +199,7 @@ CAMPAIGNS: dict[str, Campaign] = {
                 rows="robustness:in_document", reads=("robustness.json", "robustness-space.json")
             )
         },
-        page="robustness.md",
+        page="assurance/robustness.md",
         prints={"solved, %": _PERTURBED},
         measure="robustness:Robustness",
         given=("pretrained:go-to-pose-2d-robust", "--episodes", "2000"),
@@ -218,7 +218,7 @@ CAMPAIGNS: dict[str, Campaign] = {
     ),
     "robustness in space": Campaign(
         tables={},
-        page="robustness.md",
+        page="assurance/robustness.md",
         prints={"solved, %": _PERTURBED},
         measure="robustness:Robustness",
         given=("pretrained:go-to-pose-3d-robust", "--episodes", "1000"),
@@ -228,7 +228,7 @@ CAMPAIGNS: dict[str, Campaign] = {
         tables={
             "faults": Shown(rows="faults:in_document", reads=("faults.json", "faults-space.json"))
         },
-        page="robustness.md",
+        page="assurance/robustness.md",
         prints={"solved, %": _FAULTY},
         measure="faults:Faults",
         given=(
@@ -253,7 +253,7 @@ CAMPAIGNS: dict[str, Campaign] = {
     ),
     "faults in space": Campaign(
         tables={},
-        page="robustness.md",
+        page="assurance/robustness.md",
         prints={"solved, %": _FAULTY},
         measure="faults:Faults",
         given=("pretrained:go-to-pose-3d-faults", "--episodes", "2000", "--bounded", "400"),
@@ -857,13 +857,13 @@ CAMPAIGNS: dict[str, Campaign] = {
                 "settled_gate_entry:cells",
             )
         },
-        page="settled_gate.md",
+        page="assurance/settled_gate.md",
         measure="settled_gate_entry:Fly",
         given=("runs/settled-gate", "runs/settled-gate-1", "runs/settled-gate-2"),
         flights=(500, 500),
         shares=("bias",),
         evidence=("settled-gate.json",),
-        needs="runs/settled-gate, -1 and -2, three trainings (docs/settled_gate.md)",
+        needs="runs/settled-gate, -1 and -2, three trainings (docs/assurance/settled_gate.md)",
     ),
     "V-BAR": Campaign(
         tables={

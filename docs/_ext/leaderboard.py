@@ -212,7 +212,8 @@ def settled_gate() -> Table:
         columns = ("contestant", *kinds)
     return Table(
         "Settled gate",
-        "Share of settled flights by kind of fault, %. The benchmark: [Settled gate](../settled_gate.md).",
+        "Share of settled flights by kind of fault, %. The benchmark: "
+        "[Settled gate](../assurance/settled_gate.md).",
         columns,
         [row for _, row in sorted(rows)],
         _source("settled-gate.json"),

@@ -50,7 +50,6 @@ INTERNAL = frozenset(
         "certificate.md",
         "measured.md",
         "plain.md",
-        "settled_gate.md",
         "speed.md",
         "validation.md",
         "verification.md",

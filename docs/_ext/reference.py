@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from leaderboard import leaderboard_page
 from markdown_tables import table
 from rans_assurance.functions import FAULT_COLUMNS
+from search_words import WORDS
 from states import states_page
 from task_pictures import save_task_picture
 
@@ -95,6 +96,7 @@ def pages() -> dict[str, str]:
         "agents.md": agents_page(),
         "leaderboard.md": leaderboard_page(),
         "states.md": states_page(),
+        "terms.md": terms_page(),
         "controllers.md": controllers_page(),
         "api.md": api_page(),
     }
@@ -168,6 +170,18 @@ def _value(name: str, hint: Any) -> tuple[str, bool]:
     if plain is bool:
         return "", positional
     return _metavar(name, plain) or "VALUE", positional
+
+
+def terms_page() -> str:
+    """The page for each word of the field, as the search has it."""
+    docs = Path(__file__).parents[1]
+    rows = []
+    for page, words in WORDS.items():
+        title = re.search(r"^# (.*)$", (docs / f"{page}.md").read_text("utf-8"), re.MULTILINE)
+        assert title, page
+        rows += [(word, f"[{title[1]}](../{page}.md)") for word in words]
+    lines = ["# Terms of the field", "", "Where RANS has what the literature calls by these names."]
+    return "\n".join([*lines, "", table(("term", "page"), sorted(rows))]) + "\n"
 
 
 def spacecraft_page() -> str:

@@ -236,7 +236,7 @@ WORDS: dict[str, tuple[str, ...]] = {
         "real robot",
         "zenoh",
     ),
-    "robustness": ("robustness results",),
+    "assurance/robustness": ("robustness results",),
     "spacecraft": (
         "6dof",
         "3dof",

@@ -46,7 +46,7 @@ def sentences() -> Iterator[tuple[str, str]]:
         f"{gate[kind]['value']:.1f} %" for kind in ("sign", "gain", "gain and bias")
     )
     yield (
-        "robustness",
+        "assurance/robustness",
         f"ours settles {sign} of the sign faults, {gain} of the gains and {bias} of gains",
     )
     checks = [
