@@ -1,0 +1,192 @@
+"""The agent of the last 15 m to contact: what its problem states, flights, also in Drake, and false claims."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+pytest.importorskip("onnx")
+
+from rans_proof.flights import lowest_margins
+from rans_proof.network import Layer, apply, read_network
+from rans_proof.problem import HalfSpaces, Problem, problem_of, read_problem
+from rans_proof.prove import ClosedLoop, prove
+
+from tests.support.processes import ROOT
+
+FILES = ROOT / "examples/proofs/contact-agent"
+MEAN_MOTION = 0.001027
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return read_problem(FILES.with_suffix(".toml"))
+
+
+@pytest.fixture(scope="module")
+def network() -> list[Layer]:
+    return read_network(FILES.with_suffix(".onnx"))
+
+
+def drawn(problem: Problem, count: int, seed: int) -> np.ndarray:
+    """Starts (N, 13), half of them at corners."""
+    random = np.random.default_rng(seed)
+    start = random.uniform(problem.lower, problem.upper, (count, problem.states))
+    corner = np.where(random.random(start.shape) < 0.5, problem.lower, problem.upper)
+    return np.where(random.random((count, 1)) < 0.5, corner, start)
+
+
+def contact(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Position and velocity (N, 6) on the plane of the port, of states that are on either side of it."""
+    part = before[:, 1] / (before[:, 1] - after[:, 1])
+    return before + part[:, None] * (after - before)
+
+
+def test_the_problem_states_what_contact_is(problem: Problem) -> None:
+    """At x1 = 0: 10 cm aside, 4 cm/s along, 0.5 cm/s aside; the end is beyond; 5 % of mass, 1 cm, 0.5 mm/s."""
+    assert isinstance(problem.keep, HalfSpaces)
+    assert problem.keep.every
+    wide = np.zeros(13)
+    limits = {
+        0: (-0.1, 0.1),
+        2: (-0.1, 0.1),
+        3: (-0.005, 0.005),
+        4: (None, 0.04),
+        5: (-0.005, 0.005),
+    }
+    for state, ends in limits.items():
+        for end in ends:
+            if end is not None:
+                inner, outer = wide.copy(), wide.copy()
+                inner[state], outer[state] = 0.99 * end, 1.01 * end
+                assert (
+                    problem.keep.margins(inner[None])[0]
+                    > 0.0
+                    > problem.keep.margins(outer[None])[0]
+                )
+    assert problem.end is not None
+    assert problem.end.lower[1] == 0.0
+    assert problem.lower[1] == -15.0
+    assert problem.lower[6] <= 1 / 1.05 < 1 / 0.95 <= problem.upper[6]
+    assert min(problem.upper[7:10]) >= 0.01
+    assert min(problem.upper[10:]) >= 0.0005
+
+
+def test_flights_come_to_contact(problem: Problem, network: list[Layer]) -> None:
+    """Flights by the exact transition over a period, and a part of the proof below their margins."""
+    from scipy.linalg import expm
+
+    n = MEAN_MOTION
+    rate = np.zeros((9, 9))
+    rate[:3, 3:6] = np.eye(3)
+    rate[3, 0], rate[5, 2] = 3.0 * n * n, -n * n
+    rate[3, 4], rate[4, 3] = 2.0 * n, -2.0 * n
+    rate[3:6, 6:] = np.eye(3)
+    second = expm(rate)
+    start = drawn(problem, 200, 0)
+    x = start[:, :6]
+    met = np.zeros(len(x), dtype=bool)
+    force = np.zeros((len(x), 3))
+    for k in range(60 * 5):
+        if k % 5 == 0:
+            read = np.column_stack((x[:, :3] + start[:, 7:10], x[:, 3:] + start[:, 10:]))
+            force = 0.1 / 12.0 * start[:, 6:7] * apply(network, read)
+        before = x
+        x = (np.column_stack((x, force)) @ second.T)[:, :6]
+        now = (before[:, 1] < 0.0) & (x[:, 1] >= 0.0)
+        assert not (now & met).any()
+        met |= now
+        at = contact(before[now], x[now])
+        assert (np.abs(at[:, [0, 2]]) < 0.1).all()
+        assert (np.abs(at[:, [3, 5]]) < 0.005).all()
+        assert (at[:, 4] > 0.0).all()
+        assert (at[:, 4] < 0.04).all()
+    assert met.all()
+
+
+def test_a_part_of_the_proof(problem: Problem, network: list[Layer]) -> None:
+    """The first periods of a cell, whose margin no flight is below."""
+    short = replace(problem, steps=2, end=None)
+    low, high = np.array(problem.lower), np.array(problem.upper)
+    high[1] = low[1] + 1.0
+    margin = ClosedLoop(short, network, torch.device("cpu")).margins(low[None], high[None])[0][0]
+    start = np.random.default_rng(1).uniform(low, high, (200, 13))
+    assert 0.0 < margin <= lowest_margins(short, network, start).min()
+
+
+FALSE = {
+    "a miss of 4 cm": ("0.1 - 0.06 * x1 - x2", "0.04 - 0.06 * x1 - x2"),
+    "a contact at 2 cm/s": ("0.04 - 0.02 * x1 - x4", "0.02 - 0.02 * x1 - x4"),
+    "contact after 100 s": ("steps = 60", "steps = 20"),
+    "readings off by 10 cm": ("-0.01, -0.01, -0.01, -0.0005", "-0.1, -0.01, -0.01, -0.0005"),
+}
+"""Claims that flights contradict: a text of the problem, and what stands in its place."""
+
+
+@pytest.mark.parametrize("claim", FALSE)
+def test_a_false_claim_is_refuted(claim: str, network: list[Layer]) -> None:
+    text = FILES.with_suffix(".toml").read_text("utf-8")
+    old, new = FALSE[claim]
+    assert text.count(old) == 1
+    proof = prove(problem_of(text.replace(old, new)), network)
+    assert proof.counterexample is not None
+
+
+@pytest.mark.slow
+def test_no_flight_of_drake_contradicts_it(problem: Problem, network: list[Layer]) -> None:
+    """100 deputies on their orbit, whose forces are off by what thrust over mass is."""
+    pytest.importorskip("pydrake")
+    from rans.model.drift import ClohessyWiltshire
+    from rans.model.spacecraft_file import load_spacecraft
+    from rans.reference.plant import Plant
+
+    craft = load_spacecraft("afrl-deputy")
+    assert craft.mass == 12.0
+    start = drawn(problem, 100, 2)
+    plant = Plant(craft, len(start), 1.0, drift=ClohessyWiltshire(MEAN_MOTION))
+    # Rows: position, attitude, velocity and spin.
+    rows = np.zeros((len(start), 13))
+    rows[:, :3], rows[:, 3], rows[:, 7:10] = start[:, :3], 1.0, start[:, 3:6]
+    along = np.array([t.direction for t in craft.thrusters]) * [[t.force] for t in craft.thrusters]
+    met = np.zeros(len(start), dtype=bool)
+    commands = np.zeros((len(start), len(along)))
+    for k in range(60 * 5):
+        if k % 5 == 0:
+            read = rows[:, [0, 1, 2, 7, 8, 9]] + start[:, 7:]
+            force = 0.1 * start[:, 6:7] * apply(network, read)
+            commands = np.maximum(force @ along.T, 0.0)
+        before = rows
+        rows = plant.advance(rows, commands, 1.0)
+        state = np.concatenate((rows[:, [0, 1, 2, 7, 8, 9]], start[:, 6:]), axis=1)
+        assert problem.keep is not None
+        assert problem.keep.margins(state).min() > 0.0
+        met |= (before[:, 1] < 0.0) & (rows[:, 1] >= 0.0)
+    assert met.all()
+    assert (rows[:, 1] > 0.0).all()
+
+
+@pytest.mark.slow
+def test_cells_at_its_worst_corner_are_accepted(problem: Problem, network: list[Layer]) -> None:
+    """A cell with the worst flight, proved and checked; all 64 take 37 s and 145 s on a loaded core."""
+    pytest.importorskip("flint")
+    from rans_proof.certificate import table
+    from rans_proof.check import check
+    from rans_proof.flights import worst_start
+
+    worst, margin = worst_start(problem, network)
+    assert margin > 0.0
+    low, high = np.array(problem.lower), np.array(problem.upper)
+    part = np.floor(np.clip((worst - low) / (high - low), 0.0, 0.999) * 4.0)
+    ends = [(low + (part + k) / 4.0 * (high - low)).tolist() for k in (0, 1)]
+    content = FILES.with_suffix(".onnx").read_bytes()
+    text = FILES.with_suffix(".toml").read_text("utf-8")
+    for old, new in zip((problem.lower, problem.upper), ends, strict=True):
+        assert text.count(str(list(old))) == 1
+        text = text.replace(str(list(old)), str(new))
+    proof = prove(problem_of(text), network)
+    assert proof.is_whole
+    assert check(json.dumps(table(proof, content)).encode(), content) > 0.0
