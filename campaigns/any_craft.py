@@ -19,7 +19,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
 from functools import cache
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from shutil import copytree
 from typing import Any, Literal, NamedTuple
@@ -59,8 +59,8 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.protocols import fitting_protocols
-from rans.evaluation.measure.aggregate import measure
-from rans.evaluation.measure.metrics import impulses, settling_times
+from rans.evaluation.measure.metrics import impulses, settling_times, solved
+from rans.evaluation.measure.statistics import share
 from rans.fast.agent_files.agent import AGENT, actor_bytes, read_policy
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.files import environment, read_json, write_json, write_text
@@ -146,6 +146,8 @@ _MASSES = 0.5, 0.7, 1.5, 2.0
 
 _ANY = {"any-craft": "", "adaptive": f"{ADAPTIVE}:"}
 """Contestants that are the agent for any craft, and what stands before its name."""
+_FILE = ".toml"
+"""How the name of a craft of a file ends."""
 _WEAK = 0.5
 """Part of its command that a weak thruster gives."""
 
@@ -175,17 +177,33 @@ PAIRS = {
 """Docked craft by dimension: they touch along x."""
 _LAYOUT_SEED = 1_000_003
 """Seed of layouts that no training has drawn: trainings draw from even seeds below."""
-Figures = dict[str, Any]
-"""Rows of `rans.evaluation.measure.aggregate.measure` by their names."""
+_PART = 64
+"""Flights that a process flies at once, of which a contest of 1,024 has 16: they are the same however divided."""
+_PART_OF_SLOW = 4
+"""The same of who takes seconds for a flight."""
 _BINS = 0.25, 0.35, 0.5, 0.75, 1.0, 1.5, np.inf
 """Bounds of the authority margin, by which random layouts are listed."""
+
+
+class Figures(NamedTuple):
+    """What the flights of a contest have come to."""
+
+    settled: float
+    """Flights that settle, %."""
+    low: float
+    """Lower end of its 95 % interval, %."""
+    time: float
+    """Median settling time, s; infinite where most flights never settle."""
+    impulse: float
+    """Mean impulse, N s."""
 
 
 class Contest(NamedTuple):
     """Who flies a craft, in the setup of the agent of that craft alone."""
 
     name: str
-    """Agent of a single craft, whose task, starts, conditions and control period are the setup."""
+    """Agent of a single craft, whose task, starts, conditions and control period are the setup; or a file of a
+    craft, which flies as `rans evaluate FILE` flies it."""
     by: str
     """A name of `CONTESTANTS`, or "adaptive"."""
     mass: float = 1.0
@@ -202,24 +220,26 @@ class Contest(NamedTuple):
 
 def _own(name: str) -> LoadedRun:
     """The setup of a contest, with the agent of that craft alone where there is one."""
+    if name.endswith(_FILE):
+        craft = load_spacecraft(name)
+        return for_spacecraft(contestant(f"pretrained:{FOR_ANY_CRAFT[craft.dimension]}"), craft)
     return flown(name) if name in CRAFTS else contestant(f"pretrained:{name}")
 
 
 def _may_fly(by: str, name: str) -> bool:
-    """Whether there is such a contestant: a real craft may have no agent of its own."""
-    return by != "specialist" or name not in CRAFTS
+    """Whether there is such a contestant: a real craft, or one of a file, may have no agent of its own."""
+    return by != "specialist" or not (name in CRAFTS or name.endswith(_FILE))
 
 
 class _Judge(NamedTuple):
-    """Number and seed of the flights of every contest."""
+    """Seed of the flights of every contest, and the agent for any craft."""
 
-    episodes: int
     start_seed: int
     agent: str | None
     """Run folder of an agent for any craft; None: the one that comes with RANS."""
 
-    def rows(self, contest: Contest) -> Figures | str:
-        """Figures of a contest by name, or why the controller refuses the craft."""
+    def flights(self, contest: Contest, first: int, count: int) -> Flights | str:
+        """Consecutive flights of a contest, or why the controller refuses the craft."""
         own = _own(contest.name)
         craft = own.craft
         if contest.mass != 1.0:
@@ -248,10 +268,27 @@ class _Judge(NamedTuple):
         except ConfigError as error:
             return str(error)
         run = run._replace(craft=craft, task=own.task, conditions=own.conditions)
-        most = (_MOST if contest.dead is None else _MOST_OF_EACH).get(contest.by, self.episodes)
-        episodes = min(most, self.episodes)
-        flight = fly_episodes(run.controller, run.judged, self.start_seed, episodes).flight
-        return {row.name: row for row in measure(flight).rows}
+        flight = fly_episodes(
+            run.controller, run.judged, self.start_seed, count, workers=1, first=first
+        ).flight
+        return Flights(solved(flight), settling_times(flight), impulses(flight))
+
+
+class Flights(NamedTuple):
+    """N flights."""
+
+    settled: np.ndarray
+    """Whether each settles, (N,)."""
+    times: np.ndarray
+    """Settling times, (N,) s."""
+    impulses: np.ndarray
+    """Impulses, (N,) N s."""
+
+    def figures(self) -> Figures:
+        """What they have come to."""
+        settled = share(self.settled).scaled(100.0)
+        time, impulse = np.median(self.times), np.mean(self.impulses)
+        return Figures(settled.value, settled.low, float(time), float(impulse))
 
 
 def _judged(
@@ -260,9 +297,29 @@ def _judged(
     start_seed: int = EVALUATION_SEED,
     agent: str | None = None,
 ) -> Iterator[Figures | str]:
-    """Figures of each contest in order, flown on all processors."""
-    workers = Workers(_Judge, (episodes, start_seed, agent), work="flew craft")
-    return workers.ordered(_Judge.rows, [(contest,) for contest in contests])
+    """Figures of each contest in order, flown on all processors; some fly fewer (`_MOST`, `_MOST_OF_EACH`)."""
+    parts = {contest: list(_parts(contest, episodes)) for contest in contests}
+    jobs = [(contest, *part) for contest in contests for part in parts[contest]]
+    workers = Workers(_Judge, (start_seed, agent), work="flew craft")
+    answers = workers.ordered(_Judge.flights, jobs)
+    for contest in contests:
+        found = [next(answers) for _ in parts[contest]]
+        refused = [one for one in found if isinstance(one, str)]
+        flights = [one for one in found if not isinstance(one, str)]
+        yield (
+            refused[0]
+            if refused
+            else Flights(*map(np.concatenate, zip(*flights, strict=True))).figures()
+        )
+
+
+def _parts(contest: Contest, episodes: int) -> Iterator[tuple[int, int]]:
+    """First flight and number of flights of each part of a contest."""
+    most = (_MOST if contest.dead is None else _MOST_OF_EACH).get(contest.by, episodes)
+    size = _PART_OF_SLOW if contest.by in _MOST_OF_EACH else _PART
+    end = min(most, episodes)
+    for first in range(0, end, size):
+        yield first, min(size, end - first)
 
 
 def shipped(
@@ -283,10 +340,9 @@ def shipped(
         if isinstance(rows, str):
             yield f"| {craft.name} | {label} | refuses the craft | | | |"
             continue
-        settled, settling, impulse = (rows[key] for key in ("solved", "settling time", "impulse"))
         yield (
-            f"| {craft.name} | {label} | {settled.value:.1f} % | {settled.low:.1f} % | "
-            f"{settling.value:.1f} | {impulse.value:.1f} |"
+            f"| {craft.name} | {label} | {rows.settled:.1f} % | {rows.low:.1f} % | "
+            f"{rows.time:.1f} | {rows.impulse:.1f} |"
         )
 
 
@@ -332,7 +388,7 @@ def dead(episodes: int, names: Sequence[str], by: Sequence[str] = _STATED) -> It
         worst = []
         for _ in by:
             found = [next(each) for _ in numbers]
-            settled = [x["solved"].value for x in found if not isinstance(x, str)]
+            settled = [x.settled for x in found if not isinstance(x, str)]
             refused = len(settled) < len(found)
             worst.append("refuses" if refused else f"{min(settled):.1f} %" if settled else "-")
         drawn = [_settled(next(unknown)) if numbers else "-" for _ in by]
@@ -340,8 +396,13 @@ def dead(episodes: int, names: Sequence[str], by: Sequence[str] = _STATED) -> It
         yield f"| {craft.name} | {len(numbers)} of {craft.thruster_count} | {cells} |"
 
 
-def unstated(episodes: int, names: Sequence[str]) -> Iterator[str]:
-    """Rows of the table of faults and masses that no file states: the agent without and with its estimates."""
+def unstated(
+    episodes: int, names: Sequence[str], values: Sequence[float | None] = (None,)
+) -> Iterator[str]:
+    """Rows of the table of faults and masses that no file states: the agent without and with its estimates.
+
+    Values are frugalities; None: as the agent was trained.
+    """
     masses = " | ".join(f"mass {mass:g} times" for mass in _MASSES)
     yield f"| craft | flown by | as in its file | one dead | one weak | {masses} |"
     yield f"|---|---|{'---|' * (3 + len(_MASSES))}"
@@ -349,26 +410,24 @@ def unstated(episodes: int, names: Sequence[str]) -> Iterator[str]:
     kinds += [{"mass": mass} for mass in _MASSES]
     spare = {name: _spare(_own(name).craft) for name in names}
     contests = [
-        Contest(name, by, is_stated=False, **kind)
+        Contest(name, by, is_stated=False, value=value, **kind)
         for name in names
         for by in _ANY
+        for value in values
         for kind in kinds
         if spare[name] or "fault" not in kind
     ]
     judged = _judged(contests, episodes)
     for name in names:
         craft = _own(name).craft
-        for prefix in _ANY.values():
-            sound = next(judged)
-            cells = [_settled(sound)]
-            if not isinstance(sound, str):
-                spent = sound["settling time"].value, sound["impulse"].value
-                cells[0] += f", {spent[0]:.1f} s, {spent[1]:,.1f} N s"
-            cells += [
-                _settled(next(judged)) if spare[name] or "fault" not in kind else "-"
-                for kind in kinds[1:]
+        for prefix, value in product(_ANY.values(), values):
+            cells = [
+                _all_of(next(judged)) if spare[name] or "fault" not in kind else "-"
+                for kind in kinds
             ]
             label = f"{prefix}{FOR_ANY_CRAFT[craft.dimension]}"
+            if value is not None:
+                label += f"#{value:g}"
             yield f"| {craft.name} | {label} | {' | '.join(cells)} |"
 
 
@@ -409,7 +468,7 @@ def _spent(rows: Figures | str) -> tuple[float, float, float]:
     """Flights that settle, %, median settling time, s, and mean impulse, N s; infinite where it refuses."""
     if isinstance(rows, str):
         return 0.0, np.inf, np.inf
-    return rows["solved"].value, rows["settling time"].value, rows["impulse"].value
+    return rows.settled, rows.time, rows.impulse
 
 
 class _Docking(NamedTuple):
@@ -432,7 +491,8 @@ class _Docking(NamedTuple):
         flight = fly_episodes(
             run.controller, run.judged, EVALUATION_SEED, self.episodes, self.engine
         ).flight
-        return ({row.name: row for row in measure(flight).rows},)
+        found = Flights(solved(flight), settling_times(flight), impulses(flight))
+        return (found.figures(),)
 
 
 def docked(
@@ -454,9 +514,8 @@ def docked(
         if isinstance(rows, str):
             yield f"{start}{file} | refuses | | |"
             continue
-        settled, settling, impulse = (rows[key] for key in ("solved", "settling time", "impulse"))
-        median = f"{settling.value:.1f}" if np.isfinite(settling.value) else "never"
-        yield f"{start}{file} | {settled.value:.1f} % | {median} | {impulse.value:.1f} |"
+        median = f"{rows.time:.1f}" if np.isfinite(rows.time) else "never"
+        yield f"{start}{file} | {rows.settled:.1f} % | {median} | {rows.impulse:.1f} |"
 
 
 def _spare(craft: Spacecraft) -> list[int]:
@@ -464,8 +523,15 @@ def _spare(craft: Spacecraft) -> list[int]:
     return [found.thrusters[0] for found in fault_sets(craft, 1, "dead") if found.recoverable]
 
 
+def _all_of(rows: Figures | str) -> str:
+    """Flights that settle, median settling time and mean impulse."""
+    if isinstance(rows, str):
+        return "refuses"
+    return f"{rows.settled:.1f} %, {rows.time:.1f} s, {rows.impulse:,.1f} N s"
+
+
 def _settled(rows: Figures | str) -> str:
-    return "refuses" if isinstance(rows, str) else f"{rows['solved'].value:.1f} %"
+    return "refuses" if isinstance(rows, str) else f"{rows.settled:.1f} %"
 
 
 def random_layouts(count: int, dimension: int) -> Iterator[str]:
@@ -790,7 +856,7 @@ def main() -> None:
         "--engine", choices=("fast", "drake"), default="fast", help="of joined and layouts"
     )
     parser.add_argument("--only", nargs="*", help="agents of single craft; by default all")
-    parser.add_argument("--values", nargs="*", type=float, default=_VALUES, help="of frugal")
+    parser.add_argument("--values", nargs="*", type=float, help="of frugal and unstated")
     parser.add_argument("--by", nargs="*", choices=CONTESTANTS, help="who flies craft and dead")
     given = parser.parse_args()
     names = given.only or SPECIALISTS[given.dimension]
@@ -812,11 +878,11 @@ def main() -> None:
             given.episodes, names, given.start_seed, given.agent, given.by or CONTESTANTS
         ),
         "frugal": lambda: at_values(
-            given.episodes, names, given.values, given.start_seed, given.by or _STATED
+            given.episodes, names, given.values or _VALUES, given.start_seed, given.by or _STATED
         ),
         "dead": lambda: dead(given.episodes, names, given.by or _STATED),
         "mass": lambda: heavier(given.episodes, names),
-        "unstated": lambda: unstated(given.episodes, names),
+        "unstated": lambda: unstated(given.episodes, names, given.values or (None,)),
         "joined": lambda: docked(given.episodes, given.dimension, given.engine),
         "layouts": lambda: (
             judged_layouts(given.layouts, given.episodes)
