@@ -58,7 +58,7 @@ def test_flies_as_in_a_batch(number: int, name: str) -> None:
 
 
 def test_arrives_and_flies_again() -> None:
-    """The loop of docs/controllers.md; the second episode is flown as by a pilot who never flew before."""
+    """The loop of docs/python.md; the second episode is flown as by a pilot who never flew before."""
     env = gymnasium.make("rans/GoToPose2D-v0")
     pilot = Pilot("switching", env)
     flown = []
