@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from rans.api.names import (
     load_spacecraft,
 )
 from rans.choices import EngineName, ProtocolName
-from rans.errors import ConfigError, brief, one_of, whole
+from rans.errors import ConfigError, RansWarning, brief, one_of, whole
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
@@ -66,7 +67,7 @@ def flown(
         count = endpoints.episodes(count, run.conditions)
     with watched() as stage:
         step = stage(f"{run.controller.name}, {engine} engine", count)
-        return fly_episodes(
+        flight, stopped = fly_episodes(
             run.controller,
             run.judged,
             seed,
@@ -75,7 +76,14 @@ def flown(
             progress=step,
             first=first,
             endpoints=endpoints,
-        ).flight
+        )
+    if stopped:
+        warnings.warn(
+            f"{run.controller.name}'s solver stopped {stopped} times; the previous plan was continued.",
+            RansWarning,
+            stacklevel=2,
+        )
+    return flight
 
 
 def own_endpoints(
@@ -212,18 +220,12 @@ def compare(
     """
     from rans.evaluation.compare.entrants import contest_of, enlisted, invitations
     from rans.evaluation.compare.run import Comparison
-    from rans.evaluation.fly.controllers import CONTROLLERS
     from rans.show.progress import watched
 
     first, invited = invitations(contestants)
     one_of("engine", engine, get_args(EngineName))
     beside = (beside,) if isinstance(beside, str) else beside
-    if beside is not None and (
-        not isinstance(beside, Sequence) or not all(isinstance(name, str) for name in beside)
-    ):
-        raise ConfigError(f'beside takes names of controllers and "optimal", got {brief(beside)}.')
-    for name in {*(beside or ())} - {"optimal"}:
-        CONTROLLERS[typed(name)]  # a wrong name is refused before anybody flies
+    check_beside(beside)
     count, bounded = starts_of(episodes, certified, full)
     contest = contest_of(
         first,
@@ -241,6 +243,18 @@ def compare(
     with watched() as stage:
         result.fly(entrants, beside, bounded, stages=stage, returns=full, workers=workers)
     return result
+
+
+def check_beside(names: object) -> None:
+    """Refuse (`ConfigError`) what names no controllers and no optima, before anybody flies."""
+    from rans.evaluation.fly.controllers import CONTROLLERS
+
+    if names is None:
+        return
+    if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
+        raise ConfigError(f'beside takes names of controllers and "optimal", got {brief(names)}.')
+    for name in {*names} - {"optimal"}:
+        CONTROLLERS[typed(name)]
 
 
 STARTS = 16, 1

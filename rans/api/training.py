@@ -5,19 +5,24 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import os
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rans.api.agent import Agent
 from rans.api.judging import CRAFT, ConditionsLike, SpacecraftLike
 from rans.api.names import load_conditions, load_spacecraft, load_task
 from rans.choices import LoggerName, Quality
 from rans.errors import ConfigError, checked, one_of, whole
+from rans.files import inside
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, to_toml
 from rans.model.spacecraft_file import load_spacecraft as stored_spacecraft
+from rans.model.timing import Timing
 from rans.randomization.conditions_file import conditions_label
 from rans.registry import typed
 from rans.settled import settled_alone
@@ -61,7 +66,8 @@ def train(
 
     Args:
         task: task to learn (see `rans list TASKS`); the name of an agent that comes with RANS, such as
-            go-to-pose-2d, to repeat its whole training; or a recipe of your own, a .toml file (docs/training.md).
+            go-to-pose-2d, to repeat its whole training; a recipe of your own, a .toml file (docs/training.md); or
+            the config.json of another run.
         spacecraft: name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task or
             of the recipe, or floating-platform.
         conditions: domain randomization, disturbances, faults and sensors: a name (see `rans list CONDITIONS`), or
@@ -95,37 +101,32 @@ def train(
     from rans.evaluation.fly.agent import load_policy as trained
     from rans.evaluation.fly.make_controller import guard_of
     from rans.fast.learn.loggers import loggers, require_loggers
-    from rans.fast.learn.recipes import from_any_craft
     from rans.fast.learn.run_folder import RunFolder, run_path
     from rans.fast.learn.trainer import Trainer
     from rans.show.progress import watched_training
 
     # The config is complete before a folder is made.
-    config = _config(
+    config = config_of(
         task,
         spacecraft,
         device,
-        ppo,
         conditions,
-        algorithm,
         quality,
+        algorithm,
+        ppo,
+        settings,
         seed=seed,
         total_timesteps=total_timesteps,
     )
     config = replace(config, guard=guard or config.guard, plain=plain or config.plain)
-    config = changed(config, settings)
     check_loggers(log)
     require_loggers(log)
     craft = (
         stored_spacecraft(config.spacecraft) if spacecraft is None else load_spacecraft(spacecraft)
     )
-    # As it comes a training begins from the agent for any craft, and what is set otherwise from nothing.
-    if (
-        isinstance(task, str)
-        and task in TASKS
-        and not (settings or total_timesteps or conditions or ppo or algorithm or quality)
-    ):
-        config = from_any_craft(config, craft)
+    config = as_it_comes(
+        config, craft, task, quality, settings, total_timesteps, conditions, ppo, algorithm
+    )
     folder = Path(output) if output is not None else run_path(config)
     if isinstance(spacecraft, Spacecraft):
         config = replace(config, spacecraft=str(folder / "spacecraft.toml"))
@@ -150,24 +151,6 @@ def train(
     for sink in others:
         sink.close()
     return Agent(trained(folder), str(folder))
-
-
-def changed(config: TrainConfig, settings: Mapping[str, Any]) -> TrainConfig:
-    """The config with other values of some entries, by their names or dotted names.
-
-    Raises:
-        ConfigError: there is no such entry, several are called so, or its value is of another type.
-    """
-    from rans.fast.learn.changes import change_entry, check_memory
-    from rans.fast.learn.config import from_table, to_table
-
-    if not settings:
-        return config
-    table = json.loads(json.dumps(to_table(config)))
-    for name, value in settings.items():
-        change_entry(table, name, value)
-    check_memory(table, settings)
-    return from_table(table)
 
 
 def check_loggers(names: Sequence[str]) -> None:
@@ -219,36 +202,44 @@ def sweep(
         ConfigError: one of these does not exist, or the folder exists.
     """
     from rans.fast.learn.loggers import require_loggers
-    from rans.fast.learn.run_folder import unused_path
     from rans.fast.learn.sweep import Sweep
     from rans.show.progress import watched
     from rans.show.sweep_files import save_sweep
 
     check_loggers(log)
     require_loggers(log)
-    base = _config(
-        task, spacecraft, device, None, conditions, algorithm, None, total_timesteps=total_timesteps
-    )
     if isinstance(spacecraft, Spacecraft):
         raise ConfigError(
             "members of a sweep name their spacecraft: write it to a TOML file, and give its name."
         )
-    choices = [value if isinstance(value, list) else [value] for value in settings.values()]
-    configs = [
-        replace(changed(base, dict(zip(settings, combination, strict=True))), seed=seed)
-        for combination in itertools.product(*choices)
-        for seed in range(whole("seeds", seeds))
-    ]
-    named = unused_path(f"sweep-{base.task}-{Path(base.spacecraft).stem}")
-    folder = named if output is None else Path(output)
-    if folder.exists():
-        raise ConfigError(f"{folder} exists already; choose another folder.")
+    configs = members(
+        task,
+        {key: value if isinstance(value, list) else [value] for key, value in settings.items()},
+        seeds,
+        spacecraft=spacecraft,
+        device=device,
+        conditions=conditions,
+        algorithm=algorithm,
+        total_timesteps=total_timesteps,
+    )
+    folder = sweep_folder(configs[0], output)
     result = Sweep(configs, folder, "rans.sweep")
     with watched() as stage:
         step = stage(f"{len(configs)} trainings", None)
         result.train(lambda _: step(1))
     save_sweep(result, folder, log)
     return result
+
+
+def sweep_folder(config: TrainConfig, output: str | Path | None) -> Path:
+    """The folder of a sweep, which must not exist; None: a new one under runs/."""
+    from rans.fast.learn.run_folder import unused_path
+
+    if output is None:
+        return unused_path(f"sweep-{config.task}-{Path(config.spacecraft).stem}")
+    if Path(output).exists():
+        raise ConfigError(f"{output} exists already; choose another folder with --output.")
+    return Path(output)
 
 
 @settled_alone
@@ -289,51 +280,83 @@ def tune(
     Raises:
         ConfigError: the controller has nothing to tune, or a number is out of its range.
     """
+    craft = load_spacecraft(spacecraft)
+    base = load_task(task)
+    numbers = whole("candidates", candidates), whole("starts", starts), price, seconds
+    return searched(controller, base, craft, base.timing, conditions, numbers, output).result
+
+
+class Search(NamedTuple):
+    """Settings that a search found."""
+
+    result: Tuned
+    file: Path
+    staying: Tuned | None
+    """Settings in use that are better founded, so that the file was not written; None: it was."""
+
+
+def searched(
+    controller: str,
+    task: Task,
+    craft: Spacecraft,
+    timing: Timing,
+    conditions: ConditionsLike | None,
+    numbers: tuple[int, int, float, float],
+    output: str | Path | None = None,
+    command: str = "rans.tune",
+) -> Search:
+    """Search settings with these candidates, starts, price and seconds, and write them; see `tune`."""
     from rans.episode import Setup
-    from rans.evaluation.compare.tuning import ranges
-    from rans.evaluation.compare.tuning import tuned_settings as search
+    from rans.evaluation.compare.tuning import ranges, tuned_settings
     from rans.evaluation.fly.tuned import OWN, file_name, tuned
     from rans.files import ready_folder
     from rans.show.progress import watched
 
     ranges(typed(controller))
-    craft = load_spacecraft(spacecraft)
-    base_task = load_task(task)
     world = None if conditions is None else load_conditions(conditions).or_none
     label = ""
     if world is not None:
         name = conditions if isinstance(conditions, str) else "own.toml"
         label = conditions_label(name, world)
-    setup = Setup(craft, base_task.for_evaluation(), base_task.timing, world)
-    file = (
-        Path(output) if output is not None else OWN / file_name(controller, craft, base_task, label)
-    )
+    setup = Setup(craft, task.for_evaluation(), timing, world)
+    file = Path(output) if output is not None else OWN / file_name(controller, craft, task, label)
     ready_folder(file.parent)
-    in_use = None if output is not None else tuned(controller, setup)
-    count = whole("candidates", candidates)
+    in_use = None if output is not None else tuned(controller, setup)  # refuses a damaged file
+    candidates, starts, price, seconds = numbers
     with watched() as stage:
-        step = stage(f"tuning {controller}", count)
-        result = search(
-            controller, setup, count, whole("starts", starts), price, "rans.tune", step, seconds
+        step = stage(f"tuning {controller}", candidates)
+        result = tuned_settings(
+            controller, setup, candidates, starts, price, command, step, seconds
         )
-    if in_use is None or not in_use.outlasts(result):
+    staying = in_use if in_use and in_use.outlasts(result) else None
+    if staying is None:
         result.write(file)
-    return result
+    return Search(result, file, staying)
 
 
-def _config(
+def config_of(
     task: str | Task,
-    spacecraft: SpacecraftLike | None,
-    device: str | None,
-    ppo: PPOSettings | None,
-    conditions: ConditionsLike | None,
-    algorithm: str | None,
-    quality: Quality | None,
+    spacecraft: SpacecraftLike | None = None,
+    device: str | None = None,
+    conditions: ConditionsLike | None = None,
+    quality: Quality | None = None,
+    algorithm: str | None = None,
+    ppo: PPOSettings | None = None,
+    changes: Mapping[str, Any] = MappingProxyType({}),
     **numbers: int | None,
 ) -> TrainConfig:
-    """The training of a name, with what was given in the place of what it has."""
+    """Config of a training by the arguments of `train`, or of another run by its config.json.
+
+    ``changes`` are other entries by their names or dotted names, ``numbers`` seed and total_timesteps.
+
+    Raises:
+        ConfigError: one of these does not exist, or they are not compatible.
+    """
     from rans.fast.learn.algorithms import with_algorithm
+    from rans.fast.learn.changes import change_entry, check_memory
+    from rans.fast.learn.config import from_table, to_table
     from rans.fast.learn.recipes import training, training_of_quality
+    from rans.fast.learn.run_folder import read_config
 
     craft = None if spacecraft is None else load_spacecraft(spacecraft)
     named: str | None = None
@@ -341,20 +364,94 @@ def _config(
         named = str(spacecraft)
     elif craft is not None:  # its own file is written with the run folder
         named = USUAL[craft.dimension]
-    if quality is None:
-        config = training(_name(task), named, device)
+    file = Path(task) if isinstance(task, str) and task.endswith(".json") else None
+    if file is not None:
+        if quality is not None:
+            raise ConfigError(f"{file} says how long to train: leave out --quality.")
+        begun = read_config(file)
+    elif quality is None:
+        begun = training(_name(task), named, device)
     else:
-        config = training_of_quality(_name(task), named, quality, device, conditions is not None)
+        begun = training_of_quality(_name(task), named, quality, device, conditions is not None)
+    # First, as an algorithm has settings and hyper-parameters of its own, which others change.
     if algorithm is not None:
-        config = with_algorithm(config, typed(algorithm))
+        begun = with_algorithm(begun, typed(algorithm))
     options: dict[str, Any] = {
         **numbers,
         "spacecraft": named,
+        "device": device,
         "settings": task if isinstance(task, Task) else None,
-        "ppo": None if ppo is None else checked("ppo", ppo, type(config.ppo)),
+        "ppo": None if ppo is None else checked("ppo", ppo, type(begun.ppo)),
         "conditions": None if conditions is None else load_conditions(conditions),
     }
-    return replace(config, **{key: value for key, value in options.items() if value is not None})
+    config = replace(begun, **{key: value for key, value in options.items() if value is not None})
+    if changes:
+        table = json.loads(json.dumps(to_table(config)))
+        for name, value in changes.items():
+            change_entry(table, name, value)
+        check_memory(table, changes)
+        config = from_table(table)
+    if file is not None and spacecraft is None and config.spacecraft == begun.spacecraft:
+        _check_unchanged(config.spacecraft, file)
+    return config
+
+
+def as_it_comes(
+    config: TrainConfig,
+    craft: Spacecraft,
+    task: str | Task | None,
+    quality: Quality | None,
+    *otherwise: object,
+) -> TrainConfig:
+    """The config, beginning from the agent for any craft if it is short and nothing was set otherwise."""
+    from rans.fast.learn.recipes import from_any_craft
+
+    is_short = quality in (None, "quick") and isinstance(task, str) and task in TASKS
+    is_alone = os.environ.get("WORLD_SIZE", "1") == "1"
+    return from_any_craft(config, craft) if is_short and is_alone and not any(otherwise) else config
+
+
+def _check_unchanged(spacecraft: str, config: Path) -> None:
+    """Reject a spacecraft that has changed since the run whose config names it."""
+    flown = inside(config.parent, "spacecraft.toml")
+    if not flown.exists():
+        return
+    then = f"--spacecraft {shlex.quote(str(flown))} uses that of the run"
+    try:
+        now = stored_spacecraft(spacecraft)
+    except ConfigError as error:
+        raise ConfigError(f"{error} {config} names it; {then}.") from error
+    if now != stored_spacecraft(flown):
+        raise ConfigError(
+            f"{spacecraft} has changed since {config} was used: {then}, "
+            f"--spacecraft {shlex.quote(spacecraft)} the present one."
+        )
+
+
+def members(
+    task: str | Task, choices: Mapping[str, Sequence[Any]], seeds: int, **options: Any
+) -> list[TrainConfig]:
+    """Configs of a sweep: every combination of values of entries by name, whose seeds are adjacent.
+
+    Spacecraft and conditions may be names and files. Options are those of `config_of`.
+
+    Raises:
+        ConfigError: one of these does not exist, or the seeds are given twice.
+    """
+    if whole("seeds", seeds) > 1 and "seed" in choices:
+        raise ConfigError(f"--set seed=... would train the same {seeds} times; add --seeds 1.")
+    results: list[TrainConfig] = []
+    for combination in itertools.product(*choices.values()):
+        changes = dict(zip(choices, combination, strict=True))
+        named = {
+            name: changes.pop(name)
+            for name in ("spacecraft", "conditions")
+            if isinstance(changes.get(name), str)
+        }
+        config = config_of(task, **options | named, changes=changes)
+        each = [config] if "seed" in changes else [replace(config, seed=k) for k in range(seeds)]
+        results += each
+    return results
 
 
 def _name(task: str | Task) -> str:

@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from rans.api.judging import compare, starts_of
+from rans.api.judging import check_beside, compare, starts_of
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.cli.states import written_endpoints
 from rans.errors import ConfigError, RansError, counted
-from rans.evaluation.fly.controllers import CONTROLLERS, default_opponents
+from rans.evaluation.fly.controllers import default_opponents
 from rans.files import command_line, inside, ready_folder, write_json
-from rans.registry import typed
 from rans.table import Table
 from rans.terminal import Terminal, doing, progress, rendered, stages, writing_at_end
 
@@ -199,8 +198,7 @@ class Compare(Options):
                 raise ConfigError(
                     f"--with takes names with spaces between them: write --with {spaced}."
                 )
-        for name in set(self.beside or ()) - {"optimal"}:
-            CONTROLLERS[typed(name)]  # reject a wrong name before the flights
+        check_beside(self.beside)
         check_count("--episodes", self.episodes)
         if self.certified is not None and self.certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")

@@ -6,9 +6,10 @@ import shlex
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from rans.api.judging import evaluate
+from rans.api.judging import evaluate, flown
+from rans.choices import EngineName
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.cli.options import Trust
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
     from rans.flight import Flight
     from rans.randomization.conditions import Conditions
-    from rans.scenario import Endpoints
 
 _KEPT = 2**16
 """Largest number of flights whose trajectories are stored."""
@@ -212,41 +212,15 @@ class Evaluate(Options):
 
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
         """Flights by engine."""
-        from rans.evaluation.fly.episodes import EngineName, fly_episodes
-
-        engines: tuple[EngineName, ...] = (
-            ("fast", "drake") if self.engine == "both" else (self.engine,)
-        )
-        endpoints = self._endpoints(run)
-        episodes = self.episodes
-        if endpoints is not None:
-            episodes = endpoints.episodes(episodes, run.conditions)
-        flights = {}
-        with progress() as bars:
-            for engine in engines:
-                step = stages(bars)(f"{engine} engine", episodes)
-                flights[engine], stopped = fly_episodes(
-                    run.controller,
-                    run.judged,
-                    self.seed,
-                    episodes,
-                    engine,
-                    progress=step,
-                    endpoints=endpoints,
-                )
-                if stopped:
-                    bars.console.print(
-                        f"rans: warning: {run.controller.name}'s solver stopped {stopped} "
-                        "times; the previous plan was continued.",
-                        soft_wrap=True,
-                    )
-        return flights
-
-    def _endpoints(self, run: LoadedRun) -> Endpoints | None:
-        """The start and goal of the options."""
-        return written_endpoints(
+        own = written_endpoints(
             self.start, self.goal, run.judged.task, run.craft.dimension, self.seed, self.zones
         )
+        engines: tuple[EngineName, ...] = get_args(EngineName)
+        return {
+            engine: flown(run, self.episodes, self.seed, engine, endpoints=own)
+            for engine in engines
+            if self.engine in (engine, "both")
+        }
 
     def _write(self, run: LoadedRun, results: dict[str, Any], flight: Flight) -> Path:
         """Write all files; results of the other engine with the same options are kept."""

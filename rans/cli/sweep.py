@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import shlex
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import UseAppendAction, arg
 
-from rans.api.training import sweep
+from rans.api.training import members, sweep, sweep_folder
 from rans.cli import STARTED
 from rans.cli.door import Options, command_of, word
-from rans.cli.train import StopGently, Train, compile_in_this_process, trust_option
+from rans.cli.train import StopGently, compile_in_this_process, trust_option, value_of
 from rans.errors import ConfigError, counted
 from rans.files import command_line
+from rans.registry import typed
 from rans.show.progress import NowAndThen
 from rans.table import Table
 from rans.terminal import Terminal
@@ -111,7 +111,6 @@ class Sweep(Options):
     def _trainings(self) -> Trainings:
         """Sweep that is ready to train."""
         from rans.fast.distributed import join
-        from rans.fast.learn.run_folder import unused_path
         from rans.fast.learn.sweep import Sweep as Trainings
         from rans.fast.learn.sweep import read_configs
 
@@ -124,50 +123,27 @@ class Sweep(Options):
             return Trainings(
                 configs, self.resume, command, join(configs[0].device, apart=True), parts
             )
-        config, *_ = configs = list(self._configs())
-        if self.output is not None and self.output.exists():
-            raise ConfigError(f"{self.output} exists already; choose another folder with --output.")
+        config, *_ = configs = self._configs()
         world = join(config.device, apart=True)
-        folder = self.output or unused_path(f"sweep-{config.task}-{Path(config.spacecraft).stem}")
-        return Trainings(configs, world.from_first(folder), command_line(), world)
+        folder = world.from_first(sweep_folder(config, self.output))
+        return Trainings(configs, folder, command_line(), world)
 
-    def _configs(self) -> Iterator[TrainConfig]:
-        """Configs of all combinations; the seeds of one combination are adjacent."""
-        if self.seeds < 1:
-            raise ConfigError(f"--seeds must be >= 1, got {self.seeds}.")
-        if self.seeds > 1 and any(text.startswith("seed=") for text in self.set):
-            raise ConfigError(
-                f"--set seed=... would train the same {self.seeds} times; add --seeds 1."
-            )
-        for changes in itertools.product(*map(_changes, self.set)):
-            # Names of files, which the options of `rans train` read.
-            named = dict[str, str | None](spacecraft=None, conditions=None)
-            for change in changes:
-                key, _, text = change.partition("=")
-                if key in named and not text.startswith("{"):  # a table of conditions has no file
-                    named[key] = text.strip('"')
-            changes = tuple(
-                change for change in changes if named.get(change.partition("=")[0]) is None
-            )
-            for seed in range(self.seeds):
-                yield Train(
-                    self.task,
-                    named["spacecraft"],
-                    named["conditions"],
-                    seed=seed,
-                    set=changes,
-                ).resolved()
+    def _configs(self) -> list[TrainConfig]:
+        """Configs of all combinations."""
+        if self.task is None:
+            raise ConfigError("say what to train: a task, such as go-to-pose, or --resume SWEEP.")
+        return members(typed(self.task), dict(map(_choices, self.set)), self.seeds)
 
 
-def _changes(text: str) -> list[str]:
-    """Values of KEY=V1,V2, each as a ``--set`` of `rans train`; values are JSON, or else text."""
+def _choices(text: str) -> tuple[str, list[Any]]:
+    """Name and values of KEY=V1,V2; values are JSON, or else text."""
     key, equals, values = text.partition("=")
     if not equals or not values:
         raise ConfigError(f"--set takes KEY=VALUE or KEY=VALUE,VALUE,..., got {text!r}.")
     try:
-        return [f"{key}={json.dumps(value)}" for value in json.loads(f"[{values}]")]
+        return key, json.loads(f"[{values}]")
     except (ValueError, RecursionError):
-        return [f"{key}={value}" for value in values.split(",")]
+        return key, [*map(value_of, values.split(","))]
 
 
 def _table(sweep: Trainings) -> Table:

@@ -13,14 +13,14 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from tyro.conf import UseAppendAction, arg
 
-from rans.api.training import train
+from rans.api.training import as_it_comes, config_of, train
 from rans.choices import LoggerName
 from rans.cli import STARTED
 from rans.cli.door import Options, command_of, word
@@ -34,7 +34,6 @@ from rans.registry import trust_files, typed
 from rans.show.curve import Rows, curve_in_another_process
 from rans.show.progress import TrainingProgress
 from rans.system import ALARMS, lower_priority, set_alarm
-from rans.tasks import TASKS
 from rans.tasks.feasible import obstacles
 from rans.terminal import Terminal, doing
 
@@ -58,8 +57,8 @@ class Train(Options):
     """Train an agent until it has solved its task.
 
     The run folder has the config, metrics, checkpoints, TensorBoard events, the learning curve and the agent,
-    agent.safetensors. Ctrl-C stops early and keeps everything. --gpus all trains on every GPU of this machine. In
-    place of a task may stand the config.json of another run. --log terms prints the return of each reward term.
+    agent.safetensors. Ctrl-C stops early and keeps everything. --gpus all trains on every GPU of this machine.
+    --log terms prints the return of each reward term.
     """
 
     group = "Train"
@@ -176,63 +175,27 @@ class Train(Options):
 
     def begun(self) -> TrainConfig:
         """Config of the training, which as it comes begins from the agent for any craft."""
-        from rans.fast.learn.recipes import craft_of, from_any_craft
+        from rans.fast.learn.recipes import craft_of
 
         config = self.resolved()
-        is_short = self.quality in (None, "quick") and typed(str(self.task)) in TASKS
-        is_alone = os.environ.get("WORLD_SIZE", "1") == "1"
-        if is_short and is_alone and not (self.set or self.total_timesteps or self.conditions):
-            config = from_any_craft(config, craft_of(config))
-        return config
+        otherwise = self.set, self.total_timesteps, self.conditions
+        return as_it_comes(config, craft_of(config), self.task, self.quality, *otherwise)
 
     def resolved(self) -> TrainConfig:
         """Config of a preset or of another run, with the changes of the options."""
-        from rans.fast.learn.algorithms import with_algorithm
-        from rans.fast.learn.changes import check_memory
-        from rans.fast.learn.config import from_table, to_table
-        from rans.fast.learn.recipes import training, training_of_quality
-        from rans.fast.learn.run_folder import read_config
-
         self._check()
-        task = typed(str(self.task))
-        file = Path(task) if task.endswith(".json") else None
-        if file is not None:
-            if self.quality is not None:
-                raise ConfigError(f"{file} says how long to train: leave out --quality.")
-            begun = read_config(file)
-        elif self.quality is None:
-            begun = training(task, typed(self.spacecraft), self.device)
-        else:
-            begun = training_of_quality(
-                task,
-                typed(self.spacecraft),
-                self.quality,
-                self.device,
-                self.conditions is not None,
-            )
-        # First, as an algorithm has settings and hyper-parameters of its own, which others change.
-        algorithms = [
-            change.partition("=")[2] for change in self.set if change.startswith("algorithm=")
-        ]
-        for algorithm in algorithms:
-            begun = with_algorithm(begun, typed(algorithm.strip('"')))
-        table = json.loads(json.dumps(to_table(begun)))
-        for name in ("spacecraft", "seed", "device", "total_timesteps"):
-            if (option := getattr(self, name)) is not None:
-                table[name] = typed(option)
-        if self.conditions is not None:
-            table["conditions"] = json.loads(json.dumps(asdict(load_conditions(self.conditions))))
-        keys = [change.partition("=")[0] for change in self.set]
-        if twice := [key for k, key in enumerate(keys) if key in keys[:k]]:
-            raise ConfigError(f"--set {twice[0]} is given twice: leave one of them out.")
-        for change in self.set:
-            if change.partition("=")[0] != "algorithm":
-                _change(table, change)
-        check_memory(table, keys)
-        config = from_table(table)
-        if file is not None and self.spacecraft is None and config.spacecraft == begun.spacecraft:
-            _check_unchanged(config.spacecraft, file)
-        return config
+        changes = _changes(self.set)
+        return config_of(
+            typed(str(self.task)),
+            self.spacecraft,
+            self.device,
+            self.conditions,
+            self.quality,
+            changes.pop("algorithm", None),
+            changes=changes,
+            seed=self.seed,
+            total_timesteps=self.total_timesteps,
+        )
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -553,38 +516,25 @@ _COUNT = re.compile(r"[0-9][0-9_.]*[kMG]?")
 """A count as people write it, such as 1M or 1_000_000, which JSON does not have."""
 
 
-def _change(table: dict[str, Any], change: str) -> None:
-    """Apply KEY=VALUE to a nested table; the value is JSON, or else text."""
-    from rans.fast.learn.changes import change_entry
+def _changes(words: Sequence[str]) -> dict[str, Any]:
+    """Values by name of words KEY=VALUE."""
+    changes: dict[str, Any] = {}
+    for change in words:
+        key, equals, text = change.partition("=")
+        if not equals:
+            raise ConfigError(f"--set takes KEY=VALUE, got {brief(change)}.")
+        if key in changes:
+            raise ConfigError(f"--set {key} is given twice: leave one of them out.")
+        changes[key] = value_of(text)
+    return changes
 
-    key, equals, text = change.partition("=")
-    if not equals:
-        raise ConfigError(f"--set takes KEY=VALUE, got {brief(change)}.")
+
+def value_of(text: str) -> Any:
+    """A value as JSON, as a count, or else as text."""
     try:
-        value = json.loads(text)
+        return json.loads(text)
     except (ValueError, RecursionError):
-        value = whole_number(text) if _COUNT.fullmatch(text) else text
-    try:
-        change_entry(table, key, value)
-    except ConfigError as error:
-        raise ConfigError(f"--set: {error}") from error
-
-
-def _check_unchanged(spacecraft: str, config: Path) -> None:
-    """Reject a spacecraft that has changed since the run whose config names it."""
-    flown = inside(config.parent, "spacecraft.toml")
-    if not flown.exists():
-        return
-    then = f"--spacecraft {shlex.quote(str(flown))} uses that of the run"
-    try:
-        now = load_spacecraft(spacecraft)
-    except ConfigError as error:
-        raise ConfigError(f"{error} {config} names it; {then}.") from error
-    if now != load_spacecraft(flown):
-        raise ConfigError(
-            f"{spacecraft} has changed since {config} was used: {then}, "
-            f"--spacecraft {shlex.quote(spacecraft)} the present one."
-        )
+        return whole_number(text) if _COUNT.fullmatch(text) else text
 
 
 class StopGently:

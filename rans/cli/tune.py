@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from rans.api.training import tune
+from rans.api.training import searched, tune
 from rans.cli.door import Options, command_of, word
 from rans.errors import ConfigError
-from rans.files import command_line, ready_folder
+from rans.files import command_line
 from rans.registry import typed
 from rans.table import Table
-from rans.terminal import Terminal, progress, stages
+from rans.terminal import Terminal
 
 if TYPE_CHECKING:
     from rans.model.spacecraft import Spacecraft
@@ -54,12 +54,10 @@ class Tune(Options):
 
     def run(self) -> int:
         """Print default and tuned settings with their costs."""
-        from rans.api.names import load_conditions, load_spacecraft
-        from rans.episode import Setup
-        from rans.evaluation.compare.tuning import ranges, tuned_settings
+        from rans.api.names import load_spacecraft
+        from rans.evaluation.compare.tuning import ranges
         from rans.evaluation.fly.controllers import CONTROLLERS
-        from rans.evaluation.fly.tuned import OWN, defaults, file_name, task_name, tuned
-        from rans.randomization.conditions_file import conditions_label
+        from rans.evaluation.fly.tuned import defaults, task_name
         from rans.tasks import TASKS
 
         # Task, spacecraft and control period: of the name, or of a contestant.
@@ -88,29 +86,10 @@ class Tune(Options):
         else:
             task, craft, timing = _of_contestant(like)
             again = ["rans", "compare", like, "--with", name]
-        # Search; settings in use stay if they are better founded.
-        world = None if self.conditions is None else load_conditions(self.conditions)
-        label = conditions_label(self.conditions, world) if self.conditions and world else ""
-        conditions = None if world is None else world.or_none
-        setup = Setup(craft, task.for_evaluation(), timing, conditions)
-        file = OWN / file_name(name, craft, task, label if conditions else "")
-        ready_folder(file.parent)
-        in_use = tuned(name, setup)  # reject a damaged file before the search
-        with progress() as bars:
-            step = stages(bars)(f"tuning {name}", _CANDIDATES)
-            result = tuned_settings(
-                name,
-                setup,
-                _CANDIDATES,
-                _STARTS,
-                _PRICE,
-                command_line(),
-                step,
-                self.seconds,
-            )
-        staying = in_use if in_use and in_use.outlasts(result) else None
-        if staying is None:
-            result.write(file)
+        numbers = _CANDIDATES, _STARTS, _PRICE, self.seconds
+        result, file, staying = searched(
+            name, task, craft, timing, self.conditions, numbers, command=command_line()
+        )
         # Result, and how to use it.
         before = defaults(CONTROLLERS[name], within)
         rows: list[tuple[str, ...]] = [

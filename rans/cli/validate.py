@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from rich.text import Text
 from tyro.conf import arg
 
 from rans.api import laboratory
 from rans.api.judging import validate
-from rans.api.names import load_conditions, load_spacecraft
 from rans.cli.door import Options, command_of, word
 from rans.errors import ConfigError, require
 from rans.files import ready_folder, write_json
-from rans.terminal import Terminal, progress, stages, verdict
+from rans.terminal import Terminal, verdict
+
+if TYPE_CHECKING:
+    from validation.study.checks import Study
 
 
 @command_of(validate, without=("seed",), spacecraft=word("[SPACECRAFT]"))
@@ -48,21 +50,11 @@ class Validate(Options):
         laboratory.enter()
         if self.judges is not None:
             return self._judge(self.judges)
-        from validation.study.study import study
-
         console = Terminal()
         if self.output is not None:
             require("matplotlib")  # before minutes of checks
             ready_folder(self.output)
-        with progress() as bars:
-            report = study(
-                load_spacecraft(self.spacecraft),
-                0,
-                self.quick,
-                self.layer,
-                stages(bars),
-                None if self.conditions is None else load_conditions(self.conditions),
-            )
+        report: Study = self.call()
         every = self.full or self.layer is not None
         console.table(report.table() if every else report.layers())
         failed = [check for check in report.checks if not check.passed]

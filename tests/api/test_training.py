@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import rans
+from rans.api.training import config_of, members
 from rans.errors import ConfigError
+from rans.fast.learn.config import to_table
+from rans.model.spacecraft_file import load_spacecraft, to_toml
 
 
 def test_settings_by_keyword(tmp_path: Path) -> None:
@@ -51,3 +56,25 @@ def test_a_name_of_several_settings_needs_its_place() -> None:
         ConfigError, match=r"several entries .*'thrust_weight': choose one of settings\."
     ):
         rans.train("multi-task", thrust_weight=0.1)
+
+
+def test_seeds_that_are_named_are_those_that_train() -> None:
+    """As an entry like others; with a number of seeds too they would be given twice."""
+    configs = members("go-to-pose", {"seed": [5, 7], "gamma": [0.9]}, 1, device="cpu")
+    assert [(each.seed, each.ppo.gamma) for each in configs] == [(5, 0.9), (7, 0.9)]
+    with pytest.raises(ConfigError, match="would train the same 2 times"):
+        members("go-to-pose", {"seed": [5, 7]}, 2)
+
+
+def test_a_training_of_another_run_is_its_config(tmp_path: Path) -> None:
+    """With what is given in the place of what it has; a spacecraft that has changed since is refused."""
+    config = config_of("go-to-pose", "floating-platform", "cpu", changes={"gamma": 0.9}, seed=3)
+    file = tmp_path / "config.json"
+    file.write_text(json.dumps(to_table(config)))
+    assert config_of(str(file)) == config
+    assert config_of(str(file), seed=4, changes={"gamma": 0.95}) == replace(
+        config, seed=4, ppo=replace(config.ppo, gamma=0.95)
+    )
+    (tmp_path / "spacecraft.toml").write_text(to_toml(load_spacecraft("pingu")))
+    with pytest.raises(ConfigError, match="has changed since"):
+        config_of(str(file))

@@ -286,6 +286,7 @@ def test_engines_that_disagree_end_with_code_1(
     assert main(arguments) == 0
 
 
+@pytest.mark.filterwarnings("always:LQR's solver stopped")
 @pytest.mark.usefixtures("undrawn")
 def test_a_solver_that_stopped_is_told(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]

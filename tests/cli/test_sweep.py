@@ -127,7 +127,7 @@ def test_an_interrupt_keeps_what_there_is(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["go-to-pose", "--seeds", "0"], "--seeds must be >= 1, got 0"),
+        (["go-to-pose", "--seeds", "0"], "seeds must be a whole number >= 1 and < 2^31, got 0"),
         (["go-to-pose", "--set", "ppo.gamma"], "--set takes KEY=VALUE or KEY=VALUE,VALUE"),
         (["go-to-pose", "--set", "ppo.gamma="], "--set takes KEY=VALUE or KEY=VALUE,VALUE"),
         (["go-to-pose", "--set", "ppo.gamma=0.9,2"], "gamma must be in (0, 1], got 2"),
