@@ -27,6 +27,13 @@ PICTURES: dict[str, str] = {
     "trapping-set.svg": "python -m campaigns.proofs CERTIFICATE docs/pictures/trapping-set.svg",
 }
 """Files in docs/pictures, and what draws them."""
+ONCE: dict[str, tuple[str, str]] = {
+    "settled-gate.json": (
+        "settled_gate.md",
+        "campaigns.settled_gate_entry RUN; campaigns settled-gate RUN",
+    ),
+}
+"""Files in docs/validation whose code left after commit af4f7ac0: their page, and what wrote them."""
 RECORDS: dict[str, tuple[str, str]] = {
     "bounds.json": (
         "certificate.md",
@@ -59,7 +66,20 @@ RECORDS |= {
 def page() -> str:
     """Text of docs/provenance.md."""
     return (
-        "\n".join([_HEAD, *_rows(), _duration(), _TAIL, *_records(), _DRAWN, *_pictures()]) + "\n"
+        "\n".join(
+            [
+                _HEAD,
+                *_rows(),
+                _duration(),
+                _TAIL,
+                *_records(RECORDS),
+                _ONCE,
+                *_records(ONCE),
+                _DRAWN,
+                *_pictures(),
+            ]
+        )
+        + "\n"
     )
 
 
@@ -104,6 +124,14 @@ Figures in sentences come from these files, and figures of speed from the comman
 not measure them again.
 
 | page | evidence | measured by |
+|---|---|---|"""
+_ONCE = """
+## Measured once
+
+The code of figures that another flight does not change is in git alone. `git worktree add ../then af4f7ac0` and
+`make setup` in that folder bring it back, and the module named here runs there with `python -m`.
+
+| page | evidence | module at `af4f7ac0` |
 |---|---|---|"""
 _DRAWN = """
 | picture | drawn by |
@@ -158,10 +186,11 @@ def _duration() -> str:
 
 def _pictures() -> Iterator[str]:
     yield from (f"| `pictures/{name}` | `{command}` |" for name, command in PICTURES.items())
+    yield "\nPictures in `diagrams` that this command has not were drawn once, by `campaigns.pictures` at `af4f7ac0`."
 
 
-def _records() -> Iterator[str]:
-    for name, (where, command) in sorted(RECORDS.items()):
+def _records(found: dict[str, tuple[str, str]]) -> Iterator[str]:
+    for name, (where, command) in sorted(found.items()):
         yield f"| [{Path(where).stem}]({_in_repository(where)}) | `{name}` | `{command}` |"
 
 
@@ -172,7 +201,7 @@ def unlisted(docs: Path) -> set[str]:
         file.relative_to(docs / "pictures").as_posix() for file in (docs / "pictures").rglob("*.*")
     }
     return {
-        *(name for name in files if not any(fnmatch(name, known) for known in RECORDS)),
+        *(name for name in files if not any(fnmatch(name, known) for known in (*RECORDS, *ONCE))),
         *(name for name in pictures if not any(fnmatch(name, known) for known in PICTURES)),
     }
 

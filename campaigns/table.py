@@ -843,27 +843,6 @@ CAMPAIGNS: dict[str, Campaign] = {
         evidence=("raft.json",),
         needs="runs/raft, a training of each recipe (docs/robot/raft.md)",
     ),
-    "settled gate": Campaign(
-        tables={
-            "settled gate": Shown(
-                (
-                    ("gain", "{0}"),
-                    *(
-                        (f"bias {x}", f"{{{k + 1}}}")
-                        for k, x in enumerate(("0", "0.1", "0.2", "0.25", "0.3"))
-                    ),
-                ),
-                "settled_gate_entry:cells",
-            )
-        },
-        page="assurance/settled_gate.md",
-        measure="settled_gate_entry:Fly",
-        given=("runs/settled-gate", "runs/settled-gate-1", "runs/settled-gate-2"),
-        flights=(500, 500),
-        shares=("bias",),
-        evidence=("settled-gate.json",),
-        needs="runs/settled-gate, -1 and -2, three trainings (docs/assurance/settled_gate.md)",
-    ),
     "V-BAR": Campaign(
         tables={
             "V-BAR": Shown(
