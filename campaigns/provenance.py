@@ -23,23 +23,33 @@ PICTURES: dict[str, str] = {
     "proof-cells.svg": "python packages/proof/archcomp/picture.py FOLDER docs/pictures/proof-cells.svg",
     "proof-conditions.svg": "python -m campaigns.proof_conditions docs/validation/proof-conditions.json "
     "docs/pictures/proof-conditions.svg",
-    "tradeoff*.svg": "python -m campaigns.tradeoff",
+    "tradeoff*.svg": "campaigns.tradeoff at af4f7ac0",
     "trapping-set.svg": "python -m campaigns.proofs CERTIFICATE docs/pictures/trapping-set.svg",
 }
 """Files in docs/pictures, and what draws them."""
-ONCE: dict[str, tuple[str, str]] = {
-    "settled-gate.json": (
-        "settled_gate.md",
+ONCE = (
+    ("verification.md", "breaking.json", "campaigns.breaking"),
+    ("any_craft/any_craft_in_space.md", "", "campaigns dead-cubesats"),
+    ("export.md", "", "campaigns.cortex"),
+    ("missions/guard.md", "", "campaigns.attack --missions avoid-2d"),
+    (
+        "robot/identified_agents.md",
+        "identified-agents.json",
+        "campaigns.identified_agents prepare FOLDER, then with train; campaigns identified-agents FOLDER",
+    ),
+    (
+        "assurance/settled_gate.md",
+        "settled-gate.json",
         "campaigns.settled_gate_entry RUN; campaigns settled-gate RUN",
     ),
-}
-"""Files in docs/validation whose code left after commit af4f7ac0: their page, and what wrote them."""
+    ("speed.md", "tradeoff*.json", "campaigns.tradeoff"),
+)
+"""Pages whose figures were measured by code that left after commit af4f7ac0, evidence, and modules."""
 RECORDS: dict[str, tuple[str, str]] = {
     "bounds.json": (
         "certificate.md",
         "python -m campaigns.bounds --craft 2000 --output docs/validation/bounds.json",
     ),
-    "breaking.json": ("verification.md", "python -m campaigns.breaking"),
     "floating-platform.html": (
         "validation.md",
         "rans validate floating-platform --output FOLDER",
@@ -52,7 +62,6 @@ RECORDS: dict[str, tuple[str, str]] = {
         "proof/proofs.md",
         "python -m campaigns.proof_conditions docs/validation/proof-conditions.json PICTURE.svg",
     ),
-    "tradeoff*.json": ("speed.md", "python -m campaigns.tradeoff"),
 }
 _WRITTEN = {name for source in ROWS.values() for name in source.evidence}
 RECORDS |= {
@@ -186,22 +195,33 @@ def _duration() -> str:
 
 def _pictures() -> Iterator[str]:
     yield from (f"| `pictures/{name}` | `{command}` |" for name, command in PICTURES.items())
-    yield "\nPictures in `diagrams` that this command has not were drawn once, by `campaigns.pictures` at `af4f7ac0`."
+    yield "\nOther pictures in `diagrams` were drawn once, by `campaigns.pictures` at `af4f7ac0`."
 
 
-def _records(found: dict[str, tuple[str, str]]) -> Iterator[str]:
-    for name, (where, command) in sorted(found.items()):
+def _once() -> Iterator[str]:
+    for where, name, modules in ONCE:
+        file = f"`{name}`" if name else "-"
+        yield f"| [{Path(where).stem}]({_in_repository(where)}) | {file} | `{modules}` |"
+
+
+def _records() -> Iterator[str]:
+    for name, (where, command) in sorted(RECORDS.items()):
         yield f"| [{Path(where).stem}]({_in_repository(where)}) | `{name}` | `{command}` |"
 
 
 def unlisted(docs: Path) -> set[str]:
     """Files of evidence and pictures of which nothing says what makes them."""
+    evidence = (*RECORDS, *(name for _, name, _ in ONCE))
     files = {file.name for file in (docs / "validation").iterdir()} - _WRITTEN
     pictures = {
         file.relative_to(docs / "pictures").as_posix() for file in (docs / "pictures").rglob("*.*")
     }
     return {
-        *(name for name in files if not any(fnmatch(name, known) for known in (*RECORDS, *ONCE))),
+        *(
+            name
+            for name in files
+            if not any(fnmatch(name, known) for known in (*RECORDS, *(name for _, name, _ in ONCE)))
+        ),
         *(name for name in pictures if not any(fnmatch(name, known) for known in PICTURES)),
     }
 

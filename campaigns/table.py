@@ -789,26 +789,6 @@ CAMPAIGNS: dict[str, Campaign] = {
         evidence=("throttling.json",),
         quick_seconds=54.0,
     ),
-    "identified agents": Campaign(
-        tables={
-            "identified agents": Shown(
-                (
-                    ("agent trained on", "{trained}"),
-                    ("solved, mean of craft", "{mean:.1f} %"),
-                    ("worst craft", "{least:.1f} %"),
-                    ("craft with 97 % and more", "{enough} of {craft}"),
-                ),
-                "identified_agents:cells",
-                source=_VALUES,
-            )
-        },
-        page="robot/identified_agents.md",
-        measure="identified_agents:Fly",
-        given=("runs/identified",),
-        flights=(1024, 1024),
-        evidence=("identified-agents.json",),
-        needs="runs/identified, hidden craft and 22 trainings (docs/robot/identified_agents.md)",
-    ),
     "agents": Campaign(
         tables={
             "agents": Shown(
@@ -945,22 +925,6 @@ CAMPAIGNS: dict[str, Campaign] = {
             )
         },
         measure="station_keeping:StationKeeping",
-    ),
-    "dead cubesats": Campaign(
-        tables={},
-        page="any_craft/any_craft_in_space.md",
-        prints={
-            "CubeSats without a thruster": Shown(
-                (
-                    ("craft", "{craft}"),
-                    ("median, all thrusters, s", "{whole:.0f}"),
-                    ("median, one dead, s", "{dead:.0f}"),
-                    ("longest, s", "{longest:.0f}"),
-                    ("by the last fifth", "{in time}"),
-                )
-            )
-        },
-        measure="dead_cubesats:DeadCubesats",
     ),
     "guard": Campaign(
         tables={},

@@ -1,1 +1,0 @@
-"""Can a stranger, a slip or an accident break it? ``python -m campaigns.breaking --help``."""
