@@ -74,22 +74,8 @@ RECORDS |= {
 
 def page() -> str:
     """Text of docs/provenance.md."""
-    return (
-        "\n".join(
-            [
-                _HEAD,
-                *_rows(),
-                _duration(),
-                _TAIL,
-                *_records(RECORDS),
-                _ONCE,
-                *_records(ONCE),
-                _DRAWN,
-                *_pictures(),
-            ]
-        )
-        + "\n"
-    )
+    measured = (*_rows(), _duration(), _TAIL, *_records())
+    return "\n".join([_HEAD, *measured, _DRAWN, *_pictures(), _ONCE, *_once()]) + "\n"
 
 
 _HEAD = """# Provenance
@@ -217,11 +203,7 @@ def unlisted(docs: Path) -> set[str]:
         file.relative_to(docs / "pictures").as_posix() for file in (docs / "pictures").rglob("*.*")
     }
     return {
-        *(
-            name
-            for name in files
-            if not any(fnmatch(name, known) for known in (*RECORDS, *(name for _, name, _ in ONCE)))
-        ),
+        *(name for name in files if not any(fnmatch(name, known) for known in evidence)),
         *(name for name in pictures if not any(fnmatch(name, known) for known in PICTURES)),
     }
 

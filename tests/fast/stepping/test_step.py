@@ -190,10 +190,7 @@ def stronger(craft: Spacecraft, factor: float) -> Spacecraft:
 def test_a_hundred_thousand_steps_without_nan(
     name: str, factor: float, planar_craft: Spacecraft, spatial_craft: Spacecraft
 ) -> None:
-    """Random, held, one-sided and full thrust; also a hundred times too much of it.
-
-    `campaigns.breaking` flies a thousand million.
-    """
+    """Random, held, one-sided and full thrust; also a hundred times too much of it."""
     own = {"nasty planar": planar_craft, "nasty spatial": spatial_craft}
     craft = stronger(own.get(name) or load_spacecraft(name), factor)
     quick = factor == 1.0 or craft.dimension == 2  # else 64 substeps are chosen in space
