@@ -86,9 +86,9 @@ EXPORTERS: Registry[Exporter] = Registry(
     group="rans.exporters",
     built_in={},
     checked=lambda exporter: exporter,
-    extra_of={"policy": "robot"},
+    extra_of={"policy": "robot", "spacecraft": "robot"},
 )
-"""What installed packages export beside agents of RANS, by `ContestantName.kind`."""
+"""What installed packages export beside agents of RANS: by `ContestantName.kind`, and spacecraft."""
 
 _FILES: dict[str, tuple[str, ...]] = {
     "sb3": ("policy.zip", "config.json"),
@@ -181,6 +181,7 @@ def write_export(
         json.dumps(plain(about)),
         craft,
         chosen,
+        setup,
     )
     if form in ("sb3", "rans"):
         write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
@@ -228,6 +229,7 @@ def write_agent(
     contract: str = "",
     craft: Spacecraft | None = None,
     pairs: dict[str, Any] | None = None,
+    setup: Setup | None = None,
 ) -> None:
     """The agent alone, in a form of `write_export`; the settings are those that SB3 would train it on with.
 
@@ -245,7 +247,8 @@ def write_agent(
         program = agent_program(network, craft)
         write_c(folder, program, ports, title, contract, pairs)
     elif form not in get_args(Form):
-        FORMATS[form](folder, agent_program(network, craft), ports, title, contract, pairs)
+        write = FORMATS[form]
+        write(folder, agent_program(network, craft), ports, title, contract, pairs, setup)
     elif form == "rans":
         content = actor_bytes(network.architecture, network.member(0), saved.steps)
         replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))

@@ -109,9 +109,12 @@ def write_foreign_export(
         write_onnx(folder / "agent.onnx", exported.program, exported.ports, what)
     elif form == "numpy":
         write_numpy(folder, exported.program, exported.ports, exported.title)
+    elif form == "c":
+        write_c(folder, exported.program, exported.ports, exported.title, described, exported.pairs)
     else:
-        write = write_c if form == "c" else FORMATS[form]
-        write(folder, exported.program, exported.ports, exported.title, described, exported.pairs)
+        own = Setup(exported.run.craft, exported.run.task, exported.run.timing)
+        parts = exported.program, exported.ports, exported.title, described, exported.pairs
+        FORMATS[form](folder, *parts, own)
     _write_beside(exported, folder, text)
     # The card, which says that nothing is known of the training.
     run = exported.run

@@ -1,20 +1,14 @@
-/* An agent as a functional mock-up unit: FMI 2.0 for co-simulation, around rans_agent_act of agent.c.
+/* A functional mock-up unit: FMI 2.0 for co-simulation, around what unit.h asks of an agent or a craft.
  *
  * The types and values below are declared after the FMI 2.0.4 specification (sections 2.1 and 4.2); no header of the
  * standard is part of this file.
- *
- * The agent acts once a control period. A step from t to t + h makes it act at every instant k * RANS_PERIOD in
- * [t, t + h), with the inputs that were set before the step; the outputs are its last commands. A master that sets
- * the readings of an instant, steps by one period and then reads the outputs has the commands of that instant.
  */
-#include "fmu_agent.h"
+#include "unit.h"
 
 #include <math.h>
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
-
-#include "agent.h"
 
 #if defined(_WIN32)
 #define EXPORTED __declspec(dllexport)
@@ -43,24 +37,22 @@ typedef struct {
     fmi2ComponentEnvironment componentEnvironment;
 } fmi2CallbackFunctions;
 
-/* Value references: inputs from 0, outputs from RANS_OBSERVATION, then the agent's notes. */
-#define NOTES (RANS_OBSERVATION + RANS_COMMANDS)
-/* Part of a control period by which an instant may be off through rounding of the master's times. */
-#define ROUNDING 1e-6
-
 typedef struct {
-    rans_agent agent;
-    float observation[RANS_OBSERVATION];
-    float command[RANS_COMMANDS];
-    int notes;        /* what rans_agent_act returned last */
-    double begin;     /* time of the first instant, s */
-    double decisions; /* instants at which the agent has acted; a whole number */
-} unit;
+    unit *own;
+    const fmi2CallbackFunctions *functions; /* NULL: nobody listens */
+    char name[64];
+} instance;
 
-static void begin(unit *self, double time) {
-    memset(self, 0, sizeof *self);
-    self->begin = time;
-    rans_agent_reset(&self->agent);
+/* Tell the simulator what is wrong, if anything. */
+static fmi2Status answered(const instance *self, const char *wrong) {
+    if (wrong == NULL) {
+        return fmi2OK;
+    }
+    if (self->functions != NULL && self->functions->logger != NULL) {
+        /* As the format itself, in which no per cent stands: some simulators do not fill formats. */
+        self->functions->logger(self->functions->componentEnvironment, self->name, fmi2Error, "logStatusError", wrong);
+    }
+    return fmi2Error;
 }
 
 EXPORTED const char *fmi2GetTypesPlatform(void) { return "default"; }
@@ -75,24 +67,38 @@ EXPORTED fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t 
 EXPORTED fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                                        const fmi2CallbackFunctions *functions, fmi2Boolean visible,
                                        fmi2Boolean logging) {
-    unit *self;
-    (void)name, (void)resources, (void)functions, (void)visible, (void)logging;
-    if (type != fmi2CoSimulation || guid == NULL || strcmp(guid, RANS_GUID) != 0) {
+    instance *self;
+    (void)resources, (void)visible, (void)logging;
+    if (type != fmi2CoSimulation || guid == NULL || strcmp(guid, unit_guid()) != 0) {
         return NULL;
     }
-    self = malloc(sizeof *self);
-    if (self != NULL) {
-        begin(self, 0.0);
+    self = calloc(1, sizeof *self);
+    if (self == NULL) {
+        return NULL;
+    }
+    self->own = unit_new();
+    if (self->own == NULL) {
+        free(self);
+        return NULL;
+    }
+    self->functions = functions;
+    if (name != NULL) {
+        strncpy(self->name, name, sizeof self->name - 1);
     }
     return self;
 }
 
-EXPORTED void fmi2FreeInstance(fmi2Component c) { free(c); }
+EXPORTED void fmi2FreeInstance(fmi2Component c) {
+    if (c != NULL) {
+        free(((instance *)c)->own);
+        free(c);
+    }
+}
 
 EXPORTED fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean has_tolerance, fmi2Real tolerance,
                                         fmi2Real start, fmi2Boolean has_stop, fmi2Real stop) {
     (void)has_tolerance, (void)tolerance, (void)has_stop, (void)stop;
-    ((unit *)c)->begin = start;
+    unit_start(((instance *)c)->own, start);
     return fmi2OK;
 }
 
@@ -102,8 +108,8 @@ EXPORTED fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
 }
 
 EXPORTED fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
-    (void)c;
-    return fmi2OK;
+    const instance *self = c;
+    return answered(self, unit_initialized(self->own));
 }
 
 EXPORTED fmi2Status fmi2Terminate(fmi2Component c) {
@@ -112,32 +118,27 @@ EXPORTED fmi2Status fmi2Terminate(fmi2Component c) {
 }
 
 EXPORTED fmi2Status fmi2Reset(fmi2Component c) {
-    begin(c, 0.0);
+    unit_reset(((instance *)c)->own);
     return fmi2OK;
 }
 
 EXPORTED fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference at[], size_t count, fmi2Real value[]) {
-    const unit *self = c;
     size_t k;
     for (k = 0; k < count; k++) {
-        if (at[k] >= NOTES) {
+        if (!unit_get(((const instance *)c)->own, at[k], &value[k])) {
             return fmi2Error;
         }
-        value[k] = at[k] < RANS_OBSERVATION ? (double)self->observation[at[k]]
-                                            : (double)self->command[at[k] - RANS_OBSERVATION];
     }
     return fmi2OK;
 }
 
 EXPORTED fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference at[], size_t count,
                                 const fmi2Real value[]) {
-    unit *self = c;
     size_t k;
     for (k = 0; k < count; k++) {
-        if (at[k] >= RANS_OBSERVATION) {
+        if (!unit_set(((instance *)c)->own, at[k], value[k])) {
             return fmi2Error;
         }
-        self->observation[at[k]] = (float)value[k];
     }
     return fmi2OK;
 }
@@ -146,26 +147,20 @@ EXPORTED fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference at[
                                    fmi2Integer value[]) {
     size_t k;
     for (k = 0; k < count; k++) {
-        if (at[k] != NOTES) {
+        if (!unit_get_integer(((const instance *)c)->own, at[k], &value[k])) {
             return fmi2Error;
         }
-        value[k] = ((const unit *)c)->notes;
     }
     return fmi2OK;
 }
 
 EXPORTED fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_return) {
-    unit *self = c;
-    const double end = (time + step - self->begin) / RANS_PERIOD - ROUNDING;
+    const instance *self = c;
     (void)no_return;
-    if (!(step >= 0.0) || !isfinite(end)) {
-        return fmi2Error;
+    if (!(step >= 0.0) || !isfinite(time + step)) {
+        return answered(self, "a step must be a finite time, s, and not negative");
     }
-    while (self->decisions < end) {
-        self->notes = rans_agent_act(&self->agent, self->observation, self->command);
-        self->decisions += 1.0;
-    }
-    return fmi2OK;
+    return answered(self, unit_step(self->own, time, step));
 }
 
 /* What this unit has none of: other types of variables, states to save, derivatives, steps that go on. */
