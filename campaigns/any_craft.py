@@ -537,7 +537,7 @@ def _settled(rows: Figures | str) -> str:
 def random_layouts(count: int, dimension: int) -> Iterator[str]:
     """Rows of the table of random layouts by their authority margin, flown by the agent and by two laws."""
     agent = f"pretrained:{FOR_ANY_CRAFT[dimension]}"
-    network = contestant(agent).controller.network  # type: ignore[attr-defined]
+    network = contestant(agent).network
     layers = policy_layers(network)
     settings = DemandSettings(dimension, crafts=count, steps=320)
     # Starts are as far away as the training's; a regulator needs longer from there.

@@ -108,7 +108,7 @@ def loaded(name: str, device: str) -> tuple[Network, Setup]:
     run = contestant(name)
     if not isinstance(run.controller, Agent):
         raise ConfigError(f"{name} is not an agent: name a run folder, or pretrained:NAME.")
-    lone = run.controller.network
+    lone = run.network
     network = Network.stacked(
         lone.architecture, [lone.member(0)], torch.device(device), torch.float32
     )

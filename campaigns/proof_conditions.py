@@ -38,7 +38,7 @@ VERDICTS = ("open", "proved", "refuted")
 def column(_: None, kind: str, mass: float) -> tuple[str, float, list[str], list[float]]:
     """Verdicts for a mass error, by the other error, and seconds of each proof that was tried."""
     run = load_policy(pretrained_folder(AGENT))
-    loop = traps.velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
+    loop = traps.velocity_loop(run.network, run.craft, run.timing.control_period)
     values = VELOCITY if kind == "velocity" else DELAY
     sets = [
         traps.Uncertainty(mass, mass, x, 2.5 * x)

@@ -70,7 +70,7 @@ def _broken(_: None, plan: ProofFlights, count: int, seed: int) -> int:
     table = json.loads(plan.certificate.read_text())
     if "reach" in table:
         return leaving_poses(run, table, count, _POSE_PERIODS, seed)[0]
-    loop = velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
+    loop = velocity_loop(run.network, run.craft, run.timing.control_period)
     return leaving(loop, read_trap(plan.certificate), count, 1, seed)
 
 

@@ -173,17 +173,15 @@ class Evaluate(Options):
 
     def _judge_many(self, run: LoadedRun) -> None:
         """Print and write the statistics of many flights."""
-        from rans.evaluation.fly.agent import Agent
         from rans.evaluation.measure.aggregate import ROOM
         from rans.evaluation.measure.many import measure_many
         from rans.fast.device import torch_device
         from rans.fast.flights import Flights
         from rans.verdict import Failure
 
-        assert isinstance(run.controller, Agent)
         # Flights are judged as they fly; none is stored.
         device = torch_device()
-        flights = Flights(run.controller.network, run.judged, device, listed=_LISTED)
+        flights = Flights(run.network, run.judged, device, listed=_LISTED)
         with progress() as bars:
             step = stages(bars)("fast engine", self.episodes)
             statistics = flights.fly(0, self.episodes, self.seed, step)

@@ -34,8 +34,8 @@ class Validate(Options):
     full: bool = False
     """Print every check, as with `--layer`, and not one line for each layer."""
     judges: Annotated[tuple[Path, ...] | None, arg(metavar="[FOLDER]")] = None
-    """Compare with figures that others computed instead, such as NASA's JEOD (docs/missions/judges.md), and with the longer
-    logs in a folder. The spacecraft then does not matter."""
+    """Compare with figures that others computed instead, such as NASA's JEOD (docs/missions/judges.md), and with
+    the longer logs in a folder. The spacecraft then does not matter."""
     output: Path | None = None
     """Folder for validation.json and validation.html; with --judges for judges.json."""
 

@@ -79,7 +79,7 @@ def test_an_agent_that_adapts_commands_the_same_in_every_form(craft: str, tmp_pa
     dimension = load_spacecraft(craft).dimension
     run = contestant(f"adaptive:any-craft-{dimension}d@{craft}")
     assert isinstance(run.controller, Agent)
-    network = run.controller.network
+    network = run.network
     setup = run.judged._replace(timing=replace(run.timing, episode_steps=12))
     batches = list(asked(network, setup, 96))
     written(tmp_path, network, *FORMS)

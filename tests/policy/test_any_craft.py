@@ -38,8 +38,7 @@ IN_SPACE = ("free-flyer", "astrobee-iss", "cubesat-3u", "afrl-12kg")
 
 
 def network(dimension: int = 2) -> Network:
-    agent = contestant(f"pretrained:any-craft-{dimension}d")
-    return agent.controller.network  # type: ignore[attr-defined]
+    return contestant(f"pretrained:any-craft-{dimension}d").network
 
 
 def reordered(craft: Spacecraft, order: list[int]) -> Spacecraft:

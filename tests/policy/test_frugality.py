@@ -65,7 +65,7 @@ def test_the_value_0_is_quicker_than_the_agent_as_it_was_trained() -> None:
 
 def test_the_value_0_of_an_agent_without_further_weights_is_the_agent_as_it_was_trained() -> None:
     run = contestant("any-craft-3d")
-    own = run.controller.network  # type: ignore[attr-defined]
+    own = run.network
     alone = Network(own.architecture, own.tensors)
     fast = at_value(alone, 0.0, 3.5)
     assert own.architecture.frugal == fast.architecture.frugal == ()
@@ -76,7 +76,7 @@ def test_a_shared_supply_is_flown_sooner_with_larger_accelerations() -> None:
     """Without wheels; a platform of its own supplies, or with wheels, is given its own accelerations."""
     spec = "any-craft-2d#0@floating-platform-shared"
     run = contestant(spec)
-    network = run.controller.network  # type: ignore[attr-defined]
+    network = run.network
     assert network.architecture.frugality.acceleration > 1.0
     plain = Network(replace(network.architecture, frugal=()), network.tensors)
     slow = run._replace(controller=Agent(plain, "plain", run.craft))
@@ -86,7 +86,7 @@ def test_a_shared_supply_is_flown_sooner_with_larger_accelerations() -> None:
     ]
     assert times[0] < 0.99 * times[1]
     for other in ("any-craft-2d#0", "any-craft-2d#0@roboran-platform", "any-craft-3d#0@cubesat-6u"):
-        own = contestant(other).controller.network  # type: ignore[attr-defined]
+        own = contestant(other).network
         assert own.architecture.frugality.acceleration == 1.0
 
 
@@ -134,7 +134,7 @@ def test_distance_and_angle_by_hand() -> None:
 
 def test_a_quick_value_is_given_larger_accelerations_where_no_wheel_fills_up() -> None:
     """As if the craft had them: 0.3 m/s^2 times 1.2 are 0.36; wheels that bound the speed leave them."""
-    seen = contestant("any-craft-2d").controller.network.architecture.layout  # type: ignore[attr-defined]
+    seen = contestant("any-craft-2d").network.architecture.layout
     body = [0.2, -0.1, 0.3, 0.0, 1.5, -0.7, 0.8, 0.6]
     slow = Authority.of_numbers([0.2, 0.3, 0.4, 0.5, 0.6, 1.0, 1.1])
     fast = Authority.of_numbers([0.2, 0.36, 0.48, 0.6, 0.72, 1.0, 1.1])
@@ -147,7 +147,7 @@ def test_a_quick_value_is_given_larger_accelerations_where_no_wheel_fills_up() -
 
 
 def test_weights_are_linear_in_the_value_between_those_of_the_file() -> None:
-    network = contestant("any-craft-2d").controller.network  # type: ignore[attr-defined]
+    network = contestant("any-craft-2d").network
     assert [*network.at] == [0.0, 0.5, 1.0]
     for value, (low, high, part) in {
         0.0: (0.0, 0.5, 0.0),
@@ -156,7 +156,7 @@ def test_weights_are_linear_in_the_value_between_those_of_the_file() -> None:
         0.9: (0.5, 1.0, 0.8),
         1.0: (0.5, 1.0, 1.0),
     }.items():
-        own = contestant(f"any-craft-2d#{value:g}@pingu").controller.network  # type: ignore[attr-defined]
+        own = contestant(f"any-craft-2d#{value:g}@pingu").network
         for name in own.tensors:
             if "trunk" in name:
                 expected = (1 - part) * network.at[low][name] + part * network.at[high][name]
@@ -164,7 +164,7 @@ def test_weights_are_linear_in_the_value_between_those_of_the_file() -> None:
 
 
 def test_a_file_keeps_the_weights_of_all_values(tmp_path: Path) -> None:
-    network = contestant("any-craft-2d").controller.network  # type: ignore[attr-defined]
+    network = contestant("any-craft-2d").network
     file = tmp_path / "agent.safetensors"
     own = network.member(0)
     file.write_bytes(actor_bytes(network.architecture, own, 0, network.at))
@@ -210,7 +210,7 @@ def test_a_run_folder_keeps_the_value(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.chdir(tmp_path)
     folder = ContestantName.parse("any-craft-2d#0.8@pingu").folder
     saved = read_policy(folder / "agent.safetensors").network
-    expected = contestant("any-craft-2d#0.8@pingu").controller.network  # type: ignore[attr-defined]
+    expected = contestant("any-craft-2d#0.8@pingu").network
     assert saved.architecture.frugality == expected.architecture.frugality != AS_TRAINED
     seen = observations(200).numpy()
     assert np.array_equal(predict(saved, seen)[0], predict(expected, seen)[0])
@@ -229,7 +229,7 @@ def test_a_run_folder_keeps_the_value(tmp_path: Path, monkeypatch: pytest.Monkey
     ],
 )
 def test_other_numbers_in_a_file_are_refused(numbers: tuple[float, ...], tmp_path: Path) -> None:
-    network = contestant("any-craft-2d").controller.network  # type: ignore[attr-defined]
+    network = contestant("any-craft-2d").network
     forged = replace(network.architecture, frugal=numbers)
     file = tmp_path / "agent.safetensors"
     file.write_bytes(actor_bytes(forged, network.member(0), 0))
@@ -238,7 +238,7 @@ def test_other_numbers_in_a_file_are_refused(numbers: tuple[float, ...], tmp_pat
 
 
 def test_weights_that_are_not_finite_are_not_written() -> None:
-    network = contestant("any-craft-2d").controller.network  # type: ignore[attr-defined]
+    network = contestant("any-craft-2d").network
     tensors = dict(network.member(0))
     name = next(name for name in tensors if name.endswith("weight"))
     tensors[name] = torch.full_like(tensors[name], math.nan)

@@ -187,7 +187,7 @@ def cubesat(dead: int | None, steps: int | None = None) -> tuple[Flight, Adaptat
     run = run._replace(task=specialist.task, conditions=conditions)
     assert isinstance(run.controller, Agent)
     flight = fly_episodes(run.controller, run.judged, 5, 16, workers=1).flight
-    return flight, estimator_of(run.controller.network)
+    return flight, estimator_of(run.network)
 
 
 @pytest.mark.slow

@@ -80,7 +80,7 @@ def test_steps_lower_the_cost_where_it_is_thrust(pool: Pool) -> None:
 
 def shipped(value: float | None = None) -> DemandNetwork:
     """Network of the agent that comes with RANS, as it was trained or at one of its values."""
-    own = contestant("any-craft-2d").controller.network  # type: ignore[attr-defined]
+    own = contestant("any-craft-2d").network
     chosen = own if value is None else Network(own.architecture, own.at[value])
     return DemandNetwork.of_layers(policy_layers(chosen), 2)
 

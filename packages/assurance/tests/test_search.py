@@ -99,7 +99,7 @@ def test_the_smallest_failure_found_is_flown_again_before_it_is_told(
     monkeypatch.setattr(search, "_ROUNDS", 2)
     monkeypatch.setattr(search, "_COUNT", 64)
     assert isinstance(run.controller, Agent)
-    network = run.controller.network
+    network = run.network
     lab = load_conditions("lab")
     found = search.searched("lab", lab, run.controller, network, setup, 0)
     breaking = found.breaking

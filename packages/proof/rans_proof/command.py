@@ -138,7 +138,7 @@ class Prove(Options):
             )
         run = load_policy(folder)
         files = _files(folder)
-        loop = traps.velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
+        loop = traps.velocity_loop(run.network, run.craft, run.timing.control_period)
         # Property, starts and errors.
         if self.property is None or self.start is None:
             raise ConfigError(
@@ -225,7 +225,7 @@ class Prove(Options):
         from rans_proof.trap_certificate import LARGEST
 
         run = load_policy(folder)
-        network = run.controller.network.architecture  # type: ignore[attr-defined]
+        network = run.network.architecture
         if network.activation != "relu" or len(network.layers) != 2:
             raise ConfigError(
                 f"{agent} flies go-to-pose, and no proof is known for its network: rans prove proves on/off "

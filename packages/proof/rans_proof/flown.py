@@ -119,7 +119,7 @@ def check_as_flown(certificate: bytes, files: Mapping[str, bytes]) -> None:
     try:
         run = read_run(files)
         assert isinstance(run.controller, Agent)
-        check_architecture(run.controller.network.architecture)
+        check_architecture(run.network.architecture)
         keep = read_certificate(certificate, "the certificate").keep
         check_flown(run, Formulas(*own), keep)
     except RansError as error:

@@ -241,7 +241,7 @@ class _Asked:
     """A network, and what it commands."""
 
     def __init__(self, run: LoadedRun) -> None:
-        self._network: Network = run.controller.network  # type: ignore[attr-defined]
+        self._network: Network = run.network
         craft: Spacecraft = run.craft
         along = np.array([t.direction for t in craft.thrusters])[:, :2]
         place = np.array([t.position for t in craft.thrusters])[:, :2]

@@ -32,7 +32,7 @@ def files() -> dict[str, bytes]:
 def formulas(files: dict[str, bytes]) -> Formulas:
     """Those of the prover, which the checker shares no mathematics with."""
     run = read_run(files)
-    loop = velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
+    loop = velocity_loop(run.network, run.craft, run.timing.control_period)
 
     def moved(states: np.ndarray, commands: np.ndarray) -> np.ndarray:
         impulse = loop.impulse(states[:, 2], commands)

@@ -351,7 +351,7 @@ def test_the_shipped_agents_loop_is_its_controller() -> None:
     from rans.evaluation.fly.agent import load_policy
 
     run = load_policy(PRETRAINED)
-    loop = velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
+    loop = velocity_loop(run.network, run.craft, run.timing.control_period)
     random = np.random.default_rng(3)
     count = 400
     heading = random.uniform(-np.pi, np.pi, count)
@@ -363,7 +363,7 @@ def test_the_shipped_agents_loop_is_its_controller() -> None:
     )
     nothing = np.zeros((count, 2))
     observation = np.column_stack((c, s, in_w, spin, np.full(count, 2.0), -in_w, nothing))
-    network = run.controller.network  # type: ignore[attr-defined]
+    network = run.network
     commands = network.deterministic_action(
         torch.tensor(observation, dtype=torch.float32), network.initial_state(count)
     )[0]
@@ -383,7 +383,7 @@ def test_the_shipped_agents_loop_flies_as_an_engine(engine: str) -> None:
     pilot = rans.load_agent("track-velocity-2d")
     run = pilot.run
     assert run is not None
-    loop = velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
+    loop = velocity_loop(run.network, run.craft, run.timing.control_period)
     begin, spin = np.array([[0.13, 0.02]]), np.array([0.9])
     start = rans.state((0.0, 0.0), 0.0, begin[0].tolist(), float(spin[0]))
     states = pilot.fly(engine=engine, start=start, goal=rans.state((0.0, 0.0))).states  # type: ignore[arg-type]
@@ -525,5 +525,5 @@ def test_the_shipped_agent_stays_slow(tmp_path: Path, capsys: pytest.CaptureFixt
     some = np.random.default_rng(0).choice(len(table["cells"]), 20, replace=False).tolist()
     check_trap(content, {name: (PRETRAINED / name).read_bytes() for name in FILES}, some)
     run = load_policy(PRETRAINED)
-    loop = velocity_loop(run.controller.network, run.craft, run.timing.control_period)  # type: ignore[attr-defined]
+    loop = velocity_loop(run.network, run.craft, run.timing.control_period)
     assert leaving(loop, read_trap(file), 10_000, 1, 0) == 0

@@ -84,6 +84,19 @@ class LoadedRun(NamedTuple):
         timing = replace(self.timing, substeps=None) if self.timing.substeps == 1 else self.timing
         return Setup(self.craft, self.task.for_evaluation(), timing, self.conditions, self.guard)
 
+    @property
+    def network(self) -> Network:
+        """Network of the agent.
+
+        Raises:
+            ConfigError: another contestant flies, which has none.
+        """
+        if not isinstance(self.controller, Agent):
+            raise ConfigError(
+                f"{self.controller.name} has no network of RANS: name a run folder or an agent that comes with it."
+            )
+        return self.controller.network
+
     def under(self, conditions: Conditions | None) -> LoadedRun:
         """The run under other conditions; None: under its own.
 

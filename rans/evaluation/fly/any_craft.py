@@ -36,7 +36,7 @@ def adapting(run: LoadedRun) -> LoadedRun:
     if not isinstance(run.controller, Agent):
         raise ConfigError(f"{run.controller.name} is no agent for any craft: {_ADAPTS}.")
     name = f"{ADAPTIVE}:{run.controller.name}"
-    agent = Agent(_adapting(run.controller.network), name, run.craft)
+    agent = Agent(_adapting(run.network), name, run.craft)
     return run._replace(controller=agent)
 
 
@@ -66,8 +66,7 @@ def frugal(run: LoadedRun, value: float) -> LoadedRun:
     Raises:
         ConfigError: it is another agent, or the value is not from 0 to 1.
     """
-    assert isinstance(run.controller, Agent)
-    network = _frugal(run.controller.network, value, run.task)
+    network = _frugal(run.network, value, run.task)
     return run._replace(controller=Agent(network, f"{run.controller.name}#{value:g}", run.craft))
 
 
@@ -97,7 +96,7 @@ def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = No
             f"{craft.name}."
         )
     timing = timing or timing_for(craft, run.timing)
-    network = for_craft(run.controller.network, craft, timing.control_period)
+    network = for_craft(run.network, craft, timing.control_period)
     agent = Agent(network, run.controller.name, craft)
     return run._replace(controller=agent, craft=craft, timing=timing)
 

@@ -512,8 +512,7 @@ def _choices(run: LoadedRun) -> tuple[list[Network], int]:
     The first is an agent as it was trained, if it has no value. The agent's own is the only one where it has
     another value, or is not for any craft.
     """
-    assert isinstance(run.controller, Agent)
-    own = run.controller.network
+    own = run.network
     if not is_for_any_craft(own.architecture):
         return [own], 0
     low, high = run.judged.task.spawn_distance  # type: ignore[attr-defined]  # it flies to a pose

@@ -175,8 +175,8 @@ def test_the_kernel_flies_as_a_cpu_does(name: str, products: Products, alike: fl
     run = contestant(f"pretrained:{name}")
     assert isinstance(run.controller, Agent)
     count = COUNT // 8 if run.conditions else COUNT
-    kernel = Flights(run.controller.network, run.judged, "cuda", products=products).fly(5, count, 7)
-    exact = Flights(run.controller.network, run.judged).fly(5, count, 7)
+    kernel = Flights(run.network, run.judged, "cuda", products=products).fly(5, count, 7)
+    exact = Flights(run.network, run.judged).fly(5, count, 7)
     assert kernel.ways == {f"flight kernel, {products}"}
     # Of bfloat16 one command in a thousand is another, and with it the rest of its flight; else one in 1e5.
     same = set(kernel.numbers) & set(exact.numbers)
@@ -197,7 +197,7 @@ def test_the_kernel_flies_as_a_cpu_does(name: str, products: Products, alike: fl
 def test_parts_add_up(generated: bool) -> None:
     run = contestant("pretrained:go-to-pose-2d-fast")
     assert isinstance(run.controller, Agent)
-    flights = Flights(run.controller.network, run.judged, "cuda", generated=generated)
+    flights = Flights(run.network, run.judged, "cuda", generated=generated)
     whole = flights.fly(0, 3001, 1)
     parts = flights.fly(0, 1000, 1) + flights.fly(1000, 2001, 1)
     assert whole.failures == parts.failures

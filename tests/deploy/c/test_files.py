@@ -407,7 +407,7 @@ def test_an_answer_that_is_not_finite_shuts_the_valves(folder: Path, tmp_path: P
 def test_the_agent_for_any_craft_fits_a_small_microcontroller(name: str, tmp_path: Path) -> None:
     """50 kB of code and constants by binutils' size, 4 KiB of stack, and the network's own commands."""
     run = contestant("pretrained:any-craft-3d")
-    made = for_craft(run.controller.network, load_spacecraft(name), 0.2)  # type: ignore[attr-defined]
+    made = for_craft(run.network, load_spacecraft(name), 0.2)
     write_c(tmp_path, agent_program(made), Ports.of(made.architecture), "it")
     built = library(tmp_path)
     if shutil.which("size"):
@@ -447,7 +447,7 @@ def test_an_agent_that_adapts_fits_a_small_microcontroller(
 ) -> None:
     """4 KiB of stack with 17 hypotheses, and the commands and memories of the network."""
     run = contestant("adaptive:pretrained:any-craft-3d")
-    made = for_craft(run.controller.network, craft, period)  # type: ignore[attr-defined]
+    made = for_craft(run.network, craft, period)
     write_c(tmp_path, agent_program(made), Ports.of(made.architecture), "it")
     assert 0 < (stack_of(tmp_path) or 0) <= 4096
     answer = library(tmp_path).rans_agent_answer
@@ -563,7 +563,7 @@ def test_weights_of_a_byte_take_a_third_of_the_flash(tmp_path: Path) -> None:
     whole, small = sizes
     assert small < 80_000 < 0.3 * whole
     exact = load_policy(run)
-    rounded = export._in_bytes(exact.controller.network)  # type: ignore[attr-defined]
+    rounded = export._in_bytes(exact.network)
     agent = Agent(rounded, "rounded", exact.craft)
     flights = fly_episodes(agent, exact.judged, 2023, 256, workers=1).flight
     # Of 256 flights all but two: the agent itself settles all of 1,024.

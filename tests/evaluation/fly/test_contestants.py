@@ -289,3 +289,11 @@ def test_drake_flies_contestants_by_name() -> None:
     assert judged.engine == "drake"
     np.testing.assert_array_equal(judged.commands, ours.commands)
     np.testing.assert_allclose(judged.states.p.x, ours.states.p.x, atol=1e-6)
+
+
+def test_the_network_of_a_contestant_is_that_of_an_agent() -> None:
+    """So that no caller guesses what the controller is."""
+    run = contestant("pretrained:go-to-pose-2d")
+    assert run.network.architecture.thrusters == run.craft.command_count
+    with pytest.raises(ConfigError, match="LQR has no network of RANS"):
+        _ = contestant("lqr:go-to-pose-2d").network

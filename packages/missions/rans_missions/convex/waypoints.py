@@ -43,8 +43,8 @@ def least_impulse_through(craft: Spacecraft, start: State, waypoints: Sequence[W
     It is that of changes of velocity at the start and in the balls, by weak duality: with multipliers l_j of the
     positions at the instants t_j and q(t) the sum of l_j (t_j - t) over what is to come, the impulse is at least
     the integral of q . F if |q| <= 1. |q| is convex between the instants, and at each of them convex in all of
-    them, so that it is checked for the earliest and latest ones only (docs/missions/through_balls.md). Commands may be
-    anything between 0 and 1 that changes at any instant, and attitudes are free.
+    them, so that it is checked for the earliest and latest ones only (docs/missions/through_balls.md). Commands may
+    be anything between 0 and 1 that changes at any instant, and attitudes are free.
 
     Args:
         craft: thrusters of any kind, with or without wheels, without propellant.
