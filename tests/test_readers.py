@@ -60,15 +60,9 @@ CALLS = {
 ENDS = {call.rpartition(".")[2] for call in CALLS}
 
 ALLOWED = {
-    ("rans_proof.check", "json.loads"): "a reader of its own, with bounds of its own",
-    ("rans_proof.check", "tomllib.loads"): "the same",
-    ("rans_proof.check_hybrid", "json.loads"): "the same",
-    ("rans_proof.agent_reader", "json.loads"): "the same",
-    ("rans_proof.check_trap", "json.loads"): "the same",
-    ("rans_proof.check_pose", "json.loads"): "the same",
-    ("rans_proof.check_pose", "tomllib.loads"): "the same",
+    ("rans_proof.claims", "json.loads"): "the checkers' own reader, with bounds of its own",
+    ("rans_proof.claims", "tomllib.loads"): "the same",
     ("rans_proof.pose_flights", "json.loads"): "a certificate that the checker has accepted",
-    ("rans_proof.check_trap", "tomllib.loads"): "the same",
     ("rans.structure", "tomllib.loads"): "the one parser of TOML, after a check of its effort",
     (
         "rans.processes",

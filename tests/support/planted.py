@@ -36,3 +36,18 @@ def planted(names: Sequence[str], *errors: Error) -> dict[str, ModuleType]:
         sys.modules.update(true)
     assert all(error[0] in names for error in errors)
     return modules
+
+
+def planted_in(names: Sequence[str], old: str, new: str) -> ModuleType:
+    """The last one of modules, with another text in the place of one that only one of them has.
+
+    Args:
+        names: full names of the modules, each after those of them that it imports.
+        old: text of one of their sources.
+        new: the text in its place.
+    """
+    sources = {
+        name: Path(str(importlib.import_module(name).__file__)).read_text() for name in names
+    }
+    (name,) = (name for name, source in sources.items() if old in source)
+    return planted(names, (name, old, new))[names[-1]]

@@ -20,7 +20,15 @@ from rans_proof.network import Layer
 from tests.support.graphs import SHIFT, WEIGHT, graph, ordinary, step
 from tests.support.small_networks import layers as random_layers
 
-CHECKER = ("rans_proof.balls", "rans_proof.check")
+CHECKER = (
+    "rans_proof.balls",
+    "rans_proof.claims",
+    "rans_proof.network_reader",
+    "rans_proof.check_motion",
+    "rans_proof.check_property",
+    "rans_proof.check_problem",
+    "rans_proof.check",
+)
 """Modules of the checker, each after those that it imports."""
 PROVER = (
     "rans_proof.relaxation",
@@ -80,6 +88,9 @@ class Checker:
         flint.ctx.prec = 80
         self.balls: Any = modules["rans_proof.balls"]
         self.check: Any = modules["rans_proof.check"]
+        self.reader: Any = modules["rans_proof.network_reader"]
+        self.motion: Any = modules["rans_proof.check_motion"]
+        self.problem: Any = modules["rans_proof.check_problem"]
         self.refusals = (self.balls.Refused,)
         self._arb = flint.arb
 
@@ -119,8 +130,8 @@ class Checker:
         self, problem: str, states: Set, gain: np.ndarray, offset: np.ndarray, error: np.ndarray
     ) -> list[Piece]:
         """Pieces of a control period."""
-        table = self.check.problem_table(problem)
-        motion = self.check.Plant(table["derivative"], table["commands"], table["period"]).move
+        table = self.problem.problem_table(problem)
+        motion = self.motion.Plant(table["derivative"], table["commands"], table["period"]).move
         # Generators that are a box at the end are radii of the centre's balls.
         centre, spread = self._set(states)
         count = len(states.centre)
@@ -157,10 +168,10 @@ class Checker:
         flint.ctx.cap = 1
         series = flint.arb_series
         variables = [
-            self.check.Sloped(series([c]), series([self._arb(c, r)]), {k: series([1])})
+            self.motion.Sloped(series([c]), series([self._arb(c, r)]), {k: series([1])})
             for k, (c, r) in enumerate(zip(centre.tolist(), radius.tolist(), strict=True))
         ]
-        value = self.check.formula(text, ["x0", "x1"])(variables)
+        value = self.motion.formula(text, ["x0", "x1"])(variables)
         sums = [
             value.at[0]
             + sum((p[0] * self._arb(row[k]) for k, p in value.slopes.items()), self._arb(0))
@@ -174,18 +185,18 @@ class Checker:
 
     def is_bounded(self, text: str, state: np.ndarray, step: float) -> bool:
         """Whether a box is known that the motion of a step from a state does not leave."""
-        table = self.check.problem_table(text)
-        plant = self.check.Plant(table["derivative"], table["commands"], table["period"])
+        table = self.problem.problem_table(text)
+        plant = self.motion.Plant(table["derivative"], table["commands"], table["period"])
         return plant.during([self._arb(x) for x in state], self._arb(step)) is not None
 
     def reduced(self, states: Set) -> Set:
         """A set of fewer generators."""
-        centre, spread = self.check.reduced(*self._set(states))
+        centre, spread = self.motion.reduced(*self._set(states))
         return Set(self._array(centre)[:, 0], self._array(spread))
 
     def margin(self, problem: str, piece: Piece) -> float:
         """Margin of a piece."""
-        keep = self.check.problem_table(problem)["keep"]
+        keep = self.problem.problem_table(problem)["keep"]
         sag = [self._arb(float(x)) for x in piece.sag]
         keep = self.check.Property(keep, len(sag))
         return float(keep.margin(self._set(piece.begin), self._set(piece.end), sag))
@@ -199,7 +210,7 @@ class Checker:
         depth: int = 0,
     ) -> float:
         """Margin of all flights from a cell."""
-        table = self.check.problem_table(problem)
+        table = self.problem.problem_table(problem)
         self.check.layers_of = lambda *_: self._layers(network)
         cell = list(zip(low.tolist(), high.tolist(), strict=True))
         return self.check.Loop(table, b"").margin(cell, depth)
@@ -982,7 +993,7 @@ def readings(bounds: Checker) -> None:
     """Layers answer as ONNX Runtime does, without the comparison that would refuse them."""
     import onnxruntime
 
-    bounds.check._compare = lambda *_: None
+    bounds.reader._compare = lambda *_: None
     states = np.random.default_rng(12).normal(size=(10, 2)).astype(np.float32)
     for name in ("transposed", "general product", "product and sum", "activations", "convolution"):
         content = ordinary()[name]
@@ -993,7 +1004,7 @@ def readings(bounds: Checker) -> None:
         )
         layers = [
             Layer(bounds._array(weight), bounds._array(bias)[:, 0], kind.lower())
-            for weight, bias, kind, _ in bounds.check.layers_of(content, (-1.0, -1.0), (1.0, 1.0))
+            for weight, bias, kind, _ in bounds.reader.layers_of(content, (-1.0, -1.0), (1.0, 1.0))
         ]
         np.testing.assert_allclose(answers(layers, states.astype(float)), true, atol=1e-5)
 

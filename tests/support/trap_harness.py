@@ -63,7 +63,7 @@ class Case:
             "spacecraft.toml": _toml(self.craft).encode(),
         }
         module.ctx.prec = 64
-        return module._Loop(self.table, files)
+        return module._Loop(self.table._asdict(), files)
 
     @property
     def step(self) -> float:

@@ -16,7 +16,7 @@ from typing import Any
 
 from flint import arb, arb_mat, ctx
 from rans_proof.balls import absolute_row_sums, column, network_enclosure
-from rans_proof.check import layers_of
+from rans_proof.network_reader import layers_of
 
 from rans.extend import Terminal
 

@@ -7,14 +7,13 @@ exactly of a kind that a checker computes is refused: dense layers, on/off comma
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rans_proof.balls import Refused, need
+from rans_proof.claims import json_of
 
 _KINDS = {"F32": "<f4", "F64": "<f8"}
 """Types of tensors that are read: little-endian floating-point numbers."""
@@ -94,7 +93,7 @@ def read_agent(content: bytes, task: str, thrusters: int) -> AgentWeights:
     metadata = header.get("__metadata__")
     if not isinstance(metadata, dict) or not isinstance(metadata.get("rans"), str):
         raise Refused("it has no table of RANS")
-    table = _json(metadata["rans"])
+    table = json_of(metadata["rans"], len(content))
     need(
         isinstance(table, dict) and isinstance(table.get("architecture"), dict),
         "its table has no network",
@@ -170,7 +169,7 @@ def _tensors(content: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header, and tensors of floating-point numbers, of a safetensors file; its bytes are each of one tensor."""
     length = int.from_bytes(content[:8], "little")
     need(0 < length <= len(content) - 8, "its header is longer than the file")
-    header = _json(content[8 : 8 + length].decode("utf-8", "strict"))
+    header = json_of(content[8 : 8 + length], length)
     need(isinstance(header, dict), "its header is no table")
     data = content[8 + length :]
     tensors = {}
@@ -202,16 +201,3 @@ def _tensors(content: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         place = end
     need(place == len(data), "bytes of no tensor follow")
     return header, tensors
-
-
-def _json(text: str) -> Any:
-    """A JSON document, without a key that is there twice."""
-
-    def table(pairs: list[tuple[str, Any]]) -> Mapping[str, Any]:
-        need(len({name for name, _ in pairs}) == len(pairs), "a key is there twice")
-        return dict(pairs)
-
-    try:
-        return json.loads(text, object_pairs_hook=table)
-    except (ValueError, RecursionError) as error:
-        raise Refused("it is no JSON") from error

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import json
 import math
 import re
 from typing import Any
@@ -23,6 +22,7 @@ from typing import Any
 from flint import arb, arb_mat, ctx
 
 from rans_proof.balls import Refused, absolute_row_sums, column, diagonal, need, side_by_side
+from rans_proof.claims import json_of, keys
 
 _BITS = 128
 _REACH, _REST = 8, 1e-15
@@ -32,6 +32,8 @@ _DEPTH = 24
 _TURNS = 48
 """Directions that are tried for one along which a position is outside of the square."""
 _NUMBER = re.compile(r"-?[0-9]{1,9}(\.[0-9]{1,30})?")
+_LARGEST = 2**28
+"""Bytes of a certificate."""
 _CELLS, _NODES = 10_000, 1_000_000
 """Largest numbers of cells, and of rectangles of a cell."""
 
@@ -47,8 +49,8 @@ def check(certificate: bytes) -> float:
     """
     ctx.prec = _BITS
     try:
-        table = json.loads(certificate)
-        _keys("it", table, {"format", "problem", "cells", "proofs"})
+        table = json_of(certificate, _LARGEST)
+        keys("it", table, "format problem cells proofs")
         need(table["format"] == 1, "its format is not 1.")
         problem, cells = table["problem"], table["cells"]
         chain = Chain(problem)
@@ -115,10 +117,9 @@ class Chain:
     """
 
     def __init__(self, problem: Any) -> None:
-        keys = {"name", "horizon", "start", "mode", "passive"}
-        _keys("its problem", problem, keys | ({"abort"} & problem.keys()))
-        _keys("its start", problem["start"], {"lower", "upper"})
-        _keys("its passive", problem["passive"], {"rates", "half"})
+        keys("its problem", problem, "name horizon start mode passive", "abort")
+        keys("its start", problem["start"], "lower upper")
+        keys("its passive", problem["passive"], "rates half")
         self.least = math.inf
         self._horizon, self._half = _numbers([problem["horizon"], problem["passive"]["half"]])
         need(self._half > 0, "its square is none.")
@@ -135,7 +136,7 @@ class Chain:
         self.count = self._passive.nrows()
         self._modes = []
         for number, mode in enumerate(problem["mode"]):
-            _keys("its mode", mode, {"name", "rates", "keep"} | ({"until"} & mode.keys()))
+            keys("its mode", mode, "name rates keep", "until")
             need(
                 ("until" in mode) == (number + 1 < len(problem["mode"])),
                 "a mode but the last has no end.",
@@ -149,7 +150,7 @@ class Chain:
 
     def prove(self, states: Any, proof: Any) -> None:
         """Refuse a cell of starts whose flights are not proved by its tables of the modes."""
-        _keys("a proof", proof, {"modes"})
+        keys("a proof", proof, "modes")
         # When the mode begins: for the first and for the last flight.
         first = last = arb(0)
         until = self._horizon if self._abort is None else self._abort[1]
@@ -157,7 +158,7 @@ class Chain:
             if first > until:
                 break
             table = proof["modes"][number]
-            _keys("a mode's proof", table, {"end", "keep", "abort"})
+            keys("a mode's proof", table, "end keep abort")
             longest = (until - first).upper()
             end = None
             if guard is not None:
@@ -279,12 +280,6 @@ def _at(guard: Any, rates: Any, states: Any) -> Any:
     values = row * states
     values[0, 0] += constant
     return states - rate * (values / (row * rate)[0, 0])
-
-
-def _keys(what: str, table: Any, keys: set[str]) -> None:
-    need(
-        isinstance(table, dict) and table.keys() == keys, f"{what} has not the keys {sorted(keys)}."
-    )
 
 
 def _numbers(texts: Any) -> list[Any]:

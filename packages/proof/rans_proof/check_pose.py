@@ -16,48 +16,57 @@ exceeds 10^6 log-odds or 10 in SI units, and none is the result of more than 200
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import json
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
-from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rans_proof.agent_reader import AgentWeights, read_agent
 from rans_proof.balls import Refused, need
+from rans_proof.claims import (
+    DIGEST,
+    Kind,
+    entries,
+    json_of,
+    list_of,
+    number_in,
+    one_of,
+    table_of,
+    whole,
+)
+from rans_proof.craft_reader import FILES, Craft, check_digests, read_craft, read_period
 
 FORMAT = 1
 PROPERTY = "trapping set of poses of an agent that goes to a pose"
-_FILES = ("agent.safetensors", "config.json", "spacecraft.toml")
-_KEYS = {
-    "format": None,
-    "property": None,
-    "agent": _FILES,
-    "keep": ("position", "heading"),
-    "start": ("position", "heading", "speed", "spin"),
-    "uncertainty": ("mass", "thrust", "position", "velocity", "heading", "spin"),
-    "grid": ("speed", "spin"),
-    "cells": ("place", "heading"),
-    "reach": None,
+_LARGEST = 2**24
+"""Bytes of a certificate."""
+_MOST_CELLS = 2**23
+"""Cells of a grid, and so bytes of memory of a set."""
+_SIZE, _ERROR = number_in(0, 180), number_in(0, 0.2)
+_WIDTH = Kind("number above 0, at most 180", lambda x: _SIZE.fits(x) and x > 0)
+_RUNS = list_of(list_of(whole(1 - 2**20, 2**20 - 1), 3, 3), 1, _MOST_CELLS)
+_ERRORS = ("mass", "thrust", "position", "velocity", "heading", "spin")
+_REACH = table_of({"sectors": whole(1, 10_000), "periods": whole(1, 10_000)})
+_SCHEMA = {
+    "format": one_of(FORMAT),
+    "property": one_of(PROPERTY),
+    "agent": table_of(dict.fromkeys(FILES, DIGEST)),
+    "keep": table_of(dict.fromkeys(("position", "heading"), _SIZE)),
+    "start": table_of(dict.fromkeys(("position", "heading", "speed", "spin"), _SIZE)),
+    "uncertainty": table_of(dict.fromkeys(_ERRORS, _ERROR)),
+    "grid": table_of(dict.fromkeys(("speed", "spin"), _WIDTH)),
+    "cells": table_of(dict.fromkeys(("place", "heading"), _RUNS)),
+    "reach": Kind(f"null, or {_REACH.words}", lambda x: x is None or _REACH.fits(x)),
 }
+"""What a certificate has, and nothing else."""
 _SLACK = 1e-9
 """Widening of intervals, in SI units."""
 _WIDER = 1e-7
 """Widening of images, in cells."""
 _LOGIT = 1e-3
 """Log-odds, and inputs of units in log-odds, below which single precision leaves open what happens."""
-_LARGEST = 2**24
-"""Bytes of a certificate."""
-_MOST_CELLS = 2**23
-"""Cells of a grid, and so bytes of memory of a set."""
-_CRAFT = {
-    *("name", "dimension", "mass", "inertia", "radius", "shape", "solid", "thrust_sharing"),
-    *("centre_of_mass", "actuators", "thruster"),
-}
 _ROOM = 0.8
 """By how much positions on the way may be beyond the farthest start, m."""
 _TURNS = 2000
@@ -122,44 +131,9 @@ def read_pose_certificate(content: bytes) -> PoseCertificate:
     Raises:
         Refused: it is none.
     """
-    need(len(content) <= _LARGEST, "it is too large")
-    try:
-        table = json.loads(content, object_pairs_hook=_once)
-    except (ValueError, RecursionError) as error:
-        raise Refused("it is no JSON") from error
-    need(
-        isinstance(table, dict) and table.keys() == _KEYS.keys(),
-        f"it must have the keys {', '.join(_KEYS)}",
-    )
-    need(table["format"] == FORMAT and table["property"] == PROPERTY, "it is of another property")
-    for name, keys in _KEYS.items():
-        if keys is not None:
-            need(
-                isinstance(table[name], dict) and table[name].keys() == set(keys),
-                f"{name} must have {keys}",
-            )
-    for name in ("keep", "start", "uncertainty", "grid"):
-        for key, value in table[name].items():
-            is_number = type(value) in (int, float) and math.isfinite(value)
-            need(
-                is_number and 0.0 <= value <= 180.0, f"{name}.{key} must be a number from 0 to 180"
-            )
-    need(all(x > 0.0 for x in table["grid"].values()), "cells must have a width")
-    need(max(table["uncertainty"].values()) <= 0.2, "errors are at most 0.2")
-    for cells in table["cells"].values():
-        is_list = isinstance(cells, list) and 0 < len(cells) <= _MOST_CELLS
-        need(
-            is_list and all(_is_run(run) for run in cells),
-            "cells must be rows of three whole numbers",
-        )
-    reach = table["reach"]
-    if reach is not None:
-        need(isinstance(reach, dict) and reach.keys() == {"sectors", "periods"}, "reach")
-        need(all(type(x) is int and 0 < x <= 10_000 for x in reach.values()), "reach")
-        need(
-            table["start"]["speed"] == table["start"]["spin"] == 0.0,
-            "starts that are far must be at rest",
-        )
+    table = entries("it", json_of(content, _LARGEST), _SCHEMA)
+    is_slow = table["start"]["speed"] == table["start"]["spin"] == 0.0
+    need(table["reach"] is None or is_slow, "starts that are far must be at rest")
     return PoseCertificate(table, None)
 
 
@@ -174,11 +148,7 @@ def check_pose(certificate: bytes, files: Mapping[str, bytes]) -> PoseCertificat
         Refused: it proves nothing, or is of another agent.
     """
     table = read_pose_certificate(certificate).table
-    for name in _FILES:
-        digest = hashlib.sha256(files[name]).hexdigest()
-        need(
-            table["agent"][name] == digest, f"it is of another agent: the SHA-256 of {name} differs"
-        )
+    check_digests(table["agent"], files)
     loop = Loop(table, files)
     start, keep = table["start"], table["keep"]
     place, heading = (loop.cells(table["cells"][name], name) for name in ("place", "heading"))
@@ -294,11 +264,8 @@ class Loop:
     """Closed loop of an agent, its craft and the errors of a certificate."""
 
     def __init__(self, table: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
-        config = json.loads(files["config.json"], object_pairs_hook=_once)
-        need(config["task"] == "go-to-pose", "its task is not go-to-pose")
-        self.period = float(config["timing"]["control_period"])
-        need(0.0 < self.period <= 1.0, "its control period")
-        self._design(tomllib.loads(files["spacecraft.toml"].decode()))
+        self.period = read_period(files["config.json"], "go-to-pose")
+        self._design(read_craft(files["spacecraft.toml"]))
         agent = read_agent(files["agent.safetensors"], "go-to-pose", len(self.along))
         self.network = Network(agent)
         self.off = table["uncertainty"]
@@ -307,52 +274,23 @@ class Loop:
         self.factor = low, high
         self.grid = table["grid"]
 
-    def _design(self, craft: Mapping[str, Any]) -> None:
+    def _design(self, craft: Craft) -> None:
         """Acceleration along a diagonal and rate of the spin by one thruster, and the part of each."""
-        need(
-            not craft.keys() - _CRAFT,
-            f"its spacecraft has {sorted(craft.keys() - _CRAFT)[:1]}, which no proof knows",
-        )
-        need(
-            craft["dimension"] == 2 and craft["thrust_sharing"] == "none",
-            "its spacecraft shares thrust, or is not in the plane",
-        )
-        need(
-            craft.get("actuators", {"kind": "on-off"}) == {"kind": "on-off"},
-            "its thrusters are not on/off",
-        )
-        need(
-            not any(craft.get("centre_of_mass", (0,))),
-            "the centre of mass is not in the middle of its frame",
-        )
-        inertia = craft["inertia"][2][2] if isinstance(craft["inertia"], list) else craft["inertia"]
-        need(float(craft["mass"]) > 0.0 and float(inertia) > 0.0, "its mass and inertia")
-        self.along: list[tuple[int, int]] = []
-        self.lever: list[int] = []
-        forces, torques = set(), set()
-        for thruster in craft["thruster"]:
-            need(
-                thruster.keys() <= {"position", "direction", "force"},
-                "a thruster has a key that no proof knows",
-            )
-            (px, py), (dx, dy) = (
-                [Fraction(float(x)) for x in thruster[key]] for key in ("position", "direction")
-            )
-            force = Fraction(float(thruster["force"]))
-            # Squares are rational: what is equal is so without rounding.
-            need(abs(dx) == abs(dy) != 0 and force > 0, "a thruster does not push along a diagonal")
-            moment = px * dy - py * dx
-            forces.add(force)
-            torques.add((force * moment) ** 2 / (dx * dx + dy * dy))
-            # Diagonals are (1, -1) and (1, 1).
-            self.along.append(((dx - dy > 0) - (dx - dy < 0), (dx + dy > 0) - (dx + dy < 0)))
-            self.lever.append((moment > 0) - (moment < 0))
-        need(
-            len(forces) == len(torques) == 1 and 0 not in torques,
-            "its thrusters are not all of one force and torque",
-        )
-        self.pull = float(forces.pop()) / float(craft["mass"])
-        self.twist = math.sqrt(torques.pop()) / float(inertia)
+        thrusters = craft.thrusters
+        is_diagonal = all(abs(t.direction[0]) == abs(t.direction[1]) for t in thrusters)
+        need(is_diagonal, "a thruster does not push along a diagonal")
+        forces = {t.force for t in thrusters}
+        torques = {t.squared_torque for t in thrusters}
+        is_one = len(forces) == len(torques) == 1 and 0 not in torques
+        need(is_one, "its thrusters are not all of one force and torque")
+        # Diagonals are (1, -1) and (1, 1).
+        self.along = [
+            ((x - y > 0) - (x - y < 0), (x + y > 0) - (x + y < 0))
+            for x, y in (t.direction for t in thrusters)
+        ]
+        self.lever = [t.lever for t in thrusters]
+        self.pull = float(forces.pop()) / craft.mass
+        self.twist = math.sqrt(torques.pop()) / craft.inertia
         self.most_pull = max(
             sum(max(s * a[k], 0) for a in self.along) for s in (1, -1) for k in (0, 1)
         )
@@ -790,17 +728,3 @@ def _times(value: float, factor: tuple[float, float]) -> Interval:
     if value == 0.0:
         return ends
     return min(ends) - _SLACK, max(ends) + _SLACK
-
-
-def _is_run(run: Any) -> bool:
-    return (
-        isinstance(run, list)
-        and len(run) == 3
-        and all(type(x) is int and abs(x) < 2**20 for x in run)
-    )
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A table of JSON, without a key that is there twice."""
-    need(len({name for name, _ in pairs}) == len(pairs), "a key is there twice")
-    return dict(pairs)

@@ -4,7 +4,8 @@ A certificate is accepted if it is of the agent's files, its cells contain the s
 cell may have moves the whole cell into cells of the certificate, without passing the limits of speed and spin on
 the way. Numbers are intervals of FLINT (`rans_proof.balls`), except whole numbers of cells.
 
-Weights, thrusters, mass and control period are read from the agent's files anew (`rans_proof.agent_reader`).
+Weights, thrusters, mass and control period are read from the agent's files anew (`rans_proof.agent_reader` and
+`rans_proof.craft_reader`).
 `rans_proof.flown` compares them with the agent as it flies; that is no part of the check.
 """
 
@@ -12,8 +13,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import json
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -21,17 +20,29 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import acb, arb, arb_mat, ctx
 
-from rans.extend import ConfigError, brief
 from rans_proof.agent_reader import AgentWeights, read_agent
 from rans_proof.balls import (
-    Refused,
     absolute_row_sums,
     column,
     matrix,
+    need,
     network_enclosure,
     side_by_side,
 )
-from rans_proof.trap_certificate import TrapCertificate, read_certificate
+from rans_proof.claims import (
+    ABOVE_ZERO,
+    DIGEST,
+    NUMBER,
+    Kind,
+    entries,
+    json_of,
+    list_of,
+    number_in,
+    one_of,
+    table_of,
+    whole,
+)
+from rans_proof.craft_reader import FILES, Craft, check_digests, read_craft, read_period
 
 _BITS = 64
 _LOGIT = arb("0.001")
@@ -40,29 +51,31 @@ _TOLERANCE = arb(2) ** -40
 """Of integrals; what is left is in their balls."""
 _CLIP = 10.0
 """Normalised columns are clipped here (`rans_proof.agent_reader`); cells that reach it are refused."""
-_CRAFT = {
-    "name": None,
-    "dimension": (2,),
-    "mass": None,
-    "inertia": None,
-    "radius": None,
-    "shape": None,
-    "solid": None,
-    "thrust_sharing": ("none",),
-    "centre_of_mass": None,
-    "actuators": ({"kind": "on-off"},),
-    "thruster": None,
+_MOST_CELLS = 2**28
+"""Largest number of the smallest cells of a grid: one byte each in the memory of every process that checks."""
+_LARGEST = 2**26
+"""Bytes of a certificate."""
+_ERROR = Kind("number from 0 to below 1", lambda x: NUMBER.fits(x) and 0 <= x < 1)
+_COUNT = whole(1, _MOST_CELLS)
+_SCHEMA = {
+    "format": one_of(2),
+    "property": one_of("trapping set of a velocity-tracking agent whose goal is at rest"),
+    "agent": table_of(dict.fromkeys(FILES, DIGEST)),
+    "keep": table_of({"speed": ABOVE_ZERO, "spin": ABOVE_ZERO}),
+    "start": table_of({"speed": number_in(0, 1e9), "spin": number_in(0, 1e9)}),
+    "uncertainty": table_of(dict.fromkeys(("mass", "thrust", "velocity", "spin", "delay"), _ERROR)),
+    "grid": table_of(dict.fromkeys(("rings", "sectors", "layers", "fine"), _COUNT)),
+    "cells": list_of(list_of(whole(-_MOST_CELLS, _MOST_CELLS), 6, 6), 1, _MOST_CELLS),
 }
-"""Keys that a spacecraft may have, and the values that are proved for; None: any, or compared where it is read."""
-_THRUSTER = {"position", "direction", "force", "supply"}
+"""What a certificate has, and nothing else."""
 
 
 def check_trap(
     certificate: bytes,
     files: Mapping[str, bytes],
     only: Sequence[int] | None = None,
-) -> TrapCertificate:
-    """Check a certificate of a trapping set, and return what it states.
+) -> None:
+    """Check a certificate of a trapping set.
 
     Args:
         certificate: content of its file.
@@ -73,14 +86,13 @@ def check_trap(
         Refused: it proves nothing, or is of another agent.
     """
     table, loop = _read(certificate, files)
-    inside = loop.union(table.cells)
-    loop.check_start(table.start, inside)
-    for number in range(len(table.cells)) if only is None else only:
-        for commands in loop.commands(table.cells[number]):
-            reason = loop.leaves(table.cells[number], commands, inside)
-            if reason:
-                raise Refused(f"cell {number} {table.cells[number]} {reason}.")
-    return table
+    cells = table["cells"]
+    inside = loop.union(cells)
+    loop.check_start(table["start"], inside)
+    for k in range(len(cells)) if only is None else only:
+        for commands in loop.commands(cells[k]):
+            reason = loop.leaves(cells[k], commands, inside)
+            need(not reason, f"cell {k} {cells[k]} {reason}.")
 
 
 def formulas(
@@ -97,15 +109,15 @@ def formulas(
     return loop.formulas()
 
 
-def _read(certificate: bytes, files: Mapping[str, bytes]) -> tuple[TrapCertificate, _Loop]:
+def _read(certificate: bytes, files: Mapping[str, bytes]) -> tuple[dict[str, Any], _Loop]:
     """A certificate and the closed loop of the agent that it is of."""
     ctx.prec = _BITS
-    try:
-        table = read_certificate(certificate, "the certificate")
-    except ConfigError as error:
-        raise Refused(str(error)) from error
-    if name := table.differing(files):
-        raise Refused(f"it is of another agent: the SHA-256 of {name} differs.")
+    table = entries("it", json_of(certificate, _LARGEST), _SCHEMA)
+    keep, start, grid = table["keep"], table["start"], table["grid"]
+    need(all(start[key] <= keep[key] for key in keep), "its starts are beyond its limits.")
+    size = 2 * grid["rings"] * grid["sectors"] * grid["layers"]
+    need(size <= _MOST_CELLS, f"its grid has {size:,} cells.")
+    check_digests(table["agent"], files)
     return table, _Loop(table, files)
 
 
@@ -123,28 +135,24 @@ class _Image(NamedTuple):
 class _Loop:
     """Closed loop of an agent and the cells of a certificate."""
 
-    def __init__(self, table: TrapCertificate, files: Mapping[str, bytes]) -> None:
-        config = json.loads(files["config.json"])
-        if config["task"] != "track-velocity":
-            raise Refused("its task is not track-velocity in the plane.")
-        self.period_text = str(config["timing"]["control_period"])
+    def __init__(self, table: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
+        self.period_text = str(read_period(files["config.json"], "track-velocity"))
         self.period = arb(self.period_text)
         self._integrals: dict[tuple[str, int], Any] = {}
-        self._design(tomllib.loads(files["spacecraft.toml"].decode()))
-        agent = read_agent(files["agent.safetensors"], config["task"], len(self.force))
+        self._design(read_craft(files["spacecraft.toml"]))
+        agent = read_agent(files["agent.safetensors"], "track-velocity", len(self.force))
         self.layers = _network(agent)
-        self.speed, self.spin = (arb(table.keep[key]) for key in ("speed", "spin"))
+        self.speed, self.spin = (arb(table["keep"][key]) for key in ("speed", "spin"))
         self.rings, self.sectors, self.side, self.fine = (
-            table.grid[key] for key in ("rings", "sectors", "layers", "fine")
+            table["grid"][key] for key in ("rings", "sectors", "layers", "fine")
         )
-        off = {key: arb(value) for key, value in table.uncertainty.items()}
+        off = {key: arb(value) for key, value in table["uncertainty"].items()}
         self.low = (1 - off["thrust"]) / (1 + off["mass"])
         self.high = (1 + off["thrust"]) / (1 - off["mass"])
         self.factor = self.low.union(self.high)
         # A late command finds a state that has moved on since it was read: that is an error of the reading.
         late = off["delay"]
-        if not late < self.period:
-            raise Refused("its commands may be late by a period.")
+        need(late < self.period, "its commands may be late by a period.")
         every = list(itertools.product((0, 1), repeat=len(self.force)))
         pull = max(float(_length(self._pull(u)).upper()) for u in every) * (1 + arb(2) ** -40)
         jump = max(abs(self._jump(u)) for u in every)
@@ -152,42 +160,21 @@ class _Loop:
         drift = off["velocity"] + late * (self.high * pull + self.speed * fastest)
         turn = off["spin"] + late * self.high * jump * self.step / self.period
         self.reading = [drift, drift, turn]
-        if not fastest <= self.spin:
-            raise Refused("its cells go beyond the limit of the spin.")
+        need(fastest <= self.spin, "its cells go beyond the limit of the spin.")
 
-    def _design(self, craft: dict[str, Any]) -> None:
+    def _design(self, craft: Craft) -> None:
         """Force over mass of each thruster, and its torque as a whole number of steps of spin."""
-        for key, value in craft.items():
-            if key not in _CRAFT or (_CRAFT[key] is not None and value not in _CRAFT[key]):
-                raise Refused(
-                    f"its spacecraft's {key} is {brief(value)}, which no proof is known for."
-                )
-        if any(craft.get("centre_of_mass", (0, 0))):
-            raise Refused("the centre of mass is not in the middle of its frame.")
-        inertia = craft["inertia"][2][2] if isinstance(craft["inertia"], list) else craft["inertia"]
-        self.force, self.directions, levers = [], [], []
-        for thruster in craft["thruster"]:
-            if extra := thruster.keys() - _THRUSTER:
-                raise Refused(f"a thruster has the key {brief(min(extra))}.")
-            p, d = (
-                [Fraction(float(x)) for x in thruster[key]] for key in ("position", "direction")
-            )
-            if any(p[2:]) or any(d[2:]):
-                raise Refused("a thruster is not in the plane.")
-            p, d = p[:2], d[:2]
-            self.directions.append((Fraction(float(thruster["force"])), *d))
-            norm = (_ball(d[0]) ** 2 + _ball(d[1]) ** 2).sqrt()
-            size = arb(float(thruster["force"])) / norm
-            self.force.append([_ball(x) * size / arb(float(craft["mass"])) for x in d])
-            scale = Fraction(float(thruster["force"])) ** 2 / (d[0] ** 2 + d[1] ** 2)
-            levers.append((p[0] * d[1] - p[1] * d[0], scale))
+        self.directions = [(t.force, *t.direction) for t in craft.thrusters]
+        self.force = []
+        for thruster in craft.thrusters:
+            x, y = (_ball(part) for part in thruster.direction)
+            size = _ball(thruster.force) / (x**2 + y**2).sqrt() / arb(craft.mass)
+            self.force.append([x * size, y * size])
         # Squares of torques are rational, so that equal ones are equal without rounding.
-        squares = {moment**2 * scale for moment, scale in levers if moment}
-        if len(squares) != 1:
-            raise Refused("its thrusters have different torques.")
-        self.lever = [(moment > 0) - (moment < 0) for moment, _ in levers]
-        torque = _ball(squares.pop()).sqrt()
-        self.step = torque * self.period / arb(float(inertia))
+        squares = {t.squared_torque for t in craft.thrusters if t.moment}
+        need(len(squares) == 1, "its thrusters have different torques.")
+        self.lever = [t.lever for t in craft.thrusters]
+        self.step = _ball(squares.pop()).sqrt() * self.period / arb(craft.inertia)
 
     def union(self, cells: Sequence[Any]) -> Any:
         inside = np.zeros((self.rings, self.sectors, 2 * self.side), dtype=bool)
@@ -195,8 +182,8 @@ class _Loop:
             a, b, c, d, e, f = cell
             good = 0 <= a < b <= self.rings and 0 <= c < d <= self.sectors
             # A sector of at most half a circle lies in the box that is used for it.
-            if not (good and -self.side <= e < f <= self.side and 2 * (d - c) <= self.sectors):
-                raise Refused(f"{cell} is no cell of its grid.")
+            good &= -self.side <= e < f <= self.side and 2 * (d - c) <= self.sectors
+            need(good, f"{cell} is no cell of its grid.")
             inside[a:b, c:d, e + self.side : f + self.side] = True
         return inside
 
@@ -206,10 +193,10 @@ class _Loop:
         layers = _ceil(arb(start["spin"]) / (self.step * self.low) * self.fine)
         # Rest is a start: the ring and the layers that hold it always belong to the cover.
         ring, layer = max(rings, 1), max(layers, 1)
-        if ring > self.rings or layer > self.side:
-            raise Refused("its starts are beyond its limits.")
-        if not inside[:ring, :, self.side - layer : self.side + layer].all():
-            raise Refused("its cells do not contain all starts.")
+        is_on_grid = ring <= self.rings and layer <= self.side
+        need(is_on_grid, "its starts are beyond its limits.")
+        begin = inside[:ring, :, self.side - layer : self.side + layer]
+        need(begin.all(), "its cells do not contain all starts.")
 
     def sector(self, cell: Any) -> tuple[Any, Any, Any, Any]:
         """Slowest, fastest, middle and half of the directions, which are parts of pi."""
@@ -414,8 +401,7 @@ def _middles(matrix: Any) -> np.ndarray:
 
 def _network(agent: AgentWeights) -> tuple[Any, Any]:
     """Layers from velocity and spin to log-odds, and a check that no column is clipped."""
-    if agent.activation != "tanh":
-        raise Refused("its layers are not of tanh.")
+    need(agent.activation == "tanh", "its layers are not of tanh.")
     # Columns in B with the goal at rest: velocity, spin, task flag 2, velocity to gain, and two of zeros.
     weights = np.zeros((8, 3))
     weights[0, 0] = weights[1, 1] = weights[2, 2] = 1.0
@@ -432,8 +418,7 @@ def _network(agent: AgentWeights) -> tuple[Any, Any]:
     def check(centre: Any, spread: Any) -> None:
         values = (columns * centre + shift).entries()
         for value, reach in zip(values, absolute_row_sums(columns * spread), strict=True):
-            if not abs(value) + reach < _CLIP:
-                raise Refused("a column is clipped.")
+            need(abs(value) + reach < _CLIP, "a column is clipped.")
 
     layers = []
     for k, (weight, bias) in enumerate(agent.layers):

@@ -364,7 +364,7 @@ class Prove(Options):
         require("flint")
         from rans_proof.balls import Refused
         from rans_proof.certificate import LARGEST
-        from rans_proof.check import claim_of, difference, problem_table, statement
+        from rans_proof.check_problem import claim_of, difference, problem_table, statement
         from rans_proof.network import LARGEST as LARGEST_NETWORK
         from rans_proof.problem import read_problem
 

@@ -51,7 +51,7 @@ def rendezvous() -> ModuleType:
 
 
 def test_prover_and_checker_read_every_problem(run: ModuleType) -> None:
-    from rans_proof.check import problem_table, statement
+    from rans_proof.check_problem import problem_table, statement
 
     files = {row.problem for row in run.ROWS.values()}
     assert set(FOLDER.glob("*.toml")) - {FOLDER / "rendezvous.toml"} <= files  # that has no network

@@ -19,7 +19,8 @@ pytest.importorskip("flint")
 
 from flint import arb
 from rans_proof.balls import Refused
-from rans_proof.check import claim_of, difference, formula, problem_table, statement
+from rans_proof.check_motion import formula
+from rans_proof.check_problem import claim_of, difference, problem_table, statement
 
 PROBLEM = """
 name = "a mass on a line"

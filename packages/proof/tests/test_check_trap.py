@@ -12,8 +12,9 @@ import pytest
 pytest.importorskip("flint")
 
 from rans_proof import check_trap
+from rans_proof.balls import Refused
 
-from tests.support.planted import planted
+from tests.support.planted import planted_in
 from tests.support.trap_harness import Case, Findings, random_case, violations
 
 SEEDS = range(12)
@@ -88,7 +89,7 @@ def cover_errors(module: ModuleType, case: Case) -> list[str]:
 def accepts(module: ModuleType, loop: object, start: dict[str, float], inside: np.ndarray) -> bool:
     try:
         loop.check_start(start, inside)  # type: ignore[attr-defined]
-    except module.Refused:
+    except Refused:
         return False
     return True
 
@@ -193,8 +194,8 @@ PLANTED: dict[str, tuple[str, str]] = {
         "middle - half, middle + half",
     ),
     "pairs of unequal forces coast": (
-        'append((Fraction(float(thruster["force"])), *d))',
-        "append((Fraction(1), *d))",
+        "[(t.force, *t.direction) for t",
+        "[(1, *t.direction) for t",
     ),
     "layers jump the other way": ("cell[4] + jump * self.fine", "cell[4] - jump * self.fine"),
     "spins of a cell turn the force equally": ("spread = arb(spin.rad()) + ", "spread = "),
@@ -225,10 +226,13 @@ PLANTED: dict[str, tuple[str, str]] = {
         '1 / (1 - off["mass"])',
     ),
     "directions are not normalised": (
-        'arb(float(thruster["force"])) / norm',
-        'arb(float(thruster["force"]))',
+        "_ball(thruster.force) / (x**2 + y**2).sqrt() /",
+        "_ball(thruster.force) /",
     ),
-    "torques of the other sign": ("(moment > 0) - (moment < 0)", "(moment < 0) - (moment > 0)"),
+    "torques of the other sign": (
+        "(self.moment > 0) - (self.moment < 0)",
+        "(self.moment < 0) - (self.moment > 0)",
+    ),
     "the first bias is lost": ("weight * shift + bias", "weight * shift"),
     "statistics are not subtracted": ("(f - arb(float(m))) * s", "f * s"),
     "the other output opens": (
@@ -248,8 +252,7 @@ PLANTED: dict[str, tuple[str, str]] = {
 
 def with_error(old: str, new: str) -> ModuleType:
     """The checker with a text of its source in the place of another."""
-    name = check_trap.__name__
-    return planted([name], (name, old, new))[name]
+    return planted_in(["rans_proof.craft_reader", check_trap.__name__], old, new)
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ import pytest
 from rans_proof.hybrid import Open, search
 from scipy.linalg import expm
 
-from tests.support.planted import planted
+from tests.support.planted import planted_in
 
 pytest.importorskip("flint")
 
@@ -310,8 +310,7 @@ def test_the_checker_is_sound(part: str) -> None:
 
 @pytest.mark.parametrize(("part", "old", "new"), ERRORS)
 def test_an_error_of_the_checker_is_caught(part: str, old: str, new: str) -> None:
-    name = check_hybrid.__name__
-    wrong = planted([name], (name, old, new))[name]
+    wrong = planted_in([check_hybrid.__name__], old, new)
     with pytest.raises((AssertionError, Refused)):
         PARTS[part](wrong)
 

@@ -21,7 +21,7 @@ pytest.importorskip("onnx")
 pytest.importorskip("flint")
 runtime = pytest.importorskip("onnxruntime")
 
-from rans_proof import check as checker  # noqa: E402
+from rans_proof import network_reader as checker  # noqa: E402
 from rans_proof.balls import Refused  # noqa: E402
 
 STATES = 3.0 * np.random.default_rng(3).normal(size=(40, 2)).astype(np.float32)

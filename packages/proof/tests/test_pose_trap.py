@@ -24,7 +24,7 @@ from rans_proof.pose_trap import PoseErrors, PoseStart, pose_trap, write_pose_tr
 from rans_proof.trap_certificate import FILES
 
 from rans.cli import main
-from tests.support.planted import planted
+from tests.support.planted import planted_in
 from tests.support.processes import ROOT
 
 MASS, INERTIA, PERIOD = 5.32, 0.2045008, 0.1
@@ -391,7 +391,10 @@ PLANTED: dict[str, tuple[str, str]] = {
         "np.ceil(last + part * high + above)",
         "np.floor(last + part * high + above)",
     ),
-    "a lever of the other sign": ("(moment > 0) - (moment < 0)", "(moment < 0) - (moment > 0)"),
+    "a lever of the other sign": (
+        "(self.moment > 0) - (self.moment < 0)",
+        "(self.moment < 0) - (self.moment > 0)",
+    ),
     "a bias is lost": ("shift = shift + weight[:, 3]", "shift = 0.0 * shift"),
     "the other output opens": (
         "head[1::2] - head[::2], bias[1::2] - bias[::2]",
@@ -410,8 +413,7 @@ PLANTED: dict[str, tuple[str, str]] = {
 def test_a_checker_with_a_planted_error_is_found(
     error: str, example: ModuleType, table: dict[str, Any], files: dict[str, bytes]
 ) -> None:
-    name = check_pose.__name__
-    module = planted([name], (name, *PLANTED[error]))[name]
+    module = planted_in(["rans_proof.craft_reader", check_pose.__name__], *PLANTED[error])
     try:
         broken = violations(module, table, files, example.network())
     except (Refused, ValueError):  # of the true certificate, or no command is possible
