@@ -30,6 +30,7 @@ PICTURES: dict[str, str] = {
 ONCE = (
     ("verification.md", "breaking.json", "campaigns.breaking"),
     ("any_craft/any_craft_in_space.md", "", "campaigns dead-cubesats"),
+    ("certificate.md", "mixed-integer.json", "campaigns.mixed_integer --starts 16"),
     ("export.md", "", "campaigns.cortex"),
     ("missions/guard.md", "", "campaigns.attack --missions avoid-2d"),
     (
@@ -37,6 +38,7 @@ ONCE = (
         "identified-agents.json",
         "campaigns.identified_agents prepare FOLDER, then with train; campaigns identified-agents FOLDER",
     ),
+    ("robot/raft.md", "raft.json", "campaigns RAFT, after trainings of its recipes"),
     (
         "assurance/settled_gate.md",
         "settled-gate.json",
@@ -53,10 +55,6 @@ RECORDS: dict[str, tuple[str, str]] = {
     "floating-platform.html": (
         "validation.md",
         "rans validate floating-platform --output FOLDER",
-    ),
-    "mixed-integer.json": (
-        "certificate.md",
-        "python -m campaigns.mixed_integer --starts 16 --output docs/validation/mixed-integer.json",
     ),
     "proof-conditions.json": (
         "proof/proofs.md",

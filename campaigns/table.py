@@ -810,19 +810,6 @@ CAMPAIGNS: dict[str, Campaign] = {
         evidence=("agents.json",),
         needs="runs/agents, three trainings of each row (docs/agents.md)",
     ),
-    "RAFT": Campaign(
-        tables={
-            "RAFT": Shown(rows="raft:rows floating-platform-shared"),
-            "RAFT with a wheel": Shown(rows="raft:rows roboran-platform"),
-        },
-        page="robot/raft.md",
-        measure="raft:Raft",
-        labels=("spacecraft", "who"),
-        flights=(5120, 5120),
-        shares=("PPO", "oracle", "LQR", "switching", "MPC"),
-        evidence=("raft.json",),
-        needs="runs/raft, a training of each recipe (docs/robot/raft.md)",
-    ),
     "V-BAR": Campaign(
         tables={
             "V-BAR": Shown(

@@ -55,11 +55,11 @@ def test_commands_are_seen() -> None:
     """In a line, over its end, as a row of the table, as a module of a class, and as a file."""
     text = """`python -m campaigns.scaling RUN`, `python -m
     campaigns.bounds`, `python -m campaigns dock-on-ellipses --docs docs`,
-    `rans train campaigns.ram:Ram`, `rans train campaigns/raft_recipes/filters.toml`"""
+    `rans train campaigns.ram:Ram`, `rans train campaigns/innocube_agent.toml`"""
     assert commands(text) == {
         "campaigns/scaling",
         "campaigns/bounds",
         "dock-on-ellipses",
         "campaigns/ram",
-        "campaigns/raft_recipes/filters.toml",
+        "campaigns/innocube_agent.toml",
     }

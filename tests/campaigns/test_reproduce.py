@@ -199,9 +199,9 @@ def test_rows_run_on_an_executor_and_a_lost_one_again(
 
 
 def test_trainings_that_are_missing_are_a_sentence(tmp_path: Path) -> None:
-    source = replace(ROWS["RAFT"], needs="runs/nowhere, trainings")
+    source = replace(ROWS["agents"], needs="runs/nowhere, trainings")
     assert (
-        reproduced("RAFT", source, True, tmp_path).failed
+        reproduced("agents", source, True, tmp_path).failed
         == "left out: it needs runs/nowhere, trainings"
     )
 

@@ -89,12 +89,11 @@ def test_zones_that_are_not_in_the_way_cost_nothing() -> None:
     assert least_to_stay(CRAFT[2], TASK, one, TIMING) == pytest.approx(free, rel=1e-9)
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize("episode", range(2))
+@pytest.mark.parametrize(("dimension", "episode"), [(2, 0), (3, 1)])
 def test_no_change_of_velocity_passes_below_the_bound(
     dimension: Literal[2, 3], episode: int
 ) -> None:
-    """The cheapest of flights with three changes of velocity on the way, found from eight guesses.
+    """The cheapest of flights with three changes of velocity on the way, found from four guesses.
 
     At every check they are outside all zones. None is below the bound, and the best is not far above it.
     """
@@ -144,7 +143,7 @@ def test_no_change_of_velocity_passes_below_the_bound(
 
     bound = least_to_stay(craft, TASK, one, TIMING)
     cheapest = np.inf
-    for _ in range(8):
+    for _ in range(4):
         first = np.concatenate(
             [random.uniform(0.5, 1.0, 4), random.normal(size=3 * dimension) * 0.4]
         )
@@ -152,7 +151,7 @@ def test_no_change_of_velocity_passes_below_the_bound(
             lambda x: spent(x) + 30.0 * inside(x),
             first,
             method="Nelder-Mead",
-            options={"maxfev": 1500, "adaptive": True},
+            options={"maxfev": 1000, "adaptive": True},
         )
         if inside(found.x) < 1e-6:
             cheapest = min(cheapest, spent(found.x))
