@@ -332,8 +332,8 @@ class _Port(NamedTuple):
 def of_onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
     """Policy of an ONNX network, whose first input is the observation and whose first output is the command.
 
-    Its states are the inputs after the first, and in the same order the outputs after the first, or the last ones:
-    (N, m), or (layers, N, m) as layers of torch have them.
+    Its states are the inputs after the first: (N, m), or (layers, N, m) as layers of torch have them. Outputs of
+    the same names give them again, or else those after the first or the last ones, in the same order.
     """
     onnxruntime = require("onnxruntime")
     _check_file(name)
@@ -378,31 +378,45 @@ class OnnxPolicy:
         first, states = inputs[0], inputs[1:]
         self._observation = first.name
         self._is_single = bool(first.shape[:1] == [1])
-        self._ports: list[_Port] = [
-            self._port(*pair) for pair in zip(states, self._givens(states), strict=True)
+        givens = self._givens(states)
+        self._asked_for: list[str] = [
+            session.get_outputs()[0].name,
+            *(one.name for one in givens),
         ]
+        self._ports: list[_Port] = [self._port(*pair) for pair in zip(states, givens, strict=True)]
         if not states:
             self._check_layers()
 
     def _givens(self, states: list[Any]) -> list[Any]:
-        """Outputs after the command, one for each state that the network takes.
+        """Outputs that give the states again, one for each state that the network takes.
 
-        They follow the command, as RSL-RL exports them, or are the last ones, as rl_games does: there a deviation
-        and a value stand between.
+        Their names say it, as h_in and h_out of RSL-RL. Else they follow the command in the order of the inputs, or
+        are the last ones: rl_games has a deviation and a value between (https://github.com/Denys88/rl_games/issues/316,
+        whose inputs out_state.1 and hidden_state.1 are its outputs 3 and 4).
         """
         outputs = self._session.get_outputs()[1:]
-        givens = outputs[: len(states)]
-        last = outputs[len(outputs) - len(states) :]
-        if len(outputs) >= len(states) and not all(map(_fits, states, givens)):
-            givens = last if all(map(_fits, states, last)) else givens
-        self._given = len(outputs) - len(states) if givens is last else 0
-        if len(givens) < len(states):
+        if len(outputs) < len(states):
             raise ConfigError(
                 f"{self._file} must have one input, the observation, and after it the states that it also gives "
                 f"after its command, in the same order, got the inputs {', '.join(x.name for x in states)} and "
-                f"{len(givens)} such outputs."
+                f"{len(outputs)} such outputs."
             )
-        return givens
+        named: dict[str, list[Any]] = {}
+        for output in outputs:
+            named.setdefault(_stem(output.name), []).append(output)
+        stems = [_stem(state.name) for state in states]
+        if len(set(stems)) == len(stems) and all(len(named.get(stem, ())) == 1 for stem in stems):
+            return [named[stem][0] for stem in stems]
+        first = outputs[: len(states)]
+        last = outputs[len(outputs) - len(states) :]
+        fits = [all(map(_fits, states, row)) for row in (first, last)]
+        if all(fits) and first != last:
+            raise ConfigError(
+                f"{self._file} gives {', '.join(x.name for x in outputs)} after its command, of which the first "
+                f"{len(states)} and the last {len(states)} may be its states: name each state alike as it is taken "
+                "and as it is given, such as h_in and h_out."
+            )
+        return last if fits[1] else first
 
     def _port(self, taken: Any, given: Any) -> _Port:
         """A state, of the same shape as it is taken and given."""
@@ -446,11 +460,10 @@ class OnnxPolicy:
                 for port, zeros, state in zip(self._ports, states, memory, strict=True)
             ]
         command, *after = self._run(observation, states)
-        after = after[self._given :]
         if not self._is_checked and count > 1:
             self._check(observation, states, command)
             self._is_checked = True
-        return command, tuple(after[: len(self._ports)]) if self._ports else None
+        return command, tuple(after) if self._ports else None
 
     def _check(
         self, observation: np.ndarray, states: list[np.ndarray], command: np.ndarray
@@ -478,21 +491,20 @@ class OnnxPolicy:
     def _of_row(
         self, observation: np.ndarray, states: list[np.ndarray], row: int
     ) -> list[np.ndarray]:
-        """Outputs for one observation."""
+        """Command for one observation, and the states after it."""
         own = [port.rows(state, row) for port, state in zip(self._ports, states, strict=True)]
         return self._asked(observation[row : row + 1], own)
 
     def _asked(self, observation: np.ndarray, states: list[np.ndarray]) -> list[np.ndarray]:
         named = {port.name: state for port, state in zip(self._ports, states, strict=True)}
-        return self._session.run(None, {self._observation: observation, **named})
+        return self._session.run(self._asked_for, {self._observation: observation, **named})
 
     def _run(self, observation: np.ndarray, states: list[np.ndarray]) -> list[np.ndarray]:
-        """Outputs of the network, in the order of the observations."""
+        """Commands in the order of the observations, and the states after them; other outputs are not read."""
         if not self._is_single:
             return self._asked(observation, states)
         rows = [self._of_row(observation, states, k) for k in range(len(observation))]
-        # Outputs beside command and states, such as a value, are not read.
-        axes = [0] * (1 + self._given) + [port.axis for port in self._ports]
+        axes = [0, *(port.axis for port in self._ports)]
         return [
             np.concatenate([np.atleast_1d(row[k]) for row in rows], axis=axis)
             for k, axis in enumerate(axes)
@@ -501,6 +513,8 @@ class OnnxPolicy:
 
 _LARGEST_STATE = 2**16
 """Numbers along an axis of a state; layers in control have some hundred."""
+_SIDE = re.compile(r"([ _.](in|out|after|next|new)|[ _.]?\d+)+$")
+"""End of a state's name by which what is taken and what is given differ."""
 _LARGEST_NETWORK = 2**26
 """Bytes of a network whose layers are looked through; networks in control have less than a thousandth of it."""
 
@@ -513,6 +527,11 @@ def _fits(taken: Any, given: Any) -> bool:
         for k, (a, b) in enumerate(zip(before, after, strict=True))
         if k != len(before) - 2
     )
+
+
+def _stem(name: str) -> str:
+    """Name of a state without what says whether it is taken or given: h of h_in and h_out, s of s and s.1."""
+    return _SIDE.sub("", name)
 
 
 def _along(starts: np.ndarray, port: _Port) -> np.ndarray:

@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
 
 import rans
 from rans.errors import ConfigError
-from rans.evaluation.fly.foreign_policy import policy_of
+from rans.evaluation.fly.foreign_policy import OnnxPolicy, policy_of
 from rans.evaluation.fly.object_policy import ObjectPolicy
 from rans.evaluation.fly.user_policy import UserPolicy, user_policy
 from rans.model.spacecraft_file import load_spacecraft
@@ -346,6 +346,75 @@ def test_exports_of_torch_fly_as_torch_does(
         differs |= not torch.equal(command, forgets)
         np.testing.assert_array_equal(policy.act(None, None, step), command.numpy())
     assert differs  # or the states would not matter
+
+
+def counting(file: Path, taken: list[str], given: list[str], sources: list[int]) -> Path:
+    """A network of states (N, 8) that counts in the first and leaves the second, whose sum is the command.
+
+    Each output after the command gives the first state plus one (0), the second (1), or zeros (2).
+    """
+
+    def port(name: str) -> Any:
+        return helper.make_tensor_value_info(name, TensorProto.FLOAT, ["N", 8])
+
+    nodes = [
+        helper.make_node("Add", taken, ["sum"]),
+        helper.make_node("Identity", ["sum"], ["actions"]),
+        helper.make_node("Add", [taken[0], "one"], ["counted"]),
+        helper.make_node("Mul", [taken[0], "zero"], ["nothing"]),
+    ]
+    values = ["counted", taken[1], "nothing"]
+    nodes += [
+        helper.make_node("Identity", [values[source]], [name])
+        for source, name in zip(sources, given, strict=True)
+    ]
+    observation = helper.make_tensor_value_info("obs", TensorProto.FLOAT, ["N", 10])
+    graph = helper.make_graph(
+        nodes,
+        "counting",
+        [observation, *map(port, taken)],
+        [port("actions"), *map(port, given)],
+        [
+            numpy_helper.from_array(np.array(number, np.float32), name)
+            for number, name in ((1.0, "one"), (0.0, "zero"))
+        ],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    file.write_bytes(model.SerializeToString())
+    return file
+
+
+@pytest.mark.parametrize(
+    ("taken", "given", "sources"),
+    [
+        (["h_in", "c_in"], ["h_out", "c_out"], [0, 1]),
+        (["h_in", "c_in"], ["c_out", "h_out"], [1, 0]),
+        (["h_in", "c_in"], ["value", "h_out", "c_out"], [2, 0, 1]),
+        (["out_state.1", "hidden_state.1"], ["value", "out_state", "hidden_state"], [2, 0, 1]),
+        (["a", "b"], ["x", "y"], [0, 1]),
+    ],
+)
+def test_states_are_what_their_names_say(
+    tmp_path: Path, taken: list[str], given: list[str], sources: list[int]
+) -> None:
+    """Numbers of one shape, so that shapes say nothing: the command counts control periods."""
+    session = onnxruntime.InferenceSession(
+        str(counting(tmp_path / "counting.onnx", taken, given, sources)),
+        providers=["CPUExecutionProvider"],
+    )
+    policy = OnnxPolicy(session)
+    memory = None
+    observation = np.zeros((3, 10), np.float32)
+    for period in range(3):
+        command, memory = policy(observation, memory, np.full(3, period == 0))
+        np.testing.assert_array_equal(command, np.full((3, 8), float(period)))
+
+
+def test_outputs_that_may_be_states_or_not_are_refused(tmp_path: Path) -> None:
+    """Two names of states, and three outputs of their shape with other names."""
+    file = counting(tmp_path / "counting.onnx", ["a", "b"], ["x", "y", "z"], [2, 0, 1])
+    with pytest.raises(ConfigError, match="first 2 and the last 2 may be its states"):
+        user_policy(f"onnx:{file}", CRAFT, TASK)
 
 
 def test_a_network_that_hides_its_states_is_refused(tmp_path: Path) -> None:
