@@ -37,7 +37,7 @@ def improve(
     """Search for cheaper flights of a mission, from flights that solve it, and write them.
 
     Args:
-        task: mission that a craft flies which nothing turns, such as inspect, hold, dock, rendezvous or avoid.
+        task: mission, such as inspect, hold, dock, rendezvous or avoid, of a craft with thrusters alone.
         *contestants: what the search begins from: FILE.csv with flights, names of controllers, run folders or
             pretrained:NAME. For each start the cheapest flight that solves the task counts.
         spacecraft: name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task.
@@ -98,9 +98,16 @@ class Improve(Options):
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        first = f"{self.contestants[0]}:{self.task}-3d"
-        if self.contestants[0].endswith(".csv"):
-            first = f"mission:{self.task}-3d"
+        from rans.extend import TASKS
+        from rans.registry import typed
+
+        first = self.contestants[0]
+        if ":" not in first:
+            mission = TASKS[typed(self.task)]()
+            name = self.spacecraft or mission.spacecraft
+            dimension = load_spacecraft(name).dimension if name is not None else 3
+            who = "mission" if first.endswith(".csv") else first
+            first = f"{who}:{self.task}-{dimension}d"
         words = ["rans", "compare", first, str(self.output), "--episodes", str(self.episodes)]
         return (shlex.join(words),)
 

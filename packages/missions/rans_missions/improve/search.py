@@ -1,9 +1,10 @@
 """Local search over the burns of flights, judged by the engine's own checks.
 
-A flight of a mission is its changes of velocity, one a control period. Each round tries many changed copies of the
-best flight of every start: a burn weaker, gone, turned, earlier or later, divided, or two that leave position and
-velocity at the end as they were. The copies are flown by the engine; the cheapest that solves its task without a
-violation is the next best one. Nothing is proved: the result is a flight, which others may beat.
+A flight of a mission is its burns, one a control period: changes of velocity of a craft that nothing turns,
+and the commands of all thrusters of any other craft. Each round tries many changed copies of the best flight
+of every start: a burn weaker, gone, turned, earlier or later, divided, or exchanged among thrusters or times.
+The copies are flown by the engine; the cheapest that solves its task without a violation is the next best
+one. Nothing is proved: the result is a flight, which others may beat.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ class Improved:
     """The cheapest flights that a search found."""
 
     changes: np.ndarray
-    """Changes of velocity in W, (T, N, 3) m/s."""
+    """Changes of velocity in W, (T, N, 3) m/s, or commands, (T, N, thrusters)."""
     before: np.ndarray
     """Impulse of the cheapest flight at the beginning of the search, (N,) N s; NaN: none solved its task."""
     after: np.ndarray
@@ -55,6 +56,8 @@ class Improved:
     """Flights that were judged."""
     period: float
     """Control period, s."""
+    columns: tuple[str, ...]
+    """Columns of a file of flights that hold the changes."""
 
     def __repr__(self) -> str:
         return (
@@ -63,14 +66,14 @@ class Improved:
         )
 
     def write(self, file: str | Path) -> Path:
-        """Write the flights as a contestant of `rans compare`: a CSV file of changes of velocity."""
+        """Write the flights as a contestant of `rans compare`: a CSV file of changes of velocity or of commands."""
         text = io.StringIO()
         rows = csv.writer(text, lineterminator="\n")
-        rows.writerow(["start", "time", "dv.x", "dv.y", "dv.z"])
+        rows.writerow(["start", "time", *self.columns])
         for start in range(self.changes.shape[1]):
             burns = np.flatnonzero(np.abs(self.changes[:, start]).max(axis=1))
             if not len(burns):
-                rows.writerow([start, 0, 0.0, 0.0, 0.0])
+                rows.writerow([start, 0, *(0.0 for _ in self.columns)])
             for step in burns:
                 values = (repr(float(x)) for x in self.changes[step, start])
                 rows.writerow([start, f"{step * self.period:.10g}", *values])
@@ -78,12 +81,49 @@ class Improved:
         return Path(file)
 
 
+@dataclass(frozen=True)
+class _Form:
+    """What a search changes: changes of velocity along the axes, or the thrusters' commands."""
+
+    levers: np.ndarray
+    """Command of each thruster for a change of 1, (thrusters, K)."""
+    low: float
+    """Least value of a change."""
+    high: float
+    """Greatest value of a change."""
+    whole: bool
+    """Whether only the least and the greatest value are possible: on and off."""
+    columns: tuple[str, ...]
+    """Columns of a file of flights."""
+
+    @staticmethod
+    def of(setup: Setup) -> _Form:
+        """Changes of velocity where the craft's thrusters allow them, commands otherwise."""
+        craft, period = setup.craft, setup.timing.control_period
+        if craft.wheels or craft.further_effectors:
+            raise ConfigError(
+                f"improve searches burns of thrusters, and {craft.name} has wheels or other effectors; fly a craft "
+                "without them."
+            )
+        try:
+            # In the plane a craft turns, and a file's changes of velocity depend on its heading.
+            levers = np.array(per_velocity(craft, period)) if craft.dimension == 3 else None
+        except ConfigError:
+            levers = None
+        if levers is None:
+            count = craft.command_count
+            columns = tuple(f"command.{k}" for k in range(count))
+            return _Form(np.eye(count), 0.0, 1.0, not craft.is_continuous, columns)
+        most = 1.0 / float(np.abs(levers).max())
+        return _Form(levers, -most, most, False, ("dv.x", "dv.y", "dv.z"))
+
+
 class _Burns:
-    """Controller that gives changes of velocity, whatever the state is.
+    """Controller that gives burns, whatever the state is.
 
     Args:
-        changes: (T, N, 3) m/s.
-        levers: command of each thruster for 1 m/s along each axis, (thrusters, 3).
+        changes: (T, N, K).
+        levers: command of each thruster for a change of 1, (thrusters, K).
     """
 
     name = "burns"
@@ -115,8 +155,7 @@ def improve(
     """Search for cheaper flights of a mission from each start.
 
     Args:
-        setup: spacecraft, task and timing, without conditions; the craft has a throttled thruster either way along
-            each axis, and nothing turns it.
+        setup: spacecraft, task and timing, without conditions; the craft has thrusters and nothing else.
         starts: N starts.
         seeds: contestants whose flights the search begins from.
         rounds: rounds of the search.
@@ -124,17 +163,16 @@ def improve(
         report: called after each round with the number of rounds done and the impulses, (N,) N s.
 
     Raises:
-        ConfigError: the craft has other thrusters, or no seed solves its task from any start.
+        ConfigError: the craft has other effectors, or no seed solves its task from any start.
     """
     craft, task, timing = setup.craft, setup.task, setup.timing
-    if craft.dimension != 3:
-        raise ConfigError(f"improve searches burns in space, and {craft.name} moves in the plane.")
-    levers = np.array(per_velocity(craft, timing.control_period))
-    limit = 1.0 / np.abs(levers).max()
+    form = _Form.of(setup)
+    levers = form.levers
     random = np.random.default_rng([seed, 1027])
 
     # The cheapest flight of the seeds from each start.
-    best = np.zeros((timing.episode_steps, len(np.ravel(starts.start.p.x)), 3))
+    count = len(np.ravel(starts.start.p.x))
+    best = np.zeros((timing.episode_steps, count, len(form.columns)))
     cost = np.full(best.shape[1], np.inf)
     length = np.full(best.shape[1], timing.episode_steps)
     flown = 0
@@ -167,7 +205,7 @@ def improve(
             steps = min(steps, int(np.ceil(_SLACK * length[solved].max())) + 1)
         copies = np.repeat(best[:steps, solved], _COPIES, axis=1)
         for number in range(copies.shape[1]):
-            _change(copies[:, number], float(size[solved[number // _COPIES]]), limit, random)
+            _change(copies[:, number], float(size[solved[number // _COPIES]]), form, random)
         many = map_leaves(
             lambda x: np.repeat(np.broadcast_to(x, cost.shape)[solved], _COPIES), starts
         )
@@ -190,7 +228,7 @@ def improve(
                 size[start] = max(1e-3, 0.93 * size[start])
         report(done, np.where(np.isfinite(cost), cost, np.nan))
     after = np.where(np.isfinite(cost), cost, np.nan)
-    return Improved(best, before, after, flown, timing.control_period)
+    return Improved(best, before, after, flown, timing.control_period, form.columns)
 
 
 def _judged(flight: Flight) -> np.ndarray:
@@ -201,8 +239,8 @@ def _judged(flight: Flight) -> np.ndarray:
 
 
 def _changes(flight: Flight, levers: np.ndarray) -> np.ndarray:
-    """Changes of velocity in B of a flight, (T, N, 3) m/s, without those after its success."""
-    # Each row of levers is a direction over the change of velocity by a full command.
+    """Changes of a flight by its commands, (T, N, K), without those after its success."""
+    # Each row of levers is a direction over the change by a full command.
     most = 1.0 / np.square(levers).sum(axis=1)
     changes = flight.commands @ (levers * most[:, None])
     if flight.lengths is not None:
@@ -211,8 +249,8 @@ def _changes(flight: Flight, levers: np.ndarray) -> np.ndarray:
     return changes
 
 
-def _change(flight: np.ndarray, size: float, limit: float, random: np.random.Generator) -> None:
-    """Change the burns of a flight, (T, 3) m/s, in place, by a random move of a size from 0 to 1."""
+def _change(flight: np.ndarray, size: float, form: _Form, random: np.random.Generator) -> None:
+    """Change the burns of a flight, (T, K), in place, by a random move of a size from 0 to 1."""
     burns = np.flatnonzero(np.abs(flight).max(axis=1))
     if not len(burns):
         return
@@ -226,7 +264,7 @@ def _change(flight: np.ndarray, size: float, limit: float, random: np.random.Gen
             flight[at:last] *= 0.0 if random.random() < 0.3 else 1.0 - size * random.random()
         elif move == 2:  # turned
             scale = np.abs(flight[at]).max()
-            flight[at] += scale * size * random.normal(size=3)
+            flight[at] += scale * size * random.normal(size=flight.shape[1])
         elif move == 3:  # a part of it earlier or later
             to = at + int(np.rint(random.normal() * (1.0 + 20.0 * size)))
             if 0 <= to < len(flight):
@@ -234,12 +272,14 @@ def _change(flight: np.ndarray, size: float, limit: float, random: np.random.Gen
                 flight[at] -= part
                 flight[to] += part
         elif move == 4:  # one axis of it gone or smaller
-            axis = random.integers(3)
+            axis = random.integers(flight.shape[1])
             flight[at, axis] *= 0.0 if random.random() < 0.5 else 1.0 - size * random.random()
         else:  # exchanged among burns
             to = int(random.choice(burns))
             part = flight[at] * size * random.random()
             flight[at] -= part
             flight[to] += part
-    flight[:] = np.clip(flight, -limit, limit)
+    flight[:] = np.clip(flight, form.low, form.high)
+    if form.whole:
+        flight[:] = flight > 0.5
     flight[np.abs(flight) < _SMALLEST] = 0.0

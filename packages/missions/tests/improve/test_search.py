@@ -13,15 +13,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.improve import search
-from rans_missions.tasks import Dock
+from rans_missions.improve.command import Improve
+from rans_missions.tasks import Avoid, Dock
 
 from rans.effectors.commands import per_velocity
 from rans.episode import Setup
 from rans.errors import ConfigError
+from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.flights_file import FlightsFile
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import fly
-from rans.model.spacecraft_file import load_spacecraft
+from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.scenario import scenarios
 
 CRAFT = load_spacecraft("afrl-deputy")
@@ -92,13 +94,63 @@ def test_changes_are_those_of_the_commands_and_end_with_the_flight() -> None:
     np.testing.assert_allclose(search._changes(flight, LEVERS), expected, atol=1e-15)
 
 
-@given(st.integers(0, 10_000), st.floats(1e-3, 1.0))
-def test_a_changed_flight_keeps_within_what_a_period_gives(seed: int, size: float) -> None:
+@given(
+    st.sampled_from(["afrl-deputy", "vbar-chaser", "floating-platform"]),
+    st.integers(0, 10_000),
+    st.floats(1e-3, 1.0),
+)
+def test_a_changed_flight_keeps_to_what_its_thrusters_give(
+    name: str, seed: int, size: float
+) -> None:
+    craft = load_spacecraft(name)
+    form = search._Form.of(SETUP._replace(craft=craft))
     random = np.random.default_rng(seed)
-    flight = np.where(random.random((30, 1)) < 0.2, random.uniform(-0.5, 0.5, (30, 3)), 0.0)
-    search._change(flight, size, 0.5, random)
-    assert np.isfinite(flight).all()
-    assert np.abs(flight).max() <= 0.5
+    start = random.uniform(form.low, form.high, (30, len(form.columns)))
+    if form.whole:
+        start = np.rint(start)
+    flight = np.where(random.random((30, 1)) < 0.2, start, 0.0)
+    search._change(flight, size, form, random)
+    commands = flight @ form.levers.T
+    assert np.abs(commands).max() <= 1.0 + 1e-12
+    if not craft.is_continuous:
+        assert set(np.unique(commands)) <= {0.0, 1.0}
+
+
+@pytest.mark.slow
+def test_a_craft_that_turns_is_searched_by_its_commands(tmp_path: Path) -> None:
+    """On/off thrusters in the plane: the file holds commands, and the engine repeats the flights of it."""
+    craft = load_spacecraft("floating-platform")
+    task = Avoid().for_evaluation()
+    setup = Setup(craft, task, task.timing)
+    starts = scenarios(task, craft, 2023, 2)
+    agent = contestant("pretrained:avoid-2d", default_setup=setup).controller
+    found = search.improve(setup, starts, [agent], rounds=2)
+    assert (found.after < found.before).any()
+    flights = FlightsFile(found.write(tmp_path / "least.csv"), setup)
+    flight = fly(craft, task, flights, starts, setup.timing)
+    assert np.asarray(flight.verdict.solved).all()
+    assert not flight.violated().any()
+    np.testing.assert_allclose(impulses(flight), found.after, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("words", "judged"),
+    [
+        (("dock", "mission"), "mission:dock-3d"),
+        (("dock", "least.csv"), "mission:dock-3d"),
+        (("avoid", "lqr", "--spacecraft", "floating-platform"), "lqr:avoid-2d"),
+        (
+            ("avoid", "pretrained:avoid-2d", "--spacecraft", "floating-platform"),
+            "pretrained:avoid-2d",
+        ),
+    ],
+)
+def test_the_next_command_judges_the_flights_on_their_own_craft(
+    words: tuple[str, ...], judged: str
+) -> None:
+    task, who, *options = words
+    command = Improve(task, (who,), **dict(zip(["spacecraft"], options[1:], strict=False)))
+    assert command.following()[0].split()[2] == judged
 
 
 def test_a_search_without_a_flight_to_begin_from_is_refused() -> None:
@@ -114,6 +166,6 @@ def test_a_search_without_a_flight_to_begin_from_is_refused() -> None:
     short = SETUP._replace(timing=replace(SETUP.timing, episode_steps=2))
     with pytest.raises(ConfigError, match="coasting solves Dock from any of 2 starts"):
         search.improve(short, scenarios(TASK, CRAFT, 2023, 2), [Coasting()], rounds=1)
-    platform = SETUP._replace(craft=load_spacecraft("floating-platform"))
-    with pytest.raises(ConfigError, match="in the plane"):
-        search.improve(platform, scenarios(TASK, CRAFT, 2023, 1), [Coasting()], rounds=1)
+    wheeled = next(name for name in spacecraft_names() if load_spacecraft(name).wheels)
+    with pytest.raises(ConfigError, match="wheels or other effectors"):
+        search._Form.of(SETUP._replace(craft=load_spacecraft(wheeled)))
