@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+
+from rans.show.pages.notebook import listed
+from rans.show.pages.page import Page, Section
+from rans.table import Table
 
 NOTEBOOK = Path(__file__).parents[1] / "examples" / "notebook" / "first_agent.ipynb"
 TRAINED = 'rans.train("go-to-pose", output="first")'
@@ -43,3 +48,12 @@ def test_the_notebook_has_no_outputs() -> None:
     """Outputs change with every run, and are large."""
     cells = json.loads(NOTEBOOK.read_text("utf-8"))["cells"]
     assert not any(cell.get("outputs") or cell.get("execution_count") for cell in cells)
+
+
+def test_a_notebook_has_the_table_of_a_page() -> None:
+    """One renderer: numbers stand right and truth values are verdicts in both, and texts are no mark-up."""
+    table = Table(("name", "value", "passed"), [("<b>", 1.5, False), ("b", None, True)], "T")
+    whole = re.compile(r"<table>.*</table>", re.DOTALL)
+    (in_page,) = whole.findall(Page("page", [Section("s", tables=[table])]).html())
+    assert whole.findall(listed(table.title, table.columns, table.rows)) == [in_page]
+    assert "&lt;b&gt;" in in_page

@@ -16,13 +16,14 @@ from rans.show import markup
 from rans.show.figures.figures import episode_figure
 from rans.show.figures.layout_figure import draw_layout
 from rans.show.figures.svg import data_uri, svg
+from rans.show.pages.page import filled
 from rans.show.tables.listing import (
     conditions_listing,
     spacecraft_listing,
     task_listings,
     thruster_listing,
 )
-from rans.table import Table, cell_text
+from rans.table import Table
 from rans.tasks import Task
 
 if TYPE_CHECKING:
@@ -97,20 +98,7 @@ def listed(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) ->
 
 
 def _table(listing: Table) -> str:
-    head, *body = (
-        _row(row, cell)
-        for row, cell in ((listing.columns, "th"), *((row, "td") for row in listing.rows))
-    )
-    note = f"<p>{_said(listing.note)}</p>" if listing.note else ""
-    return (
-        f"<p><b>{_said(listing.title)}</b></p>{note}"
-        f"<table><thead>{head}</thead><tbody>{''.join(body)}</tbody></table>"
-    )
-
-
-def _row(texts: Sequence[Any], cell: str) -> str:
-    style = 'style="text-align:left;vertical-align:top;white-space:pre-wrap;padding:0.1em 0.8em 0.1em 0"'
-    return f"<tr>{''.join(f'<{cell} {style}>{_said(cell_text(text))}</{cell}>' for text in texts)}</tr>"
+    return filled("notebook.html.j2", table=listing)
 
 
 def _said(text: str) -> str:
