@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import queue
+import sqlite3
 import struct
 import threading
 from collections.abc import Iterator, Mapping
@@ -205,19 +206,24 @@ def index_bag(file: Path) -> None:
         raise ConfigError(f"{file} is no finished MCAP bag: {error}.") from error
 
 
+_SQLITE = b"SQLite format 3\0"
+"""First bytes of every database of SQLite (https://www.sqlite.org/fileformat.html)."""
 _LARGEST_RECORD = 2**27
 """Largest number of bytes of a record of a bag, and of a chunk when it is unpacked; flights have some hundred."""
 
 
 def bag_entries(file: Path) -> Iterator[BagMessage]:
-    """Messages of a bag in the order in which they were written.
+    """Messages of a bag in the order in which they were written: of an MCAP, or of a database of SQLite (.db3).
 
-    A bag whose process was killed ends with its last whole message. Checksums are compared where the bag has them:
+    An MCAP whose process was killed ends with its last whole message. Checksums are compared where it has them:
     that of a chunk before its messages come, that of all messages at the end.
 
     Raises:
         ConfigError: the package mcap is missing, or the file is no bag, or damaged in its middle.
     """
+    if file.suffix == ".db3":
+        yield from _database_entries(file)
+        return
     try:
         from mcap.exceptions import EndOfFile
         from mcap.records import Channel, Chunk, Message, Schema
@@ -248,6 +254,41 @@ def bag_entries(file: Path) -> Iterator[BagMessage]:
             if channels and isinstance(error, EndOfFile | struct.error):
                 return
             raise ConfigError(f"{file} is no MCAP bag, or damaged: {first_line(error)}.") from error
+
+
+def _database_entries(file: Path) -> Iterator[BagMessage]:
+    """Messages of a database as rosbag2 writes it up to Humble by default: its tables topics and messages.
+
+    The file is opened for reading alone, so that what a recorder left beside it is not merged into it.
+    """
+    with open_regular(file) as stream:  # refuses what is no file
+        content = stream.read(len(_SQLITE))
+    if content != _SQLITE:
+        raise ConfigError(f"{file} is no database of SQLite, as a bag of rosbag2 (.db3) is.")
+    try:
+        with contextlib.closing(
+            sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)
+        ) as base:
+            topics: dict[int, tuple[str, str]] = {}
+            columns = "select id, name, type, serialization_format from topics"
+            for number, name, kind, form in base.execute(columns):
+                if form != "cdr":
+                    raise ConfigError(
+                        f"{file} has messages of {name} in the form {form!r}, and cdr is read."
+                    )
+                topics[number] = str(name).removeprefix("/"), str(kind)
+            rows = "select topic_id, timestamp, data from messages order by timestamp, id"
+            for number, time, data in base.execute(rows):
+                if not isinstance(time, int) or not isinstance(data, bytes):
+                    raise ConfigError(
+                        f"{file} has a message whose time or data are of another type."
+                    )
+                topic, kind = topics[number]
+                yield BagMessage(time, topic, kind, data)
+    except (sqlite3.Error, KeyError) as error:
+        raise ConfigError(
+            f"{file} is no bag of rosbag2, or damaged: {first_line(error)}."
+        ) from error
 
 
 def _unpacked(chunk: Any) -> Any:

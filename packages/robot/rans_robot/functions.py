@@ -57,7 +57,7 @@ def identify(
     True
 
     Args:
-        logs: bags (.mcap) of `rans fly` or of ROS 2, folders of `ros2 bag record`, ULog files (.ulg) of PX4, or
+        logs: bags (.mcap, .db3) of `rans fly` or ROS 2, folders of `ros2 bag record`, ULog files (.ulg) of PX4, or
             CSV files with the columns time, x, y, heading (in space x, y, z, qw, qx, qy, qz), u0, u1, ... and
             perhaps velocities. Of a satellite with wheels alone: CSV files with time, qw, qx, qy, qz, wx, wy, wz,
             s0, s1, ..., or folders of InnoCube's telemetry.
@@ -372,7 +372,7 @@ def _read(log: str | Path, craft: Spacecraft, robot: RobotName | None, namespace
         return read_csv(file, craft)
     if file.is_dir() and is_telemetry(file):
         return read_telemetry(file, craft)
-    if file.suffix == ".mcap" or file.is_dir():
+    if file.suffix in (".mcap", ".db3") or file.is_dir():
         from rans_robot.logs import read_bag
 
         return read_bag(file, craft, robot, namespace)
@@ -381,5 +381,6 @@ def _read(log: str | Path, craft: Spacecraft, robot: RobotName | None, namespace
 
         return read_ulog(file, craft)
     raise ConfigError(
-        f"a log is a bag (.mcap) or a bag's folder, a ULog (.ulg) or a CSV file (.csv), got {brief(str(file))}."
+        "a log is a bag (.mcap, .db3) or a bag's folder, a ULog (.ulg) or a CSV file (.csv), got "
+        f"{brief(str(file))}."
     )

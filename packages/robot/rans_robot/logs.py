@@ -22,6 +22,8 @@ from rans_robot.validator import Validator
 
 _METADATA = "metadata.yaml"
 """File in which ``ros2 bag record`` lists the parts of a bag."""
+BAGS = (".mcap", ".db3")
+"""Ends of the names of bags."""
 _MOST_LISTED = 20
 """Topics of a bag that a message lists."""
 _LATEST = 2**62
@@ -56,7 +58,7 @@ class _Topic:
 def read_bag(
     source: Path, craft: Spacecraft, robot: RobotName | None = None, namespace: str = ""
 ) -> FlightLog:
-    """Log of an MCAP bag, of `rans fly` or of ``ros2 bag record``.
+    """Log of a bag (.mcap or .db3), of `rans fly` or of ``ros2 bag record``.
 
     Readings have the times at which they were measured, by their time stamps: the message that came soonest gives
     the difference of the sender's clock from the bag's, as in flight (`rans_robot.validator`). Commands have
@@ -185,18 +187,21 @@ def _entries(source: Path) -> Iterator[BagMessage]:
     if not source.is_dir():
         yield from bag_entries(source)
         return
-    names = sorted((file.name for file in source.glob("*.mcap")), key=_number)
+    found = (file.name for file in source.iterdir() if file.suffix in BAGS)
+    names = sorted(found, key=_number)
     if (source / _METADATA).exists():
         names = _listed_parts(source)
     elif not names:
-        raise ConfigError(f"the folder {source} has no {_METADATA} and no .mcap: it is no bag.")
+        raise ConfigError(
+            f"the folder {source} has no {_METADATA}, no .mcap and no .db3: it is no bag."
+        )
     for name in names:
         yield from bag_entries(source / name)
 
 
 def _number(name: str) -> tuple[int, str]:
     """Number of a part, as that of mybag_10.mcap, by which parts are sorted."""
-    number = re.search(r"_(\d{1,9})\.mcap$", name)
+    number = re.search(r"_(\d{1,9})\.(mcap|db3)$", name)
     return (int(number[1]) if number else 0, name)
 
 
@@ -207,7 +212,9 @@ def _listed_parts(folder: Path) -> list[str]:
     file = folder / _METADATA
     try:
         table = YAML(typ="safe").load(read_text(file))
-        parts = table["rosbag2_bagfile_information"]["relative_file_paths"]
+        about = table["rosbag2_bagfile_information"]
+        parts = about["relative_file_paths"]
+        packed = about.get("compression_mode") or "none"
         if not (isinstance(parts, list) and parts and all(isinstance(x, str) for x in parts)):
             raise TypeError(f"relative_file_paths is {brief(parts)}")
     except ConfigError:
@@ -216,10 +223,11 @@ def _listed_parts(folder: Path) -> list[str]:
         raise ConfigError(f"{file} is damaged, or none of rosbag2: {first_line(error)}.") from error
     # Before version 4 of the file they were paths from where it was recorded.
     names = [Path(part).name for part in parts]
-    if others := [name for name in names if not name.endswith(".mcap")]:
+    others = [name for name in names if not name.endswith(BAGS)]
+    if others or str(packed).lower() != "none":
         raise ConfigError(
-            f"{file} lists {brief(others[0])}, and only .mcap is read: convert it by `ros2 bag convert`, with the "
-            "storage mcap and without compression of files."
+            f"{file} lists {brief((others or names)[0])} with the compression {brief(packed)}, and .mcap and .db3 "
+            "are read without it: convert it by `ros2 bag convert`, with the storage mcap and no compression_mode."
         )
     return names
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -253,14 +255,16 @@ def test_the_folder_of_a_recorder_is_read_part_after_part(is_listed: bool, tmp_p
     assert (np.diff(log.times) > 0.0).all()
 
 
-def test_the_folder_that_another_library_writes_is_read(tmp_path: Path) -> None:
-    """By rosbags, which writes metadata.yaml as rosbag2 does."""
+@pytest.mark.parametrize("storage", ["MCAP", "SQLITE3"])
+def test_the_folder_that_another_library_writes_is_read(storage: str, tmp_path: Path) -> None:
+    """By rosbags, which writes metadata.yaml as rosbag2 does; up to Humble that writes .db3 by default."""
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
     ends = interface("ros", 8, 8)
     store = get_typestore(Stores.ROS2_HUMBLE)
-    with Writer(tmp_path / "mybag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    plugin = StoragePlugin[storage]
+    with Writer(tmp_path / "mybag", version=9, storage_plugin=plugin) as writer:
         connections: dict[str, Any] = {}
         for k in range(30):
             now = 10**9 + 200_000_000 * k
@@ -276,12 +280,47 @@ def test_the_folder_that_another_library_writes_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("update topics set serialization_format = 'protobuf'", "'protobuf', and cdr is read"),
+        ("update messages set timestamp = 'noon' where id = 3", "of another type"),
+        ("update messages set topic_id = 99 where id = 3", "damaged"),
+        ("drop table topics", "no bag of rosbag2"),
+    ],
+)
+def test_a_database_that_means_something_else_is_refused(
+    change: str, words: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "flight.db3"
+    with contextlib.closing(sqlite3.connect(file)) as base:
+        base.execute(
+            "create table topics (id integer, name text, type text, serialization_format text)"
+        )
+        base.execute("create table messages (id integer, topic_id integer, timestamp, data blob)")
+        base.execute("insert into topics values (1, '/pose', 'std_msgs/msg/Empty', 'cdr')")
+        base.executemany(
+            "insert into messages values (?, 1, ?, x'00')", [(k, 10**9 * k) for k in range(5)]
+        )
+        base.execute(change)
+        base.commit()
+    with pytest.raises(ConfigError, match=words):
+        read_bag(file, PLATFORM)
+    file.write_bytes(b"SQLite 2 was another format")
+    with pytest.raises(ConfigError, match="no database of SQLite"):
+        read_bag(file, PLATFORM)
+
+
+@pytest.mark.parametrize(
     ("text", "words"),
     [
         ("", "damaged"),
         ("- 1", "damaged"),
         ("rosbag2_bagfile_information: {relative_file_paths: 3}", "relative_file_paths is 3"),
-        ("rosbag2_bagfile_information: {relative_file_paths: [bag_0.db3]}", "only .mcap is read"),
+        ("rosbag2_bagfile_information: {relative_file_paths: [bag_0.db3.zstd]}", "read without it"),
+        (
+            "rosbag2_bagfile_information: {relative_file_paths: [a.db3], compression_mode: MESSAGE}",
+            "compression 'MESSAGE'",
+        ),
         ("rosbag2_bagfile_information: {relative_file_paths: [../../etc/x.mcap]}", "mybag/x.mcap"),
         ("a: [", "damaged"),
     ],
