@@ -223,6 +223,24 @@ def test_the_linter_sees_words_in_prose_and_none_in_code(
     ]
 
 
+def test_the_pages_of_the_core_are_counted_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Tables count and code does not: 3 words in the README, 2 in a table, 4 in CONTRIBUTING."""
+    (tmp_path / "docs").mkdir()
+    for name, value in {"ROOT": tmp_path, "DOCS": tmp_path / "docs"}.items():
+        monkeypatch.setattr(PROSE, name, value)
+    (tmp_path / "README.md").write_text("One two three `four`.\n", "utf-8")
+    (tmp_path / "CONTRIBUTING.md").write_text("- One two\n- three four\n", "utf-8")
+    (tmp_path / "docs" / "page.md").write_text("```\ncode\n```\n\n| one | two |\n", "utf-8")
+    assert PROSE.words_of_core() == 9
+    monkeypatch.setattr(PROSE, "MOST_OF_CORE", 9)
+    assert PROSE.main() == 0
+    monkeypatch.setattr(PROSE, "MOST_OF_CORE", 8)
+    assert PROSE.main() == 1
+    assert "9 words, at most 8" in capsys.readouterr().out
+
+
 def test_pages_that_are_exempt_exist() -> None:
     for name in PROSE.NOT_YET:
         assert (ROOT / name).exists(), f"{name} is gone: remove it from NOT_YET"

@@ -41,6 +41,9 @@ WORDS = {
 MOST_WORDS = 800
 """Largest number of words of a how-to page or a page of decisions, without code and tables."""
 
+MOST_OF_CORE = 30_000
+"""Largest number of words of the core's own pages together, with their tables and without code."""
+
 NOT_YET = frozenset[str]()
 """Pages that still have such words, or are longer: to be rewritten, and then to be removed from here."""
 
@@ -118,13 +121,28 @@ def complaints(page: Path) -> Iterator[str]:
             for word in re.findall(rf"\b(?:{pattern})\b", line, re.IGNORECASE):
                 yield f'{name}:{number}: "{word}" is not a word of the field; write: {better}.'
     sentences = re.sub(r"^\|.*$", "", text, flags=re.MULTILINE)
-    count = len(re.findall(r"\w[\w'.,-]*", sentences))
+    count = words(sentences)
     if (
         (page.parent == DOCS or page.parent.name == "decisions")
         and page.name not in REFERENCE
         and count > MOST_WORDS
     ):
         yield f"{name}: {count} words; a page that is read has at most {MOST_WORDS}: split it."
+
+
+def words(text: str) -> int:
+    """Number of words of a page without its code.
+
+    >>> words("A wheel stores 0.0236 N m s.")
+    7
+    """
+    return len(re.findall(r"\w[\w'.,-]*", text))
+
+
+def words_of_core() -> int:
+    """Of README, CONTRIBUTING and the pages in docs itself: those of packages live with their packages."""
+    own = ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.glob("*.md")
+    return sum(words(prose(page.read_text("utf-8"))) for page in own)
 
 
 def main() -> int:
@@ -135,6 +153,11 @@ def main() -> int:
         if page.relative_to(ROOT).as_posix() not in NOT_YET
         for complaint in complaints(page)
     ]
+    if (count := words_of_core()) > MOST_OF_CORE:
+        found.append(
+            f"The core's pages have {count:,} words, at most {MOST_OF_CORE:,}: what a package adds is on "
+            "its own pages, and each thing is said once."
+        )
     for complaint in found:
         sys.stdout.write(f"{complaint}\n")
     return 1 if found else 0
