@@ -105,7 +105,8 @@ class ThrusterConditions(Settings):
     least_off: Range = 0.0
     """Shortest time for which an on/off valve stays shut, s."""
     noise: Range = 0.0
-    """Standard deviation of the force of each thruster over that force, drawn anew in every control period."""
+    """Standard deviation of the force of each thruster over that force, drawn anew in every control period. No
+    force is negative, which raises the mean force from 0.4 on, by 8 % at 1."""
     misalignment: Range = 0.0
     """Angle between the true and the designed direction of each thruster, to a random side, rad."""
     position: Range = 0.0
@@ -146,7 +147,7 @@ class DisturbanceConditions(Settings):
     slow_period: Range = 25.0
     """Period of the sinusoidal force and torque, s."""
     kicks: int = 0
-    """Number of impulsive disturbances at random instants."""
+    """Number of impulsive disturbances at random instants, at most eight."""
     kick: Range = 0.0
     """Impulse of each, in a random direction, N s."""
     kick_spin: Range = 0.0
