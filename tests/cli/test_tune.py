@@ -39,6 +39,7 @@ def test_what_is_tuned_flies_from_then_on(
     assert simple_controller("lqr", contest).tuning.startswith("tuned: 2 settings on 2 starts")
 
 
+@pytest.mark.slow
 def test_tunes_for_the_setup_of_a_contestant(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

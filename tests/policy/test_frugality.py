@@ -35,6 +35,7 @@ def flown(spec: str, episodes: int = 48) -> dict[str, float]:
     return {row.name: row.value for row in measure(flight).rows}
 
 
+@pytest.mark.slow
 def test_frugal_flights_settle_with_less_thrust_in_more_time() -> None:
     """The values of the page on frugal agents; LQR needs 6.4 s and 21.8 N s there, which 0.3 dominates."""
     fast, half, slow = (flown(f"any-craft-2d#{value}") for value in ("0", "0.5", "1"))

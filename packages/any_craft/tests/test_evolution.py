@@ -67,6 +67,7 @@ def test_equal_networks_cost_the_same_and_move_nothing(pool: Pool) -> None:
     assert torch.equal(evolution.theta, before)
 
 
+@pytest.mark.slow
 def test_steps_lower_the_cost_where_it_is_thrust(pool: Pool) -> None:
     """At a huge price of thrust, demands that open thrusters cost: the last layer's weights shrink."""
     dear = replace(SETTINGS, prices=(1e6,) * 3, pairs=32, rate=0.05, sigma=0.3)

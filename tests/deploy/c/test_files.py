@@ -364,6 +364,7 @@ def test_names_of_strangers_are_no_code_in_c(tmp_path: Path) -> None:
     assert "500 of 500" in compiled_check(tmp_path)
 
 
+@pytest.mark.slow
 def test_an_agent_leaves_as_c(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*FAST, "c", "--output", str(tmp_path / "mine")]) == 0
     said = " ".join(capsys.readouterr().out.split())

@@ -150,6 +150,8 @@ def run_folder() -> dict[str, Any]:
 
 UNSEEN = {"assurance-lab.json"}
 """Files of which a page says no text as it stands, but numbers, and words of its own."""
+MANY_TEXTS = {"config.json", "evaluation.json", "stress.json"}
+"""Files of so many texts that a page with each takes seconds."""
 
 
 def planted(value: Any) -> Iterator[Any]:
@@ -172,7 +174,13 @@ def written(folder: Path, contents: dict[str, Any]) -> None:
     (folder / "metrics.jsonl").write_text("\n".join(map(json.dumps, ROWS)))
 
 
-@pytest.mark.parametrize("name", sorted({*run_folder()} - {"screen-compare.json"}))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name in MANY_TEXTS))
+        for name in sorted({*run_folder()} - {"screen-compare.json"})
+    ],
+)
 def test_a_report_of_a_stranger_is_text(name: str, tmp_path: Path) -> None:
     """Every text and every key of every file in turn: a page in which it is a text, or a sentence."""
     contents = run_folder()

@@ -84,7 +84,7 @@ class Moving:
     v: Vec3
 
 
-@pytest.mark.parametrize("push", [2e-6, -8e-6])
+@pytest.mark.parametrize("push", [pytest.param(2e-6, marks=pytest.mark.slow), -8e-6])
 def test_what_balances_a_force_is_its_mean_along_the_orbit(push: float) -> None:
     """After two orbits nothing is spent but the product of force and time, the least of any flight that stays.
 
