@@ -16,11 +16,13 @@ from scipy.spatial.transform import Rotation
 
 import rans
 from rans.errors import ConfigError
+from rans.evaluation.fly.user_policy import user_policy
 from rans.flight import Flight, fly
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenarios
+from rans.tasks import observation_width
 
 N = rans.Hold().mean_motion
 RADIUS = (EARTH / N**2) ** (1.0 / 3.0)
@@ -341,6 +343,47 @@ def test_a_foreign_reader_agrees(tmp_path: Path) -> None:
     state = read_opm(file)
     expected = [float(foreign.x.value), float(foreign.y_dot.value), float(foreign.z_dot.value)]
     assert [state.p[0], state.v[1], state.v[2]] == pytest.approx([1e3 * x for x in expected])
+
+
+def shut_valves(file: Path, width: int, commands: int) -> Path:
+    """An ONNX network that fires nothing."""
+    onnx = pytest.importorskip("onnx")
+    real = onnx.TensorProto.FLOAT
+    weights = onnx.numpy_helper.from_array(np.zeros((width, commands), np.float32), "weights")
+    graph = onnx.helper.make_graph(
+        [onnx.helper.make_node("MatMul", ["obs", "weights"], ["actions"])],
+        "shut",
+        [onnx.helper.make_tensor_value_info("obs", real, ["N", width])],
+        [onnx.helper.make_tensor_value_info("actions", real, ["N", commands])],
+        [weights],
+    )
+    opset = onnx.helper.make_opsetid("", 17)
+    onnx.save(onnx.helper.make_model(graph, opset_imports=[opset], ir_version=8), file)
+    return file
+
+
+def test_a_network_of_another_library_starts_from_an_oem(flight: Flight, tmp_path: Path) -> None:
+    """From the first states of two ephemerides it coasts as the craft that wrote them, along the closed form."""
+    pytest.importorskip("onnxruntime")
+    craft, target = map(
+        read_opm, write_ccsds(flight, tmp_path, 0, inclination=51.6, node=30.0, latitude=90.0)[:2]
+    )
+    n, p, v = relative_state(target, craft)
+    task = rans.Hold(mean_motion=n)
+    file = shut_valves(tmp_path / "shut.onnx", observation_width(task, 3), 6)
+    chaser = load_spacecraft("vbar-chaser")
+    starts = scenarios(task, chaser, 1, 1)
+    start = replace(
+        starts.start, p=Vec3(*(np.array([x]) for x in p)), v=Vec3(*(np.array([x]) for x in v))
+    )
+    policy = user_policy(f"onnx:{file}", chaser, task)
+    timing = Timing(control_period=100.0, episode_steps=5)
+    flown = fly(chaser, task, policy, replace(starts, start=start), timing)
+    # The radial motion of a coast: Clohessy and Wiltshire (1960).
+    t = 100.0 * np.arange(6)
+    x = 4.0 * 100.0 + 2.0 * 0.1 / n - (3.0 * 100.0 + 2.0 * 0.1 / n) * np.cos(n * t)
+    # Of numbers to 1e-9 km and 1e-12 km/s.
+    np.testing.assert_allclose(flown.states.p.x[:, 0], x, rtol=0.0, atol=1e-5)
 
 
 OEM = """CCSDS_OEM_VERS = 2.0
