@@ -55,7 +55,7 @@ FIGURES: dict[str, dict[int, tuple[float, float, float]]] = {
 NESC = Judge(
     "NASA's five simulators",
     "nasa/simupy-flight, NESC_data/Atmospheric_checkcases/Atmos_02_TumblingBrickNoDamping",
-    "",
+    "70754e6916afc206e8c0abb386d1a9c98bf8f561",
     "Five teams of NASA wrote them apart from one another, in feet and slugs, and each integrates in its own way.",
 )
 

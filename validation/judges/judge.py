@@ -17,7 +17,7 @@ class Judge:
     source: str
     """Repository and folder."""
     commit: str
-    """Commit of the repository; empty: not recorded with the figures."""
+    """Commit of the repository that has the figures."""
     why: str
     """One sentence: why this judge does not share our mistakes."""
 
