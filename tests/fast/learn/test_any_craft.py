@@ -130,7 +130,7 @@ def test_an_imitation_that_solves_the_task_is_all_of_a_training(
     """It is judged after four rounds of its own, and here found to solve the task after eight."""
     monkeypatch.setattr(any_craft, "_SHORT_ROUNDS", 1)
     monkeypatch.setattr(any_craft, "_SHORT_UPDATES", 1)
-    monkeypatch.setattr(any_craft, "_SHORT_PERIODS", 2)
+    monkeypatch.setattr(any_craft, "_SHORT_SECONDS", 0.4)
     given = config()
     begun = trainer(tmp_path / "ends", given)
     found = iter([0.98, 1.0])
