@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from tests.support.planted import planted
@@ -228,17 +230,22 @@ PROVER_ERRORS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("part", "module", "old", "new"), CHECKER_ERRORS)
+def by_turns(errors: list[tuple[str, str, str, str]]) -> list[Any]:
+    """Every third error by default, and all of them with the slow tests; motions take longer."""
+    return [
+        pytest.param(*error, marks=_SLOW if number % 3 or error[0] == "motions" else ())
+        for number, error in enumerate(errors)
+    ]
+
+
+@pytest.mark.parametrize(("part", "module", "old", "new"), by_turns(CHECKER_ERRORS))
 def test_errors_of_the_checker_are_caught(part: str, module: str, old: str, new: str) -> None:
     wrong = Checker(planted(CHECKER, (f"rans_proof.{module}", old, new)))
     with pytest.raises((AssertionError, *wrong.refusals)):
         OF_CHECKER[part](wrong)
 
 
-@pytest.mark.parametrize(
-    ("part", "module", "old", "new"),
-    [pytest.param(*error, marks=_SLOW if error[0] == "motions" else ()) for error in PROVER_ERRORS],
-)
+@pytest.mark.parametrize(("part", "module", "old", "new"), by_turns(PROVER_ERRORS))
 def test_errors_of_the_prover_are_caught(part: str, module: str, old: str, new: str) -> None:
     wrong = Prover(planted(PROVER, (f"rans_proof.{module}", old, new)))
     with pytest.raises(AssertionError):

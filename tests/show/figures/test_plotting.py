@@ -41,7 +41,7 @@ def ran(folder: Path, program: str, **variables: str) -> str:
     [
         ("module://no_such_package.backend", "module://no_such_package.backend"),
         ("module://matplotlib_inline.backend_inline", None),  # of a notebook's kernel
-        ("no-such-backend", None),
+        pytest.param("no-such-backend", None, marks=pytest.mark.slow),
         ("svg", "svg"),  # a user's script keeps what it asks for
     ],
 )
@@ -52,7 +52,13 @@ def test_a_backend_that_is_not_installed(name: str, then: str | None, tmp_path: 
         assert printed == then
 
 
-@pytest.mark.parametrize("line", ["backend: no-such-backend", "backend: module://nowhere.b"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "backend: no-such-backend",
+        pytest.param("backend: module://nowhere.b", marks=pytest.mark.slow),
+    ],
+)
 def test_a_backend_of_a_configuration_file(line: str, tmp_path: Path) -> None:
     (tmp_path / "matplotlibrc").write_text(f"{line}\n")
     ran(tmp_path, PROGRAM, MATPLOTLIBRC=str(tmp_path))
