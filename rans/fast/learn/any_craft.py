@@ -49,8 +49,8 @@ _SHORT_RATE = 6e-3
 _SHORT_SECONDS = 6.4
 """Rounds, gradient steps after a round, labels and first step size of a gradient step, and length of a round, s, of
 an imitation that may be all of a training. It takes a fifth of the time of the longer one. At a step size of 2e-3
-and with 1,024 labels it needs 28 rounds instead of 12 to 20; with rounds of 3.2 s, in which no flight arrives, a craft that
-is commanded every 0.1 s was not imitated in 32 rounds."""
+and with 1,024 labels it needs 28 rounds instead of 12; with rounds of 3.2 s, which are shorter than a flight, a
+craft that is commanded every 0.1 s was not imitated in 32 rounds."""
 _JUDGED = 4
 """Rounds in which the network flies alone until it is judged, which takes as long as three rounds."""
 _MOST_ROUNDS = 32
