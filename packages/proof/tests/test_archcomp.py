@@ -105,6 +105,16 @@ def test_a_matlab_network_means_the_same_in_onnx(run: ModuleType) -> None:
     np.testing.assert_allclose(apply(layers, x), expected, atol=1e-14)
 
 
+def test_half_planes_of_navigation_are_outside_of_its_square() -> None:
+    """Both files say the same of a state: whether it is outside of [1, 2] x [1, 2]."""
+    states = np.random.default_rng(0).uniform(0.0, 3.0, (20_000, 4))
+    is_outside = ((states[:, :2] < 1.0) | (states[:, :2] > 2.0)).any(axis=1)
+    for name in ("nav-point", "nav-set"):
+        keep = read_problem(FOLDER / f"{name}.toml").keep
+        assert keep is not None
+        assert np.array_equal(keep.margins(states) > 0.0, is_outside)
+
+
 def test_the_unsafe_rendezvous_is_refuted(
     rendezvous: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
