@@ -823,6 +823,7 @@ CAMPAIGNS: dict[str, Campaign] = {
                     ("worst", "{rans[worst]:.2f}"),
                     ("time, s", "{rans[time]:,.0f}"),
                     ("soft limits broken", "{soft}"),
+                    ("network", "{agent}"),
                     ("V-BAR's PD", "{peer}"),
                 ),
                 "vbar:cells",

@@ -1,12 +1,13 @@
 """Scenarios and suites of V-BAR, scored by V-BAR: ``python -m campaigns V-BAR``.
 
-Transfers are RANS's guidance; corridor, turning port and departure are laws of this script.
+Transfers are RANS's guidance; corridor, turning port and departure are laws of this script. The network of
+`campaigns.vbar_agent` flies the scenarios that lead to a point or a port.
 
 V-BAR (J. Hammoudeh, "Verified Benchmark for Autonomous Rendezvous", 2026) needs Python 3.12 or later, and is no
 dependency of RANS. In an environment of its own::
 
     python3.12 -m venv vbar
-    vbar/bin/pip install vbar==0.3.1 cattrs tyro
+    vbar/bin/pip install vbar==0.3.1 cattrs tyro onnxruntime
     vbar/bin/python -m campaigns V-BAR --docs docs
 
 V-BAR flies: its environments, starts, sensors and constraints, and its composite score. Guidance receives what
@@ -22,6 +23,7 @@ from collections import Counter
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -48,6 +50,8 @@ _PART_OF_TIME = 0.75
 """Part of an episode in which these coasts must end."""
 _QUICKENING = 0.004
 """Acceleration of a reference along an axis, m/s^2: a fifth of the thrusters'."""
+_CONTESTANTS = ("rans", "network", "pd")
+"""Guidance, the network of `campaigns.vbar_agent`, and V-BAR's own controller."""
 _JOB = 4
 """Number of episodes that a process flies together."""
 _PARTS = 64
@@ -80,21 +84,20 @@ class Scored:
                 yield {"scenario": name, "suite": suite, "vbar": version("vbar"), **self._row(name)}
 
     def _row(self, name: str) -> dict[str, Any]:
-        """What V-BAR says of guidance and of its own controller in one scenario."""
+        """What V-BAR says of each contestant in one scenario."""
         firsts = range(0, self.episodes, _JOB)
-        jobs = [
-            (name, who, self.episodes, first, _JOB) for who in ("rans", "pd") for first in firsts
-        ]
+        jobs = [(name, who, self.episodes, first, _JOB) for who in _CONTESTANTS for first in firsts]
         parts = [*Workers(_with_vbar, (), self.workers, "flew scenarios").ordered(scored, jobs)]
-        own, other = parts[: len(firsts)], parts[len(firsts) :]
-        return {
-            "episodes": self.episodes,
-            "rans": _together([episode for part in own for episode in part or ()]),
-            # V-BAR's controller flies to hold points and boxes only.
-            "pd": None
-            if None in other
-            else _together([episode for part in other for episode in part or ()]),
-        }
+        row: dict[str, Any] = {"episodes": self.episodes}
+        for k, who in enumerate(_CONTESTANTS):
+            own = parts[k * len(firsts) : (k + 1) * len(firsts)]
+            # None: it flies no such scenario.
+            row[who] = (
+                None
+                if None in own
+                else _together([episode for part in own for episode in part or ()])
+            )
+        return row
 
 
 def _with_vbar() -> None:
@@ -109,14 +112,14 @@ def scored(
     """What V-BAR says of some episodes of a scenario, from the first one of ``count`` on; a job of a worker.
 
     Returns:
-        One of each episode; None: V-BAR's controller does not fly this scenario.
+        One of each episode; None: the network or V-BAR's controller does not fly this scenario.
     """
     metrics: Any = importlib.import_module("vbar.metrics")
     composite: Any = importlib.import_module("vbar.metrics.composite")
     scenarios: Any = importlib.import_module("vbar.scenarios")
     seeds: Any = importlib.import_module("vbar.scenarios.seeds")
     agents: Any = importlib.import_module("vbar.agents")
-    agent = Guidance() if who == "rans" else agents.PDAgent()
+    agent = {"rans": Guidance, "network": Agent, "pd": agents.PDAgent}[who]()
     environment = scenarios.make(name)
     episodes = []
     pairs = [*seeds.SeedSplit(name, "validation", count).pairs()]
@@ -124,7 +127,7 @@ def scored(
         try:
             episode = metrics.record_episode(environment, agent, seed, own)
         except ValueError:
-            if who == "pd":
+            if who != "rans":
                 return None
             raise
         inner = environment.unwrapped
@@ -151,6 +154,7 @@ def _together(episodes: list[dict[str, Any]]) -> dict[str, Any]:
     soft = Counter(one for episode in episodes for one in episode["soft"])
     spent = [episode["spent"] for episode in episodes]
     return {
+        "episodes": len(episodes),
         "succeeded": sum(episode["succeeded"] for episode in episodes),
         "broken": sum(bool(episode["broken"]) for episode in episodes),
         "limits": sorted({one for episode in episodes for one in episode["broken"]}),
@@ -189,12 +193,22 @@ def _decided(whole: Callable[..., Any]) -> Callable[..., Any]:
 def cells(evidence: Any) -> Iterator[dict[str, Any]]:
     """Rows of the table."""
     for row in evidence["rows"]:
-        own, other = row["rans"], row["pd"]
+        own = row["rans"]
         soft = ", ".join(f"{one.replace('_', ' ')} {count}" for one, count in own["soft"].items())
-        peer = "-"
-        if other is not None:
-            peer = f"{other['succeeded']}, {other['broken']}, {other['composite']:.2f}"
-        yield {**row, "soft": soft or "-", "peer": peer}
+        others = {
+            name: "-"
+            if one is None
+            else f"{one['succeeded']}, {one['broken']}, {one['composite']:.2f}{spent(one)}"
+            for name, one, spent in (
+                ("peer", row["pd"], lambda one: ""),
+                (
+                    "agent",
+                    row["network"],
+                    lambda one: f", {one['spent']:.2f} of {one['episodes']}",
+                ),
+            )
+        }
+        yield {**row, "soft": soft or "-", **others}
 
 
 class Guidance:
@@ -227,6 +241,40 @@ class Guidance:
         if self._filter is not None:
             self._filter.burn(command[None] * self._view.max_accel * self._view.dt)
         return command
+
+
+class Agent(Guidance):
+    """An agent of V-BAR that flies a network (`campaigns.vbar_agent`) by ONNX Runtime, from point to point.
+
+    The points, and the speed that the network may have, follow from the public description of the scenario.
+
+    Args:
+        file: the network; None: the one beside this script.
+    """
+
+    name = "network"
+
+    def __init__(self, file: str | None = None) -> None:
+        runtime: Any = importlib.import_module("onnxruntime")
+        options = runtime.SessionOptions()
+        options.intra_op_num_threads = 1
+        self._session = runtime.InferenceSession(
+            file or str(Path(__file__).with_name("vbar_agent.onnx")), options
+        )
+
+    def reset(self, view: Any, rng: np.random.Generator | None = None) -> None:
+        """Begin an episode.
+
+        Raises:
+            ValueError: the network flies to points and ports only, and this scenario asks for something else.
+        """
+        super().reset(view, rng)
+        self._legs = agent_route(view, self._answer)
+        self._leg = next(self._legs)
+
+    def _answer(self, inputs: Array) -> Array:
+        """Commands along three axes, (3,), for what the network reads, (3, 5)."""
+        return self._session.run(None, {"obs": inputs.astype(np.float32)})[0][:, 0].astype(float)
 
 
 class Leg(ABC):
@@ -516,6 +564,187 @@ def route(view: Any) -> Route:
     yield from routes[goal["task"]](view, goal, limits)
 
 
+class Learned(Leg):
+    """The network flies to a point, which may turn about the target.
+
+    Args:
+        view: what V-BAR says of the scenario.
+        answer: commands along three axes, (3,), for inputs (3, 5).
+        point: where to from a state at a time, m.
+        fastest: the greatest speed at a state and time, m/s.
+        ends: whether the leg is over at a state and time.
+        rate: rate at which the point turns about z, rad/s.
+    """
+
+    def __init__(
+        self,
+        view: Any,
+        answer: Callable[[Array], Array],
+        point: Callable[[Array, float], Array],
+        fastest: Callable[[Array, float], float],
+        ends: Callable[[Array, float], bool] = lambda state, time: False,
+        rate: float = 0.0,
+    ) -> None:
+        self._view = view
+        self._answer = answer
+        self._point = point
+        self._fastest = fastest
+        self._ends = ends
+        self._spin = np.array([0.0, 0.0, rate])
+
+    def over(self, state: Array, time: float) -> bool:
+        """See `Leg`."""
+        return self._ends(state, time)
+
+    def change(self, state: Array, time: float) -> Array:
+        """See `Leg`."""
+        n, place, speed = self._view.n, state[:3], state[3:]
+        away = place - self._point(state, time)
+        # The network reads a velocity without that of the turning point, in the axes of the moment.
+        moving = speed - np.cross(self._spin, place)
+        natural = np.array(
+            [
+                3.0 * n * n * place[0] + 2.0 * n * speed[1],
+                -2.0 * n * speed[0],
+                -n * n * place[2],
+            ]
+        ) - np.cross(self._spin, speed)
+        both = [np.linalg.norm(away), self._fastest(state, time)]
+        rows = [[away[k], moving[k], natural[k], *both] for k in range(3)]
+        return self._answer(np.array(rows)) * self._view.max_accel * self._view.dt
+
+
+_MARGIN = 0.8
+"""Part of the speed that a scenario allows."""
+_FASTEST = 5.5
+"""Greatest speed of the network, m/s: the turn of the Hill frame then takes three fifths of the thrusters."""
+_CRUISE = 0.5
+"""Greatest speed of the network where a scenario sets no lower limit, m/s."""
+
+
+def agent_route(view: Any, answer: Callable[[Array], Array]) -> Route:
+    """The legs of the network in a scenario, from what V-BAR says of it publicly.
+
+    Raises:
+        ValueError: the scenario asks for a tour, a departure or a turning cone.
+    """
+    limits = {one["type"]: one for one in view.constraints}
+    task = view.goal["task"]
+    turning_cone = task == "hold" and "approach_cone" in limits
+    if task not in ("hold", "berth", "dock") or turning_cone:
+        raise ValueError(f"the network flies no {view.scenario_id}")
+    return (_learned_port if task == "dock" else _learned_hold)(view, answer, limits)
+
+
+def _learned_hold(view: Any, answer: Callable[[Array], Array], limits: Any) -> Route:
+    """Around the ball to a hold point or box, and stay."""
+    point = np.array(view.goal["hold_point"], float)
+    ball = 1.3 * limits.get("keep_out", {}).get("radius", 0.0)
+    ball = min(ball, 0.9 * float(np.linalg.norm(point)))
+
+    def fastest(state: Array, time: float) -> float:
+        if view.goal["task"] == "berth":
+            return 0.06
+        return _allowed(limits, float(np.linalg.norm(state[:3])))
+
+    if "zone_entry" in limits:
+        yield Coast(limits["zone_entry"]["go_time"])
+    yield Learned(view, answer, lambda state, time: _beside(state[:3], point, ball), fastest)
+
+
+def _learned_port(view: Any, answer: Callable[[Array], Array], limits: Any) -> Route:
+    """To a point on the axis of a port outside its corridor, and along the axis into the port."""
+    origin, axis = _port(view, view.goal)
+    rate = view.goal["target"].get("rate", 0.0)
+    cone = limits["approach_cone"]
+    low, high = view.goal["axial_speed_window"]
+    reach = float(np.linalg.norm(view.goal["port"])) + cone["active_range"]
+    contact = 0.5 * (low + high)
+    waits, free = _light(limits)
+    # With noise the filter averages first: the port asks for 0.1 m.
+    earliest = 4000.0 if ":nav1" in view.scenario_id else 0.0
+
+    def outside(time: float) -> Array:
+        return origin(time) + (cone["active_range"] + 10.0) * axis(time)
+
+    def fastest(state: Array, time: float) -> float:
+        range_ = float(np.linalg.norm(state[:3]))
+        return _allowed(limits, range_) - abs(rate) * range_
+
+    def ready(state: Array, time: float) -> bool:
+        turning = np.cross([0.0, 0.0, rate], state[:3])
+        near = float(np.linalg.norm(state[:3] - outside(time))) < 2.0
+        slow = float(np.linalg.norm(state[3:] - turning)) < 0.05
+        return near and slow and time >= earliest
+
+    def along(state: Array, time: float) -> float:
+        return float((state[:3] - origin(time)) @ axis(time))
+
+    def ahead(state: Array, time: float) -> Array:
+        # A point on the axis some metres ahead, behind the port at the end, pulls the craft onto the axis.
+        distance = along(state, time)
+        later = distance - _AHEAD * closing(state, time)
+        if distance > waits - 1.0 and not free(time):
+            later = max(later, waits)
+        return origin(time) + later * axis(time)
+
+    def closing(state: Array, time: float) -> float:
+        distance = along(state, time)
+        speed = min(contact + 0.0025 * max(distance, 0.0), 0.2)
+        if "gate_table" in limits:
+            gate = _gate(
+                limits["gate_table"]["gates"], distance + float(np.linalg.norm(view.goal["port"]))
+            )
+            speed = max(min(speed, gate), low + 0.15 * (high - low))
+        # Without the gates, which are met above: the mechanism asks for more than the last one allows.
+        others = {name: one for name, one in limits.items() if name != "gate_table"}
+        allowed = _allowed(others, float(np.linalg.norm(state[:3])))
+        return min(speed, allowed - abs(rate) * float(np.linalg.norm(state[:3])))
+
+    start = yield Look()
+    if np.linalg.norm(start[:3] - origin(0.0)) > cone["active_range"]:
+        yield Learned(
+            view,
+            answer,
+            lambda state, time: _beside(state[:3], outside(time), reach + 3.0),
+            fastest,
+            ready,
+            rate,
+        )
+    yield Learned(view, answer, ahead, closing, rate=rate)
+
+
+_AHEAD = 60.0
+"""Time to the point on the axis that the network pursues, s: it brakes for a point that is less than 50 s away."""
+
+
+def _allowed(limits: Any, range_: float) -> float:
+    """The greatest speed of the network at a range from the target, m/s."""
+    speed = _CRUISE
+    if "gate_table" in limits:
+        gates = limits["gate_table"]["gates"]
+        furthest = max(gates)
+        # Beyond the last gate an episode is too short for its speed.
+        speed = min(_gate(gates, range_) + 0.003 * max(range_ - furthest[0], 0.0), _FASTEST)
+    for name in ("speed_limit", "closing_speed_limit"):
+        if name in limits:
+            speed = min(speed, _MARGIN * (limits[name]["v0"] + limits[name]["v1"] * range_))
+    return speed
+
+
+def _beside(place: Array, point: Array, ball: float) -> Array:
+    """The point, m, or one beside a ball about the target that is in the way."""
+    line = point - place
+    part = np.clip(-(place @ line) / max(line @ line, 1e-9), 0.0, 1.0)
+    nearest = place + part * line
+    apart = float(np.linalg.norm(nearest))
+    if apart >= ball or part in (0.0, 1.0):
+        return point
+    # Off the line on the side on which it passes the target; across the line if it passes through it.
+    side = nearest / apart if apart > 1e-3 else np.eye(3)[int(np.argmin(np.abs(line)))]
+    return 1.25 * ball * side
+
+
 def inhibits(view: Any) -> tuple[tuple[float, float], ...]:
     """Windows in which V-BAR shuts every thruster, s."""
     return tuple(view.goal.get("thrust_inhibit", ()))
@@ -606,21 +835,10 @@ def _to_port(view: Any, goal: Any, limits: Any) -> Route:
     origin, axis = _port(view, goal)
     cone = limits["approach_cone"]
     start = yield Look()
-    waits = -math.inf
-    window: Any = None
-    ahead = np.arange(0.0, 260.0, 5.0)
-    if "lighting_window" in limits:
-        targets: Any = importlib.import_module("vbar.scenarios.targets")
-        light = {k: v for k, v in limits["lighting_window"].items() if k != "type"}
-        window = targets.LightingWindow(**light)
-        waits = light["active_range"] + 1.5
+    waits, free = _light(limits)
     low, high = goal["axial_speed_window"]
     contact = 0.5 * (low + high)
     gates = limits.get("gate_table")
-
-    def free(time: float) -> bool:
-        # The way from where it waits to the contact takes less than all these times.
-        return window is None or bool(np.min(window.window_margin(time + ahead)) > 0.02)
 
     def speed(distance: float) -> float:
         fastest = min(contact + 0.0025 * max(distance, 0.0), 0.2)
@@ -639,6 +857,22 @@ def _to_port(view: Any, goal: Any, limits: Any) -> Route:
         yield Transfer(view, _hold(view, reach, (2.0, 0.04)), point, 2200.0)
         yield _rest(view, point, arrival)
     yield Track(view, origin, axis, speed, waits=waits, free=free)
+
+
+def _light(limits: Any) -> tuple[float, Callable[[float], bool]]:
+    """Distance at which a craft waits for the light, m, and whether it may go on at a time."""
+    if "lighting_window" not in limits:
+        return -math.inf, lambda time: True
+    targets: Any = importlib.import_module("vbar.scenarios.targets")
+    light = {k: v for k, v in limits["lighting_window"].items() if k != "type"}
+    window = targets.LightingWindow(**light)
+    # The way from where it waits to the contact takes less than all these times.
+    ahead = np.arange(0.0, 260.0, 5.0)
+
+    def free(time: float) -> bool:
+        return bool(np.min(window.window_margin(time + ahead)) > 0.02)
+
+    return light["active_range"] + 1.5, free
 
 
 def _port(view: Any, goal: Any) -> tuple[Callable[[float], Array], Callable[[float], Array]]:
