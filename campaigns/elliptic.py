@@ -19,6 +19,7 @@ from rans_missions.tasks import Dock, TargetOrbit
 from rans_missions.two_body import TwoBodyMover, relative_motion
 
 from campaigns.missions import row, row_of
+from campaigns.orbits import directions, gap
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import Flight, fly
 from rans.model.drift import ClohessyWiltshire, Drift
@@ -110,7 +111,7 @@ class Elliptic:
         """Median and largest error of both equations after coasts of `_DEADLINE`, m."""
         n = _orbit(eccentricity).mean_motion(0.0)
         random = np.random.default_rng(self.seed)
-        p, v = (self._directions(random) for _ in range(2))
+        p, v = (directions(random, self.coasts) for _ in range(2))
         p = p * _COAST
         v = v * (_COAST * n * random.uniform(0.0, 1.6, (self.coasts, 1)))
         anomalies = random.uniform(-math.pi, math.pi, self.coasts)
@@ -124,14 +125,8 @@ class Elliptic:
         errors: dict[str, Any] = {"eccentricity": eccentricity}
         for name, drift in drifts.items():
             linear, _ = drift.carry(Vec3(*p.T), Vec3(*v.T), _DEADLINE)
-            gap = np.linalg.norm(np.stack(linear.columns(), axis=1) - exact[0], axis=1)
-            errors[name] = [float(np.median(gap)), float(gap.max())]
+            errors[name] = [*gap(linear, exact[0])]
         return errors
-
-    def _directions(self, random: np.random.Generator) -> np.ndarray:
-        """Uniform unit vectors, (coasts, 3)."""
-        vectors = random.normal(size=(self.coasts, 3))
-        return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def _orbit(eccentricity: float) -> TargetOrbit:

@@ -20,6 +20,7 @@ from rans_missions.tasks import Dock, Hold
 
 from campaigns.linear_covariance import LinearCovariance, linear_covariance, spread
 from campaigns.missions import row_of
+from campaigns.passive import quantile
 from rans.evaluation.measure.metrics import PERCENTILES, impulses, settling_times, solved
 from rans.evaluation.measure.statistics import figure as rounded
 from rans.files import number
@@ -236,17 +237,12 @@ def _row(
         "starts": len(won),
         "won": float(won.mean()),
         "broken": float(broken.mean()),
-        "arrival": [_quantile(arrival, x / 100.0) for x in PERCENTILES],
-        "impulse": [_quantile(impulse, x / 100.0) for x in PERCENTILES],
+        "arrival": [quantile(arrival, x / 100.0) for x in PERCENTILES],
+        "impulse": [quantile(impulse, x / 100.0) for x in PERCENTILES],
         # The lower end: 99 % keep a margin that 1 % fall below.
-        "margin": [_quantile(least, 1.0 - x / 100.0) for x in PERCENTILES],
+        "margin": [quantile(least, 1.0 - x / 100.0) for x in PERCENTILES],
         "mean impulse": float(impulse.mean()),
     }
-
-
-def _quantile(values: np.ndarray, part: float) -> float:
-    """Quantile of one value per flight: the least value that so large a part of the flights do not exceed."""
-    return float(np.quantile(values, part, method="inverted_cdf"))
 
 
 def beside_flights(count: int, seed: int, workers: int | None) -> dict[str, Any]:

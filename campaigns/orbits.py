@@ -60,7 +60,7 @@ class Orbits:
         for name, task, distance, times in _COASTS:
             n = task.mean_motion
             random = np.random.default_rng(self.seed)
-            p, v = (self._directions(random) for _ in range(2))
+            p, v = (directions(random, self.coasts) for _ in range(2))
             p = p * distance
             v = v * (distance * n * random.uniform(0.0, 1.6, (self.coasts, 1)))
             exact, _ = relative_motion(n, p, v, times)
@@ -76,25 +76,26 @@ class Orbits:
             perturbed = PerturbedOrbit.around_earth(n, float(_INCLINATION), drag, latitude)
             for number, time in enumerate(times):
                 linear, _ = task.drift.carry(Vec3(*p.T), Vec3(*v.T), time)
-                gaps = [_gap(linear, truth[number]) for truth in truths]
+                gaps = [gap(linear, truth[number]) for truth in truths]
                 # Half an orbit is as far as the perturbed orbit's equations go.
                 own = (math.nan, math.nan)
                 if n * time <= math.pi:
                     ours, _ = perturbed.carry(Vec3(*p.T), Vec3(*v.T), time)
-                    own = _gap(ours, truths[2][number])
+                    own = gap(ours, truths[2][number])
                 rows.append({"from": name, "time": time, "gaps": [*gaps, own]})
         task = replace(Dock(), starts_as_coded=True)
         drawn: Any = scenarios(task, load_spacecraft("afrl-deputy"), self.seed, self.starts)
         above = task.constraints(drawn.start, drawn.goal)["speed"] < 0.0
         return {"rows": rows, "coded": [{"starts": self.starts, "above": float(above.mean())}]}
 
-    def _directions(self, random: np.random.Generator) -> np.ndarray:
-        """Uniform unit vectors, (coasts, 3)."""
-        vectors = random.normal(size=(self.coasts, 3))
-        return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+def directions(random: np.random.Generator, count: int) -> np.ndarray:
+    """Uniform unit vectors, (count, 3)."""
+    vectors = random.normal(size=(count, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
-def _gap(vectors: Vec3, truth: np.ndarray) -> tuple[float, float]:
+def gap(vectors: Vec3, truth: np.ndarray) -> tuple[float, float]:
     """Median and largest distance, m."""
     gap = np.linalg.norm(np.stack(vectors.columns(), axis=1) - truth, axis=1)
     return float(np.median(gap)), float(gap.max())

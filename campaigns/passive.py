@@ -94,13 +94,13 @@ def _row(mission: str, flown: Flown) -> dict[str, Any]:
     """What the flights of one row are."""
     of_flights = {"arrival, s": flown.arrival, "impulse, N s": flown.impulse}
     quantiles = {
-        name: [_quantile(values, x / 100.0) for x in PERCENTILES]
+        name: [quantile(values, x / 100.0) for x in PERCENTILES]
         for name, values in of_flights.items()
     }
     for name, least in flown.margins.items():
         unit = "m/s" if name == "speed" else "m"
         quantiles[f"margin of {name}, {unit}"] = [
-            _quantile(least, 1.0 - x / 100.0) for x in PERCENTILES
+            quantile(least, 1.0 - x / 100.0) for x in PERCENTILES
         ]
     zone = TASKS[mission]().for_evaluation().coast_zone
     assert zone is not None
@@ -144,7 +144,7 @@ def joined(parts: list[Flown]) -> Flown:
     return Flown._make([*map(np.concatenate, arrays), together])
 
 
-def _quantile(values: np.ndarray, part: float) -> float:
+def quantile(values: np.ndarray, part: float) -> float:
     """Quantile of one value per flight: the least value that so large a part of the flights do not exceed."""
     return float(np.quantile(values, part, method="inverted_cdf"))
 

@@ -19,6 +19,7 @@ from rans_missions.tasks import TargetOrbit
 from rans_missions.tasks.hold import Hold
 from rans_missions.two_body import Perturbations, TwoBodyMover, perturbed_motion
 
+from campaigns.orbits import gap
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import fly
 from rans.model.drift import ClohessyWiltshire
@@ -163,8 +164,7 @@ def _coast_errors(seed: int) -> list[dict[str, Any]]:
             ("circle", ClohessyWiltshire(n)),
         ):
             end, _ = drift.carry(Vec3(*p.T), Vec3(*(0.0 * p.T)), _COAST)
-            gap = np.linalg.norm(np.stack(end.columns(), axis=1) - truth[0], axis=1)
-            row[name] = [float(np.median(gap)), float(gap.max())]
+            row[name] = [*gap(end, truth[0])]
         rows.append(row)
     return rows
 
