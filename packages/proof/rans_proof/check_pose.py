@@ -25,6 +25,7 @@ import numpy as np
 
 from rans_proof.agent_reader import AgentWeights, read_agent
 from rans_proof.balls import Refused, need
+from rans_proof.check_late import Late
 from rans_proof.claims import (
     DIGEST,
     Kind,
@@ -38,7 +39,7 @@ from rans_proof.claims import (
 )
 from rans_proof.craft_reader import FILES, Craft, check_digests, read_craft, read_period
 
-FORMAT = 1
+FORMAT = 2
 PROPERTY = "trapping set of poses of an agent that goes to a pose"
 _LARGEST = 2**24
 """Bytes of a certificate."""
@@ -47,7 +48,10 @@ _MOST_CELLS = 2**23
 _SIZE, _ERROR = number_in(0, 180), number_in(0, 0.2)
 _WIDTH = Kind("number above 0, at most 180", lambda x: _SIZE.fits(x) and x > 0)
 _RUNS = list_of(list_of(whole(1 - 2**20, 2**20 - 1), 3, 3), 1, _MOST_CELLS)
-_ERRORS = ("mass", "thrust", "position", "velocity", "heading", "spin")
+_ERRORS = (
+    *("mass", "thrust", "position", "velocity", "heading", "spin"),
+    *("opening", "shutting"),
+)
 _REACH = table_of({"sectors": whole(1, 10_000), "periods": whole(1, 10_000)})
 _SCHEMA = {
     "format": one_of(FORMAT),
@@ -118,6 +122,8 @@ class PoseCertificate(NamedTuple):
             "velocity": "readings of the velocity off by up to {} m/s",
             "heading": "readings of the heading off by up to {} rad",
             "spin": "readings of the spin off by up to {} rad/s",
+            "opening": "each valve by itself, each time anew, up to {} s late to open",
+            "shutting": "each valve by itself, each time anew, up to {} s late to shut",
         }
         return (
             ", ".join(text[name].format(repr(value)) for name, value in off.items())
@@ -134,6 +140,9 @@ def read_pose_certificate(content: bytes) -> PoseCertificate:
     table = entries("it", json_of(content, _LARGEST), _SCHEMA)
     is_slow = table["start"]["speed"] == table["start"]["spin"] == 0.0
     need(table["reach"] is None or is_slow, "starts that are far must be at rest")
+    off = table["uncertainty"]
+    is_prompt = off["opening"] == off["shutting"] == 0.0
+    need(table["reach"] is None or is_prompt, "a way from far has no delays of valves")
     return PoseCertificate(table, None)
 
 
@@ -222,7 +231,11 @@ class Cells:
         return result
 
     def moved(
-        self, levels: Mapping[int, np.ndarray], push: Mapping[int, Interval], period: float
+        self,
+        levels: Mapping[int, np.ndarray],
+        push: Mapping[int, Interval],
+        period: float,
+        slip: float = 0.0,
     ) -> Cells:
         """Cells that contain the images of all its cells.
 
@@ -230,8 +243,10 @@ class Cells:
             levels: cells in which a command may be, by commands.
             push: bounds of the rate's derivative over a period, by commands.
             period: control period, s.
+            slip: by how much the rate may change besides, and the position by that times the period.
         """
         rows, columns = np.nonzero(self.inside)
+        more = slip / self.width[0]
         boxes = []
         for level, may in levels.items():
             chosen = may[rows, columns]
@@ -239,7 +254,7 @@ class Cells:
             # In cells, of which a column is as wide as a row moves in a period: a rate of r to r + 1 moves by a,
             # a position of c to c + 1 by its rate and a / 2. Without a push nothing is widened.
             low, high = (period * x / self.width[0] for x in push[level])
-            below, above = (_WIDER if x else 0.0 for x in (low, high))
+            below, above = (more + (_WIDER if x or slip else 0.0) for x in (low, high))
             for first, last, part, n in (
                 (row, row + 1, 1.0, self.half[0]),
                 (column + row, column + row + 2, 0.5, self.half[1]),
@@ -272,6 +287,13 @@ class Loop:
         low = (1.0 - self.off["thrust"]) / (1.0 + self.off["mass"]) - _SLACK
         high = (1.0 + self.off["thrust"]) / (1.0 - self.off["mass"]) + _SLACK
         self.factor = low, high
+        most = self.most_pull, self.most_twist
+        self.late = Late(self.off, self.along, self.pull * high, self.twist * high, most)
+        need(
+            max(self.late.opening, self.late.shutting) < self.period,
+            "its valves may be late by a period",
+        )
+        self.off = self.late.readings(self.off)
         self.grid = table["grid"]
 
     def _design(self, craft: Craft) -> None:
@@ -327,15 +349,20 @@ class Loop:
         sag = self.period**2 / 8.0 * self.factor[1]
         # Thrust along both diagonals, turned by any angle, is at most sqrt(2) of that along one.
         pull, twist = math.sqrt(2.0) * self.most_pull * self.pull, self.most_twist * self.twist
+        unread = self.late.unread
         return bounds._replace(
-            place=bounds.place + sag * pull, heading=bounds.heading + sag * twist
+            place=bounds.place + sag * pull + unread["position"],
+            heading=bounds.heading + sag * twist + unread["heading"],
         )
 
     def check_closed(self, place: Cells, heading: Cells, bounds: Parts) -> None:
         """Refuse a product of sets that an image leaves."""
-        turned = heading.moved(self.heading_levels(heading, bounds), self._twists(), self.period)
+        slips = self.late.spin_slip, self.late.slip(self._turned(bounds))
+        levels = self.heading_levels(heading, bounds)
+        turned = heading.moved(levels, self._twists(), self.period, slips[0])
         need(not (turned.inside & ~heading.inside).any(), "a heading may leave its cells")
-        moved = place.moved(self.place_levels(place, bounds), self._pulls(bounds), self.period)
+        levels = self.place_levels(place, bounds)
+        moved = place.moved(levels, self._pulls(bounds), self.period, slips[1])
         need(not (moved.inside & ~place.inside).any(), "a position may leave its cells")
 
     def _twists(self) -> dict[int, Interval]:
@@ -345,14 +372,19 @@ class Loop:
             for k in range(-self.most_twist, self.most_twist + 1)
         }
 
-    def _pulls(self, bounds: Parts) -> dict[int, Interval]:
-        """Bounds of the acceleration along a diagonal of the goal's frame, by thrusters along the craft's."""
-        turned = min(
+    def _turned(self, bounds: Parts) -> float:
+        """Largest angle between the craft and the goal's frame while thrusters are open."""
+        return min(
             bounds.heading
             + bounds.spin * self.period
-            + self.twist * self.most_twist * self.factor[1] * self.period**2 / 2,
+            + self.twist * self.most_twist * self.factor[1] * self.period**2 / 2
+            + self.late.turned(bounds.spin, self.period),
             math.pi,
         )
+
+    def _pulls(self, bounds: Parts) -> dict[int, Interval]:
+        """Bounds of the acceleration along a diagonal of the goal's frame, by thrusters along the craft's."""
+        turned = self._turned(bounds)
         least = math.cos(turned)
         across = self.most_pull * (math.sin(turned) if turned < math.pi / 2 else 1.0)
         result = {}

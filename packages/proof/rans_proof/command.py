@@ -54,7 +54,8 @@ def prove(
             position (m) and heading (degrees), and those beyond its limits, at rest, come into them.
         off: how far mass (with the inertia), thrust, and the readings of velocity and spin may be off, and the
             delay of all thrusters, which is one constant, the same to open and to shut; by default 0. Of an agent
-            that goes to a pose mass, thrust, and the readings of position, velocity, heading (rad) and spin.
+            that goes to a pose mass, thrust, the readings of position, velocity, heading (rad) and spin, and
+            opening and shutting (s): how much later each valve does either, by itself and each time anew.
         resolution: how much finer cells are along each coordinate: those of an agent, and the smallest ones of a
             network, which are 1/512 of the range of a start by default.
         problem: plant, starts and property, a TOML file (docs/proof/proofs.md); with --check the certificate must

@@ -54,6 +54,10 @@ class PoseErrors:
     """Readings of the heading are off by at most this, rad, at each decision anew."""
     spin: float = 0.0
     """Readings of the spin are off by at most this, rad/s, at each decision anew."""
+    opening: float = 0.0
+    """Each thruster by itself, each time anew, opens later than commanded by at most this, s."""
+    shutting: float = 0.0
+    """Each thruster by itself, each time anew, shuts later than commanded by at most this, s."""
 
 
 class PoseStart(NamedTuple):
@@ -85,8 +89,12 @@ class PoseTrap(NamedTuple):
 class _Grid:
     """Rows of a rate and columns of a position, both from -n to n."""
 
-    def __init__(self, width: float, period: float, fast: float, far: float) -> None:
+    def __init__(
+        self, width: float, period: float, fast: float, far: float, slip: float = 0.0
+    ) -> None:
         self.period = period
+        self.slip = slip
+        """By how much valves that are late change a rate in a period besides."""
         self.width, self.column = width, width * period
         self.rows, self.columns = math.ceil(fast / width), math.ceil(far / self.column)
         self.rate = np.arange(-self.rows, self.rows) * width
@@ -147,12 +155,14 @@ class _Grid:
     ) -> None:
         """Add the image of cells of one row."""
         t = self.period
-        lower, upper = (1e-6 if x else 0.0 for x in (low, high))
+        slip = self.slip
+        lower, upper = (slip / self.width + (1e-6 if x or slip else 0.0) for x in (low, high))
         number = round(rate / self.width)
         first = math.floor(number + t * low / self.width - lower) + self.rows
         last = math.ceil(number + 1 + t * high / self.width + upper) + self.rows
-        shift = math.floor((rate * t + 0.5 * t * t * low) / self.column - 1e-6)
-        reach = math.ceil(((rate + self.width) * t + 0.5 * t * t * high) / self.column + 1e-6)
+        begin, end = (0.5 * t * t * x for x in (low, high))
+        shift = math.floor((rate * t + begin - slip * t) / self.column - 1e-6)
+        reach = math.ceil(((rate + self.width) * t + end + slip * t) / self.column + 1e-6)
         used = np.flatnonzero(part)
         if (
             first < 0
@@ -197,7 +207,10 @@ def pose_trap(
     is_near = start.position < keep[0] and start.heading < keep[1]
     near = start if is_near else PoseStart(0.0, 0.0)
     # The heading by itself: what the axes demand may take thrusters from a turn.
-    turning = _Grid(spin, period, 4.0 * asked.twist * period, max(1.2 * keep[1], 2.0 * _TURN))
+    far = max(1.2 * keep[1], 2.0 * _TURN)
+    late = high * (off.opening + off.shutting)
+    turning_slip = asked.thrusters * asked.twist * late
+    turning = _Grid(spin, period, 4.0 * asked.twist * period, far, turning_slip)
     pushes = []
     for level, may in asked.turns(turning, off).items():
         ends = [level * asked.twist * x for x in (low, high)]
@@ -212,8 +225,11 @@ def pose_trap(
     heading = turning.grown(begin, pushes)
     angle, rate = turning.extent(heading)
     # The position, for a guess of how far it reaches, which grows until it is one.
-    moving = _Grid(speed, period, 10.0 * asked.pull * period, 3.0 * keep[0])
-    turned = angle + rate * period + asked.twist * period**2
+    turned = angle + rate * (period + 2.0 * off.shutting)
+    turned += 2.0 * high * asked.twist * (period + late) ** 2
+    turned += 2.0 * turning_slip * (period + off.shutting)
+    slip = 0.5 * asked.thrusters * asked.pull * late * (1.0 + math.sin(turned))
+    moving = _Grid(speed, period, 10.0 * asked.pull * period, 3.0 * keep[0], slip)
     across = 2.0 * asked.pull * high * math.sin(turned)
     guess = (0.5 * keep[0], 2.0 * asked.pull * period)
     for _ in range(_ROUNDS):
@@ -249,6 +265,7 @@ class _Asked:
         torque = force * (place[:, 0] * along[:, 1] - place[:, 1] * along[:, 0])
         self._axes = np.array([[1.0, -1.0], [1.0, 1.0]]) / math.sqrt(2.0)
         pushes = force[:, None] * along @ self._axes.T
+        self.thrusters = len(force)
         self.pull = float(np.abs(pushes).max() / craft.mass)
         self.twist = float(np.abs(torque).max() / np.asarray(craft.inertia).ravel()[-1])
         self._along = np.round(pushes / np.abs(pushes).max()).astype(int)
@@ -281,7 +298,10 @@ class _Asked:
     def turns(self, grid: _Grid, off: PoseErrors) -> dict[int, np.ndarray]:
         """Where so many thrusters may turn the craft."""
         found = []
-        for angle, spin in grid.corners(off.heading, off.spin):
+        # A reading lacks what valves let through late, by up to four thrusters.
+        heading = off.heading + 2.0 * self.twist * 1.3 * off.shutting**2
+        rate = off.spin + 4.0 * self.twist * 1.3 * off.shutting
+        for angle, spin in grid.corners(heading, rate):
             for demand in (0.0, _DEMAND, -_DEMAND):
                 place = np.full((angle.size, 2), demand)
                 still = np.zeros_like(place)
@@ -297,6 +317,7 @@ class _Asked:
         turn = math.sqrt(2.0) * off.heading
         place = off.position + (math.sin(angle) + turn) * guess[0]
         rate = off.velocity + (math.sin(angle) + turn) * guess[1]
+        rate += 4.0 * self.pull * off.shutting
         for x, v in grid.corners(place, rate):
             for sine in (0.0, 0.06, -0.06):
                 for axis in (0, 1):
@@ -343,7 +364,7 @@ def write_pose_trap(
     # Ten seconds to brake and come to rest, and a twentieth of a metre in a second.
     periods = math.ceil((15.0 + start.position / 0.05) / period)
     table = {
-        "format": 1,
+        "format": 2,
         "property": "trapping set of poses of an agent that goes to a pose",
         "agent": {name: hashlib.sha256(agent[name]).hexdigest() for name in FILES},
         "keep": {"position": keep[0], "heading": keep[1]},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import itertools
 import json
 import math
 from collections.abc import Callable
@@ -16,7 +17,7 @@ import pytest
 
 pytest.importorskip("flint")
 
-from rans_proof import check_pose
+from rans_proof import check_late, check_pose
 from rans_proof.balls import Refused
 from rans_proof.flown import read_run
 from rans_proof.pose_flights import check_pose_as_flown, leaving
@@ -29,7 +30,7 @@ from tests.support.processes import ROOT
 
 MASS, INERTIA, PERIOD = 5.32, 0.2045008, 0.1
 OFF = {"mass": 0.02, "thrust": 0.02, "position": 0.001, "velocity": 0.001}
-OFF |= {"heading": 0.003, "spin": 0.005}
+OFF |= {"heading": 0.003, "spin": 0.005, "opening": 0.0005, "shutting": 0.0005}
 
 
 @pytest.fixture(scope="module")
@@ -110,6 +111,13 @@ CHANGED: dict[str, Callable[[dict[str, Any]], object]] = {
     "wider readings of velocity": lambda t: t["uncertainty"].update(velocity=0.01),
     "wider readings of the heading": lambda t: t["uncertainty"].update(heading=0.02),
     "wider readings of the spin": lambda t: t["uncertainty"].update(spin=0.05),
+    "later to open": lambda t: t["uncertainty"].update(opening=0.004),
+    "later to shut": lambda t: t["uncertainty"].update(shutting=0.004),
+    "a little later to open and to shut": lambda t: t["uncertainty"].update(
+        opening=0.0008, shutting=0.0008
+    ),
+    "later than a period": lambda t: t["uncertainty"].update(shutting=0.11),
+    "no delays": lambda t: t["uncertainty"].pop("opening"),
     "smaller cells": lambda t: t["grid"].update(speed=0.0039),
     "other cells of spin": lambda t: t["grid"].update(spin=0.0041),
     "another agent": lambda t: t["agent"].update({FILES[0]: "0" * 64}),
@@ -244,7 +252,19 @@ def violations(
         ch, angle, spin = drawn(heading, number, repeats)
         p = np.stack((x, y), axis=1) @ DIAGONALS
         v = np.stack((vx, vy), axis=1) @ DIAGONALS
-        opened = commanded(p, v, angle, spin)
+        # What pulses before the decision still let through is in the cell's state, and not in the craft's.
+        factor = random.choice([low, high], count)
+        before = commanded(p, v, angle, spin)
+        until = before * off["shutting"] * random.integers(0, 2, before.shape)
+        pull = turned((until @ ALONG) * (factor / MASS)[:, None], angle)
+        fall = turned((until**2 @ ALONG) * (0.5 * factor / MASS)[:, None], angle)
+        at = (
+            p + fall,
+            v - pull,
+            angle + 0.5 * factor * (until**2 @ LEVER) * 0.31 / INERTIA,
+            spin - factor * (until @ LEVER) * 0.31 / INERTIA,
+        )
+        opened = commanded(*at)
         push = np.rint(opened @ ALONG @ DIAGONALS.T).astype(int)
         twist = np.rint(opened @ LEVER).astype(int)
         for name, cells, chosen, mine in (
@@ -261,15 +281,29 @@ def violations(
                 )
                 broken += [f"{name} {level}"] * int((~may[rows[:, 0], rows[:, 1]]).sum())
     # Images, by small steps in the world frame.
-    factor = random.choice([low, high], count)
-    steps = 64
-    dt = PERIOD / steps
+    # Each valve opens and shuts late by itself; the last part has only what is let through after the period.
+    most = max(off["opening"], off["shutting"])
+    instants = np.unique(
+        [
+            *np.linspace(0.0, most, 5),
+            *np.linspace(most, PERIOD, 64),
+            *(PERIOD + np.linspace(0.0, most, 5)),
+        ]
+    )
+    # A thruster that stays open may be taken for one that shuts and opens again, which is more than may happen.
+    begins = off["opening"] * random.integers(0, 2, opened.shape)
+    ends = PERIOD + off["shutting"] * random.integers(0, 2, opened.shape)
     farthest = np.zeros(2)
-    position, speed, heading_now, rate = p, v, angle, spin
-    alpha = factor * twist * 0.31 / INERTIA
-    for _ in range(steps):
+    position, speed, heading_now, rate = at
+    for first, last in itertools.pairwise(instants):
+        dt = last - first
+        thrust = opened * np.clip(
+            (np.minimum(ends, last) - np.maximum(begins, first)) / dt, 0.0, 1.0
+        )
+        thrust = thrust + before * np.clip((until - first) / dt, 0.0, 1.0)
         middle = heading_now + 0.5 * dt * rate
-        pull = turned(opened @ ALONG, middle) * (factor / MASS)[:, None]
+        pull = turned(thrust @ ALONG, middle) * (factor / MASS)[:, None]
+        alpha = factor * (thrust @ LEVER) * 0.31 / INERTIA
         position = position + dt * speed + 0.5 * dt * dt * pull
         speed = speed + dt * pull
         heading_now = heading_now + dt * rate + 0.5 * dt * dt * alpha
@@ -277,6 +311,7 @@ def violations(
         farthest = np.maximum(
             farthest, (np.abs(position @ DIAGONALS.T).max(), np.abs(heading_now).max())
         )
+    position, heading_now = position - most * speed, heading_now - most * rate
     parts = (
         (
             "place",
@@ -284,20 +319,21 @@ def violations(
             cx,
             levels[0],
             loop._pulls(bounds),
+            loop.late.slip(loop._turned(bounds)),
             position @ DIAGONALS[0],
             speed @ DIAGONALS[0],
         ),
-        ("heading", heading, ch, levels[1], loop._twists(), heading_now, rate),
+        ("heading", heading, ch, levels[1], loop._twists(), loop.late.spin_slip, heading_now, rate),
     )
-    for name, cells, chosen, may, pushes, where, fast in parts:
+    for name, cells, chosen, may, pushes, slip, where, fast in parts:
         for first in range(0, count, states):
             own = cells.like()
             own.inside[tuple(chosen[first])] = True
-            image = own.moved(may, pushes, PERIOD).inside
+            image = own.moved(may, pushes, PERIOD, slip).inside
             inside = np.zeros(states, dtype=bool)
             part = slice(first, first + states)
-            for a in (-1e-5, 1e-5):
-                for b in (-1e-5, 1e-5):
+            for a in (-3e-5, 3e-5):
+                for b in (-3e-5, 3e-5):
                     row = np.floor(fast[part] / cells.width[0] + a).astype(int) + cells.half[0]
                     column = np.floor(where[part] / cells.width[1] + b).astype(int) + cells.half[1]
                     row, column = (
@@ -414,8 +450,108 @@ def test_a_checker_with_a_planted_error_is_found(
     error: str, example: ModuleType, table: dict[str, Any], files: dict[str, bytes]
 ) -> None:
     module = planted_in(["rans_proof.craft_reader", check_pose.__name__], *PLANTED[error])
+    # Room for late valves would hide errors.
+    table["uncertainty"].update(opening=0.0, shutting=0.0)
     try:
         broken = violations(module, table, files, example.network())
     except (Refused, ValueError):  # of the true certificate, or no command is possible
         return
     assert broken
+
+
+def late_errors(module: ModuleType) -> list[str]:
+    """Where bounds of late valves are below what thrusters at extreme delays do, or far above it.
+
+    Motion along one axis, and about the third, is exact: thrust from a late beginning to a late end.
+    """
+    along = [(1, 0), (-1, 0), (0, 1), (0, -1), (-1, 0), (1, 0), (0, -1), (0, 1)]
+    pull, twist = 0.2, 1.6
+    errors = []
+    for opening, shutting in ((0.001, 0.001), (0.002, 0.0), (0.0, 0.002)):
+        off = {"mass": 0.01, "position": 0.003, "spin": 0.004}
+        off |= {"opening": opening, "shutting": shutting}
+        late = module.Late(off, along, pull, twist, (2, 4))
+        # All thrusters of one sign shut late, and those of the other one open late.
+        for name, sign, size, bound in (
+            ("speed", np.array([a[0] for a in along]), pull, late.slip(0.0)),
+            ("spin", LEVER, twist, late.spin_slip),
+        ):
+            begins = np.where(sign < 0, opening, 0.0)
+            ends = np.where(sign > 0, PERIOD + shutting, PERIOD)
+            lasting = ends - begins
+            rate = size * (sign * lasting).sum()
+            # From rest to where the craft coasts to, less what it coasts after the period.
+            path = size * (sign * lasting * (PERIOD - 0.5 * (begins + ends))).sum()
+            exact = size * sign.sum() * PERIOD, size * sign.sum() * PERIOD**2 / 2.0
+            change = max(abs(rate - exact[0]), abs(path - exact[1]) / PERIOD)
+            if not change <= bound * (1.0 + 1e-9) <= 2.5 * change:
+                errors.append(f"{name} changes by {change}, and the bound is {bound}")
+        # Across: as much of the thrusters of the other diagonal as the sine of the angle.
+        if not 1.4 * late.slip(0.0) < late.slip(0.5) < 1.5 * late.slip(0.0):
+            errors.append("thrust across")
+        # Two thrusters along each axis together, and four that turn the craft, have shut after the decision.
+        tails = {
+            "velocity": math.hypot(2.0, 2.0) * pull * shutting,
+            "position": math.hypot(2.0, 2.0) * pull * shutting**2 / 2.0,
+            "spin": 4.0 * twist * shutting,
+            "heading": 4.0 * twist * shutting**2 / 2.0,
+        }
+        read = late.readings(off)
+        for name, value in tails.items():
+            more = read.get(name, late.unread[name]) - off.get(name, 0.0)
+            if not value * (1.0 - 1e-9) <= more <= value * 1.2 + 1e-15:
+                errors.append(f"a reading of {name} lacks {value}, and the bound is {more}")
+        # With the spin that was read as less, and a slip at once, to the last instant at which a valve may shut.
+        turn = (20.0 + tails["spin"]) * shutting + late.spin_slip * (PERIOD + shutting)
+        if not turn <= late.turned(20.0, PERIOD) <= 2.1 * turn:
+            errors.append("the turn")
+    return errors
+
+
+def test_late_valves_are_in_their_bounds() -> None:
+    assert late_errors(check_late) == []
+
+
+PLANTED_LATE: dict[str, tuple[str, str]] = {
+    "no valve opens late": ("both = self.opening + self.shutting", "both = self.shutting"),
+    "no valve shuts late": ("both = self.opening + self.shutting", "both = self.opening"),
+    "two thrusters slip": ("sum(abs(a[axis]) for a in along)", "max(abs(a[axis]) for a in along)"),
+    "couples do not slip": ("len(along) * twist", "sum(a[0] for a in along) * twist"),
+    "no slip across": ("self._aligned * (1.0 + across)", "self._aligned"),
+    "pulses along one axis": ("math.sqrt(2.0) * most[0]", "most[0]"),
+    "a reading has all of the spin": ('"spin": spin * self.shutting,', '"spin": 0.0,'),
+    "a reading has all of the velocity": (
+        '"velocity": speed * self.shutting,',
+        '"velocity": 0.0,',
+    ),
+    "a reading has all of the way": ("speed * self.shutting**2 / 2.0", "0.0 * speed"),
+    "a reading has all of the turn": ("spin * self.shutting**2 / 2.0", "0.0 * spin"),
+    "readings as they are": ("value + self.unread.get(name, 0.0)", "value"),
+    "no turn until the last valve": ('(spin + self.unread["spin"]) * self.shutting', "0.0"),
+    "no turn by late thrust": ("2.0 * self.spin_slip * reach", "0.0 * reach"),
+}
+"""Errors that make the bounds of late valves unsound."""
+
+
+@pytest.mark.parametrize("error", PLANTED_LATE)
+def test_an_error_planted_into_late_valves_is_found(error: str) -> None:
+    name = check_late.__name__
+    assert late_errors(planted_in([name], *PLANTED_LATE[error]))
+
+
+def test_readings_of_a_check_lack_what_valves_let_through(
+    table: dict[str, Any], files: dict[str, bytes]
+) -> None:
+    off = table["uncertainty"]
+    loop = check_pose.Loop(table, files)
+    assert loop.off["spin"] >= off["spin"] + 4.0 * 0.31 / INERTIA * off["shutting"]
+    assert loop.off["velocity"] >= off["velocity"] + math.sqrt(8.0) / MASS * off["shutting"]
+
+
+@pytest.mark.slow
+def test_a_checker_whose_rates_do_not_slip_is_found(
+    example: ModuleType, table: dict[str, Any], files: dict[str, bytes]
+) -> None:
+    name = check_pose.__name__
+    module = planted_in([name], "more = slip / self.width[0]", "more = 0.0")
+    assert violations(module, table, files, example.network())
