@@ -78,7 +78,11 @@ class Options:
             if isinstance(value, tuple):
                 words += map(str, value)
             elif value is not True:
-                words.append(f"{value:g}" if isinstance(value, float) else str(value))
+                short = f"{value:g}" if isinstance(value, float) else str(value)
+                # Six digits are not all of some numbers.
+                words.append(
+                    short if not isinstance(value, float) or float(short) == value else repr(value)
+                )
         return words
 
 

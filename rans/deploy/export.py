@@ -204,12 +204,15 @@ def check_alone(folder: Path, form: str, pairs: str) -> None:
     """Refuse to lay an agent's contract and golden pairs beside files that are another agent's."""
     if RunFolder(folder).metrics_file.exists():
         raise ConfigError(f"{folder} is the run folder of a training: export into another folder.")
+    # Forms of installed packages are written into agent.FORM, or several files that end so.
+    names = dict.fromkeys(name for names in _FILES.values() for name in names)
+    names |= dict.fromkeys(sorted(file.name for file in folder.glob("agent.*")))
     others = [
         name
-        for exported, names in _FILES.items()
-        if exported != form
         for name in names
-        if name not in _FILES.get(form, ()) and (folder / name).exists()
+        if name not in _FILES.get(form, ())
+        and not name.endswith(f".{form}")
+        and (folder / name).exists()
     ]
     file = inside(folder, "golden.json")
     if others and not (file.exists() and read_text(file) == pairs):

@@ -93,9 +93,10 @@ class Transition:
 
         Thrusters that share a supply give less; `rans.evaluation.measure.metrics` counts the actual impulse.
         """
-        return reduce(
-            add, (c * f for c, f in zip(self.thrusters, self.forces or (), strict=True))
-        ) * (self.period)
+        if not self.forces:
+            return 0.0
+        spent = (c * f for c, f in zip(self.thrusters, self.forces, strict=True))
+        return reduce(add, spent) * self.period
 
 
 @dataclass(frozen=True)

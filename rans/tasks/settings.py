@@ -8,6 +8,8 @@ import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+import numpy as np
+
 from rans.errors import ConfigError
 from rans.model.trace import Symbol
 
@@ -33,11 +35,12 @@ def check_settings(task: Any) -> None:
         is_range = isinstance(field.default, tuple)
         if is_range and not (isinstance(value, tuple) and len(value) == 2):
             raise ConfigError(f"{name} must be a range (low, high), got {value!r}.")
+        # Curricula check the tensors that they change; a number of NumPy is checked as any other.
         numbers = [
-            x
+            x.item() if isinstance(x, np.generic) else x
             for x in (value if isinstance(value, tuple) else (value,))
-            if isinstance(x, int | float) or getattr(x, "shape", None) != ()
-        ]  # curricula check the numbers that they change
+            if isinstance(x, int | float | np.generic) or getattr(x, "shape", None) != ()
+        ]
         if not all(isinstance(x, int | float) and math.isfinite(x) and x >= 0 for x in numbers):
             raise ConfigError(f"{name} must be finite and not negative, got {value!r}.")
         if name == "sharpness" and not (isinstance(value, int) and 1 <= value <= 8):

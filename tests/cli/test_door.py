@@ -111,6 +111,7 @@ def test_a_command_is_made_of_signature_and_docstring() -> None:
     assert texts_of(Multiply)["width"] == "Be wide: a number."
     assert argument_texts(function)["trust"] == argument_texts(rans.compare)["trust"]
     assert Multiply(3, width=2.0, loud=True).changed("loud", "width") == ["--loud", "--width", "2"]
+    assert Multiply(3, width=0.0333333333).changed("width") == ["--width", "0.0333333333"]
 
 
 @pytest.mark.parametrize("name", DOORS)

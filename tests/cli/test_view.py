@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from rans.cli import main
+from rans.evaluation.fly.episodes import Flown
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenario
@@ -230,10 +231,10 @@ def test_every_option_reaches_the_flights(
         controller: Any, _: Any, *given: Any, first: int, endpoints: Any, **others: Any
     ) -> Any:
         asked.append((controller.name, *given, first, endpoints.goal.p.x))
-        flight = SimpleNamespace(
+        flight: Any = SimpleNamespace(
             controller=controller.name, task=GoToPose(), craft=load_spacecraft("floating-platform")
         )
-        return SimpleNamespace(flight=flight)
+        return Flown(flight, 0)
 
     monkeypatch.setattr("rans.evaluation.fly.episodes.fly_episodes", flown)
     monkeypatch.setattr("rans.show.scene.frames.save_frames", lambda *given: framed.append(given))

@@ -13,7 +13,7 @@ import stable_baselines3
 
 import rans.pretrained
 from rans.cli import main
-from rans.deploy.export import write_export
+from rans.deploy.export import check_alone, write_export
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.any_craft import write_for_spacecraft
@@ -242,6 +242,20 @@ def test_a_copy_of_the_sources_that_is_not_installed(
     write_export(run, tmp_path / "first", episodes=2, margins=0)
     assert json.loads((tmp_path / "first" / "contract.json").read_text())["rans"] == "not installed"
     assert rans.__version__ == "not installed"
+
+
+def test_files_in_forms_of_packages_are_another_agents_too(tmp_path: Path) -> None:
+    """A form that a package adds writes agent.FORM, or files that end so; its own are written over."""
+    (tmp_path / "golden.json").write_text("of another")
+    for name in ("agent.fmu", "agent.1.csv", "agent.2.csv"):
+        (tmp_path / name).write_text("")
+    with pytest.raises(ConfigError, match=r"holds another agent's agent\.1\.csv and agent\.2\.csv"):
+        check_alone(tmp_path, "fmu", "mine")
+    (tmp_path / "agent.fmu").unlink()
+    check_alone(tmp_path, "csv", "mine")
+    check_alone(tmp_path, "numpy", "of another")
+    with pytest.raises(ConfigError, match=r"agent\.1\.csv"):
+        check_alone(tmp_path, "numpy", "mine")
 
 
 @pytest.mark.slow

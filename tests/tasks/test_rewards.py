@@ -37,6 +37,10 @@ def test_prices(state: Any, spin: float) -> None:
     assert prices.prices(Transition(state, state, *WORK)) == pytest.approx(expected)
 
 
+def test_a_craft_without_thrusters_spends_nothing() -> None:
+    assert Transition(PLANAR, PLANAR, (), (), forces=()).impulse == 0.0
+
+
 @pytest.mark.parametrize("name", ["thrust", "spin"])
 def test_a_price_of_zero_is_no_term(name: str) -> None:
     free = {f"{other}_weight": 0.0 for other in ("thrust", "spin")}

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rans.errors import ConfigError
@@ -58,6 +59,9 @@ def test_what_works(change: dict[str, Any]) -> None:
     [
         ({"scale": 0.0}, r"scale must be > 0, got 0\.0; only weights and rests may be zero"),
         ({"scale": -1.0}, r"scale must be finite and not negative, got -1\.0"),
+        ({"scale": np.float32(-1.0)}, "scale must be finite and not negative"),
+        ({"scale": np.int64(0)}, "scale must be > 0"),
+        ({"spawn_distance": (np.float64(-1.0), 2.0)}, "spawn_distance must be finite and not"),
         ({"scale": math.nan}, "scale must be finite"),
         ({"scale": math.inf}, "scale must be finite"),
         ({"scale": "1"}, "scale must be finite"),

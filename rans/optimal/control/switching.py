@@ -242,7 +242,14 @@ class Switching(ModelBased):
     def _wheel_help(
         self, coast: _Gap, scales: np.ndarray, state: Any, rest: np.ndarray
     ) -> _WheelHelp:
-        """What wheels would give in the period, without thrusters and within which bounds."""
+        """What follows for the wheels, whichever thrusters fire: the wanted spin-up of the craft, and their bounds.
+
+        Args:
+            coast: error at the end of the period without any effector.
+            scales: factors of the largest accelerations along braking curves, of translation and rotation.
+            state: with the stores of the wheels.
+            rest: which craft leave their thrusters shut, (N,).
+        """
         assert self._wheels is not None
         low, high = self._wheels.bounds(state.stores, len(rest))
         # Nothing balances the unloading of a wheel while thrusters rest.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -109,6 +110,8 @@ def _first_screen(
     measured = [measurement for file in evaluations for measurement in _read(file, _measured) or ()]
     sure = [section.sure for section in sections if section.sure]
     leading = next((section for section in sections if section.hero), None)
+    training = [section for section in sections if section.title == "Training"][:1]
+    before = itertools.takewhile(lambda section: section.title != "Training", sections)
     tiles: list[Tile] = []
     if screen and screen.hero:
         hero = screen.hero
@@ -121,15 +124,16 @@ def _first_screen(
     elif leading and not sure:
         hero = leading.hero
         tiles += leading.tiles
-    elif trained and not sure and [section.title for section in sections][:1] == ["Training"]:
+    elif trained and not sure and training and not any(s.findings for s in before):
         hero = trained
-        tiles += [Tile(what, value) for what, value in sections[0].summary]
+        tiles += [Tile(what, value) for what, value in training[0].summary]
     else:
         # The first section says the result of what else there is, and its table at the end of a training.
         first = sections[0]
         sentence = next((f.text for s in sections for f in s.findings if f.passed is not False), "")
         failed = next((f.text for s in sections for f in s.findings if f.passed is False), "")
-        hero = failed or sentence or f"{first.title}: {'; '.join(map(' '.join, first.summary))}."
+        said = "; ".join(map(" ".join, first.summary))
+        hero = failed or sentence or (f"{first.title}: {said}." if said else f"{first.title}.")
         # What says how sure it is has a tile of its own.
         tiles += [
             Tile(what, value)

@@ -101,6 +101,7 @@ def task_listings(task: Task, prefix: str = "") -> Iterator[Table]:
 
 
 def _reward(task: Task, name: str, dimension: Dimension) -> Table:
+    """Terms of a reward as formulas of the errors."""
     quantities = task.errors(*example_state(task, dimension))
     errors = ", ".join(f"{error} ({QUANTITIES[error].unit})" for error in quantities)
     return Table(
@@ -108,7 +109,7 @@ def _reward(task: Task, name: str, dimension: Dimension) -> Table:
         [(name, _readable(text, task)) for name, text in reward_formulas(task, dimension).items()]
         or [_UNREAD],
         f"Reward of a step{f' of {name}' if name else ''}, the sum of",
-        f"Of the errors {errors}, and {OPEN}, how many thrusters are.",
+        f"In the errors {errors}; {OPEN} is the number of open thrusters.",
     )
 
 

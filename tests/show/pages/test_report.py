@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -493,6 +494,19 @@ def test_two_packages_may_add_to_the_same_file(
     monkeypatch.setattr(report_module, "SECTIONS", planted)
     titles = [section.title for section in report_from_run(run).sections]
     assert {"sun of evaluation.json", "moon of evaluation.json"} <= {*titles}
+
+
+def test_notes_of_a_package_leave_the_headline_to_the_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A section that has found nothing out says no result; alone it is the page's title."""
+    (tmp_path / "notes.json").write_text(json.dumps({"author": "Ada"}))
+    offered = [("notes.json", lambda file, notes: Section("Notes"))]
+    monkeypatch.setattr(report_module, "SECTIONS", SimpleNamespace(each=lambda: offered))
+    assert report_from_run(tmp_path).hero == "Notes."
+    (tmp_path / "config.json").write_text("{}")
+    (tmp_path / "metrics.jsonl").write_text(json.dumps({"steps": 2000, "success": 0.75}))
+    assert "75.0% of its last episodes in training" in report_from_run(tmp_path).hero
 
 
 def test_charts_of_a_training_have_percent_and_returns_over_steps() -> None:

@@ -343,14 +343,17 @@ class StressReport:
             yield from [level for level in [next(lost, None)] if level]
 
     def _errors(self, level: Level, name: str, episode: int) -> str:
+        """The largest errors of the last fifth of an episode, in units for people."""
         errors = self.stress.outcomes[level.name, name].errors
-        final_errors = (
+        largest = (
             (factor * errors[q][episode], unit)
             for q in errors
             for factor, unit in [QUANTITIES[q].display]
         )
         return ", ".join(
-            f"{x:,.0f} {unit}" if x >= 1000.0 else f"{x:.3g} {unit}" for x, unit in final_errors
+            # From 999.5 on three digits would be a power of ten.
+            f"{x:,.0f} {unit}" if x >= 999.5 else f"{x:.3g} {unit}"
+            for x, unit in largest
         )
 
     def _level(self, level: Level) -> dict[str, Any]:

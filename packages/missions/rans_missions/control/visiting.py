@@ -32,16 +32,16 @@ class Visiting(VelocityGuidance[Inspect]):
     The next view is at ``distance`` from the target, in the direction of the sum of the normals of all points
     that are in light and have not been seen; where none are in light, of all that have not been seen. It is
     approached round the target, by at most ``turn`` at a time. In every control period the velocity to gain is
-    that with which the craft coasts to the view in the time that the arc takes at ``speed``; it is burnt where
-    it exceeds ``least``, and the craft coasts otherwise. Once enough has been seen, it goes to a point behind the
-    target on its orbit, at ``distance``, and stays there (`rans_missions.tasks.hold.Hold`).
+    that with which the craft coasts to the view in the time that the straight line there takes at ``speed``; it is
+    burnt where it exceeds ``least``, and the craft coasts otherwise. Once enough has been seen, it goes to a point
+    behind the target on its orbit, at ``distance``, and stays there (`rans_missions.tasks.hold.Hold`).
 
     Args:
         craft: by name, TOML file or as such.
         task: an `rans_missions.tasks.inspect.Inspect`, or its name.
         timing: control period, and length of the episode; None: the task's.
         distance: of views from the target's centre, m.
-        speed: along the arc, m/s.
+        speed: along the straight line to a view, m/s; a coast takes two control periods or more.
         turn: largest angle to a view, rad.
         least: smallest velocity to gain that is burnt, m/s.
 

@@ -242,7 +242,10 @@ class _Reader:
                 small = self._each("Exp", self._each("Neg", self._each("Abs", first)))
                 rest = self._each("Log", self._each("Add", small, 1.0))
                 return self._each("Add", self._each("Max", first, 0.0), rest)
-            case "Pow" if np.size(operands[1]) == 1 and float(np.ravel(operands[1])[0]) == 2.0:
+            case "Pow":
+                exponent = _table(operands[1])
+                if np.size(exponent) != 1 or float(np.ravel(exponent)[0]) != 2.0:
+                    raise _Refused("with another exponent than 2, which exported files do not know")
                 return self._each("Mul", first, first)
             case "Reciprocal":
                 return self._each("Div", 1.0, first)
@@ -255,7 +258,7 @@ class _Reader:
             case "LayerNormalization":
                 return self._layer_norm(operands, attributes)
             case "BatchNormalization" if first.places.ndim <= 2:
-                scale, shift, mean, variance = (np.asarray(x, dtype=float) for x in operands[1:5])
+                scale, shift, mean, variance = map(_table, operands[1:5])
                 factor = scale / np.sqrt(variance + attributes.get("epsilon", 1e-5))
                 return self._each("Add", self._each("Mul", first, factor), shift - mean * factor)
             case "ArgMax":
@@ -481,9 +484,20 @@ def _attributes(node: Any) -> dict[str, Any]:
     return {item.name: helper.get_attribute_value(item) for item in node.attribute}
 
 
+def _table(value: Any) -> np.ndarray:
+    """Numbers that are the same for every observation; the places of others are no values."""
+    if isinstance(value, _Numbers):
+        raise _Refused(
+            "by numbers that depend on the observation, which exported files do not know"
+        )
+    return np.asarray(value, dtype=float)
+
+
 def _axis(operands: Sequence[Any], attributes: dict[str, Any]) -> tuple[int, bool]:
     """The one axis of a reduction, and whether it stays as an axis of one."""
-    axes = operands[1] if len(operands) > 1 else attributes.get("axes")
+    axes = attributes.get("axes")
+    if len(operands) > 1 and operands[1] is not None:
+        axes = _table(operands[1])
     if axes is None or np.size(axes) != 1:
         raise _Refused("along several axes, which exported files do not know")
     return int(np.ravel(axes)[0]), bool(attributes.get("keepdims", 1))

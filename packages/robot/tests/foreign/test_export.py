@@ -191,6 +191,16 @@ def test_what_no_file_can_have_is_refused_by_operator_and_node(tmp_path: Path) -
     file = written(Recurrent(), tmp_path / "lstm.onnx", batch="")
     with pytest.raises(ConfigError, match=r"LSTM"):
         foreign_program(file, WIDTH, craft)
+
+    class Powers(torch.nn.Module):
+        """With an exponent that is observation 2: its number among the places is 2, too."""
+
+        def forward(self, x: torch.Tensor) -> torch.Tensor:
+            return x[:, :8] ** x[:, 2:3]
+
+    file = written(Powers(), tmp_path / "power.onnx")
+    with pytest.raises(ConfigError, match=r"Pow.*depend on the observation"):
+        foreign_program(file, WIDTH, craft)
     file = written(torch.nn.Linear(WIDTH, 7), tmp_path / "few.onnx")
     with pytest.raises(ConfigError, match=r"7 numbers, but floating-platform takes 8"):
         foreign_program(file, WIDTH, craft)
