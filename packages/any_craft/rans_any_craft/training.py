@@ -781,7 +781,7 @@ def fly(
     steps: int | None = None,
     stage: Stage = _FREE,
 ) -> Outcome:
-    """Fly a batch by a network's layers or by a law like `stopping_law`, with gradients if they are enabled.
+    """Fly a batch by a network's layers or by a `Law`, with gradients if they are enabled.
 
     Args:
         policy: layers or law.
