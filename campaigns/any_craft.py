@@ -180,7 +180,7 @@ _LAYOUT_SEED = 1_000_003
 _PART = 64
 """Flights that a process flies at once, of which a contest of 1,024 has 16: they are the same however divided."""
 _PART_OF_SLOW = 4
-"""The same of who takes seconds for a flight."""
+"""Number of flights that a job of a process has, where the contestant takes seconds for each."""
 _BINS = 0.25, 0.35, 0.5, 0.75, 1.0, 1.5, np.inf
 """Bounds of the authority margin, by which random layouts are listed."""
 

@@ -83,7 +83,7 @@ def values(docs: Path) -> Rows:
 
 
 def _shares(checks: Sequence[dict[str, Any]]) -> dict[str, dict[str, tuple[str, float]]]:
-    """Of every group of checks, such as "25 s", the parts, such as "position": tolerance, difference over it."""
+    """Tolerance, and difference over it, of parts such as "position" in groups of checks such as "25 s"."""
     groups: dict[str, dict[str, tuple[str, float]]] = {}
     for one in checks:
         group, _, part = one["name"].partition(": ")

@@ -140,7 +140,7 @@ def words(text: str) -> int:
 
 
 def words_of_core() -> int:
-    """Of README, CONTRIBUTING and the pages in docs itself: those of packages live with their packages."""
+    """Number of words in README, CONTRIBUTING and the pages in docs itself, without those of packages."""
     own = ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.glob("*.md")
     return sum(words(prose(page.read_text("utf-8"))) for page in own)
 

@@ -20,7 +20,7 @@ from tests.support.command_codes import code_of
 DOORS: dict[str, Any] = {
     name: COMMANDS[name] for name in COMMANDS if issubclass(COMMANDS[name], Options)
 }
-"""Those of the packages that are installed too."""
+"""Commands made from functions, by name, with those of installed packages."""
 OTHERWISE = {
     ("train", "task"): "--resume and the config.json of a run stand in its place",
     ("sweep", "task"): "the same",

@@ -35,7 +35,7 @@ class Late:
         both = self.opening + self.shutting
         self._aligned = max(sum(abs(a[axis]) for a in along) for axis in (0, 1)) * pull * both
         self.spin_slip = len(along) * twist * both
-        """Of the spin in a period, rad/s."""
+        """Largest change of the spin by late valves in a period, rad/s."""
         # What is let through after a decision, in any direction of the craft.
         speed, spin = math.sqrt(2.0) * most[0] * pull, most[1] * twist
         self.unread = {
@@ -47,7 +47,11 @@ class Late:
         """Difference of a reading and of the state that a cell has, by names of errors."""
 
     def slip(self, turned: float) -> float:
-        """Of a rate along a diagonal of the goal's frame in a period, m/s, where thrusters are off by an angle."""
+        """Largest change by late valves, in a period, of the velocity along a diagonal of the goal's frame, m/s.
+
+        Args:
+            turned: largest angle between the craft and the goal's frame while thrusters are open, rad.
+        """
         across = math.sin(turned) if turned < math.pi / 2 else 1.0
         return self._aligned * (1.0 + across)
 

@@ -40,7 +40,7 @@ class Thruster(NamedTuple):
     force: Fraction
     """N."""
     direction: tuple[Fraction, Fraction]
-    """Of the force, of any length."""
+    """Direction of the force in the frame of the craft; its length is not 1 in general."""
     moment: Fraction
     """Position times direction, m."""
 
