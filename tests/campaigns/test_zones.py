@@ -53,26 +53,28 @@ def _among(*zones: tuple[float, float, float, float]) -> Any:
 
 
 def test_two_zones_are_passed_on_the_cheapest_sides_and_instants() -> None:
-    """Every pair of sides, and instants half a second apart: the bound is just below the cheapest."""
+    """Every pair of sides, at the instants that a search finds: the bound is just below the cheapest."""
     zones = ((2.6, 0.25, -0.03, 0.4), (1.2, -0.2, 0.03, 0.5))
     one = _among(*zones)
     craft = CRAFT[2]
     ends = [waypoints.Waypoint(t, t, np.zeros(2), 0.05) for t in (BRAKED, LAST)]
     x = np.array([1.0, 0.0])
-    cheapest = np.inf
-    for sides in itertools.product((-1.0, 1.0), repeat=2):
-        for early, late in itertools.combinations(np.arange(4.0, 18.0, 0.5), 2):
-            way = [
-                waypoints.Waypoint(
-                    t, t, np.array([px, py + v * t + s * r]), 9.0, np.array([0.0, s]), 0.0, x
-                )
-                for t, s, (px, py, v, r) in zip((early, late), sides, zones, strict=True)
-            ]
-            cheapest = min(
-                cheapest, waypoints.least_impulse_through(craft, one.start, [*way, *ends])
+
+    def spent(instants: np.ndarray, sides: tuple[float, ...]) -> float:
+        way = [
+            waypoints.Waypoint(
+                t, t, np.array([px, py + v * t + s * r]), 9.0, np.array([0.0, s]), 0.0, x
             )
+            for t, s, (px, py, v, r) in zip(instants, sides, zones, strict=True)
+        ]
+        return waypoints.least_impulse_through(craft, one.start, [*way, *ends])
+
+    cheapest = min(
+        minimize(spent, (7.0, 13.0), (sides,), "Nelder-Mead", options={"maxfev": 40}).fun
+        for sides in itertools.product((-1.0, 1.0), repeat=2)
+    )
     bound = least_to_stay(craft, TASK, one, TIMING)
-    assert 0.96 * cheapest <= bound <= cheapest
+    assert 0.98 * cheapest <= bound <= cheapest
     assert bound > 1.1 * least_to_stay(craft, TASK, _among(), TIMING)
 
 
@@ -92,7 +94,7 @@ def test_zones_that_are_not_in_the_way_cost_nothing() -> None:
 def test_no_change_of_velocity_passes_below_the_bound(
     dimension: Literal[2, 3], episode: int
 ) -> None:
-    """The cheapest of flights with three changes of velocity on the way, found from four guesses.
+    """The cheapest of flights with three changes of velocity on the way, found from three guesses.
 
     At every check they are outside all zones. None is below the bound, and the best is not far above it.
     """
@@ -134,43 +136,41 @@ def test_no_change_of_velocity_passes_below_the_bound(
         changes = np.diff(np.vstack([0.0 * start, speed]), axis=0)
         return craft.mass * float(np.linalg.norm(changes, axis=1).sum())
 
-    def inside(x: np.ndarray) -> float:
+    def inside(x: np.ndarray, checks: np.ndarray, spare: float = 0.0) -> float:
         times, places = path(x)
         at = np.stack([np.interp(checks, times, p) for p in places.T], axis=1)
         away = np.linalg.norm(at[:, None] - centres - checks[:, None, None] * speeds, axis=2)
-        return float(np.maximum(radii - away, 0.0).max())
+        return float(np.maximum(radii + spare - away, 0.0).max())
 
     bound = least_to_stay(craft, TASK, one, TIMING)
     cheapest = np.inf
-    for _ in range(4):
+    for _ in range(3):
         first = np.concatenate(
             [random.uniform(0.5, 1.0, 4), random.normal(size=3 * dimension) * 0.4]
         )
+        # Every fourth check: a chord of 0.2 s is less than 2 mm nearer to a zone than its ends.
         found = minimize(
-            lambda x: spent(x) + 30.0 * inside(x),
+            lambda x: spent(x) + 30.0 * inside(x, checks[::4], 2e-3),
             first,
             method="Nelder-Mead",
             options={"maxfev": 1000, "adaptive": True},
         )
-        if inside(found.x) < 1e-6:
+        if inside(found.x, checks) < 1e-6:
             cheapest = min(cheapest, spent(found.x))
     assert bound <= cheapest
     assert bound >= 0.75 * cheapest
 
 
 def test_no_optimal_trajectory_is_below_the_bound() -> None:
-    """Optimal trajectories of thrusters that open partly, to rest at the third start's goal, do not beat the bound.
+    """A trajectory of thrusters that open partly, to rest at the goal of the third start, does not beat the bound.
 
     The sooner it rests there, the more it spends, and so does the bound.
     """
     one = scenario(TASK, 2, 2023, 2)
-    found = rans.optimal_trajectory("avoid", start=2, horizon=BRAKED)
-    bound = least_to_stay(CRAFT[2], TASK, one, TIMING)
+    found = rans.optimal_trajectory("avoid", start=2, horizon=10.0, guesses=1)
+    bound = least_to_stay(CRAFT[2], TASK, one, TIMING, 10.0)
     assert 0.75 * found.trajectory.cost <= bound <= found.trajectory.cost
-    found = rans.optimal_trajectory("avoid", start=2, horizon=10.0)
-    sooner = least_to_stay(CRAFT[2], TASK, one, TIMING, 10.0)
-    assert 0.75 * found.trajectory.cost <= sooner <= found.trajectory.cost
-    assert sooner > 1.5 * bound
+    assert bound > 1.5 * least_to_stay(CRAFT[2], TASK, one, TIMING)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
