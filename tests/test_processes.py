@@ -152,6 +152,31 @@ def test_something_runs_beside_a_block_and_no_longer(tmp_path: Path) -> None:
     assert (tmp_path / "beat").read_text() == last
 
 
+WORKS = """
+import sys
+from pathlib import Path
+from rans.processes import submitted
+from tests.test_processes import beats
+with submitted(beats, [(Path(sys.argv[1]),)], 1, dict, ()) as futures:
+    futures[0].result()
+"""
+
+
+def test_a_worker_in_its_job_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
+    """No signal can be caught then: without its guard the worker would beat for ever."""
+    env = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
+    with subprocess.Popen([sys.executable, "-c", WORKS, tmp_path], env=env) as parent:
+        wait_until((tmp_path / "beat").exists)
+        parent.kill()
+
+    def is_still() -> bool:
+        before = (tmp_path / "beat").stat().st_mtime_ns  # it may end in the middle of a beat
+        time.sleep(0.3)  # thirty beats
+        return (tmp_path / "beat").stat().st_mtime_ns == before
+
+    wait_until(is_still)
+
+
 def counted_from(start: int) -> list[int]:
     return [start]
 

@@ -67,9 +67,11 @@ REFERENCE = frozenset(
 
 
 def pages() -> list[Path]:
-    """Pages that are checked: the README, those of docs, packages and decisions, and the tutorials."""
+    """Pages that are checked: the READMEs, those of docs, packages and decisions, and the tutorials."""
     return [
         ROOT / "README.md",
+        *sorted(ROOT.glob("packages/*/README.md")),
+        *sorted(ROOT.glob("examples/**/README.md")),
         *sorted(page for page in DOCS.glob("*.md") if page.name not in INTERNAL | {"README.md"}),
         *sorted(ROOT.glob("packages/*/docs/*.md")),
         *sorted(DOCS.glob("decisions/*.md")),

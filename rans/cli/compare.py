@@ -214,9 +214,9 @@ _VALUES = 0.0, 0.5, 1.0
 
 def at_values(name: ContestantName) -> list[ContestantName]:
     """The agent for any craft at several values, where a name is the file of a spacecraft alone."""
-    if not name.unnamed or name.frugality is not None:
+    if not name.in_full or name.frugality is not None:
         return [name]
-    before, at, craft = name.unnamed.rpartition("@")
+    before, at, craft = name.in_full.rpartition("@")
     texts = [f"{before}#{value:g}{at}{craft}" for value in _VALUES]
     return [*map(type(name).parse, texts)]
 
@@ -227,7 +227,7 @@ def _without_training(contestants: Sequence[ContestantName], contest: Contest) -
     from rans.pretrained import FOR_ANY_CRAFT
 
     agent = FOR_ANY_CRAFT[contest.craft.dimension]
-    if any(agent in name.text or name.unnamed for name in contestants):
+    if any(agent in name.text or name.in_full for name in contestants):
         return ""
     name = contestants[0]
     craft = name.craft or name.setup.partition("@")[2] or contest.craft.name

@@ -100,8 +100,8 @@ class Evaluate(Options):
         run = run.under(conditions_if_named(self.conditions))
         run = run.guarded(self.guard, self.guard_slack, self.guard_coasts)
         name = self.agent
-        if name.unnamed:
-            Terminal().say(f"{name.unnamed} flies {run.craft.name} without training.")
+        if name.in_full:
+            Terminal().say(f"{name.in_full} flies {run.craft.name} without training.")
         if name.craft:
             from rans.policy.prospects import doubt
 

@@ -20,7 +20,12 @@ class Report(Options):
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        return (shlex.join(["rans", "export", str(self.run_folder), "--format", "c"]),)
+        from rans.fast.learn.run_folder import RunFolder
+
+        for folder in (self.run_folder, self.run_folder / "best"):  # of a training, of a sweep
+            if RunFolder(folder).agent_file.exists():
+                return (shlex.join(["rans", "export", str(folder), "--format", "c"]),)
+        return ("rans list AGENTS",)
 
     def run(self) -> int:
         """Write report.html into the run folder and print a summary."""

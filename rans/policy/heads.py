@@ -149,12 +149,10 @@ class ClippedGaussian(NamedTuple):
         return self.mean * 0
 
     def placed(self, site: Tensor) -> ClippedGaussian:
-        """Distribution with its thrusters permuted, see `OnOff.placed`; scales stay with their thrusters."""
-        if self.log_scale is not None:
-            raise NotImplementedError
-        return ClippedGaussian(
-            self.mean.gather(1, site), self.log_std.expand_as(self.mean).gather(1, site)
-        )
+        """Distribution with its thrusters permuted, see `OnOff.placed`."""
+        spread = self.log_std.expand_as(self.mean)
+        scale = None if self.log_scale is None else self.log_scale.gather(1, site)
+        return ClippedGaussian(self.mean.gather(1, site), spread.gather(1, site), scale)
 
 
 class GatedGaussian(NamedTuple):

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from rans.cli import main
+from rans.cli.report import Report
 from validation.study.checks import Check, Study
 
 
@@ -26,8 +27,21 @@ def test_writes_the_page_and_ends_with_where_it_is(
     assert main(["report", str(run)]) == 0
     printed = capsys.readouterr().out
     assert "1 of 2" in printed
-    assert printed.splitlines()[-3:-1] == [f"The report is {run}/report.html.", "Next:"]
+    # There is no agent to export.
+    assert printed.splitlines()[-3:] == [
+        f"The report is {run}/report.html.",
+        "Next:",
+        "  rans list AGENTS",
+    ]
     assert "Something has failed." in (run / "report.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize("within", ["", "best"])
+def test_the_agent_of_a_training_or_a_sweep_is_what_to_export(within: str, run: Path) -> None:
+    folder = run / within
+    folder.mkdir(exist_ok=True)
+    (folder / "agent.safetensors").touch()
+    assert Report(run).following() == (f"rans export {folder} --format c",)
 
 
 def test_a_report_can_be_written_again(run: Path) -> None:

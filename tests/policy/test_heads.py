@@ -69,6 +69,8 @@ def test_a_view_of_the_spacecraft_takes_each_thrusters_own() -> None:
     duty = ClippedGaussian(own, torch.tensor([0.0, 1.0, 2.0])).placed(place)
     assert duty.mean.tolist() == expected
     assert duty.log_std.tolist() == [[2.0, 0.0, 1.0], [1.0, 2.0, 0.0]]
+    guided = ClippedGaussian(own, torch.tensor([0.0, 1.0, 2.0]), -own).placed(place)
+    assert guided.log_spread.tolist() == [[-10.0, -10.0, -10.0], [-20.0, -20.0, -20.0]]
 
 
 def gated(logit: float, level: float, log_std: float, count: int = 1) -> GatedGaussian:

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from rans.extend import (
     fly,
 )
 from rans_proof.flown import read_run
+
+if TYPE_CHECKING:
+    from rans.extend import EngineName
 
 _FLIGHTS = 500
 """Flights with which a certificate is compared with the agent as it flies."""
@@ -55,7 +58,7 @@ def leaving(
     flights: int,
     periods: int,
     seed: int,
-    engine: str = "fast",
+    engine: EngineName = "fast",
 ) -> tuple[int, float, float]:
     """Flights that leave the cells, and the largest distance (m) and heading error (rad) of all at their decisions.
 
@@ -65,7 +68,7 @@ def leaving(
         flights: number of random states of random cells.
         periods: control periods of each flight.
         seed: of the states.
-        engine: "fast" or "drake".
+        engine: what computes the motion.
     """
     random = np.random.default_rng(seed)
     period = run.timing.control_period

@@ -166,7 +166,8 @@ def episode(
     """Fly a trajectory in Drake for a whole episode, with all thrusters shut after its end.
 
     The length is that of the timing, the control period that of the trajectory. Fields of the scenario are floats.
-    Thrust is constant over each period, as in the optimisation, even if the craft's valves give it in pulses.
+    Thrust is constant over each period, as in the optimization, even if the craft's valves give it in pulses.
+    Margins of constraints are those at the ends of control periods, between which they are not checked.
     """
     from rans.reference.flight import replay
 

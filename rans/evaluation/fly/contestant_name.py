@@ -198,7 +198,7 @@ class ContestantName:
         return replace(self, part="", frugality=value)
 
     @property
-    def unnamed(self) -> str:
+    def in_full(self) -> str:
         """Text with the agent for any craft, where the user's has the file of a spacecraft alone; else ""."""
         if not self.craft or "@" in self.text:
             return ""

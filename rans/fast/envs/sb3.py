@@ -39,6 +39,7 @@ class SB3VecEnv(VecEnv):
         self.engine = engine = checked("engine", engine, Engine)
         if render_mode is not None:
             one_of("render_mode", render_mode, ["rgb_array"])
+        # SB3's constructor asks its environments, which are this object, for their render_mode.
         self.render_mode = render_mode
         self._film = None if render_mode is None else Film(engine, render_mode)
         super().__init__(

@@ -13,7 +13,7 @@ from rans.randomization.conditions import Conditions
 from rans.table import Table
 from rans.tasks import Task, observation_columns
 from rans.tasks.derived import PLACES, dimensions, example_state
-from rans.tasks.formula import OPEN, reward_formulas
+from rans.tasks.formula import BEFORE, OPEN, reward_formulas
 from rans.tasks.observation_terms import Dimension
 from rans.tasks.quantities import QUANTITIES
 
@@ -104,12 +104,18 @@ def _reward(task: Task, name: str, dimension: Dimension) -> Table:
     """Terms of a reward as formulas of the errors."""
     quantities = task.errors(*example_state(task, dimension))
     errors = ", ".join(f"{error} ({QUANTITIES[error].unit})" for error in quantities)
+    formulas = reward_formulas(task, dimension)
+    commands = f"{OPEN} is the number of open thrusters"
+    if any(BEFORE in text for text in formulas.values()):
+        commands += (
+            f"; a term with {BEFORE} is summed over the thrusters, of which each has {OPEN} = 1 while "
+            f"it is open, else 0, and {BEFORE} is that of the step before"
+        )
     return Table(
         ("term", "value"),
-        [(name, _readable(text, task)) for name, text in reward_formulas(task, dimension).items()]
-        or [_UNREAD],
+        [(name, _readable(text, task)) for name, text in formulas.items()] or [_UNREAD],
         f"Reward of a step{f' of {name}' if name else ''}, the sum of",
-        f"In the errors {errors}; {OPEN} is the number of open thrusters.",
+        f"In the errors {errors}; {commands}.",
     )
 
 
