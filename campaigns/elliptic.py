@@ -19,7 +19,6 @@ from rans_missions.tasks import Dock, TargetOrbit
 from rans_missions.two_body import TwoBodyMover, relative_motion
 
 from campaigns.missions import row, row_of
-from campaigns.orbits import directions, gap
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import Flight, fly
 from rans.model.drift import ClohessyWiltshire, Drift
@@ -122,11 +121,33 @@ class Elliptic:
             "circle": ClohessyWiltshire(n),
             "ellipse": EllipticOrbit(n, eccentricity, mean_anomaly(anomalies, eccentricity)),
         }
-        errors: dict[str, Any] = {"eccentricity": eccentricity}
-        for name, drift in drifts.items():
-            linear, _ = drift.carry(Vec3(*p.T), Vec3(*v.T), _DEADLINE)
-            errors[name] = [*gap(linear, exact[0])]
-        return errors
+        return {"eccentricity": eccentricity, **gaps(drifts, p, v, _DEADLINE, exact[0])}
+
+
+def directions(random: np.random.Generator, count: int) -> np.ndarray:
+    """Uniform unit vectors, (count, 3)."""
+    vectors = random.normal(size=(count, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def gaps(
+    drifts: dict[str, Drift], p: np.ndarray, v: np.ndarray, time: float, truth: np.ndarray
+) -> dict[str, list[float]]:
+    """Median and largest distance, m, between the ends of coasts by linear equations and their true ends, by name.
+
+    Args:
+        drifts: the equations.
+        p: (N, 3) positions at the start, m.
+        v: (N, 3) velocities, m/s.
+        time: duration, s.
+        truth: (N, 3) true positions at the end, m.
+    """
+    found = {}
+    for name, drift in drifts.items():
+        end, _ = drift.carry(Vec3(*p.T), Vec3(*v.T), time)
+        away = np.linalg.norm(np.stack(end.columns(), axis=1) - truth, axis=1)
+        found[name] = [float(np.median(away)), float(away.max())]
+    return found
 
 
 def _orbit(eccentricity: float) -> TargetOrbit:

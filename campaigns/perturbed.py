@@ -19,11 +19,10 @@ from rans_missions.tasks import TargetOrbit
 from rans_missions.tasks.hold import Hold
 from rans_missions.two_body import Perturbations, TwoBodyMover, perturbed_motion
 
-from campaigns.orbits import gap
+from campaigns.elliptic import directions, gaps
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import fly
-from rans.model.drift import ClohessyWiltshire
-from rans.model.fields import Vec3
+from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import EVALUATION_SEED, scenarios
@@ -151,21 +150,17 @@ def _coast_errors(seed: int) -> list[dict[str, Any]]:
     drag = _DECELERATION * (1.0 / _RATIO - 1.0)
     rows = []
     for distance in _DISTANCES:
-        direction = rng.normal(size=(_COASTS, 3))
-        p = distance * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+        p = distance * directions(rng, _COASTS)
         latitude = rng.uniform(0.0, math.tau, _COASTS)
         truth, _ = perturbed_motion(n, p, 0.0 * p, [_COAST], _air(latitude))
-        row: dict[str, Any] = {"distance": distance, "coasts": _COASTS}
-        for name, drift in (
-            (
-                "these equations",
-                PerturbedOrbit.around_earth(n, math.radians(_INCLINATION), drag, latitude),
+        drifts: dict[str, Drift] = {
+            "these equations": PerturbedOrbit.around_earth(
+                n, math.radians(_INCLINATION), drag, latitude
             ),
-            ("circle", ClohessyWiltshire(n)),
-        ):
-            end, _ = drift.carry(Vec3(*p.T), Vec3(*(0.0 * p.T)), _COAST)
-            row[name] = [*gap(end, truth[0])]
-        rows.append(row)
+            "circle": ClohessyWiltshire(n),
+        }
+        found = gaps(drifts, p, 0.0 * p, _COAST, truth[0])
+        rows.append({"distance": distance, "coasts": _COASTS, **found})
     return rows
 
 

@@ -13,6 +13,8 @@ from pathlib import Path
 from campaigns.table import CAMPAIGNS, ROWS
 from rans.files import write_text
 
+_EARLIER, _LATER = "af4f7ac0", "e3dd657d"
+"""Commits whose code measured what is not measured again."""
 PICTURES: dict[str, str] = {
     "agents.gif": "rans view go-to-pose-2d go-to-pose-3d --seed 5 --save docs/pictures/agents.gif",
     "frames.jpg": "rans view go-to-pose-3d --seed 5 --save docs/pictures/frames.jpg",
@@ -21,32 +23,61 @@ PICTURES: dict[str, str] = {
     "diagrams/*.svg": "python -m campaigns.pictures",
     "missions/*.svg": "python -m campaigns.pictures",
     "proof-cells.svg": "python packages/proof/archcomp/picture.py FOLDER docs/pictures/proof-cells.svg",
-    "proof-conditions.svg": "python -m campaigns.proof_conditions docs/validation/proof-conditions.json "
-    "docs/pictures/proof-conditions.svg",
-    "tradeoff*.svg": "campaigns.tradeoff at af4f7ac0",
+    "proof-conditions.svg": f"campaigns.proof_conditions at {_LATER}",
+    "tradeoff*.svg": f"campaigns.tradeoff at {_EARLIER}",
     "trapping-set.svg": "python -m campaigns.proofs CERTIFICATE docs/pictures/trapping-set.svg",
 }
 """Files in docs/pictures, and what draws them."""
 ONCE = (
-    ("verification.md", "breaking.json", "campaigns.breaking"),
-    ("any_craft/any_craft_in_space.md", "", "campaigns dead-cubesats"),
-    ("certificate.md", "mixed-integer.json", "campaigns.mixed_integer --starts 16"),
-    ("export.md", "", "campaigns.cortex"),
-    ("missions/guard.md", "", "campaigns.attack --missions avoid-2d"),
+    ("verification.md", "breaking.json", "campaigns.breaking", _EARLIER),
+    ("any_craft/any_craft_in_space.md", "", "campaigns dead-cubesats", _EARLIER),
+    ("certificate.md", "mixed-integer.json", "campaigns.mixed_integer --starts 16", _EARLIER),
+    ("export.md", "", "campaigns.cortex", _EARLIER),
+    ("missions/guard.md", "", "campaigns.attack --missions avoid-2d", _EARLIER),
+    ("missions/guard.md", "", "campaigns filter-cost", _LATER),
+    ("missions/dock.md", "", "campaigns orbits", _LATER),
+    ("missions/hold.md", "", "campaigns station-keeping --error all", _LATER),
+    (
+        "missions/perturbed.md",
+        "",
+        "campaigns station-keeping --orbit.target-drag 3.7e-7 --orbit.ballistic-ratio 0.5; with --orbit.oblate "
+        "--orbit.inclination-degrees 51.6; with all four",
+        _LATER,
+    ),
     (
         "robot/identified_agents.md",
         "identified-agents.json",
         "campaigns.identified_agents prepare FOLDER, then with train; campaigns identified-agents FOLDER",
+        _EARLIER,
     ),
-    ("robot/raft.md", "raft.json", "campaigns RAFT, after trainings of its recipes"),
+    (
+        "robot/innocube.md",
+        "",
+        "campaigns.innocube FOLDER --agent RUN, after rans train campaigns/innocube_agent.toml",
+        _LATER,
+    ),
+    ("robot/raft.md", "raft.json", "campaigns RAFT, after trainings of its recipes", _EARLIER),
     (
         "assurance/settled_gate.md",
         "settled-gate.json",
         "campaigns.settled_gate_entry RUN; campaigns settled-gate RUN",
+        _EARLIER,
     ),
-    ("speed.md", "tradeoff*.json", "campaigns.tradeoff"),
+    (
+        "proof/proofs-theory.md",
+        "proof-conditions.json",
+        "campaigns.proof_conditions proof-conditions.json PICTURE.svg",
+        _LATER,
+    ),
+    ("speed.md", "tradeoff*.json", "campaigns.tradeoff", _EARLIER),
+    (
+        "measured.md",
+        "",
+        "campaigns.scaling --processes 1 2 --n-envs 65536 --matmul bf16; with --processes 1 4",
+        _LATER,
+    ),
 )
-"""Pages whose figures were measured by code that left after commit af4f7ac0, evidence, and modules."""
+"""Pages whose figures were measured by code that left after a commit: evidence, modules and the commit."""
 RECORDS: dict[str, tuple[str, str]] = {
     "bounds.json": (
         "certificate.md",
@@ -55,10 +86,6 @@ RECORDS: dict[str, tuple[str, str]] = {
     "floating-platform.html": (
         "validation.md",
         "rans validate floating-platform --output FOLDER",
-    ),
-    "proof-conditions.json": (
-        "proof/proofs.md",
-        "python -m campaigns.proof_conditions docs/validation/proof-conditions.json PICTURE.svg",
     ),
 }
 _WRITTEN = {name for source in ROWS.values() for name in source.evidence}
@@ -108,8 +135,8 @@ The page of differences, `runs/reproduce/differences.md`, has every cell that di
 versions, processor and GPU, and the SHA-256 of every agent. The exit code is 1 if a cell differs or a command
 fails. `--executor` spreads the rows over [many machines](cluster.md). The whole reproduction was not timed.
 
-The tables of [InnoCube's telemetry](../packages/robot/docs/innocube.md) come from `rans identify` and
-`python -m campaigns.innocube FOLDER`, with data that have no licence yet: `rans reproduce` leaves them out.
+The tables of [InnoCube's telemetry](../packages/robot/docs/innocube.md) come from data that have no licence yet:
+`rans reproduce` leaves them out.
 
 ## Other figures
 
@@ -121,11 +148,11 @@ not measure them again.
 _ONCE = """
 ## Measured once
 
-The code of figures that another flight does not change is in git alone. `git worktree add ../then af4f7ac0` and
+The code of figures that another flight does not change is in git alone. `git worktree add ../then COMMIT` and
 `make setup` in that folder bring it back, and the module named here runs there with `python -m`.
 
-| page | evidence | module at `af4f7ac0` |
-|---|---|---|"""
+| page | evidence | module | commit |
+|---|---|---|---|"""
 _DRAWN = """
 | picture | drawn by |
 |---|---|"""
@@ -183,9 +210,9 @@ def _pictures() -> Iterator[str]:
 
 
 def _once() -> Iterator[str]:
-    for where, name, modules in ONCE:
+    for where, name, modules, commit in ONCE:
         file = f"`{name}`" if name else "-"
-        yield f"| [{Path(where).stem}]({_in_repository(where)}) | {file} | `{modules}` |"
+        yield f"| [{Path(where).stem}]({_in_repository(where)}) | {file} | `{modules}` | `{commit}` |"
 
 
 def _records() -> Iterator[str]:
@@ -195,7 +222,7 @@ def _records() -> Iterator[str]:
 
 def unlisted(docs: Path) -> set[str]:
     """Files of evidence and pictures of which nothing says what makes them."""
-    evidence = (*RECORDS, *(name for _, name, _ in ONCE))
+    evidence = (*RECORDS, *(name for _, name, *_ in ONCE))
     files = {file.name for file in (docs / "validation").iterdir()} - _WRITTEN
     pictures = {
         file.relative_to(docs / "pictures").as_posix() for file in (docs / "pictures").rglob("*.*")

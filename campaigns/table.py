@@ -855,65 +855,6 @@ CAMPAIGNS: dict[str, Campaign] = {
         labels=("agent", "form"),
         evidence=("exports.json",),
     ),
-    "robots": Campaign(
-        tables={},
-        page="robot/robots.md",
-        prints={
-            "loop at 10 Hz": Shown(rows="robots:in_words"),
-            "kills": Shown(
-                (
-                    ("killed", "{0}"),
-                    ("kills", "{1}"),
-                    ("valves open then", "{2}"),
-                    ("shut in time", "{3}"),
-                    ("latest, s", "{4}"),
-                ),
-                "robots:sides",
-            ),
-        },
-        measure="robots:Robots",
-        evidence=("robots.json",),
-    ),
-    "orbits": Campaign(
-        tables={},
-        page="missions/dock.md",
-        prints={
-            "errors of Clohessy-Wiltshire": Shown(
-                (
-                    ("coast from", "{from}"),
-                    ("for", "{time:,.0f} s"),
-                    *(
-                        (f"{which}{what}", f"{{gaps[{k}][{j}]:~2}} m")
-                        for k, what in enumerate(
-                            ("", ", J2", ", J2, drag", " of the perturbed orbit")
-                        )
-                        for j, which in enumerate(("median", "largest"))
-                    ),
-                )
-            ),
-            "dock, starts_as_coded=true": Shown(
-                (("starts", "{starts:,}"), ("above the speed limit", "{above:%.1f} %")), "coded"
-            ),
-        },
-        measure="orbits:Orbits",
-    ),
-    "station keeping": Campaign(
-        tables={},
-        page="missions/hold.md",
-        prints={
-            "impulse of an orbit at the hold point": Shown(
-                (
-                    ("who", "{who}"),
-                    ("hold", "{hold} for {seconds:,.0f} s"),
-                    ("orbit", "{orbit}"),
-                    ("median, N s", "{median:,.2f}"),
-                    ("least, largest, N s", "{least:,.2f}, {largest:,.2f}"),
-                    ("of a day, N s", "{day:,.0f}"),
-                )
-            )
-        },
-        measure="station_keeping:StationKeeping",
-    ),
     "guard": Campaign(
         tables={},
         page="missions/guard.md",
@@ -935,22 +876,6 @@ CAMPAIGNS: dict[str, Campaign] = {
             )
         },
         measure="guard:Guarded",
-    ),
-    "filter cost": Campaign(
-        tables={},
-        page="missions/guard.md",
-        prints={
-            "processor time of a filtered step, ms": Shown(
-                (
-                    ("mission", "{mission}"),
-                    ("who", "{who}"),
-                    ("steps", "{steps:,}"),
-                    ("period", "{period:,.0f}"),
-                    *((name, f"{{{name}:.1f}}") for name in ("median", "99 %", "largest")),
-                )
-            )
-        },
-        measure="filter_cost:FilterCost",
     ),
 }
 """By what is measured, the table of robustness first; the last ones have no table that is flown again."""
