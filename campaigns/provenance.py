@@ -106,7 +106,7 @@ def page() -> str:
 _HEAD = """# Provenance
 
 `rans reproduce` flies the tables of the pages again in a checkout, and writes a page of differences. This page
-is made from the same list, `campaigns/table.py`.
+is made from the same list, `campaigns/table.toml`.
 
 ![A command writes a JSON file, from which a table of a page is made; two checks compare them]\
 (pictures/diagrams/provenance.svg)

@@ -1,4 +1,4 @@
-"""One runner of campaigns: `campaigns.table` says what each measures, where it is kept, and what pages show of it.
+"""One runner of campaigns: table.toml says what each measures, where it is kept, and what pages show of it.
 
 ``python -m campaigns NAME OPTIONS`` measures a campaign and prints its tables; with ``--docs docs`` it also writes
 the evidence, a JSON file in docs/validation, and the tables of the pages. Options are the fields
@@ -20,7 +20,7 @@ from campaigns.markdown import Table
 from rans.files import environment, plain, read_json, write_json
 from rans.terminal import Terminal
 
-Columns = Sequence[tuple[str, str]]
+Columns = tuple[tuple[str, str], ...]
 """Headings, and the text of a cell with fields of a row in braces, see `cell`."""
 ABSENT = "-"
 """Cell of a number that is not there."""
@@ -34,8 +34,8 @@ class Shown:
     rows: str = "rows"
     """Key of the rows in the evidence; or MODULE:FUNCTION, which takes the evidence and gives the rows, without
     columns headings and rows of text. Words behind it are further arguments."""
-    reads: tuple[str, ...] = ()
-    """Files in docs/validation that the function reads itself; it takes the folder of the documents then."""
+    reads_files: bool = False
+    """Whether the function takes the folder of the documents, and reads its files itself."""
     page: str = ""
     """Its file, from docs; empty: the page of the campaign."""
     source: str = ""
@@ -50,10 +50,10 @@ class Campaign:
     with fewer flights, shares agree within three standard deviations and other numbers within a tolerance.
     """
 
-    tables: Mapping[str, Shown]
-    """By their names, which are also the marks of their places in the pages."""
     page: str
-    """Page that has them or speaks of it, from docs."""
+    """Page that has its tables or speaks of it, from docs."""
+    tables: Mapping[str, Shown] = field(default_factory=dict)
+    """By their names, which are also the marks of their places in the pages."""
     prints: Mapping[str, Shown] = field(default_factory=dict)
     """Further tables, for the terminal alone, by their titles."""
     measure: str = ""
@@ -113,8 +113,8 @@ class Campaign:
         """One of the tables, of the evidence in docs/validation."""
         shown = self.tables[name]
         page = shown.page or self.page
-        evidence = {} if shown.reads else read_json(self.file(docs))
-        headings, rows = texts(shown, docs if shown.reads else evidence)
+        evidence = {} if shown.reads_files else read_json(self.file(docs))
+        headings, rows = texts(shown, docs if shown.reads_files else evidence)
         # Pages of packages are in docs by a symbolic link.
         up = "../../../docs/" if "/" in page else ""
         file = self.evidence[0]
@@ -212,7 +212,7 @@ def run(campaign: Campaign, plan: Any, docs: Path | None) -> int:
         if docs is not None:
             campaign.table(docs, name).write(docs)
     for name, shown in {**campaign.tables, **campaign.prints}.items():
-        if not shown.reads:
+        if not shown.reads_files:
             Terminal().show(name, *texts(shown, plain(evidence)))
     return int(hasattr(plan, "failed") and plan.failed(evidence))
 

@@ -22,6 +22,7 @@ def texts() -> Iterator[Path]:
     yield from ROOT.glob("packages/*/docs/*.md")
     for room in ROOMS:
         yield from (ROOT / room).rglob("*.py")
+        yield from (ROOT / room).rglob("*.toml")
 
 
 def commands(text: str) -> set[str]:

@@ -75,7 +75,7 @@ def test_numbers_agree_within_a_tolerance(published: str, found: str, agrees: bo
     assert agree(published, found, False, (0.0, 0.0), 0.05) is agrees
 
 
-SOURCE = Campaign({"x": Shown()}, "x.md", flights=(100, 100), uncompared=("worst",))
+SOURCE = Campaign("x.md", {"x": Shown()}, flights=(100, 100), uncompared=("worst",))
 
 
 def table(*rows: tuple[str, ...]) -> Table:

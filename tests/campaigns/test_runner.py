@@ -14,12 +14,13 @@ import pytest
 
 from campaigns import runner
 from campaigns.runner import Campaign, Shown, cell, command, found, merged
-from campaigns.table import CAMPAIGNS
+from campaigns.table import CAMPAIGNS, read_campaigns
+from rans.errors import ConfigError
 
 PAGE = "<!-- table: squares -->\n<!-- end of table -->\n"
 SQUARES = Campaign(
-    {"squares": Shown((("x", "{x}"), ("square", "{square:.1f}")), source="{count} rows, {file}.")},
     "page.md",
+    {"squares": Shown((("x", "{x}"), ("square", "{square:.1f}")), source="{count} rows, {file}.")},
     measure="nowhere:Squares",
     labels=("x",),
     given=("--count", "2"),
@@ -121,3 +122,11 @@ def test_every_campaign_has_what_measures_it() -> None:
             assert not inspect.signature(plan.measured).parameters.keys() - {"self"}, name
             assert is_dataclass(plan), name
             assert campaign.evidence or campaign.prints, name
+
+
+@pytest.mark.parametrize("fault", ["tabels = {}", 'flights = "many"', "tolerance = [0.1]"])
+def test_a_row_with_something_else_is_a_sentence(fault: str, tmp_path: Path) -> None:
+    file = tmp_path / "table.toml"
+    file.write_text(f'[columns]\n[mine]\npage = "page.md"\n{fault}\n')
+    with pytest.raises(ConfigError, match=r"mine of table\.toml"):
+        read_campaigns(file)
