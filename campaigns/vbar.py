@@ -419,10 +419,11 @@ class Arrive(Leg):
         self._keep_out = keep_out
         self._dead = dead
         self._end: float | None = None
+        self._arrived = False
 
     def over(self, state: Array, time: float) -> bool:
         """See `Leg`."""
-        return self._end is not None and time > self._end + 0.5 * self._view.dt
+        return self._arrived
 
     def change(self, state: Array, time: float) -> Array:
         """See `Leg`."""
@@ -432,7 +433,11 @@ class Arrive(Leg):
             self._goal = self._goals(time, self._end - time)
         left = self._end - time
         if left < 0.5 * self._view.dt:
-            return self._goal[3:] - state[3:]
+            # The burn at the end goes on in the next periods if one is too short for it.
+            _, goal = self._drift.carry(Vec3(*self._goal[:3]), Vec3(*self._goal[3:]), -left)
+            gain = np.array(goal.columns(), float) - state[3:]
+            self._arrived = bool(np.abs(gain).max() <= self._view.max_accel * self._view.dt)
+            return gain
         gain = self._velocity(state, self._goal, left) - state[3:]
         # Corrections wait while they are small against the time that is left.
         if np.linalg.norm(gain) < self._dead and left > 10 * self._view.dt:
@@ -600,7 +605,7 @@ class Learned(Leg):
         """See `Leg`."""
         n, place, speed = self._view.n, state[:3], state[3:]
         away = place - self._point(state, time)
-        # The network reads a velocity without that of the turning point, in the axes of the moment.
+        # The network reads velocity and natural acceleration in the frame that turns with the point.
         moving = speed - np.cross(self._spin, place)
         natural = np.array(
             [
@@ -608,7 +613,7 @@ class Learned(Leg):
                 -2.0 * n * speed[0],
                 -n * n * place[2],
             ]
-        ) - np.cross(self._spin, speed)
+        ) - np.cross(self._spin, speed + moving)
         both = [np.linalg.norm(away), self._fastest(state, time)]
         rows = [[away[k], moving[k], natural[k], *both] for k in range(3)]
         return self._answer(np.array(rows)) * self._view.max_accel * self._view.dt
@@ -759,7 +764,7 @@ def _to_hold(view: Any, goal: Any, limits: Any) -> Route:
         yield Coast(limits["zone_entry"]["go_time"])
     away = float(np.linalg.norm(start[:3] - point))
     if "approach_cone" in limits:
-        yield from _into_cone(view, point, limits["approach_cone"])
+        yield from _into_cone(view, goal, point, limits["approach_cone"])
     elif not ball:
         # The mission of V-BAR's source and of `dock`: the same speed limit.
         limit = limits["speed_limit"]
@@ -787,7 +792,7 @@ def _rest(view: Any, point: Array, until: float = math.inf) -> Leg:
     )
 
 
-def _into_cone(view: Any, point: Array, cone: Any) -> Route:
+def _into_cone(view: Any, goal: Any, point: Array, cone: Any) -> Route:
     """To a hold point that is inside a turning cone for a part of each turn.
 
     It waits outside the range in which the cone counts, goes in as soon as the leading edge allows, and follows
@@ -796,9 +801,13 @@ def _into_cone(view: Any, point: Array, cone: Any) -> Route:
     out = point / np.linalg.norm(point)
     end = float(np.linalg.norm(point))
     outside = cone["active_range"] + 1.3
-    target = view.goal["target"]
+    target = goal["target"]
     gates = next(one["gates"] for one in view.constraints if one["type"] == "gate_table")
-    lead = math.degrees(cone["half_angle"]) - 1.5
+    half_angle = math.degrees(cone["half_angle"])
+    lead = half_angle - 1.5
+    # From where it waits to the tolerance at 2 cm/s, braking, and the time to hold, before the cone has passed.
+    needed = (outside - end - goal["capture_radius"]) / 0.02 + 40.0 + goal["hold_time"]
+    last = math.degrees(abs(target["rate"])) * needed - half_angle
 
     def turn(time: float) -> float:
         """Angle from the hold point to the cone's axis, degrees from -180 to 180."""
@@ -820,7 +829,7 @@ def _into_cone(view: Any, point: Array, cone: Any) -> Route:
         lambda s: min(_gate(gates, s), 0.02 if s < outside + 1.0 else 1.0, 0.02 * (s - end)),
         end=end,
         waits=outside,
-        free=lambda time: lead < turn(time) < lead + 11.5,
+        free=lambda time: last < turn(time) < lead + 11.5,
     )
 
 
@@ -855,7 +864,9 @@ def _to_port(view: Any, goal: Any, limits: Any) -> Route:
         arrival = 2500.0 if ":nav1" not in view.scenario_id else 4000.0
         point = origin(arrival) + axis(arrival) * (reach + 8.0)
         yield Transfer(view, _hold(view, reach, (2.0, 0.04)), point, 2200.0)
-        yield _rest(view, point, arrival)
+        # It waits for a port that turns, and for readings to average; the light may pass meanwhile.
+        if arrival > 2500.0 or "rate" in goal["target"]:
+            yield _rest(view, point, arrival)
     yield Track(view, origin, axis, speed, waits=waits, free=free)
 
 

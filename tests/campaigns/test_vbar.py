@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from campaigns.vbar import Guidance
+from campaigns.vbar import Guidance, route
 
 N = 0.0011067834463349404
 """Mean motion at 500 km, rad/s, as V-BAR gives it."""
@@ -74,6 +74,79 @@ def test_contact_with_a_port_is_slow_and_centred(noise: float) -> None:
     assert np.linalg.norm(contact[[0, 2]]) < (0.25 if noise else 0.01)
     assert np.linalg.norm(contact[[3, 5]]) < 0.03
     assert 0.05 < contact[4] < 0.1
+
+
+def test_a_burn_onto_the_ellipse_that_is_longer_than_a_period_goes_on() -> None:
+    """A start whose arrival takes 0.207 m/s, more than a period of 10 s gives: it must not drift away for that."""
+    sun = (0.7552398759546022, -0.4122823240536014, 0.5095449097391106)
+    keep_out = {"type": "keep_out", "radius": 10.0}
+    view = described("inspect", 10.0, (keep_out,), max_range=200.0, sun_direction=sun)
+    start = np.array([-117.498, 26.040, -3.242, 0.006, 0.0102, -0.0327])
+    states = flown(view, start, 1140)
+    # An orbit lasts 568 periods, and within 200 m V-BAR counts what a craft sees.
+    assert np.linalg.norm(states[-568:, :3], axis=1).max() < 200.0
+
+
+@pytest.mark.parametrize("phase", np.radians([77.0, 80.0, 83.0, 90.0]))
+def test_a_turning_cone_is_entered_only_with_time_to_hold(phase: float) -> None:
+    """V-BAR's grapple: a cone of 10 degrees turns over the hold point, and a hold of 120 s counts.
+
+    With the first three phases the craft comes when the cone is there already, and would pass too soon.
+    """
+    rate, half_angle, reach = -0.001092457576945965, np.radians(10.0), 15.24
+    gates = (
+        (609.6, 0.9144),
+        (152.4, 0.1524),
+        (60.96, 0.06096),
+        (36.576, 0.06096),
+        (30.48, 0.03048),
+    )
+    view = described(
+        "hold",
+        10.0,
+        (
+            {"type": "approach_cone", "half_angle": half_angle, "active_range": reach},
+            {"type": "gate_table", "gates": gates},
+        ),
+        hold_point=(-10.668, 0.0, 0.0),
+        capture_radius=1.0,
+        hold_time=120.0,
+    )
+    view.goal["target"] = {"mode": "inertial", "phase": phase, "rate": rate}
+    states = flown(view, np.array([-60.0, 1.0, 0.0, 0.0, 0.0, 0.0]), 1000)
+    turn = np.pi + phase + rate * view.dt * np.arange(len(states))
+    axis = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
+    p = states[:, :3]
+    along = (p * axis).sum(axis=1)
+    beside = np.linalg.norm(p - along[:, None] * axis, axis=1)
+    near = np.linalg.norm(p, axis=1) < reach
+    held = np.linalg.norm(p - [-10.668, 0.0, 0.0], axis=1) < 1.0
+    held &= np.linalg.norm(states[:, 3:], axis=1) < 0.01
+    runs = np.convolve(held, np.ones(13), "valid")
+    assert runs.max() == 13.0
+    # Until the hold has lasted: V-BAR's episode ends then.
+    until = int(np.argmax(runs == 13.0)) + 13
+    assert (np.arctan2(beside, along) < half_angle)[:until][near[:until]].all()
+
+
+def test_it_waits_only_for_ports_that_turn_and_for_readings_to_average() -> None:
+    """The light near a port can pass while a craft waits for nothing."""
+    cone = {"type": "approach_cone", "half_angle": 0.1745, "active_range": 50.0}
+    goal = {"port": (0.0, -2.0, 0.0), "port_axis": (0.0, -1.0, 0.0)}
+
+    def waits(scenario: str, **target: float) -> bool:
+        view = described("dock", 5.0, (cone,), scenario, axial_speed_window=(0.05, 0.1), **goal)
+        view.goal["target"] = target
+        legs = route(view)
+        next(legs)
+        state = np.array([0.0, -300.0, 0.0, 0.0, 0.0, 0.0])
+        legs.send(state)
+        # The leg after the transfer ends at a time only if it is a wait.
+        return legs.send(state).over(state, 1e5)
+
+    assert not waits("vbar:docking")
+    assert waits("vbar:inertial-target", rate=-N)
+    assert waits("vbar:docking:cw:box:dv:v2:nav1")
 
 
 def test_a_departing_craft_never_comes_back() -> None:

@@ -12,6 +12,7 @@ import scipy.linalg
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from campaigns import vbar, vbar_agent
 
@@ -19,15 +20,20 @@ N = 0.0011
 PERIOD = 10.0
 
 
-def motion() -> tuple[np.ndarray, np.ndarray]:
-    """Clohessy-Wiltshire motion over a period by SciPy: of a state, and of an acceleration."""
+def motion_rate() -> np.ndarray:
+    """Rates of position, velocity and acceleration (constant) in Clohessy-Wiltshire motion, (9, 9)."""
     rate = np.zeros((9, 9))
     rate[:3, 3:6] = np.eye(3)
     rate[3:6, :3] = np.diag([3.0 * N * N, 0.0, -N * N])
     rate[3, 4] = 2.0 * N
     rate[4, 3] = -2.0 * N
     rate[3:6, 6:] = np.eye(3)
-    whole = scipy.linalg.expm(rate * PERIOD)
+    return rate
+
+
+def motion() -> tuple[np.ndarray, np.ndarray]:
+    """Clohessy-Wiltshire motion over a period by SciPy: of a state, and of an acceleration."""
+    whole = scipy.linalg.expm(motion_rate() * PERIOD)
     return whole[:6, :6], whole[:6, 6:]
 
 
@@ -101,6 +107,28 @@ def test_who_goes_to_the_next_point_comes_around_the_ball(
         place = place + line / left
         assert np.linalg.norm(place) > 50.0
     np.testing.assert_allclose(place, goal, atol=1.0)
+
+
+def test_the_network_reads_the_motion_in_the_frame_that_turns_with_the_port() -> None:
+    """Its velocity changes by its natural acceleration: judged by SciPy's motion, turned back."""
+    rate = -N
+    view: Any = SimpleNamespace(n=N, dt=PERIOD, max_accel=0.02)
+    rows: list[np.ndarray] = []
+
+    def answer(inputs: np.ndarray) -> np.ndarray:
+        rows.append(inputs)
+        return np.zeros(3)
+
+    leg = vbar.Learned(view, answer, lambda s, t: np.zeros(3), lambda s, t: 1.0, rate=rate)
+    state = np.array([3.0, -20.0, 5.0, -0.02, 0.05, 0.01])
+    short = 1e-3
+    carry = scipy.linalg.expm(short * motion_rate()[:6, :6])
+    leg.change(state, 0.0)
+    leg.change(carry @ state, short)
+    (before, after) = (one[:, 1] for one in rows)
+    turned_back = Rotation.from_rotvec([0.0, 0.0, -rate * short]).apply(after)
+    # The rate of a change is rounded to 1e-14, and the acceleration changes by 1e-7 m/s^3.
+    np.testing.assert_allclose((turned_back - before) / short, rows[0][:, 2], atol=1e-9)
 
 
 def test_the_network_says_what_it_does_not_fly() -> None:

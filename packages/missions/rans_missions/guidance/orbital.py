@@ -254,20 +254,24 @@ class FewBurns(OrbitalGuidance):
         period = self.period
         time = self._bounded(time_left)
         transfer = self._coast(state, goal, time).cheapest(self._keep_out(limits))
-        transfer_velocity = state.v + transfer.burn
-        velocity = self.coasts.within(limits, state, transfer_velocity, time)
+        # Too late for the plan: go to the goal within a few periods, within the limits as on any other coast.
+        away = (goal.p - state.p).norm() > self.position_tolerance
+        late = (time_left < -period) & away
+        rescue = _RESCUE_PERIODS * period + time * 0.0
+        aimed = map_leaves(
+            partial(where, late),
+            self._coasting_velocity(state.p, goal, rescue),
+            state.v + transfer.burn,
+        )
+        velocity = self.coasts.within(limits, state, aimed, where(late, rescue, time))
         # Small corrections wait, as do those on the way past a ball. After the arrival there are none.
         small = axis_price(velocity - state.v) < transfer.price * _SMALL_CORRECTION
         waits = (small & (time_left > _CORRECTION_PERIODS * period)) | (time_left < 0.5 * period)
         for ball in limits.balls:
-            waits = waits | self._passes(ball, state, transfer_velocity, time)
-        velocity = map_leaves(partial(where, waits), state.v, velocity)
-        velocity = self._braked(state, goal, velocity, time_left, deadline)
-        # Too late for the plan: go to the goal within a few periods.
-        away = (goal.p - state.p).norm() > self.position_tolerance
-        late = (time_left < -period) & away
-        rescue = self._coasting_velocity(state.p, goal, _RESCUE_PERIODS * period + time * 0.0)
-        return map_leaves(partial(where, late), rescue, velocity)
+            waits = waits | self._passes(ball, state, aimed, time)
+        coasting = map_leaves(partial(where, waits), state.v, velocity)
+        braked = self._braked(state, goal, coasting, time_left, deadline)
+        return map_leaves(partial(where, late), velocity, braked)
 
     def price(self, state: Any, goal: Any, time_left: Field, limits: Limits) -> Field:
         """See `OrbitalGuidance.price`; limits are ignored."""

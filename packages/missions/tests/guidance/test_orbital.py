@@ -14,7 +14,7 @@ from rans_missions.guidance.orbital import FewBurns, OrbitalGuidance, SingleImpu
 
 from rans.model.drift import ClohessyWiltshire
 from rans.model.fields import Vec3
-from rans.tasks.shapes import Ball
+from rans.tasks.shapes import Ball, SpeedLimit
 
 N = 0.001027
 DRIFT = ClohessyWiltshire(N)
@@ -125,6 +125,26 @@ def test_few_burns_arrive_around_a_ball_and_brake() -> None:
     near = np.linalg.norm(positions - [0.0, -100.0, 0.0], axis=1) < 2.0
     slow = np.linalg.norm(velocities, axis=1) < 0.2
     assert np.any((near & slow)[-5:])
+
+
+def test_a_craft_that_comes_too_late_keeps_the_speed_limit_and_the_ball() -> None:
+    """40 m from the goal three periods after the planned arrival: it would go at 1 m/s."""
+    law = guidance(FewBurns, brakes=True, pushes=3)
+    ball, speed = Ball(REST, REST, 20.0), SpeedLimit(REST, 0.1, 0.0041)
+    limits = Limits(balls=(ball,), speeds=(speed,))
+    goal: Any = SimpleNamespace(p=vector(0.0, -30.0, 0.0), v=REST)
+    p, v = vector(0.0, 15.0, 30.0), vector(0.0, 0.0, 0.0)
+    for step in range(80):
+        left = np.array([-PERIOD * (3 + step)])
+        v = law.velocity(SimpleNamespace(p=p, v=v), goal, left, left + 2000.0, limits)
+        distance = p.norm()[0]
+        # Half a percent for rounding of the scale: the reserve of guidance is 3 %.
+        assert v.norm()[0] < 0.975 * (0.1 + 0.0041 * distance)
+        p, v = DRIFT.carry(p, v, PERIOD)
+        assert p.norm()[0] > 20.0
+        if (goal.p - p).norm()[0] < 2.0:
+            return
+    raise AssertionError("it did not come to the goal within 800 s")
 
 
 @pytest.mark.parametrize(("kind", "brakes"), [(SingleImpulse, False), (FewBurns, True)])
