@@ -546,7 +546,7 @@ def random_layouts(count: int, dimension: int) -> Iterator[str]:
     contestants: dict[str, Callable[[bool], Law]] = {
         "any-craft": lambda continuous: _law(layers, 0.0 if continuous else COAST),
         "LQR": lambda _: LinearLaw(),
-        "braking": lambda _: lambda *known: stopping_law(*known[:-1]),
+        "braking": lambda _: stopping_law,
     }
     kinds = [(continuous, by) for continuous in (False, True) for by in contestants]
     titles = [f"{'continuous' if continuous else 'on/off'}: {by}" for continuous, by in kinds]

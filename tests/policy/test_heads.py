@@ -61,7 +61,7 @@ def test_six_deviations_cut_off_nothing_else() -> None:
 
 
 def test_a_view_of_the_spacecraft_takes_each_thrusters_own() -> None:
-    """Thruster 2 stands first in the view of the first state, thruster 1 in that of the second."""
+    """Thruster 0 stands third in the view of the first state, and second in that of the second."""
     place = torch.tensor([[2, 0, 1], [1, 2, 0]])
     own = torch.tensor([[10.0, 11.0, 12.0], [20.0, 21.0, 22.0]])
     expected = [[12.0, 10.0, 11.0], [21.0, 22.0, 20.0]]

@@ -414,8 +414,11 @@ def stopping_law(
     velocity: Sequence[Tensor],
     spin: Sequence[Tensor],
     authority: Authority,
+    _: object = None,
 ) -> Tensor:
     """Demands (N, d) of a law made by hand, with which training begins: follow the braking curves.
+
+    It is a `Law`, which has no use for the change of the twist in the period before.
 
     Args:
         error: see `rans.policy.authority.columns`, as for the others.
