@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import FrameType
+from types import FrameType, SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from tyro.conf import UseAppendAction, arg
@@ -26,9 +26,10 @@ from rans.cli import STARTED
 from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import whole_number
 from rans.errors import ConfigError, RansError, RansWarning, brief, is_installed, meant_file
+from rans.executors import use_one_thread
 from rans.files import command_line, first_line, inside, write_text
 from rans.model.spacecraft_file import load_spacecraft
-from rans.processes import beside
+from rans.processes import beside, submitted
 from rans.randomization.conditions_file import load_conditions
 from rans.registry import trust_files, typed
 from rans.show.curve import Rows, curve_in_another_process
@@ -38,9 +39,12 @@ from rans.tasks.feasible import obstacles
 from rans.terminal import Terminal, doing
 
 if TYPE_CHECKING:
+    from rans.evaluation.compare.contest import Entry
     from rans.fast.learn.config import TrainConfig
     from rans.fast.learn.trainer import Trainer
     from rans.model.spacecraft import Spacecraft
+
+    _Rivals = Callable[[], tuple[list[Entry], list[str]]]
 
 _GENTLE = 30.0
 """Largest time that an iteration may continue after Ctrl-C, s."""
@@ -217,21 +221,34 @@ class Train(Options):
             return self._train(curve)
 
     def _train(self, curve: Callable[[Rows], str] | None) -> int:
-        from rans.fast.learn.loggers import loggers, require_loggers
+        from rans.fast.learn.loggers import require_loggers
 
-        elsewhere: list[LoggerName] = [name for name in self.log if name != "terms"]
-        require_loggers(elsewhere)
+        require_loggers(self._elsewhere)
         with doing("preparing the training", in_log=False):
             trainer = self._trainer()
-        begun = trainer.steps
         # Other processes of torchrun only train.
         if not trainer.processes.is_first:
             with StopGently() as stop:
                 trainer.train(lambda _: None, lambda: stop.requested)
             return stop.code
+        with _flying_beside(trainer) as rivals:
+            return self._shown(trainer, curve, rivals)
+
+    @property
+    def _elsewhere(self) -> list[LoggerName]:
+        """Where figures of the training go, beside the screen."""
+        return [name for name in self.log if name != "terms"]
+
+    def _shown(
+        self, trainer: Trainer, curve: Callable[[Rows], str] | None, rivals: _Rivals | None
+    ) -> int:
+        """Train, and make what follows: learning curve, summary, comparison with rivals, page."""
+        from rans.fast.learn.loggers import loggers
+
+        begun = trainer.steps
         watched = _watched(trainer.run.path) if self.view else contextlib.nullcontext()
         showing = TrainingProgress(trainer.config.total_timesteps, "terms" in self.log)
-        others = loggers(elsewhere, trainer.config, trainer.run.path)
+        others = loggers(self._elsewhere, trainer.config, trainer.run.path)
         with watched, showing as progress, StopGently() as stop:
             trainer.train(
                 lambda members: [
@@ -252,9 +269,9 @@ class Train(Options):
             Terminal().say(hole)
         if stop.requested:
             return stop.code
-        if trainer.steps > begun:
+        if trainer.steps > begun and rivals is not None:
             with _beside_the_agent("a comparison with others"):
-                _compare(trainer)
+                _compare(trainer, rivals)
         # No page has the safety filter.
         page = None
         if not trainer.config.guard:
@@ -369,21 +386,74 @@ _COMPARED = 64
 """Flights of each contestant after a training."""
 _MUCH = 1_000_000
 """Steps from which a training that has not solved its task is compared all the same."""
+_RIVALS = "lqr", "switching"
 
 
-def _compare(trainer: Trainer) -> None:
-    """Fly the agent, that for any craft, LQR and switching control from new starts, and say who dominates whom.
+@contextlib.contextmanager
+def _flying_beside(trainer: Trainer) -> Iterator[_Rivals | None]:
+    """Context in which another process flies whom `_compare` needs beside the agent; None: it compares nobody.
 
-    This is for trainings that the agent for any craft could replace, once they fly.
+    This is for trainings that the agent for any craft could replace. The flights take as long as an imitation that
+    is all of a training, and wait for nothing that is trained. Where the comparison is loaded already they are
+    flown when they are asked for: a process would load it once more.
     """
     from rans.policy.timing import flies_to_a_pose
 
     config, craft = trainer.config, trainer.engine.craft
     if config.guard or config.conditions.or_none or not flies_to_a_pose(config.settings, craft):
+        yield None
         return
+    # As for `rans compare`; and a short training that is not solved is not compared.
+    if not is_installed("casadi") or config.total_timesteps < _MUCH:
+        yield None
+        return
+    job = trainer.run.path, craft.dimension, _COMPARED
+    if "rans.evaluation.compare.run" in sys.modules:
+        yield lambda: _rivals(*job)
+        return
+    with submitted(_rivals, [job], 1, use_one_thread, ()) as (entries,):
+        yield entries.result
+
+
+def _rivals(path: Path, dimension: int, count: int) -> tuple[list[Entry], list[str]]:
+    """Flights of the agent for any craft, where it can, and of `_RIVALS`, and sentences about what failed.
+
+    Args:
+        path: run folder with the setup.
+        dimension: of the craft.
+        count: number of flights of each.
+    """
+    from rans.evaluation.compare.entrants import contest_of, enlisted
+    from rans.evaluation.compare.run import Comparison
+    from rans.evaluation.fly.agent import LoadedRun
+    from rans.fast.learn.run_folder import RunFolder
+    from rans.pretrained import FOR_ANY_CRAFT
+    from rans.scenario import TRAINED_SEED
+
+    run = RunFolder(path)
+    config = run.config()
+    own = inside(path, "spacecraft.toml")
+    agents = [f"{FOR_ANY_CRAFT[dimension]}{value}@{own}" for value in ("", "#0.5")]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RansWarning)  # evaluations of that agent say them
+        nobody: Any = SimpleNamespace(name=path.name)
+        setup = LoadedRun(nobody, run.spacecraft(), config.settings, config.timing)
+        comparison = Comparison(contest_of(setup, count, TRAINED_SEED))
+        flying = {}
+        with contextlib.suppress(ConfigError):  # what it cannot fly
+            flying = enlisted(agents, comparison.contest)
+        comparison.fly(flying, _RIVALS, 0, workers=1, in_detail=False)
+    # Networks stay in their process.
+    entries = [
+        replace(one, contestant=replace(one.contestant, controller=nobody))
+        for one in comparison.entries
+    ]
+    return entries, comparison.failures
+
+
+def _compare(trainer: Trainer, rivals: _Rivals) -> None:
+    """Fly the agent from new starts, and say who dominates whom among it and `_rivals`, once trainings fly."""
     if not trainer.solved and trainer.steps < _MUCH:
-        return
-    if not is_installed("casadi"):  # as for `rans compare`
         return
     from rans.evaluation.compare.entrants import contest_of, enlisted
     from rans.evaluation.compare.run import Comparison
@@ -393,17 +463,13 @@ def _compare(trainer: Trainer) -> None:
     from rans.show.tables.comparison_tables import dominations, scoreboard, verdict
 
     path = str(trainer.run.path)
-    own = inside(trainer.run.path, "spacecraft.toml")
-    agent = FOR_ANY_CRAFT[craft.dimension]
-    with doing("flying others from the same starts", in_log=False), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RansWarning)  # evaluations of that agent say them
+    agent = FOR_ANY_CRAFT[trainer.engine.craft.dimension]
+    with doing("flying others from the same starts", in_log=False):
         comparison = Comparison(contest_of(path, _COMPARED, TRAINED_SEED))
-        contestants = enlisted([path], comparison.contest)
-        with contextlib.suppress(ConfigError):  # what it cannot fly
-            contestants |= enlisted(
-                [f"{agent}{value}@{own}" for value in ("", "#0.5")], comparison.contest
-            )
-        comparison.fly(contestants, ("lqr", "switching"), 0, in_detail=False)
+        comparison.fly(enlisted([path], comparison.contest), (), 0, in_detail=False)
+        entries, failures = rivals()
+        comparison.entries += entries
+        comparison.failures += failures
     columns = {
         "settled, %": "settled",
         "settling time, s": "time, s",
@@ -418,7 +484,7 @@ def _compare(trainer: Trainer) -> None:
     console.say(verdict(comparison))
     name = comparison.entries[0].name
     if better := [one for one, other in dominations(comparison) if other == name and agent in one]:
-        craft_name = config.spacecraft
+        craft_name = trainer.config.spacecraft
         console.say(
             f"{better[0]} is better without training: rans evaluate {better[0]}@{shlex.quote(craft_name)}"
         )

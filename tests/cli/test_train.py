@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import re
 import shlex
 import signal
@@ -357,6 +358,15 @@ def test_a_training_is_compared_with_what_flies_without_one(
     # Neither times of actions nor LQRs of other weights: no row of this table has them.
     monkeypatch.setattr(Contest, "latencies", None)
     monkeypatch.setattr(entrants, "swept", None)
+    rivals = train._rivals
+
+    def from_another_process(*job: Any) -> Any:
+        """Tensors would be shared with a process that has ended."""
+        pickled = pickle.dumps(rivals(*job))
+        assert b"torch" not in pickled
+        return pickle.loads(pickled)
+
+    monkeypatch.setattr(train, "_rivals", from_another_process)
     assert main(["train", "go-to-pose", "--total-timesteps", "8192", "--output", "run"]) == 0
     printed = capsys.readouterr().out
     assert "any-craft-2d#0.5" in printed
