@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from rans.compile.substeps import Call, Substep, Substeps
 from rans.extend import (
     Body,
     ConfigError,
+    Drift,
     Field,
     GoToPose,
     Heading,
@@ -57,6 +58,8 @@ _SPACE = (
     *((f"w{name}", "rad/s", "angular velocity relative to W, in the body") for name in "xyz"),
 )
 """Name, unit and meaning of each number of a state, as `rans identify` names columns of its files."""
+_Name = tuple[str, str, str]
+"""Name, unit and meaning of a number of a state."""
 _FARTHEST = 1e12
 """Largest number of a state at its start, beyond which double precision does not hold a metre."""
 
@@ -68,12 +71,12 @@ def write_craft(folder: Path, setup: Setup) -> None:
         ConfigError: the compiler refuses the sources, or the disk refuses.
     """
     craft = setup.craft
-    names = _names(craft)
-    variables = _variables(craft, names)
+    names = _names(setup)
+    variables = _variables(setup, names)
     with tempfile.TemporaryDirectory() as build:
         source = Path(build)
         (source / "craft.c").write_text(_motion(setup), "utf-8")
-        (source / "craft.h").write_text(_header(craft, [name for name, _, _ in names]), "utf-8")
+        (source / "craft.h").write_text(_header(setup, [name for name, _, _ in names]), "utf-8")
         unit = Unit(
             "craft",
             craft.name,
@@ -124,32 +127,75 @@ def write_craft_export(
     return {"episodes": episodes}
 
 
-def _names(craft: Spacecraft) -> list[tuple[str, str, str]]:
-    """Name, unit and meaning of each number of a state, with those of the effectors."""
+def _names(setup: Setup) -> list[_Name]:
+    """Name, unit and meaning of each number of a state, with those of effectors and of where the target is."""
+    craft = setup.craft
     stores = [
         (store.name.replace(" ", "_"), store.unit, f"{store.name} of the effectors")
         for store in craft.stores
     ]
-    return [*(_PLANE if craft.dimension == 2 else _SPACE), *stores]
+    orbit = [
+        (name, "rad", f"{name.replace('_', ' ')} of the target on its orbit")
+        for name in moving(setup.task.drift).values()
+    ]
+    return [*(_PLANE if craft.dimension == 2 else _SPACE), *stores, *orbit]
 
 
-def _start(craft: Spacecraft) -> list[float]:
-    """At rest in the origin, with stores as at the start of an episode."""
+def moving(drift: Drift) -> dict[int, str]:
+    """Which leaves of a drift change with time, and their names, such as that of a mean anomaly, rad."""
+    later = leaves(drift.later(1.0))
+    return {
+        at: name
+        for at, (name, now) in enumerate(zip(_names_of(drift), leaves(drift), strict=True))
+        if later[at] != now
+    }
+
+
+def _names_of(drift: Any) -> list[str]:
+    """Names of a drift's leaves."""
+    names = []
+    for one in fields(drift):
+        value = getattr(drift, one.name)
+        names += _names_of(value) if is_dataclass(value) else [one.name]
+    return names
+
+
+def drift_of(drift: Drift, entries: Sequence[Field]) -> Drift:
+    """A drift with these numbers for those that change with time."""
+    values = [*leaves(drift)]
+    for at, entry in zip(moving(drift), entries, strict=True):
+        values[at] = entry
+    return unflatten(drift, values)
+
+
+def entries_of(drift: Drift, still: Drift) -> list[Field]:
+    """Numbers of a drift at the places of those of a still one, which is all numbers, that change with time."""
+    return [leaves(drift)[at] for at in moving(still)]
+
+
+def _start(setup: Setup) -> list[float]:
+    """At rest in the origin, with stores as at the start of an episode, and the target where its orbit has it."""
+    craft = setup.craft
     still = [0.0] * 6 if craft.dimension == 2 else [0.0] * 3 + [1.0] + [0.0] * 9
-    return [*still, *(float(store.initial) for store in craft.stores)]
+    stores = [float(store.initial) for store in craft.stores]
+    drift = setup.task.drift
+    return [*still, *stores, *map(float, entries_of(drift, drift))]
 
 
-def _ranges(craft: Spacecraft) -> list[tuple[float, float]]:
+def _ranges(setup: Setup) -> list[tuple[float, float]]:
     """Least and largest number of each entry of a state at its start."""
+    craft = setup.craft
     width = len(_PLANE if craft.dimension == 2 else _SPACE)
     return [
         *((-_FARTHEST, _FARTHEST) for _ in range(width)),
         *((float(store.low), float(store.high)) for store in craft.stores),
+        *((-math.tau, math.tau) for _ in moving(setup.task.drift)),
     ]
 
 
-def _variables(craft: Spacecraft, names: Sequence[tuple[str, str, str]]) -> list[Variable]:
+def _variables(setup: Setup, names: Sequence[_Name]) -> list[Variable]:
     """Commands, the state at the start, the state, and the mass."""
+    craft = setup.craft
     commands = [
         Variable(
             f"command[{at}]",
@@ -173,7 +219,7 @@ def _variables(craft: Spacecraft, names: Sequence[tuple[str, str, str]]) -> list
             high,
         )
         for (name, unit, meaning), start, (low, high) in zip(
-            names, _start(craft), _ranges(craft), strict=True
+            names, _start(setup), _ranges(setup), strict=True
         )
     ]
     states = [
@@ -183,8 +229,9 @@ def _variables(craft: Spacecraft, names: Sequence[tuple[str, str, str]]) -> list
     return [*commands, *starts, *states, mass]
 
 
-def _header(craft: Spacecraft, names: Sequence[str]) -> str:
+def _header(setup: Setup, names: Sequence[str]) -> str:
     """craft.h: sizes, names and ranges, and the function of craft.c."""
+    craft = setup.craft
     count = len(craft.commands)
     width = len(names)
     first, end = (3, 7) if craft.dimension == 3 else (0, 0)
@@ -192,12 +239,9 @@ def _header(craft: Spacecraft, names: Sequence[str]) -> str:
     def table(kind: str, name: str, size: int, entries: Iterable[str]) -> str:
         return f"static const {kind} rans_craft_{name}[{size}] = {{{', '.join(entries)}}};"
 
-    tank = (
-        ""
-        if craft.propellant is None
-        else f" - {craft.propellant.mass!r} + state[{width - len(craft.stores)}]"
-    )
-    ranges = _ranges(craft)
+    rigid = len(_PLANE if craft.dimension == 2 else _SPACE)
+    tank = "" if craft.propellant is None else f" - {craft.propellant.mass!r} + state[{rigid}]"
+    ranges = _ranges(setup)
     lines = [
         f"/* {craft.name}: what craft_unit.c knows of it. SI units. */",
         "#ifndef RANS_CRAFT_H",
@@ -212,7 +256,7 @@ def _header(craft: Spacecraft, names: Sequence[str]) -> str:
         table("int", "switches", count, (str(int(one.kind == "on-off")) for one in craft.commands)),
         table("char *const", "effectors", count, (f'"{one.name}"' for one in craft.commands)),
         table("char *const", "names", width, (f'"{name}"' for name in names)),
-        table("double", "start", width, map(repr, _start(craft))),
+        table("double", "start", width, map(repr, _start(setup))),
         table("double", "least", width, (repr(low) for low, _ in ranges)),
         table("double", "most", width, (repr(high) for _, high in ranges)),
         "static inline double rans_craft_mass(const double *state) {",
@@ -230,15 +274,20 @@ def _motion(setup: Setup) -> str:
     """craft.c: the equations of motion over a control period."""
     world = World(setup._replace(conditions=None, guard=None))
     craft = world.craft
-    before = inputs("state", len(_names(craft)))
+    before = inputs("state", len(_names(setup)))
+    still = world.task.drift
+    own = len(before) - len(moving(still))
+    drift = drift_of(still, before[own:])
     command = inputs("command", len(craft.commands))
     substeps = Substeps()
     moved = world.move(
-        state_of(craft, before),
-        StepInputs(Body.of(craft), (tuple(command),), drift=world.task.drift),
+        state_of(craft, before[:own]),
+        StepInputs(Body.of(craft), (tuple(command),), drift=drift),
         substeps.advance,
     )
-    after = [Symbol.constant(x) for x in leaves(replace(moved[-1], notes=None))]
+    onwards = entries_of(drift.later(world.timing.control_period), still)
+    ends = [*leaves(replace(moved[-1], notes=None)), *onwards]
+    after = [Symbol.constant(x) for x in ends]
     text = [
         '#include "craft.h"',
         "",

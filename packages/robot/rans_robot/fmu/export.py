@@ -52,7 +52,7 @@ def write_fmu(
             ("agent.h",),
         )
         write_unit(folder, build, unit, {"resources/contract.json": contract.encode()})
-    if setup is not None and setup.task.drift.steady:
+    if setup is not None:
         write_craft(folder, setup)
 
 
