@@ -19,6 +19,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextvars import ContextVar
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -490,6 +491,24 @@ def environment() -> dict[str, str]:
 def command_line() -> str:
     """Command line of this process, quoted for a shell."""
     return shlex.join(["rans", *sys.argv[1:]])
+
+
+_is_command: ContextVar[bool] = ContextVar("is_command", default=False)
+
+
+@contextlib.contextmanager
+def as_command() -> Iterator[None]:
+    """Context of a function that its command calls: files name the command line as their maker."""
+    token = _is_command.set(True)
+    try:
+        yield
+    finally:
+        _is_command.reset(token)
+
+
+def made_by(function: str) -> str:
+    """What a file names as its maker: the command line, or the name of the function that Python called."""
+    return command_line() if _is_command.get() else function
 
 
 def git_revision() -> str:

@@ -29,6 +29,7 @@ from tyro.conf import Positional, arg
 
 from rans.cli.options import Trust, option_name
 from rans.cli.states import OwnState, OwnZones
+from rans.files import as_command
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
@@ -59,11 +60,12 @@ class Options:
     function: ClassVar[Callable[..., Any]]
     """Python function with the same arguments."""
 
-    def call(self) -> Any:
-        """Call the function with the options that are its arguments."""
+    def call(self, **others: Any) -> Any:
+        """Call the function with the options that are its arguments, but for those that are others."""
         call = inspect.signature(self.function).bind_partial()
-        call.arguments = {name: getattr(self, name) for name in self.texts}
-        return self.function(*call.args, **call.kwargs)
+        call.arguments = {name: getattr(self, name) for name in self.texts} | others
+        with as_command():
+            return self.function(*call.args, **call.kwargs)
 
     def changed(self, *names: str) -> list[str]:
         """Words of a command that repeat these options where they are not left at their defaults."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +14,6 @@ from rans.api.judging import CRAFT, ConditionsLike
 from rans.api.names import conditions_by_name, conditions_if_named
 from rans.extend import (
     EVALUATION_SEED,
-    Conditions,
     ConfigError,
     Spacecraft,
     SpacecraftLike,
@@ -21,7 +21,9 @@ from rans.extend import (
     load_spacecraft,
     whole,
 )
+from rans.files import made_by
 from rans.scenario import ASSURANCE_SEED
+from rans.terminal import doing, writing_at_end
 
 if TYPE_CHECKING:
     from rans.extend import EngineName
@@ -33,8 +35,10 @@ if TYPE_CHECKING:
 
 STRESSED = ("lab", "roboran", "orbit", "harsh")
 """Conditions of a robustness sweep where none are named."""
-_ASSURED = 100_000
+ASSURED = 100_000
 """Flights of an assurance where neither their number nor a bound is given."""
+_KEPT = 10.0
+"""Seconds between two writes of the results so far."""
 
 
 def stress(
@@ -50,6 +54,7 @@ def stress(
     output: str | Path | None = None,
     guard: bool = False,
     guard_slack: float | None = None,
+    show: Callable[[StressReport], object] | None = None,
 ) -> StressReport:
     """Robustness sweep: fly under one disturbance at a time, at increasing magnitude.
 
@@ -73,12 +78,13 @@ def stress(
         output: folder of the results; by default that of the first contestant, and in Python none is written.
         guard: see `rans.api.judging.evaluate`.
         guard_slack: see `rans.api.judging.evaluate`.
+        show: function that is called with the report at the end, also after an interrupt or an error.
 
     Raises:
         ConfigError: there is no such contestant or disturbance, or a number is out of its range.
     """
     from rans.evaluation.compare.entrants import contest_of, invitations
-    from rans.extend import ready_folder
+    from rans.extend import inside, ready_folder
     from rans.show.progress import watched
     from rans_assurance.pages.stress_page import StressReport
     from rans_assurance.stress.run import prepared
@@ -91,12 +97,22 @@ def stress(
     # Slow controllers fly 32 of 256 starts: their interval is then about three times as wide.
     slow = max(1, episodes // 8) if slow_episodes is None else whole("slow_episodes", slow_episodes)
     planned = prepared(contest, invited, sets, only, slow, trust)
-    folder = Path() if output is None else ready_folder(Path(output))
-    report = StressReport(planned, folder, whole("worst", worst, least=0), "rans.stress")
-    with watched() as stage:
-        planned.fly(stage, workers)
+    folder = Path()
     if output is not None:
-        report.write()
+        folder = ready_folder(Path(output))
+        inside(folder, "stress")  # a symbolic link is rejected before the flights
+    maker = made_by("rans.stress")
+    report = StressReport(planned, folder, whole("worst", worst, least=0), maker)
+
+    def end() -> None:
+        if output is not None and planned.outcomes:
+            with doing("drawing the page", in_log=False):
+                report.write()
+        if show is not None:
+            show(report)
+
+    with writing_at_end(end), watched() as stage:
+        planned.fly(stage, workers)
     return report
 
 
@@ -121,6 +137,7 @@ def assure(
     device: str = "auto",
     trust: bool = False,
     output: str | Path | None = None,
+    show: Callable[[Assurance], object] | None = None,
 ) -> Assurance:
     """Bound the failure probability of an agent by Monte Carlo simulation, and fly the failures again.
 
@@ -144,53 +161,83 @@ def assure(
         seed: random seed of starts, goals and conditions.
         device: "auto" (a GPU if there is one), "cpu" or "cuda".
         trust: see `rans.api.judging.compare`.
-        output: folder of the results; by default that of the agent, and in Python none is written.
+        output: folder of the results; by default that of the agent, and in Python none is written. The same
+            assurance goes on from what is there.
+        show: function that is called with the assurance at the end, also after an interrupt or an error.
 
     Raises:
         ConfigError: there is no such agent, or a number is out of its range.
     """
-    from rans.extend import contestant, ready_folder, torch_device, write_json
+    from rans.extend import ready_folder, torch_device, write_json
+    from rans.fast.distributed import join
     from rans.show.progress import watched
-    from rans_assurance.assure.assurance import Assurance
+    from rans_assurance.assure.assurance import made
     from rans_assurance.assure.bounds import plan
-    from rans_assurance.assure.campaign import Campaign
     from rans_assurance.assure.rare import check_rare_count
     from rans_assurance.assure.search import check_unit
-    from rans_assurance.pages.assure_page import assurance_page
+    from rans_assurance.pages.assure_page import write_page
 
+    # What is wrong is refused before anything flies.
     unit = None
     if search:
         unit = load_conditions(search)
-        check_unit(search, unit)  # a wrong name is refused before anything flies
+        check_unit(search, unit)
     if rare:
-        check_rare_count("rare", whole("rare", rare))
+        check_rare_count("rare", whole("rare", rare, least=0))
+    again = whole("worst", worst, least=0)
     if episodes is not None or failure_below is None:
-        episodes = whole("episodes", _ASSURED if episodes is None else episodes)
-    planned = plan(confidence, episodes, failure_below)
+        episodes = whole("episodes", ASSURED if episodes is None else episodes)
     in_memory = agent if isinstance(agent, AgentData) else None
-    spec = (in_memory.spec or in_memory.name) if in_memory else str(agent)
-    label = None if conditions is None else str(getattr(conditions, "description", conditions))
-    assurance = Assurance(spec, label, Campaign(planned, seed), command="rans.assure", trust=trust)
-    if in_memory or isinstance(conditions, Conditions):
-        run = in_memory.run if in_memory else contestant(spec, trust=trust)
-        assurance.given = run.under(conditions_if_named(conditions))
-    _ = assurance.run
+    assurance = made(
+        (in_memory.spec or in_memory.name) if in_memory else str(agent),
+        None if conditions is None else str(getattr(conditions, "description", conditions)),
+        conditions_if_named(conditions),
+        plan(confidence, episodes, failure_below),
+        seed,
+        made_by("rans.assure"),
+        trust,
+        in_memory and in_memory.run,
+    )
     assurance.check_follow_ups(rare, search)
+    if output is not None:
+        assurance.write_into(ready_folder(Path(output)))
+    # Of torchrun's processes the others only fly.
     processor = torch_device(device)
-    with watched() as stage:
-        assurance.fly(processor, stage)
+    processes = join(processor, apart=True)
+    if not processes.is_first:
+        assurance.fly(processor, processes=processes)
+        return assurance
+    written = time.monotonic()
+    file = assurance.file
+
+    def keep() -> None:
+        nonlocal written
+        if file is not None and time.monotonic() - written > _KEPT:
+            write_json(file, assurance.to_json())
+            written = time.monotonic()
+
+    def end() -> None:
+        if not assurance.campaign.flights:
+            return
+        if file is not None:
+            write_json(file, assurance.to_json())
+            with doing("drawing the page", in_log=False):
+                write_page(assurance)
+        if show is not None:
+            show(assurance)
+
+    if file is not None:
+        assurance.go_on(file)
+    with writing_at_end(end), watched() as stage:
+        assurance.fly(processor, stage, keep, processes)
         stage("failed flights again", None)
-        assurance.replay(whole("worst", worst, least=0), worst)
+        assurance.replay(again, again)
         if rare:
             stage("rarer failures", None)
             assurance.sample(rare, processor)
         if search and unit:
             stage("the worst case", None)
             assurance.search(search, unit, processor)
-    if output is not None:
-        folder = ready_folder(Path(output))
-        write_json(folder / "assurance.json", assurance.to_json())
-        assurance_page(assurance).write(folder / "assurance.html")
     return assurance
 
 

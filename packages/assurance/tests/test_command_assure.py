@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rans_assurance.functions import assure
 from scipy.stats import binomtest
 
 import rans
@@ -21,13 +22,25 @@ from rans.fast.flights import BATCH, Flights
 AGENT = "pretrained:go-to-pose-2d"
 LAB = ["--conditions", "lab"]
 """In which four in five of its flights fail."""
+DEFAULTS: dict[str, Any] = assure.__kwdefaults__ or {}
+"""Those of the function, which the command has too."""
 
 
 @pytest.fixture(autouse=True)
 def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     # Each failed flight that is repeated takes a second of Drake.
-    monkeypatch.setattr("rans_assurance.commands.assure._WORST", 0)
+    monkeypatch.setitem(DEFAULTS, "worst", 0)
+
+
+def test_python_flies_the_conditions_that_it_names() -> None:
+    """It flew everything nominal, and bounded a failure probability of 0.8 by 0.02."""
+    named = rans.assure("go-to-pose-2d", conditions="lab", episodes=64)
+    own = rans.assure("go-to-pose-2d", conditions=rans.load_conditions("lab"), episodes=64)
+    assert named.campaign.failures == own.campaign.failures
+    assert main(["assure", AGENT, *LAB, "--episodes", "64", "--output", "here"]) == 0
+    bounds = json.loads(Path("here/assurance-lab.json").read_text("utf-8"))["bounds"]
+    assert bounds["any"]["failures"] == named.campaign.bound().events > 0
 
 
 def test_conditions_of_one_name_have_files_apart() -> None:
@@ -43,7 +56,7 @@ def test_numbers_a_page_and_commands_that_show_failures_again(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["assure", AGENT, *LAB, "--episodes", "60"]
-    monkeypatch.setattr("rans_assurance.commands.assure._WORST", 1)
+    monkeypatch.setitem(DEFAULTS, "worst", 1)
     monkeypatch.setattr(sys, "argv", ["rans", *command])
     assert main(command) == 0
     printed = capsys.readouterr().out
@@ -98,9 +111,8 @@ def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(
     assert "Interrupted" in told.out
     assert "interrupted; what was written is kept" in told.err
     before = Path("here/assurance.json").read_bytes()
-    seed = "rans_assurance.commands.assure.ASSURANCE_SEED"
     with monkeypatch.context() as other:
-        other.setattr(seed, 7)
+        other.setitem(DEFAULTS, "seed", 7)
         assert main([*command, "--episodes", "48"]) == 2  # flights that took long are not lost
     told = capsys.readouterr()
     assert "holds 32 of 64 flights of a campaign that was interrupted" in told.err
@@ -115,7 +127,7 @@ def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(
     assert "holds 64 of 64 flights of a campaign that was larger" in capsys.readouterr().err
     Path("here/assurance.json").unlink()
     assert main([*command, "--episodes", "48"]) == 0
-    monkeypatch.setattr(seed, 7)
+    monkeypatch.setitem(DEFAULTS, "seed", 7)
     assert main([*command, "--episodes", "48"]) == 0  # no smaller: made anew
 
 
@@ -129,7 +141,7 @@ def test_a_plan_says_what_a_bound_takes(capsys: pytest.CaptureFixture[str]) -> N
 def test_a_bound_that_is_refuted_ends_with_1(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("rans_assurance.commands.assure._CONFIDENCE", 0.6)
+    monkeypatch.setitem(DEFAULTS, "confidence", 0.6)
     short = ["--failure-below", "3e-3", "--episodes", "400"]
     assert main(["assure", AGENT, *LAB, *short]) == 1
     assert "Refuted" in capsys.readouterr().out
@@ -140,8 +152,8 @@ def test_a_bound_that_is_refuted_ends_with_1(
     [
         (["pretrained:multi-task-2d"], "#go-to-pose"),
         ([AGENT, "--episodes", "-1"], "--episodes"),
-        ([AGENT, "--rare", "-1"], "--rare"),
-        ([AGENT, "--rare", "1000"], "--rare must be at least 1,600"),
+        ([AGENT, "--rare", "-1"], "rare must be a whole number >= 0"),
+        ([AGENT, "--rare", "1000"], "rare must be at least 1,600"),
         ([AGENT, "--failure-below", "1e-12"], "2,147,483,647 flights cannot show"),
         ([AGENT, "--episodes", "1", "--search", "perfect"], "--search perfect"),
         ([AGENT, "--episodes", "1", "--search", "labb"], "did you mean lab?"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -23,6 +24,7 @@ from rans.extend import (
     Progress,
     conditions_text,
     contestant,
+    inside,
     read_json,
     scenarios,
     unseen,
@@ -30,6 +32,7 @@ from rans.extend import (
 from rans.extend import environment as this_environment
 from rans.fast.distributed import ALONE, Processes
 from rans.progress import Stages, unseen_stages
+from rans.randomization.conditions_file import conditions_label
 from rans.verdict import Failure, kinds_of_failure
 from rans_assurance.assure.bounds import CampaignPlan, ProbabilityBound
 from rans_assurance.assure.campaign import Campaign
@@ -68,6 +71,8 @@ class Assurance:
     """The conditions of that name; None: those of the training."""
     given: LoadedRun | None = None
     """Agent or controller to fly instead of the one of that name."""
+    file: Path | None = None
+    """JSON file of the results, beside which the page is; None: nothing is written."""
 
     @cached_property
     def run(self) -> LoadedRun:
@@ -202,18 +207,39 @@ class Assurance:
         """Command that shows a flight again."""
         return view_command([self.spec], self.run.task, self.conditions, number, self.campaign.seed)
 
-    def go_on(self, file: Path) -> bool:
-        """Continue an earlier, equal campaign from its file; returns whether there was one."""
+    def write_into(self, folder: Path) -> None:
+        """Have the results written into a folder, in a file for the task and the conditions that were named.
+
+        Raises:
+            ConfigError: the file has another campaign, which was interrupted or has more flights.
+        """
+        part = label = ""
+        with contextlib.suppress(ConfigError):  # an agent in memory may have any name
+            part = ContestantName.parse(self.spec).part
+        if self.conditions is not None:
+            name = self.conditions or "own.toml"
+            label = conditions_label(name, self.run.conditions or Conditions())
+        stem = "-".join(filter(None, ("assurance", part, label)))
+        self.file = inside(folder, f"{stem}.json")
+        self._check_replaces_nothing(self.file)
+
+    @property
+    def worst_case_page(self) -> Path | None:
+        """Page with the flight of the smallest disturbance that breaks the agent; None: none was found."""
+        if self.file is None or not (self.searched and self.searched.breaking):
+            return None
+        return self.file.with_name(f"{self.file.stem}-worst-case.html")
+
+    def go_on(self, file: Path) -> None:
+        """Continue an earlier, equal campaign from its file, if there is one."""
         before = read_json(file) if file.exists() else {}
         if not isinstance(before, dict) or self._differs_in(before.get("about")):
-            return False
+            return
         self.campaign.go_on_from(before.get("campaign", {}))
         if self.campaign.over:
             self.environment = before["environment"]
-        return True
 
-    def check_replaces_nothing(self, file: Path) -> None:
-        """Refuse (`ConfigError`) to overwrite another campaign that was interrupted or has more flights."""
+    def _check_replaces_nothing(self, file: Path) -> None:
         before = read_json(file) if file.exists() else {}
         try:
             flights = before["campaign"]["flights"]
@@ -292,13 +318,17 @@ def made(
     seed: int,
     command: str,
     trust: bool = False,
+    given: LoadedRun | None = None,
 ) -> Assurance:
-    """Assurance without flights, of a contestant under conditions and their name.
+    """Assurance without flights, of a contestant under conditions and their name, or of a given agent.
 
     Raises:
         ConfigError: as `Assurance.run`.
     """
     campaign = Campaign(plan, seed)
-    new = Assurance(spec, conditions, campaign, command=command, trust=trust, world=world)
+    flown = None if given is None else given.under(world)
+    new = Assurance(
+        spec, conditions, campaign, command=command, trust=trust, world=world, given=flown
+    )
     _ = new.run
     return new

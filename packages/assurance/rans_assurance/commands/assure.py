@@ -2,43 +2,23 @@
 
 from __future__ import annotations
 
+import inspect
 import shlex
-import time
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rans.cli.door import Options, command_of, word
-from rans.extend import (
-    ConfigError,
-    Terminal,
-    check_count,
-    doing,
-    inside,
-    progress,
-    ready_folder,
-    stages,
-    write_json,
-)
-from rans.files import command_line
-from rans.scenario import ASSURANCE_SEED
-from rans.terminal import writing_at_end
-from rans_assurance.functions import assure
+from rans.extend import Terminal, check_count
+from rans_assurance.functions import ASSURED, assure
 
 if TYPE_CHECKING:
     from rans_assurance.assure.assurance import Assurance
 
-_EPISODES = 100_000
-_CONFIDENCE = 0.99
-_WORST = 4
-"""Failed flights of each kind that are repeated."""
 _MARKS = {True: "Pass: ", False: "FAIL: ", None: "Note: "}
-_KEPT = 10.0
-"""Seconds between two writes of the results so far."""
 
 
 @command_of(
     assure,
-    without=("confidence", "worst", "seed", "device"),
+    without=("confidence", "worst", "seed", "device", "show"),
     agent=word("AGENT"),
 )
 class Assure(Options):
@@ -64,109 +44,29 @@ class Assure(Options):
 
     def run(self) -> int:
         """Fly, repeat failed flights, write and print the results."""
-        from rans.api.names import conditions_if_named
-        from rans.extend import Conditions, ContestantName, load_conditions
-        from rans.randomization.conditions_file import conditions_label
-        from rans_assurance.assure.assurance import made
-        from rans_assurance.assure.bounds import plan
-        from rans_assurance.assure.rare import check_rare_count as check_rare
-        from rans_assurance.assure.search import check_unit
+        from rans.extend import ContestantName
 
-        is_plan = self.episodes == 0
-        episode_count = self.episodes or None  # 0 asks for the plan with the default number
-        check_count("--episodes", episode_count)
-        if self.rare < 0:
-            raise ConfigError(f"--rare must be >= 0, got {self.rare}.")
-        if self.rare:
-            check_rare("--rare", self.rare)
-        if self.search:
-            check_unit(
-                self.search, load_conditions(self.search)
-            )  # reject a wrong name before the flights
-        episodes = (
-            _EPISODES if episode_count is None and self.failure_below is None else episode_count
-        )
-        planned = plan(_CONFIDENCE, episodes, self.failure_below)
-        assurance = made(
-            self.agent,
-            self.conditions,
-            conditions_if_named(self.conditions),
-            planned,
-            ASSURANCE_SEED,
-            command_line(),
-            self.trust,
-        )
-        if is_plan:
-            _print_plan(assurance)
+        if self.episodes == 0:
+            _print_plan(self.failure_below)
             return 0
-        assurance.check_follow_ups(self.rare, self.search)
-        name = ContestantName.parse(self.agent)
-        folder = ready_folder(self.output or name.output_folder)
-        conditions = ""
-        if self.conditions is not None:
-            conditions = conditions_label(self.conditions, assurance.run.conditions or Conditions())
-        names = "assurance", name.part, conditions
-        file = inside(folder, f"{'-'.join(filter(None, names))}.json")
-        assurance.check_replaces_nothing(file)
-        first = self._fly(assurance, file)
+        check_count("--episodes", self.episodes)
+        shown: list[Assurance] = []
+
+        def show(assurance: Assurance) -> None:
+            shown.append(assurance)
+            _show(assurance)
+
+        folder = self.output or ContestantName.parse(self.agent).output_folder
+        assurance = self.call(output=folder, show=show)
         is_shown = self.failure_below is None or assurance.campaign.decision == "below"
-        return 0 if is_shown or not first else 1
-
-    def _fly(self, assurance: Assurance, file: Path) -> bool:
-        """Fly until the plan ends; the results so far are written and printed even after an error.
-
-        Returns whether this is the first of torchrun's processes; the others only fly.
-        """
-        from rans.extend import load_conditions, torch_device
-        from rans.fast.distributed import join
-
-        device = torch_device()
-        campaign = assurance.campaign
-        written = time.monotonic()
-        processes = join(device, apart=True)
-        if not processes.is_first:
-            assurance.fly(device, processes=processes)
-            return False
-
-        def keep() -> None:
-            nonlocal written
-            if time.monotonic() - written > _KEPT:
-                write_json(file, assurance.to_json())
-                written = time.monotonic()
-
-        def show() -> None:
-            if campaign.flights:
-                _show(assurance, file)
-
-        assurance.go_on(file)
-        with writing_at_end(show), progress() as bars:
-            stage = stages(bars)
-            assurance.fly(device, stage, keep, processes)
-            stage("failed flights again", None)
-            assurance.replay(_WORST, _WORST)
-            if self.rare:
-                stage("rarer failures", None)
-                assurance.sample(self.rare, device)
-            if self.search:
-                stage("the worst case", None)
-                assurance.search(self.search, load_conditions(self.search), device)
-        return True
+        return 0 if is_shown or not shown else 1  # of torchrun's processes the others only fly
 
 
-def _show(assurance: Assurance, file: Path) -> None:
+def _show(assurance: Assurance) -> None:
     from rans_assurance.pages.assure_counts import counts, decision_sentence
-    from rans_assurance.pages.assure_page import assurance_page, findings
+    from rans_assurance.pages.assure_page import findings
 
     result = assurance.to_json()
-    write_json(file, result)
-    worst = ""
-    if assurance.searched and assurance.searched.breaking:
-        from rans.show.pages.replay import replay_page
-
-        worst = f"{file.stem}-worst-case.html"
-        replay_page([assurance.searched.breaking.flight], "Worst case").write(file.with_name(worst))
-    with doing("drawing the page", in_log=False):
-        assurance_page(assurance, worst).write(file.with_suffix(".html"))
     console = Terminal(room=100)
     campaign = assurance.campaign
     table = counts(result)
@@ -193,12 +93,18 @@ def _show(assurance: Assurance, file: Path) -> None:
         worst_replay = max(assurance.replays.found, key=lambda replayed: replayed.excess)
         console.say(f"The worst failure, at {worst_replay.excess:.3g} tolerances:")
         console.command(assurance.view(worst_replay.number))
-    others = ", ".join(name for name in (file.with_suffix(".html").name, worst) if name)
-    console.say(f"Written to {file}, {others}.")
+    assert assurance.file is not None
+    pages = (assurance.file.with_suffix(".html"), assurance.worst_case_page)
+    names = ", ".join(page.name for page in pages if page is not None)
+    console.say(f"Written to {assurance.file}, {names}.")
 
 
-def _print_plan(assurance: Assurance) -> None:
-    plan = assurance.campaign.plan
+def _print_plan(failure_below: float | None) -> None:
+    """Print how many flights the bound takes, without any."""
+    from rans_assurance.assure.bounds import plan as planned
+
+    confidence = inspect.signature(assure).parameters["confidence"].default
+    plan = planned(confidence, ASSURED if failure_below is None else None, failure_below)
     rows = [
         (
             f"{look.flights:,}",

@@ -3,38 +3,22 @@
 from __future__ import annotations
 
 import shlex
-from functools import partial
 from typing import TYPE_CHECKING
 
 from rans.cli.door import Options, command_of, word
-from rans.extend import (
-    EVALUATION_SEED,
-    ConfigError,
-    Terminal,
-    are_files_trusted,
-    check_count,
-    doing,
-    inside,
-    progress,
-    ready_folder,
-    stages,
-)
-from rans.files import command_line
-from rans.terminal import writing_at_end
-from rans_assurance.functions import stress, stress_conditions
+from rans.extend import ConfigError, Terminal, are_files_trusted, check_count
+from rans_assurance.functions import stress
 
 if TYPE_CHECKING:
     from rans_assurance.pages.stress_page import StressReport
 
 _SHOWN = 5
 """Number of commands that the terminal lists."""
-_WORST = 3
-"""Number of worst episodes that the page lists for each contestant."""
 
 
 @command_of(
     stress,
-    without=("slow_episodes", "seed", "worst", "workers"),
+    without=("slow_episodes", "seed", "worst", "workers", "show"),
     contestants=word("RUN...", tuple[str, ...]),
 )
 class Stress(Options):
@@ -59,52 +43,20 @@ class Stress(Options):
 
     def run(self) -> int:
         """Print the largest tolerated size of each disturbance."""
-        from rans.api.names import conditions_by_name
-        from rans.evaluation.compare.entrants import contest_of
         from rans.extend import ContestantName
-        from rans_assurance.pages.stress_page import StressReport
-        from rans_assurance.stress.run import prepared
 
         if not self.contestants:
             raise ConfigError("name at least one contestant, for example a run folder.")
         check_count("--episodes", self.episodes)
-        # Slow controllers fly 32 of 256 starts: their interval is then about three times as wide
-        slow = max(1, self.episodes // 8)
-        contest = contest_of(
-            self.contestants[0],
-            self.episodes,
-            EVALUATION_SEED,
-            trust=self.trust,
-            guard=self.guard,
-            slack=self.guard_slack,
-        )
-        sets = stress_conditions(self.conditions, self.only)
-        stress = prepared(
-            contest,
-            self.contestants,
-            conditions_by_name(sets),
-            self.only,
-            slow,
-            self.trust,
-        )
-        folder = ready_folder(
-            self.output or ContestantName.parse(self.contestants[0]).output_folder
-        )
-        inside(
-            folder, "stress"
-        )  # folder of the conditions: reject a symbolic link before the flights
-        report = StressReport(stress, folder, _WORST, command_line())
-        with writing_at_end(partial(_show, report)), progress() as bars:
-            stress.fly(stages(bars))
-        return 1 if stress.failures else 0
+        folder = self.output or ContestantName.parse(self.contestants[0]).output_folder
+        report = self.call(output=folder, show=_show)
+        return 1 if report.stress.failures else 0
 
 
 def _show(report: StressReport) -> None:
     console = Terminal()
     stress = report.stress
     if stress.outcomes:
-        with doing("drawing the page", in_log=False):
-            report.write()
         console.show(
             report.title(),
             ("solved, %", *stress.names),

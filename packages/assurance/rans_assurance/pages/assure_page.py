@@ -61,6 +61,18 @@ def assurance_page(assurance: Assurance, worst_case: str = "") -> Page:
     )
 
 
+def write_page(assurance: Assurance) -> None:
+    """Write the page beside the file of an assurance, and that of the worst case if one was found."""
+    assert assurance.file is not None
+    worst = assurance.worst_case_page
+    if worst is not None and assurance.searched and assurance.searched.breaking:
+        from rans.show.pages.replay import replay_page
+
+        replay_page([assurance.searched.breaking.flight], "Worst case").write(worst)
+    page = assurance_page(assurance, worst.name if worst is not None else "")
+    page.write(assurance.file.with_suffix(".html"))
+
+
 def findings(assurance: Assurance) -> Iterator[Finding]:
     """Findings beside the verdict of an assurance."""
     campaign = assurance.campaign
