@@ -58,7 +58,7 @@ def logged(folder: Path) -> tuple[dict[str, tuple[Run, str]], list[str]]:
     The start is the first row of a log, and its figures are all others.
 
     Raises:
-        ConfigError: the folder has no log, or a log has not the columns, units or times of JEOD's.
+        ConfigError: the folder has no log, or a log has not the columns, units or times of JEOD's, or ends early.
     """
     if not folder.is_dir():
         raise ConfigError(f"{str(folder)!r} is no folder: --judges takes the one with JEOD's logs.")
@@ -80,6 +80,11 @@ def logged(folder: Path) -> tuple[dict[str, tuple[Run, str]], list[str]]:
             )
             continue
         motion, turning = _rows(file)
+        end, last = max(template.motion), max(motion)
+        if last < end:
+            raise ConfigError(
+                f"{file} ends at {last} s, and the flight lasts {end} s: the usual cause is a copy that was cut short."
+            )
         turning = turning if template.turning else {}
         runs[name] = replace(template, motion=motion, turning=turning), str(file)
     return runs, left
@@ -105,10 +110,14 @@ def _rows(file: Path) -> tuple[dict[int, Motion], dict[int, Turning]]:
     for number, line in enumerate(lines, 2):
         if not line:
             continue
+        if len(line) != len(header):
+            raise ConfigError(
+                f"{file}, line {number}: it has {len(line)} cells, and the header has {len(header)}."
+            )
         try:
             time = float(line[at])
             read = {key: tuple(float(line[k]) for k in ks) for key, ks in places.items()}
-        except (ValueError, IndexError) as error:
+        except ValueError as error:
             raise ConfigError(f"{file}, line {number}: {error}.") from error
         numbers = (time, *(x for values in read.values() for x in values))
         last = next(reversed(motion), -1)

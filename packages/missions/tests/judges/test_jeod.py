@@ -162,7 +162,7 @@ def _log(folder: Path, name: str, run: Run, header: list[str] | None = None) -> 
 
 def test_logs_of_a_folder_are_read_with_their_start(tmp_path: Path) -> None:
     """The figures of 9B as a log of its own and as that of 9C, whose start and force are other ones."""
-    run = _cut(RUNS["9B"], 2040)
+    run = RUNS["9B"]
     _log(tmp_path / "SET_test_val", "9B", run)
     _log(tmp_path / "SET_test_val", "9C", run)
     _log(tmp_path / "SET_test_val", "7A", run)
@@ -170,7 +170,7 @@ def test_logs_of_a_folder_are_read_with_their_start(tmp_path: Path) -> None:
     assert set(runs) == {"9B", "9C"}
     assert "RUN_7A" in left[0]
     assert runs["9B"][0].turning[1680] == RUNS["9B"].turning[1680]
-    assert differences(runs["9B"][0]).values["attitude"] < 1e-9
+    assert differences(_cut(runs["9B"][0], 2040)).values["attitude"] < 1e-9
     assert (runs["9C"][0].force, runs["9C"][0].torque) == ((10.0, 0.0, 0.0), 10.0)
 
 
@@ -184,11 +184,22 @@ def test_logs_of_a_folder_are_read_with_their_start(tmp_path: Path) -> None:
     ],
 )
 def test_a_damaged_log_is_refused(tmp_path: Path, change: tuple[str, str], complaint: str) -> None:
-    file = _log(tmp_path, "9A", _cut(RUNS["9A"], 1680))
+    file = _log(tmp_path, "9A", RUNS["9A"])
     text = file.read_text("utf-8")
     assert change[0] in text
     file.write_text(text.replace(*change), "utf-8")
     with pytest.raises(ConfigError, match=complaint):
+        logged(tmp_path)
+
+
+def test_a_log_that_was_cut_short_is_refused(tmp_path: Path) -> None:
+    """Between two rows, where all that is left agrees, and within a row."""
+    file = _log(tmp_path, "9A", _cut(RUNS["9A"], 1680))
+    with pytest.raises(ConfigError, match="ends at 1680 s, and the flight lasts 28800 s"):
+        logged(tmp_path)
+    text = file.read_text("utf-8")
+    file.write_text(text[: text.rindex(",")], "utf-8")
+    with pytest.raises(ConfigError, match=r"line 3: it has 14 cells, and the header has 15"):
         logged(tmp_path)
 
 
