@@ -451,12 +451,12 @@ def test_a_reader_who_leaves_is_no_error(line: str) -> None:
 def test_any_line_ends_with_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """60 random lines: only `list` can succeed, as all else is given a wrong spacecraft or run folder."""
+    """20 random lines: only `list` can succeed, as all else is given a wrong spacecraft or run folder."""
     monkeypatch.chdir(tmp_path)
     wrong = wrong_places(tmp_path)
     draw = random.Random(0)
     codes: list[int] = []
-    for _ in range(60):
+    for _ in range(20):
         line = random_line(draw, wrong)
         code = code_of(line)
         said = capfd.readouterr().err
@@ -464,7 +464,7 @@ def test_any_line_ends_with_a_sentence(
         assert "Traceback" not in said, line
         assert code == 0 or said.strip(), line
         codes.append(code)
-    assert 1 < codes.count(0) < 20
+    assert 0 < codes.count(0) < 10
 
 
 def random_line(draw: random.Random, wrong: list[str]) -> list[str]:

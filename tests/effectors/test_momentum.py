@@ -77,7 +77,7 @@ def one_period(
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(
     force=st.sampled_from([0.05, 7.3]) | st.floats(-2.0, 3.7).map(lambda x: 10.0**x),
     left=st.sampled_from([None, 0.01, 0.6, 0.99]),

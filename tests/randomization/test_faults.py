@@ -63,7 +63,7 @@ def test_zero_lies_inside_the_wrenches_that_are_left(count: int, kind: FaultKind
 
 
 @given(spacecraft(2))
-@settings(max_examples=30)
+@settings(max_examples=12)
 @pytest.mark.filterwarnings("ignore:spacecraft 'random'")  # most cannot be controlled at all
 def test_of_any_craft(craft: Spacecraft) -> None:
     for one in (*fault_sets(craft, 1, "dead"), *fault_sets(craft, 1, "stuck-open")):
