@@ -83,7 +83,8 @@ def logged(folder: Path) -> tuple[dict[str, tuple[Run, str]], list[str]]:
         end, last = max(template.motion), max(motion)
         if last < end:
             raise ConfigError(
-                f"{file} ends at {last} s, and the flight lasts {end} s: the usual cause is a copy that was cut short."
+                f"{file} ends at {last} s, and the flight lasts {end} s; the usual cause is a copy that was cut "
+                "short."
             )
         turning = turning if template.turning else {}
         runs[name] = replace(template, motion=motion, turning=turning), str(file)
