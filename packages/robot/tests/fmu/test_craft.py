@@ -5,8 +5,9 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -29,17 +30,24 @@ if shutil.which("cc") is None:
     pytest.skip("needs a C compiler", allow_module_level=True)
 
 PLANE = ("x", "y", "heading", "vx", "vy", "spin")
+FOLDER = TemporaryDirectory()
 SPACE = ("x", "y", "z", "qw", "qx", "qy", "qz", "vx", "vy", "vz", "wx", "wy", "wz")
 
 
-def unit_of(
-    setup: Setup, folder: Path, said: list[str] | None = None
-) -> tuple[Any, dict[str, int]]:
-    """The unit before its initialization, and the references of its variables; what it says is added to a list."""
-    write_craft(folder, setup)
+@cache
+def unzipped_of(name: str) -> str:
+    """Folder of a unit of `CRAFT`, in which FMPy finds no problem."""
+    folder = Path(FOLDER.name) / name
+    folder.mkdir()
+    write_craft(folder, CRAFT[name]())
     file = str(folder / "craft.fmu")
     assert validation.validate_fmu(file) == []
-    unzipped = fmpy.extract(file, unzipdir=str(folder / "unzipped"))
+    return str(fmpy.extract(file, unzipdir=str(folder / "unzipped")))
+
+
+def unit_of(name: str, said: list[str] | None = None) -> tuple[Any, dict[str, int]]:
+    """The unit before its initialization, and the references of its variables; what it says is added to a list."""
+    unzipped = unzipped_of(name)
     about = fmpy.read_model_description(unzipped)
     slave = fmi2.FMU2Slave(
         guid=about.guid, unzipDirectory=unzipped, modelIdentifier="craft", instanceName="one"
@@ -113,7 +121,7 @@ CRAFT: dict[str, Callable[[], Setup]] = {
 
 
 @pytest.mark.parametrize("name", CRAFT)
-def test_fmpy_flies_it_as_the_engine(name: str, tmp_path: Path) -> None:
+def test_fmpy_flies_it_as_the_engine(name: str) -> None:
     """Every state of 100 control periods under random commands, within rounding of a state of order one.
 
     The unit's C and NumPy round sines and quotients by constants differently: 1e-16 each, which a spin
@@ -121,7 +129,7 @@ def test_fmpy_flies_it_as_the_engine(name: str, tmp_path: Path) -> None:
     """
     setup = CRAFT[name]()
     craft = setup.craft
-    unit, at = unit_of(setup, tmp_path)
+    unit, at = unit_of(name)
     drift = setup.task.drift
     angles = [key for key in ("mean_anomaly", "latitude") if key in at]
     start = start_of(craft) | dict.fromkeys(angles, 2.0)
@@ -151,9 +159,9 @@ def test_fmpy_flies_it_as_the_engine(name: str, tmp_path: Path) -> None:
     ended(unit)
 
 
-def test_several_control_periods_are_one_step(tmp_path: Path) -> None:
+def test_several_control_periods_are_one_step() -> None:
     """A step of three periods is three steps of one, and a restart begins anew."""
-    unit, at = unit_of(CRAFT["space"](), tmp_path)
+    unit, at = unit_of("space")
     unit.exitInitializationMode()
     outputs = [at[name] for name in SPACE]
     command = [float(k % 3 == 0) for k in range(sum(name.startswith("command") for name in at))]
@@ -187,10 +195,10 @@ def test_several_control_periods_are_one_step(tmp_path: Path) -> None:
     ],
 )
 def test_what_it_cannot_fly_is_refused_in_a_sentence(
-    name: str, value: float, step: float | None, complaint: str, tmp_path: Path
+    name: str, value: float, step: float | None, complaint: str
 ) -> None:
     said: list[str] = []
-    unit, at = unit_of(CRAFT["space"](), tmp_path, said)
+    unit, at = unit_of("space", said)
     unit.setReal([at[name]], [value])
     if step is None:
         refused = unit.exitInitializationMode
