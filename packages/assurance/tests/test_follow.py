@@ -16,7 +16,8 @@ from rans.files import plain
 from rans.model.timing import Timing
 from rans.tasks import GoToPosition, TrackVelocity
 from rans.tasks.multi_task import MultiTask
-from tests.support.path_flights import FLYER, LINE, PLATFORM, Tracker, by_hand, flown
+
+from .path_flights import FLYER, LINE, PLATFORM, Tracker, by_hand, flown
 
 
 def test_the_approach_does_not_count() -> None:

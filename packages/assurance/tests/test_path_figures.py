@@ -10,7 +10,8 @@ from rans_assurance.figures.path_figures import following_figure
 from rans_assurance.follow.paths import LookAhead, helix
 
 from rans.show.palette import BLUE, GREY
-from tests.support.path_flights import FLYER, by_hand, flown
+
+from .path_flights import FLYER, by_hand, flown
 
 
 def lines(axes: Axes) -> dict[str, np.ndarray]:

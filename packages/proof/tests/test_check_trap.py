@@ -14,8 +14,8 @@ pytest.importorskip("flint")
 from rans_proof import check_trap
 from rans_proof.balls import Refused
 
-from tests.support.planted import planted_in
-from tests.support.trap_harness import Case, Findings, random_case, violations
+from .planted import planted_in
+from .trap_harness import Case, Findings, random_case, violations
 
 SEEDS = range(12)
 

@@ -13,7 +13,7 @@ import pytest
 from rans_proof.hybrid import Open, search
 from scipy.linalg import expm
 
-from tests.support.planted import planted_in
+from .planted import planted_in
 
 pytest.importorskip("flint")
 

@@ -15,7 +15,8 @@ from rans_proof import network
 
 from rans.errors import ConfigError
 from tests.support.graphs import WEIGHT, forged, graph, ordinary, step
-from tests.support.planted import planted
+
+from .planted import planted
 
 pytest.importorskip("onnx")
 pytest.importorskip("flint")

@@ -278,7 +278,9 @@ def test_the_free_flyer_is_proved() -> None:
     from rans_proof.check import check
 
     content = FREE_FLYER.with_suffix(".onnx").read_bytes()
-    assert check(json.dumps(table(proof, content)).encode(), content) > 0.0
+    # One cell of four: all of them take another six seconds.
+    some = range(0, len(proof.low), 4)
+    assert check(json.dumps(table(proof, content)).encode(), content, some) > 0.0
 
 
 @pytest.mark.slow

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from tests.support.planted import planted
-from tests.support.soundness import CHECKER, OF_CHECKER, OF_PROVER, PROVER, Checker, Prover
+from .planted import planted
+from .soundness import CHECKER, OF_CHECKER, OF_PROVER, PROVER, Checker, Prover
 
 pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")

@@ -10,7 +10,8 @@ from rans_robot.identify.fit import Fit, fit
 
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from tests.support.second_simulator import Noise, flown_log
+
+from .second_simulator import Noise, flown_log
 
 
 def hidden(sheet: Spacecraft, random: np.random.Generator, inertia: float) -> Spacecraft:
