@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, cast, get_args
 
 from rans.api.agent_data import AgentData
 from rans.api.names import (
@@ -14,18 +15,23 @@ from rans.api.names import (
     load_conditions,
     load_spacecraft,
 )
+from rans.api.states import WrittenEndpoints
 from rans.choices import EngineName, ProtocolName
 from rans.errors import ConfigError, RansWarning, brief, one_of, whole
+from rans.files import inside, made_by, ready_folder
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
+from rans.progress import Progress, Stages
 from rans.randomization.conditions import Conditions
 from rans.registry import typed
 from rans.scenario import EVALUATION_SEED, Endpoints
 from rans.settled import settled_alone
+from rans.terminal import writing_at_end
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.fly.agent import LoadedRun
+    from rans.evaluation.fly.contestant_name import ContestantName
     from rans.evaluation.measure.aggregate import Metrics
     from rans.flight import Flight
     from validation.speed.measurement import Measurement
@@ -87,12 +93,21 @@ def flown(
 
 
 def own_endpoints(
-    start: State | None, goal: State | None, zones: Sequence[Sequence[float]]
+    start: State | Sequence[str] | None,
+    goal: State | Sequence[str] | None,
+    zones: Sequence[Sequence[float] | str],
 ) -> Endpoints | None:
-    """A user's start, goal and zones; None where all are sampled."""
-    if start is goal is None and not len(zones):
+    """A user's start, goal and zones, as states and numbers or as words; None where all are sampled."""
+    begin: Any = None if start is None or start == () else start
+    end: Any = None if goal is None or goal == () else goal
+    balls: Any = zones
+    if begin is end is None and not len(balls):
         return None
-    return Endpoints(start, goal, zones)
+    is_written = any(
+        isinstance(words, tuple) and all(isinstance(word, str) for word in words)
+        for words in (begin, end, (*balls,) or None)
+    )
+    return (WrittenEndpoints if is_written else Endpoints)(begin, end, balls)
 
 
 @settled_alone
@@ -179,8 +194,12 @@ def compare(
     zones: Sequence[Sequence[float]] = (),
     period: float | None = None,
     full: bool = False,
+    front: bool = False,
+    front_seconds: float = 300.0,
     trust: bool = False,
+    output: str | Path | None = None,
     workers: int | None = None,
+    show: Callable[[Comparison], object] | None = None,
 ) -> Comparison:
     """Fly agents, policies and controllers from the same starts, and compare them with what is possible.
 
@@ -212,14 +231,21 @@ def compare(
         period: control period, s, of controllers and of any-craft with a spacecraft; by default the first
             contestant's.
         full: whether to compare from more starts, in minutes, with the largest return of the task's reward too.
+        front: whether to compare time with impulse too: the curve of an agent with a trade-off, all others, and the
+            certified Pareto front.
+        front_seconds: with a front, processor time for its bounds, s. They are kept for the next run.
         trust: whether ``sb3:`` files that RANS did not write may be opened; they are pickles, which can run code.
+        output: folder of the results; by default that of the first contestant, and in Python none is written.
         workers: number of processes; by default one per processor.
+        show: function that is called with the comparison before slow contestants fly (its ``waiting``), and at the
+            end, also after an interrupt or an error.
 
     Raises:
         ConfigError: a contestant does not exist, or is not for the same task, spacecraft and rate.
     """
-    from rans.evaluation.compare.entrants import contest_of, enlisted, invitations
+    from rans.evaluation.compare.entrants import contest_of, curves, enlisted, invitations
     from rans.evaluation.compare.run import Comparison
+    from rans.evaluation.fly.agent import LoadedRun
     from rans.show.progress import watched
 
     first, invited = invitations(contestants)
@@ -227,8 +253,12 @@ def compare(
     beside = (beside,) if isinstance(beside, str) else beside
     check_beside(beside)
     count, bounded = starts_of(episodes, certified, full)
+    if not front_seconds >= 0:
+        raise ConfigError(f"front_seconds must be >= 0, got {front_seconds}.")
+    # The first contestant sets task, craft, starts and conditions for all.
+    lines = curves(invited, front)
     contest = contest_of(
-        first,
+        first if isinstance(first, LoadedRun) else cast("ContestantName", lines[0][0]),
         count,
         seed,
         engine,
@@ -239,9 +269,48 @@ def compare(
         period,
     ).between(own_endpoints(start, goal, zones))
     result = Comparison(contest)
-    entrants = enlisted(invited, contest, trust)
-    with watched() as stage:
-        result.fly(entrants, beside, bounded, stages=stage, returns=full, workers=workers)
+    flying = enlisted([entrant for line in lines for entrant in line], contest, trust)
+    inner = [str(name) for line in lines for name in line[1:-1]]
+    between = {text: flying.pop(text) for text in inner if text in flying}
+    folder = None if output is None else ready_folder(Path(output))
+    cache = None if folder is None else inside(folder, "compare-bounds.json")
+    begun: list[str] = []
+
+    fly = partial(result.fly, certified=bounded, cache=cache, workers=workers, returns=full)
+
+    def noting(shown: Stages) -> Stages:
+        def begin(name: str, total: int | None, /) -> Progress:
+            begun.append(name)
+            return shown(name, total)
+
+        return begin
+
+    def end() -> None:
+        with writing_at_end(lambda: show(result) if show is not None else None):
+            if folder is not None and (result.entries or result.failures):
+                from rans.show.pages.comparison_page import write
+
+                write(result, folder, made_by("rans.compare"))
+
+    # Quick opponents first; results so far are written even after an interrupt.
+    quick, slow = result.quick_and_slow(beside)
+    with writing_at_end(end):
+        try:
+            with watched() as shown:
+                fly(flying, quick, stages=noting(shown))
+            if slow:
+                result.waiting = slow
+                if show is not None:
+                    show(result)
+                result.waiting = ()
+                with watched() as shown:
+                    fly({}, slow, stages=noting(shown))
+            if front:
+                with watched() as shown:
+                    result.trace(between, front_seconds, cache, noting(shown), workers)
+        except KeyboardInterrupt:
+            result.note_interrupt(begun, bounded)
+            raise
     return result
 
 

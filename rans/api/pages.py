@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -22,7 +22,6 @@ from rans.settled import settled_alone
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
     from rans.flight import Flight
-    from rans.scenario import Endpoints
     from rans.window import Served
 
 _HEIGHT = 480
@@ -37,6 +36,8 @@ class Replay:
     title: str
 
     def __post_init__(self) -> None:
+        self.written = ""
+        """What a file that the flights were written to is, in a sentence; empty: there is none."""
         self._html: str | None = None
         self._served: Served | None = None
 
@@ -169,55 +170,23 @@ def view(
     if save is not None:
         check_file_of_flights(Path(save))
     endpoints = own_endpoints(start, goal, zones)
-    replay = flown_side_by_side(
-        contestants,
-        conditions,
-        (trust, guard, guard_slack),
-        (episodes, seed, engine, episode),
-        None if endpoints is None else lambda _: endpoints,
-    )
-    if save is not None:
-        replay.write(Path(save))
-    return replay
-
-
-def flown_side_by_side(
-    contestants: tuple[object, ...],
-    conditions: ConditionsLike | None,
-    allowed: tuple[bool, bool, float | None],
-    flights: tuple[int, int, EngineName, int],
-    endpoints: Callable[[LoadedRun], Endpoints | None] | None,
-) -> Replay:
-    """The replay of contestants, and of folders of `rans optimal`.
-
-    Args:
-        contestants: see `view`.
-        conditions: see `view`.
-        allowed: trust, guard and guard_slack of `view`.
-        flights: episodes, seed, engine and first episode of `view`.
-        endpoints: of a contestant its own start and goal; None: those of the seed.
-
-    Raises:
-        ConfigError: see `view`, or a folder has no trajectory of these episodes.
-    """
-    episodes, seed, engine, episode = flights
     count = whole("episodes", episodes)
     first = whole("episode", episode, least=0)
     folders = [each for each in contestants if _is_optimum(each)]
     others = tuple(each for each in contestants if not _is_optimum(each))
-    runs = flyers(others, conditions, *allowed)
+    runs = flyers(others, conditions, trust, guard, guard_slack)
     if folders and endpoints is not None:
         raise ConfigError(
             "start, goal and zones are for flights, and an optimum has its own: leave them out."
         )
-    shown = [
-        flown(run, count, seed, engine, first, None if endpoints is None else endpoints(run))
-        for run in runs
-    ]
+    shown = [flown(run, count, seed, engine, first, endpoints) for run in runs]
     for folder in folders:
         shown += _optima(Path(str(folder)), range(first, first + count))
     label = None if conditions is None else str(getattr(conditions, "description", conditions))
-    return Replay(shown, title_of(shown, label))
+    replay = Replay(shown, title_of(shown, label))
+    if save is not None:
+        replay.written = replay.write(Path(save))
+    return replay
 
 
 def _is_optimum(contestant: object) -> bool:

@@ -10,36 +10,25 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from rans.api.judging import check_beside, compare, starts_of
+from rans.api.judging import compare
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
-from rans.cli.states import written_endpoints
 from rans.errors import ConfigError, RansError, counted
 from rans.evaluation.fly.controllers import default_opponents
-from rans.files import command_line, inside, ready_folder, write_json
 from rans.table import Table
-from rans.terminal import Terminal, doing, progress, rendered, stages, writing_at_end
+from rans.terminal import Terminal
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
-
     from rans.evaluation.compare.contest import Contest
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.fly.contestant_name import ContestantName
     from rans.evaluation.measure.statistics import Estimate
-    from rans.progress import Progress as StageProgress
     from rans.tasks import Task
-
-
-_POSITIONS = 9
-"""Positions of a trade-off, with both ends, on the curve of an agent."""
-_SLOW = ("mpc", "mpc-observer", "mppi", "convex", "optimal")
-"""Controllers that solve an optimal control problem at every step, and the bounds."""
 
 
 @command_of(
     compare,
-    without=("workers",),
+    without=("workers", "show"),
     contestants=word("RUN...", tuple[str, ...]),
     beside=Annotated[tuple[str, ...] | None, arg(name="with", metavar="[NAME|optimal ...]")],
 )
@@ -61,84 +50,22 @@ class Compare(Options):
         "rans compare runs/first pretrained:go-to-pose-2d --episodes 16 --certified 2",
     )
 
-    front: bool = False
-    """Also plot time against impulse: the curve of an agent with a trade-off, all others, and the certified Pareto
-    front."""
-    front_seconds: float = 300.0
-    """With --front: processor time for the bounds, s. They are kept for the next run."""
-    output: Path | None = None
-    """Folder of the results; by default that of the first contestant."""
-
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
         return (shlex.join(["rans", "view", *self.contestants]),)
 
     def run(self) -> int:
         """Print the table of scores."""
-        from rans.api.names import conditions_if_named
-        from rans.evaluation.compare.entrants import contest_of, enlisted, trade_off_positions
-        from rans.evaluation.compare.run import Comparison
         from rans.evaluation.fly.contestant_name import ContestantName
 
         self._check()
-        episodes, certified = starts_of(self.episodes, self.certified, self.full)
         contestants = [*map(ContestantName.parse, self.contestants)]
-        named = [
-            trade_off_positions(name, _POSITIONS) if self.front else [name]
-            for contestant in contestants
-            for name in at_values(contestant)
-        ]
-        # The first contestant sets task, craft, starts and conditions for all.
-        contest = contest_of(
-            named[0][0],
-            episodes,
-            self.seed,
-            self.engine,
-            conditions_if_named(self.conditions),
-            self.trust,
-            self.guard,
-            self.guard_slack,
-            self.period,
-        )
-        contest = contest.between(
-            written_endpoints(
-                self.start, self.goal, contest.task, contest.craft.dimension, self.seed, self.zones
-            )
-        )
-        comparison = Comparison(contest)
-        flying = enlisted([name for line in named for name in line], contest, self.trust)
-        inner = [name.text for line in named for name in line[1:-1]]
-        between = {text: flying.pop(text) for text in inner if text in flying}
-        folder = ready_folder(self.output or contestants[0].output_folder)
-        cache = inside(folder, "compare-bounds.json")
-        show = partial(_write, comparison, folder, self.full)
-        begun: list[str] = []
-
-        def stage(name: str, total: int | None, /) -> StageProgress:
-            begun.append(name)
-            return shown(name, total)
-
-        # Quick opponents first; results so far are written even after an interrupt.
-        with writing_at_end(show), progress() as bars:
-            shown = stages(bars)
-            try:
-                quick, rest = self._quick(contest)
-                comparison.fly(flying, quick, certified, cache, stage, returns=self.full)
-                if rest:
-                    _say_so_far(comparison, bars, rest)
-                    comparison.fly({}, rest, certified, cache, stage, returns=self.full)
-                if self.front:
-                    comparison.trace(between, self.front_seconds, cache, stage)
-            except KeyboardInterrupt:
-                bars.console.print(
-                    "Interrupted: what there is is written, the page last. Ctrl-C again leaves the page out.",
-                    soft_wrap=True,
-                )
-                comparison.notes.insert(0, self._interrupted(comparison, begun, certified))
-                raise
-        if line := _without_training(contestants, contest):
+        folder = self.output or contestants[0].output_folder
+        show = partial(_show, full=self.full)
+        comparison = self.call(contestants=tuple(contestants), output=folder, show=show)
+        if line := _without_training(contestants, comparison.contest):
             Terminal().say(line)
-        self._suggest(contest.task)
+        self._suggest(comparison.contest.task)
         return 1 if comparison.failures else 0
 
     def _suggest(self, task: Task) -> None:
@@ -157,32 +84,6 @@ class Compare(Options):
         full = shlex.join(["rans", "compare", *self.contestants, *same, *again, "--full"])
         Terminal().suggest(*([] if self.full else [full]), view, stress)
 
-    def _quick(self, contest: Contest) -> tuple[list[str], list[str]]:
-        """Opponents that answer in seconds, which fly first, and the slow ones after them."""
-        from rans.evaluation.problems import bounded
-
-        names = [*(default_opponents(contest.task) if self.beside is None else self.beside)]
-        slow = next((k for k, name in enumerate(names) if name in _SLOW), len(names))
-        if bounded(contest):  # a mission's bound is computed between them
-            slow = len(names)
-        return names[:slow], names[slow:]
-
-    def _interrupted(self, comparison: Comparison, begun: Sequence[str], certified: int) -> str:
-        """Sentence about the progress of an interrupted comparison, whose last stage is the interrupted one.
-
-        Without a bound it says that none was computed: certification may have been far from its turn.
-        """
-        stage = f' in the stage "{begun[-1]}"' if begun else ""
-        flown = counted(len(comparison.entries), "contestant")
-        bounded = len(comparison.certified_starts())
-        if comparison.mission is not None:
-            bounded = len(comparison.mission.lower)
-        asked = min(certified, comparison.contest.episodes)
-        bounds = f"bounds were computed from {bounded} of {asked} starts"
-        if not bounded:
-            bounds = "no bound had been computed"
-        return f"Interrupted{stage}: {flown} had flown, and {bounds}."
-
     def _controllers(self, task: Task) -> list[str]:
         """First further controller, to view beside the first contestant."""
         opponents = default_opponents(task) if self.beside is None else self.beside
@@ -198,27 +99,9 @@ class Compare(Options):
                 raise ConfigError(
                     f"--with takes names with spaces between them: write --with {spaced}."
                 )
-        check_beside(self.beside)
         check_count("--episodes", self.episodes)
-        if self.certified is not None and self.certified < 0:
-            raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
-        if not self.front_seconds >= 0:
-            raise ConfigError(f"--front-seconds must be >= 0, got {self.front_seconds}.")
-        if not self.front and self.front_seconds != Compare.front_seconds:
+        if not self.front and self.changed("front_seconds"):
             raise ConfigError("--front-seconds needs --front.")
-
-
-_VALUES = 0.0, 0.5, 1.0
-"""Values from fast to frugal at which the agent for any craft flies the file of a user's spacecraft."""
-
-
-def at_values(name: ContestantName) -> list[ContestantName]:
-    """The agent for any craft at several values, where a name is the file of a spacecraft alone."""
-    if not name.in_full or name.frugality is not None:
-        return [name]
-    before, at, craft = name.in_full.rpartition("@")
-    texts = [f"{before}#{value:g}{at}{craft}" for value in _VALUES]
-    return [*map(type(name).parse, texts)]
 
 
 def _without_training(contestants: Sequence[ContestantName], contest: Contest) -> str:
@@ -241,59 +124,24 @@ def _without_training(contestants: Sequence[ContestantName], contest: Contest) -
     return f"{agent} flies this craft without training: {command}"
 
 
-def _say_so_far(comparison: Comparison, bars: Progress, rest: Sequence[str]) -> None:
-    """Print the most important scores before the slow contestants and the bounds."""
-    from rans.evaluation.measure.statistics import figure
-    from rans.show.tables.comparison_tables import DETAILS, scoreboard
-
-    if not (board := scoreboard(comparison)):
-        return
-    keys = list(dict.fromkeys(key for row in board.values() for key in row))
-    rows = [
-        (key, *(figure(row[key].value) if key in row else "" for row in board.values()))
-        for key in keys
-        if not key.startswith(DETAILS)
-    ]
-    so_far = Table(("", *board), rows, f"{comparison.contest.title()}, so far")
-    bars.console.print(rendered(so_far))
-    more = " and ".join("certified bounds" if name == "optimal" else name.upper() for name in rest)
-    bars.console.print(
-        f"Now {more}, which take longer. Ctrl-C ends here and writes what there is.", soft_wrap=True
-    )
-
-
-def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
-    """Write a comparison into a folder, and print its scores; without ``full`` only the most important ones."""
-    from rans.show.figures.chart_figure import save_chart
-    from rans.show.pages.comparison_page import TEXT, page, time_and_impulse
-    from rans.show.pages.screen import Screen
+def _show(comparison: Comparison, full: bool) -> None:
+    """Print the scores so far, or at the end those and all else; without ``full`` only the most important ones."""
     from rans.show.tables import front_tables
-    from rans.show.tables.comparison_tables import (
-        DETAILS,
-        gap_names,
-        gap_rows,
-        gaps,
-        scoreboard,
-        to_json,
-        verdict,
-    )
+    from rans.show.tables.comparison_tables import gap_names, gap_rows, gaps, scoreboard, verdict
 
+    if comparison.waiting:
+        _show_so_far(comparison)
+        return
     console = Terminal()
     if not (comparison.entries or comparison.failures):
         console.say("Interrupted before the first contestant had flown: nothing was written.")
         return
-    write_json(folder / "compare.json", to_json(comparison, TEXT))
     # Tables: scores, multiples of bounds, the bound of a mission, and the front.
     board = scoreboard(comparison)
     if sentence := verdict(comparison):
         console.say(sentence)
     if board:
-        shown = [
-            key
-            for key in dict.fromkeys(key for row in board.values() for key in row)
-            if full or not key.startswith(DETAILS)
-        ]
-        _show_scores(console, comparison.contest.title(), board, shown)
+        _show_scores(console, comparison.contest.title(), board, _keys(board, full))
     if full and (ratios := gaps(comparison)):
         starts = counted(len(comparison.certified_starts()), "start")
         console.show(
@@ -316,15 +164,38 @@ def _write(comparison: Comparison, folder: Path, full: bool = True) -> None:
             console.say(sentence)
     for sentence in (*comparison.notes, *comparison.failures):
         console.say(sentence)
-    # The page, its chart for papers, and what the page of a screen needs: last, as figures take seconds.
-    written = ["compare.html", "compare.json"]
-    with doing("drawing the page", in_log=False):
-        result = page(comparison, command_line())
-        result.write(folder / "compare.html")
-        write_json(folder / "screen-compare.json", Screen.of(result).to_json())
-        if chart := time_and_impulse(comparison):
-            written += [file.name for file in save_chart(chart, folder / "compare")]
-    console.say(f"Written to {folder / written[0]}, {', '.join(written[1:])}.")
+    if comparison.files:
+        first, *others = comparison.files
+        console.say(f"Written to {', '.join([str(first), *(file.name for file in others)])}.")
+
+
+def _show_so_far(comparison: Comparison) -> None:
+    """Print the most important scores before the slow contestants and the bounds, beside their progress."""
+    from rans.evaluation.measure.statistics import figure
+    from rans.show.tables.comparison_tables import scoreboard
+
+    if not (board := scoreboard(comparison)):
+        return
+    rows = [
+        (key, *(figure(row[key].value) if key in row else "" for row in board.values()))
+        for key in _keys(board, False)
+    ]
+    console = Terminal(stderr=True)
+    console.table(Table(("", *board), rows, f"{comparison.contest.title()}, so far"))
+    more = " and ".join(
+        "certified bounds" if name == "optimal" else name.upper() for name in comparison.waiting
+    )
+    console.print(
+        f"Now {more}, which take longer. Ctrl-C ends here and writes what there is.", soft_wrap=True
+    )
+
+
+def _keys(board: Mapping[str, Mapping[str, Estimate]], full: bool) -> list[str]:
+    """Names of the scores in their order, or of the most important ones."""
+    from rans.show.tables.comparison_tables import DETAILS
+
+    keys = dict.fromkeys(key for row in board.values() for key in row)
+    return [key for key in keys if full or not key.startswith(DETAILS)]
 
 
 def _show_scores(

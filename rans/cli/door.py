@@ -28,13 +28,19 @@ from typing import (
 from tyro.conf import Positional, arg
 
 from rans.cli.options import Trust, option_name
-from rans.cli.states import OwnState, OwnZones
 from rans.files import as_command
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
 
 Described = TypeVar("Described", bound=type)
+
+POSE = "X Y HEADING ..."
+"""Placeholder of a pose in help."""
+OwnState = Annotated[tuple[str, ...], arg(metavar=f"{POSE}|FILE.toml")]
+"""Type of an option that takes a state."""
+OwnZones = Annotated[tuple[str, ...], arg(metavar="X,Y,R...")]
+"""Type of an option that takes keep-out zones."""
 
 _FORMS = {
     OwnState: "Write x, y (m) and heading, such as 3 1 40deg, in space x, y, z and perhaps roll, pitch, yaw; "

@@ -8,12 +8,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from rans.api.judging import evaluate, flown
+from rans.api.judging import evaluate, flown, own_endpoints
 from rans.choices import EngineName
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.cli.options import Trust
-from rans.cli.states import written_endpoints
 from rans.errors import is_installed
 from rans.files import (
     command_line,
@@ -210,9 +209,7 @@ class Evaluate(Options):
 
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
         """Flights by engine."""
-        own = written_endpoints(
-            self.start, self.goal, run.judged.task, run.craft.dimension, self.seed, self.zones
-        )
+        own = own_endpoints(self.start, self.goal, self.zones)
         engines: tuple[EngineName, ...] = get_args(EngineName)
         return {
             engine: flown(run, self.episodes, self.seed, engine, endpoints=own)

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from rans.api.judging import own_endpoints
 from rans.api.limits import optimal_trajectory
 from rans.api.names import load_spacecraft
+from rans.api.states import read_zones
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import named_numbers
-from rans.cli.states import read_zones, written_endpoints
 from rans.errors import ConfigError, require
 from rans.files import distinct, ready_folder, write_json, write_text
 from rans.model.spacecraft import Spacecraft
@@ -248,7 +249,7 @@ class Optimal(Options):
 
     def sampled_starts(self, task: Task, craft: Spacecraft) -> Scenario:
         """Scenarios of the seed, or the start and goal of the options."""
-        own = written_endpoints(self.start, self.goal, task, craft.dimension, EVALUATION_SEED)
+        own = own_endpoints(self.start, self.goal, ())
         sampled = scenarios(task, craft, EVALUATION_SEED, 1 if self.start else self.episodes)
         return sampled if own is None else own.applied(sampled)
 

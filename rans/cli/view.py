@@ -9,16 +9,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rans.api.pages import check_file_of_flights, flown_side_by_side, flyers, view
+from rans.api.pages import flyers, view
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
-from rans.cli.states import written_endpoints
 from rans.errors import ConfigError
 from rans.terminal import Terminal, doing
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
-    from rans.scenario import Endpoints
 
 
 @command_of(view, contestants=word("RUN...", tuple[str, ...]))
@@ -68,17 +66,9 @@ class View(Options):
                 self.contestants, self.conditions, self.trust, self.guard, self.guard_slack
             )
             return self._play(runs) if self.save is None else self._write_page(runs, self.save)
+        replay = self.call()
         if self.save is not None:
-            check_file_of_flights(self.save)
-        replay = flown_side_by_side(
-            self.contestants,
-            self.conditions,
-            (self.trust, self.guard, self.guard_slack),
-            (self.episodes, self.seed, self.engine, self.episode),
-            self._endpoints if self.start or self.goal or self.zones else None,
-        )
-        if self.save is not None:
-            Terminal().say(replay.write(self.save))
+            Terminal().say(replay.written)
             return 0
         names = ", ".join(flight.controller for flight in replay.flights)
         _serve(replay.html, f"{names}: shown at")
@@ -117,12 +107,6 @@ class View(Options):
         live = Live(runs, self.seed, self.episode)
         _serve(live.html, "Fly along at", live.answer)
         return 0
-
-    def _endpoints(self, run: LoadedRun) -> Endpoints | None:
-        """The start and goal of the options."""
-        return written_endpoints(
-            self.start, self.goal, run.judged.task, run.craft.dimension, self.seed, self.zones
-        )
 
 
 def _serve(page: Callable[[], str], words: str, answer: Callable[[Any], Any] | None = None) -> None:

@@ -11,9 +11,9 @@ import pytest
 
 from rans.api.judging import starts_of
 from rans.cli import main
-from rans.cli.compare import Compare, _without_training, at_values
+from rans.cli.compare import Compare, _without_training
 from rans.evaluation.compare.bounds import Bound
-from rans.evaluation.compare.entrants import contest_of, enlisted
+from rans.evaluation.compare.entrants import at_values, contest_of, enlisted
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.model.spacecraft_file import load_spacecraft, to_toml
@@ -150,7 +150,10 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
     [
         (["runs/nobody"], "runs/nobody"),
         ([IDLE], "has no task"),
-        (["lqr:go-to-pose-2d", "--certified", "-1"], "--certified must be >= 0, got -1"),
+        (
+            ["lqr:go-to-pose-2d", "--certified", "-1"],
+            "certified must be a whole number >= 0 and < 2^31, got -1",
+        ),
         (
             ["lqr:go-to-pose-2d", "--output", "/dev/null/x"],
             "cannot write into /dev/null/x: Not a directory",
@@ -167,7 +170,7 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
         ),
         (
             ["lqr:go-to-pose-2d", "--front", "--front-seconds", "nan"],
-            "--front-seconds must be >= 0, got nan",
+            "front_seconds must be >= 0, got nan",
         ),
         (["lqr:go-to-pose-2d", "--front-seconds", "9"], "--front-seconds needs --front"),
         packages.of("missions", ["avoid-2d", "--guard-slack", "0.1"], "fly behind one, by --guard"),
@@ -183,10 +186,11 @@ def test_mistakes_end_in_a_sentence(
 def test_every_option_reaches_the_comparison(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fill(comparison: Comparison, flying: Any, *given: Any, returns: bool) -> None:
+    def fill(comparison: Comparison, flying: Any, names: Any, **given: Any) -> None:
         contest = comparison.contest
-        told.append(((contest.episodes, contest.seed, contest.engine), tuple(flying), *given[:-1]))
-        asked.append(returns)
+        facts = contest.episodes, contest.seed, contest.engine
+        told.append((facts, tuple(flying), names, given["certified"], given["cache"]))
+        asked.append(given["returns"])
 
     told: list[Any] = []
     asked: list[bool] = []
@@ -243,7 +247,7 @@ def test_front_of_an_agent_with_a_trade_off(
             (k, Bound(starts[k], one.horizon, 0.1)) for k, one in enumerate(asked)
         ),
     )
-    monkeypatch.setattr("rans.cli.compare._POSITIONS", 3)
+    monkeypatch.setattr("rans.evaluation.compare.entrants._POSITIONS", 3)
     config = replace(
         CONFIG,
         task="go-to-pose-priced",

@@ -19,7 +19,7 @@ from rans.cli import main
 from rans.evaluation.fly.episodes import Flown
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenario
+from rans.scenario import scenario, scenarios
 from rans.tasks import GoToPose
 from tests.support.command_runs import tiny
 from tests.support.processes import PATIENCE, command, wait_until
@@ -228,9 +228,10 @@ def test_every_option_reaches_the_flights(
     framed = []
 
     def flown(
-        controller: Any, _: Any, *given: Any, first: int, endpoints: Any, **others: Any
+        controller: Any, setup: Any, *given: Any, first: int, endpoints: Any, **others: Any
     ) -> Any:
-        asked.append((controller.name, *given, first, endpoints.goal.p.x))
+        starts = endpoints.applied(scenarios(setup.task, setup.craft, 8, 1))
+        asked.append((controller.name, *given, first, float(starts.goal.p.x[0])))
         flight: Any = SimpleNamespace(
             controller=controller.name, task=GoToPose(), craft=load_spacecraft("floating-platform")
         )

@@ -163,7 +163,7 @@ def fly_on_robot(
     Raises:
         ConfigError: the flight cannot begin: nothing is written then.
     """
-    from rans.cli.states import read_state, read_zones
+    from rans.api.states import read_state, read_zones
     from rans.evaluation.fly.exported import read_contract
     from rans.extend import ContestantName, RunFolder, contestant, doing
     from rans.fast.learn.config import to_table
@@ -302,7 +302,7 @@ def twin(
     Raises:
         ConfigError: one of these does not exist, or a number is out of its range.
     """
-    from rans.cli.states import read_state
+    from rans.api.states import read_state
     from rans.extend import RunFolder, load_conditions
     from rans_robot.bus import opened_bus, ros_domain
     from rans_robot.signals import stop_on_signals

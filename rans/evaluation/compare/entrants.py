@@ -44,7 +44,7 @@ Invited = Named | LoadedRun | Guest
 """A contestant as `enlisted` takes it: by name, with its own setup, or for the contest's setup."""
 
 
-def invitations(contestants: Sequence[object]) -> tuple[str | LoadedRun, list[Invited]]:
+def invitations(contestants: Sequence[object]) -> tuple[Named | LoadedRun, list[Invited]]:
     """The first contestant, and all of them in the forms that `enlisted` takes.
 
     Raises:
@@ -55,7 +55,7 @@ def invitations(contestants: Sequence[object]) -> tuple[str | LoadedRun, list[In
     invited: list[Any] = [_invited(guest) for guest in contestants]
     for guest in invited:
         if not (
-            isinstance(guest, str | LoadedRun)
+            isinstance(guest, Named | LoadedRun)
             or callable(guest)
             or hasattr(guest, "act")
             or hasattr(guest, "predict")
@@ -64,7 +64,7 @@ def invitations(contestants: Sequence[object]) -> tuple[str | LoadedRun, list[In
                 "a contestant is a name, a run folder, a controller or a function that makes one of "
                 f"spacecraft, task and timing, got {brief(guest)}."
             )
-    if not isinstance(first := invited[0], str | LoadedRun):
+    if not isinstance(first := invited[0], Named | LoadedRun):
         raise ConfigError(
             "the first contestant gives task, spacecraft and rate, which a controller does not "
             f"have: name one before it, as in 'lqr:go-to-pose-2d', got {brief(first)}."
@@ -193,8 +193,38 @@ def _guest(guest: Guest, contest: Contest) -> Contestant:
     return Contestant(guest_controller.name, guest_controller, _MODEL, _UNKNOWN)
 
 
+_POSITIONS = 9
+"""Positions of a trade-off, with both ends, on the curve of an agent."""
+_VALUES = 0.0, 0.5, 1.0
+"""Values from fast to frugal at which the agent for any craft flies the file of a user's spacecraft."""
+
+
+def at_values(name: ContestantName) -> list[ContestantName]:
+    """The agent for any craft at several values, where a name is the file of a spacecraft alone."""
+    if not name.in_full or name.frugality is not None:
+        return [name]
+    before, at, craft = name.in_full.rpartition("@")
+    texts = [f"{before}#{value:g}{at}{craft}" for value in _VALUES]
+    return [*map(ContestantName.parse, texts)]
+
+
+def curves(contestants: Sequence[Invited], front: bool) -> list[Sequence[Invited]]:
+    """Each contestant with all of its values, or with ``front`` at all positions of its trade-off."""
+    lines: list[Sequence[Invited]] = []
+    for invited in contestants:
+        if isinstance(invited, Named):
+            names = at_values(ContestantName.parse(invited))
+            count = _POSITIONS if front else 1
+            lines += [trade_off_positions(name, count) for name in names]
+        else:
+            lines.append([invited])
+    return lines
+
+
 def trade_off_positions(name: ContestantName, count: int) -> list[ContestantName]:
-    """An agent at ``count`` positions of its open trade-off; others as they are."""
+    """An agent at ``count`` positions of its open trade-off; others, and all at one position, as they are."""
+    if count == 1:
+        return [name]
     try:
         is_open = not name.controller and contestant(name).task.draws_trade_off
     except RansError:

@@ -40,6 +40,9 @@ from rans.progress import Stages, unseen_stages
 from rans.scenario import each
 from rans.tasks.goal_set import aims
 
+_SLOW = ("mpc", "mpc-observer", "mppi", "convex", "optimal")
+"""Controllers that solve an optimal control problem at every step, and the bounds."""
+
 _HORIZONS = (1.2, 1.6, 2.0, 3.0, 4.0, math.inf)
 """Multiples of `Comparison.least_time` by which the least impulse is certified; none is later than the end of the
 episode. The floating platform's are 6, 8, 10, 15, 20 and 25 s; at 1.2 each craft tried arrives from each start."""
@@ -80,6 +83,10 @@ class Comparison(NotebookRepr):
     """Sentences about parts that do not exist for this task or craft."""
     failures: list[str] = field(default_factory=list)
     """Sentences about failed parts."""
+    waiting: Sequence[str] = ()
+    """Names of opponents that have not flown yet."""
+    files: list[Path] = field(default_factory=list)
+    """Files that it was written to, the page first."""
 
     def __repr__(self) -> str:
         return f"<Comparison of {', '.join(entry.name for entry in self.entries) or 'nobody'}>"
@@ -179,6 +186,28 @@ class Comparison(NotebookRepr):
         starts = np.array(self.certified_starts(), dtype=int)
         low = [entry.amounts(event)[starts].below(self.bounds(event)[0]) for event in self.events()]
         return [int(k) for k in starts[np.any(low, axis=0)]]
+
+    def quick_and_slow(self, opponents: Sequence[str] | None) -> tuple[list[str], list[str]]:
+        """Opponents that answer in seconds, which fly first, and the slow ones after them; see `fly`."""
+        names = [*(default_opponents(self.contest.task) if opponents is None else opponents)]
+        slow = next((k for k, name in enumerate(names) if name in _SLOW), len(names))
+        if bounded(self.contest):  # a mission's bound is computed between them
+            slow = len(names)
+        return names[:slow], names[slow:]
+
+    def note_interrupt(self, begun: Sequence[str], certified: int) -> None:
+        """Note the progress of an interrupted comparison, whose last stage is the interrupted one.
+
+        Without a bound the note says that none was computed: certification may have been far from its turn.
+        """
+        stage = f' in the stage "{begun[-1]}"' if begun else ""
+        flown = counted(len(self.entries), "contestant")
+        count = len(self.certified_starts() if self.mission is None else self.mission.lower)
+        asked = min(certified, self.contest.episodes)
+        bounds = f"bounds were computed from {count} of {asked} starts"
+        if not count:
+            bounds = "no bound had been computed"
+        self.notes.insert(0, f"Interrupted{stage}: {flown} had flown, and {bounds}.")
 
     def fly(
         self,

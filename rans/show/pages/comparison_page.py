@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,20 +14,23 @@ from rans.errors import counted
 from rans.evaluation.compare.front import Front
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.problems import problem_of
-from rans.files import environment
+from rans.files import environment, write_json
 from rans.flight import Flight, fly
 from rans.show.figures import comparison_figures as figures
 from rans.show.figures import mission_figures
+from rans.show.figures.chart_figure import save_chart
 from rans.show.figures.layout_figure import draw_layout
 from rans.show.pages.chart import Chart
 from rans.show.pages.comparison_charts import front_chart, plane_chart
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header
 from rans.show.pages.race import Race, Track, has_place, race
 from rans.show.pages.report import comparison_section
+from rans.show.pages.screen import Screen
 from rans.show.palette import FOUND, series_style
 from rans.show.tables import comparison_tables as tables
 from rans.show.tables import front_tables
 from rans.table import Table
+from rans.terminal import doing
 
 TEXT = (
     "All fly the same craft from the same starts at the same rate. The settling time is that from which a flight "
@@ -100,6 +104,23 @@ def page(comparison: Comparison, command: str = "") -> Page:
     }
     title = f"Comparison: {contest.title()}"
     return Page(title, sections, header(about), hero=hero, tiles=tiles)
+
+
+def write(comparison: Comparison, folder: Path, command: str) -> None:
+    """Write a comparison into a folder: its numbers first, then the page, as figures take seconds.
+
+    With the page come its chart for papers, and what the page of a screen needs.
+    """
+    numbers = folder / "compare.json"
+    write_json(numbers, tables.to_json(comparison, TEXT))
+    comparison.files = [numbers]
+    with doing("drawing the page; Ctrl-C leaves it out", in_log=False):
+        result = page(comparison, command)
+        result.write(folder / "compare.html")
+        comparison.files.insert(0, folder / "compare.html")
+        write_json(folder / "screen-compare.json", Screen.of(result).to_json())
+        if chart := time_and_impulse(comparison):
+            comparison.files += save_chart(chart, folder / "compare")
 
 
 def _craft(comparison: Comparison) -> Section:

@@ -6,8 +6,7 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from rans.cli.door import Options, command_of, word
-from rans.cli.states import POSE
+from rans.cli.door import POSE, Options, command_of, word
 from rans.extend import Terminal, load_spacecraft
 from rans_robot.functions import twin
 

@@ -9,23 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, NamedTuple
-
-from tyro.conf import arg
+from typing import Any, NamedTuple
 
 from rans.errors import ConfigError, brief
+from rans.scenario import Endpoints, Scenario, each
 
-if TYPE_CHECKING:
-    from rans.scenario import Endpoints
-    from rans.tasks import Task
-    from rans.tasks.observation_terms import Dimension
-
-POSE = "X Y HEADING ..."
-"""Placeholder of a pose in help."""
-OwnState = Annotated[tuple[str, ...], arg(metavar=f"{POSE}|FILE.toml")]
-"""Type of an option that takes a state."""
-OwnZones = Annotated[tuple[str, ...], arg(metavar="X,Y,R...")]
-"""Type of an option that takes keep-out zones."""
 _UNITS = {"deg": 1.0, "rad": math.degrees(1.0)}
 
 
@@ -95,48 +83,32 @@ def read_zones(words: Sequence[str], dimension: int, option: str) -> list[tuple[
     return zones
 
 
-def as_options(start: Sequence[str], goal: Sequence[str], zones: Sequence[str] = ()) -> list[str]:
-    """Words of a command that repeat these options; none for those that are not written."""
-    options = {"--start": start, "--goal": goal, "--zones": zones}
-    return [word for option, words in options.items() if words for word in (option, *words)]
-
-
-def written_endpoints(
-    start: Sequence[str],
-    goal: Sequence[str],
-    task: Task,
-    dimension: Dimension,
-    seed: int,
-    zones: Sequence[str] = (),
-) -> Endpoints | None:
-    """Start, goal and zones that a user writes; None: nothing is written.
+class WrittenEndpoints(Endpoints):
+    """Start, goal and zones as a user writes them: words, in place of states and of numbers.
 
     With a start alone the goal is the origin, at rest; with a goal alone the starts are sampled.
-
-    Args:
-        start: words as for `read_state`, or one TOML file.
-        goal: the same.
-        task: task whose start and goal they replace.
-        dimension: 2 in the plane, 3 in space.
-        seed: seed of what is sampled.
-        zones: words as for `read_zones`.
-
-    Raises:
-        ConfigError: see `read_state`; or a file cannot be read or has other keys.
     """
-    from rans.optimal.trajectory.endpoints import endpoint
-    from rans.scenario import Endpoints, scenario
 
-    if not (start or goal or zones):
-        return None
-    balls = tuple(read_zones(zones, dimension, "--zones"))
-    if not (start or goal):
-        return Endpoints(zones=balls)
-    example = scenario(task, dimension, seed, 0)
-    arrival = endpoint(_by_key(goal, dimension, "--goal"), example.goal)
-    if not start:
-        return Endpoints(None, arrival, balls)
-    return Endpoints(endpoint(_by_key(start, dimension, "--start"), example.start), arrival, balls)
+    def applied(self, sampled: Scenario) -> Scenario:
+        """See `Endpoints.applied`.
+
+        Raises:
+            ConfigError: see `read_state`; or a file cannot be read or has other keys.
+        """
+        from rans.optimal.trajectory.endpoints import endpoint
+
+        example = next(each(sampled))
+        dimension = len(example.start.p.columns())
+        start: Any = self.start or ()
+        goal: Any = self.goal or ()
+        zones: Any = self.zones
+        arrival = departure = None
+        if start or goal:
+            arrival = endpoint(_by_key(goal, dimension, "--goal"), example.goal)
+        if start:
+            departure = endpoint(_by_key(start, dimension, "--start"), example.start)
+        balls = tuple(read_zones(zones, dimension, "--zones"))
+        return Endpoints(departure, arrival, balls).applied(sampled)
 
 
 def _by_key(words: Sequence[str], dimension: int, option: str) -> list[str]:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rans.cli.states import read_state, read_zones
+from rans.api.states import read_state, read_zones
 from rans.errors import ConfigError
 
 
