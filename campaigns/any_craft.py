@@ -1,56 +1,37 @@
-"""The agents for any craft: their training, and their figures on craft that they have never flown.
+"""Figures of the agents for any craft, on craft that they have never flown.
 
-``python -m campaigns.any_craft train --seed 12 --device cuda`` trains that of the plane and writes it into the
-package, ``train --dimension 3 --seed 1 --device cuda`` that of space; ``values`` in its place trains only the
-weights of every value from fast to frugal, from those of the agent, which stay;
-``craft`` in its place prints the table of the shipped craft, ``frugal`` that of its frugalities, of
-docs/any_craft/any_craft_frugal.md, ``layouts`` that of random layouts (with ``--engine
-drake`` that of some as spacecraft, in the engine and in Drake), ``dead`` that of a dead thruster, ``mass`` that
-of another mass, ``unstated`` that of faults and masses that no file states, all of docs/any_craft/any_craft.md;
-``joined`` that of two docked craft, of docs/any_craft/any_craft_training.md; ``picture`` draws layouts.
-``--dimension 3`` does the same in space, of docs/any_craft/any_craft_in_space.md.
+``python -m campaigns.any_craft craft`` prints the table of the shipped craft, ``frugal`` that of its frugalities,
+``layouts`` that of random layouts, ``dead`` that of a dead thruster, ``mass`` that of another mass and ``unstated``
+that of faults and masses that no file states, in space with ``--dimension 3``. They stand on the pages of
+packages/any_craft/docs.
 """
 
 from __future__ import annotations
 
 import argparse
-import time
-import warnings
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
-from itertools import pairwise, product
-from pathlib import Path
-from shutil import copytree
-from typing import Any, Literal, NamedTuple
+from itertools import chain, pairwise, product
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from rans_any_craft.evolution import NODES, SETTINGS, evolve
-from rans_any_craft.layout_bodies import layout_spacecraft
-from rans_any_craft.layouts import layouts
 from rans_any_craft.training import (
-    RANGES_OF_LAYOUTS,
-    DemandNetwork,
     DemandSettings,
     Law,
     Layers,
-    Stage,
-    as_policy,
     demanded,
     draw_batch,
     draw_pool,
     fly,
     policy_layers,
     stopping_law,
-    train,
-    with_weights,
 )
 from scipy.linalg import solve_discrete_are
 from torch import Tensor
 
 from campaigns.craft import CRAFTS, flown
-from rans.deploy.export import evaluated
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import LoadedRun
@@ -58,27 +39,18 @@ from rans.evaluation.fly.any_craft import for_spacecraft, frugal
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.make_controller import controller
-from rans.evaluation.fly.protocols import fitting_protocols
 from rans.evaluation.measure.metrics import impulses, settling_times, solved
 from rans.evaluation.measure.statistics import share
-from rans.fast.agent_files.agent import AGENT, actor_bytes, read_policy
-from rans.fast.learn.config import TrainConfig, to_table
-from rans.files import environment, read_json, write_json, write_text
-from rans.model.joined import Effectors, joined
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft, to_toml
-from rans.model.timing import Timing
-from rans.model.twists import authority_margin
+from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.regulator import Weights
 from rans.policy.any_craft import COAST, without
-from rans.policy.authority import DIMENSIONS, Authority, coasting, columns, rotation_vector
-from rans.policy.network import Network
-from rans.pretrained import ADAPTIVE, FOLDER, FOR_ANY_CRAFT
+from rans.policy.authority import Authority, coasting, columns, rotation_vector
+from rans.pretrained import ADAPTIVE, FOR_ANY_CRAFT
 from rans.processes import Workers
 from rans.randomization.conditions import Conditions, FaultConditions, FaultKind
 from rans.randomization.faults import fault_sets
 from rans.scenario import EVALUATION_SEED
-from rans.tasks import GoToPose
 
 SPECIALISTS = {
     2: (
@@ -104,30 +76,6 @@ SPECIALISTS = {
 }
 """Agents of a single craft each, whose task, starts, conditions and control period are the protocol; real craft
 without such an agent have one in `campaigns.craft`."""
-_OWN = {2: ("floating-platform", Timing(0.2, 1, 125)), 3: ("free-flyer", Timing(0.2, 1, 125))}
-"""Craft and timing of an agent without a craft's name."""
-RECIPES = {
-    2: DemandSettings(
-        stages=(Stage(295.0, 2.4, 0.9, 1.1), Stage(75.0, 2.6, 0.9, 0.6)),
-        last=0.3,
-        crafts=2048,
-        coarse=0.4,
-        shared=0.4,
-    ),
-    3: DemandSettings(
-        3,
-        (
-            Stage(60.0, 1.0, 1.0),
-            Stage(70.0, 2.5, 2.5),
-            Stage(100.0, 2.0, 2.0, angle=0.05, learning_rate=1e-3),
-        ),
-        last=0.85,
-        layouts=1920,
-        crafts=4096,
-        channels=3,
-    ),
-}
-"""Trainings of the agents, by dimension, on one H200."""
 CONTESTANTS = "specialist", "any-craft", "LQR", "switching", "MPC"
 """Who flies a craft; the specialist only the craft that it was trained on."""
 _STATED = CONTESTANTS[1:]
@@ -136,14 +84,14 @@ _MOST = {"switching": 64, "MPC": 64}
 """Largest number of flights of those who take seconds for each."""
 _MOST_OF_EACH = {"switching": 8, "MPC": 4}
 """Largest number of flights of each thruster that is dead in turn, by who takes seconds for a flight."""
-_LAYOUTS_OF_VALUES = 960
-"""Layouts of a training of weights for every value."""
 _VALUES = 0.0, 0.15, 0.3, 0.5, 0.75, 1.0
 """Frugalities of the table of frugal flights."""
-_MASSES = 0.5, 0.7, 1.5, 2.0
-"""Masses and moments of inertia over those of the file that the agent is given."""
-
-
+_OF_MASS: dict[str, dict[str, Any]] = {
+    f"mass {x:g} times": {"mass": x} for x in (0.5, 0.7, 1.5, 2.0)
+}
+"""Masses and moments of inertia over those of the file that the agent is given, by heading."""
+_HEAVY = "any-craft", "LQR"
+"""Who flies craft of another mass."""
 _ANY = {"any-craft": "", "adaptive": f"{ADAPTIVE}:"}
 """Contestants that are the agent for any craft, and what stands before its name."""
 _FILE = ".toml"
@@ -152,29 +100,6 @@ _WEAK = 0.5
 """Part of its command that a weak thruster gives."""
 
 
-class Pair(NamedTuple):
-    """Two craft that are docked."""
-
-    first: str
-    second: str
-    position: tuple[float, ...]
-    """Origin of the second craft's frame G in the frame G of the first, m."""
-    attitude: Any = 0.0
-    """Heading of the second's G, rad, or its quaternion (w, x, y, z)."""
-
-
-PAIRS = {
-    2: (
-        Pair("floating-platform", "floating-platform", (0.62, 0.0)),
-        Pair("atmos", "atmos", (0.4, 0.0), np.pi),
-        Pair("freeflyer2", "roboran-platform", (0.47, 0.0)),
-    ),
-    3: (
-        Pair("spheres", "spheres", (0.23, 0.0, 0.0)),
-        Pair("free-flyer", "cubesat-6u", (0.5, 0.0, 0.0)),
-    ),
-}
-"""Docked craft by dimension: they touch along x."""
 _LAYOUT_SEED = 1_000_003
 """Seed of layouts that no training has drawn: trainings draw from even seeds below."""
 _PART = 64
@@ -196,6 +121,10 @@ class Figures(NamedTuple):
     """Median settling time, s; infinite where most flights never settle."""
     impulse: float
     """Mean impulse, N s."""
+
+
+_REFUSED = Figures(0.0, 0.0, np.inf, np.inf)
+"""Of a controller that refuses the craft."""
 
 
 class Contest(NamedTuple):
@@ -238,8 +167,8 @@ class _Judge(NamedTuple):
     agent: str | None
     """Run folder of an agent for any craft; None: the one that comes with RANS."""
 
-    def flights(self, contest: Contest, first: int, count: int) -> Flights | str:
-        """Consecutive flights of a contest, or why the controller refuses the craft."""
+    def flights(self, contest: Contest, first: int, count: int) -> Flights | None:
+        """Consecutive flights of a contest; None: the controller refuses the craft."""
         own = _own(contest.name)
         craft = own.craft
         if contest.mass != 1.0:
@@ -265,8 +194,8 @@ class _Judge(NamedTuple):
             elif contest.by != "specialist":
                 setup = Setup(stated, own.task, own.timing, own.conditions)
                 run = own._replace(controller=controller(contest.by.lower(), setup))
-        except ConfigError as error:
-            return str(error)
+        except ConfigError:
+            return None
         run = run._replace(craft=craft, task=own.task, conditions=own.conditions)
         flight = fly_episodes(
             run.controller, run.judged, self.start_seed, count, workers=1, first=first
@@ -296,7 +225,7 @@ def _judged(
     episodes: int,
     start_seed: int = EVALUATION_SEED,
     agent: str | None = None,
-) -> Iterator[Figures | str]:
+) -> Iterator[Figures]:
     """Figures of each contest in order, flown on all processors; some fly fewer (`_MOST`, `_MOST_OF_EACH`)."""
     parts = {contest: list(_parts(contest, episodes)) for contest in contests}
     jobs = [(contest, *part) for contest in contests for part in parts[contest]]
@@ -304,13 +233,10 @@ def _judged(
     answers = workers.ordered(_Judge.flights, jobs)
     for contest in contests:
         found = [next(answers) for _ in parts[contest]]
-        refused = [one for one in found if isinstance(one, str)]
-        flights = [one for one in found if not isinstance(one, str)]
-        yield (
-            refused[0]
-            if refused
-            else Flights(*map(np.concatenate, zip(*flights, strict=True))).figures()
-        )
+        if None in found:
+            yield _REFUSED
+        else:
+            yield Flights(*map(np.concatenate, zip(*found, strict=True))).figures()
 
 
 def _parts(contest: Contest, episodes: int) -> Iterator[tuple[int, int]]:
@@ -322,6 +248,31 @@ def _parts(contest: Contest, episodes: int) -> Iterator[tuple[int, int]]:
         yield first, min(size, end - first)
 
 
+def _lines(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> Iterator[str]:
+    """Lines of a table as Markdown."""
+    for k, row in enumerate(chain([headings], rows)):
+        yield f"| {' | '.join(map(str, row))} |"
+        if k == 0:
+            yield "|---" * len(row) + "|"
+
+
+def _cell(found: Figures, text: str) -> str:
+    """Text with figures in braces."""
+    return "refuses" if found is _REFUSED else text.format(**found._asdict())
+
+
+_SETTLED = "{settled:.1f} %"
+_ALL = "{settled:.1f} %, {time:.1f} s, {impulse:,.1f} N s"
+
+
+def _label(contest: Contest) -> str:
+    """Craft and contestant of a row."""
+    craft = _own(contest.name).craft
+    value = "" if contest.value is None else f"#{contest.value:g}"
+    who = f"{_ANY.get(contest.by, contest.by)}{FOR_ANY_CRAFT[craft.dimension] * (contest.by in _ANY)}{value}"
+    return f"{craft.name} | {who}"
+
+
 def shipped(
     episodes: int,
     names: Sequence[str],
@@ -330,70 +281,55 @@ def shipped(
     by: Sequence[str] = CONTESTANTS,
 ) -> Iterator[str]:
     """Rows of the table of shipped craft, as Markdown, from the starts of a seed."""
-    yield "| craft | flown by | settled | lower end | settling time, s | impulse, N s |"
-    yield "|---|---|---|---|---|---|"
     contests = [Contest(name, who) for name in names for who in by if _may_fly(who, name)]
-    judged = _judged(contests, episodes, start_seed, agent)
-    for contest, rows in zip(contests, judged, strict=True):
-        craft = _own(contest.name).craft
-        label = FOR_ANY_CRAFT[craft.dimension] if contest.by == "any-craft" else contest.by
-        if isinstance(rows, str):
-            yield f"| {craft.name} | {label} | refuses the craft | | | |"
-            continue
-        yield (
-            f"| {craft.name} | {label} | {rows.settled:.1f} % | {rows.low:.1f} % | "
-            f"{rows.time:.1f} | {rows.impulse:.1f} |"
-        )
+    texts = _SETTLED, "{low:.1f} %", "{time:.1f}", "{impulse:.1f}"
+    return _lines(
+        ("craft", "flown by", "settled", "lower end", "settling time, s", "impulse, N s"),
+        (
+            (_label(contest), *(_cell(found, text) for text in texts))
+            for contest, found in zip(
+                contests, _judged(contests, episodes, start_seed, agent), strict=True
+            )
+        ),
+    )
+
+
+def crossed(
+    episodes: int,
+    names: Sequence[str],
+    rows: Sequence[Contest],
+    columns: Mapping[str, Mapping[str, Any]],
+    text: str,
+) -> Iterator[str]:
+    """Rows of a table of every craft and contest with every change, such as another mass, by heading."""
+    spare = {name: _spare(_own(name).craft) for name in names}
+    contests = {
+        row._replace(name=name): [
+            row._replace(name=name, **change) if spare[name] or "fault" not in change else None
+            for change in columns.values()
+        ]
+        for name in names
+        for row in rows
+    }
+    judged = _judged([one for row in contests.values() for one in row if one], episodes)
+    return _lines(
+        ("craft", "flown by", *columns),
+        (
+            (
+                f"{_label(row)}{', in its file' * row.is_stated}",
+                *("-" if one is None else _cell(next(judged), text) for one in changed),
+            )
+            for row, changed in contests.items()
+        ),
+    )
 
 
 def heavier(episodes: int, names: Sequence[str]) -> Iterator[str]:
     """Rows of the table of craft with other masses, which the controller's file has or has not."""
-    yield f"| craft | flown by | {' | '.join(f'{mass:g} times' for mass in _MASSES)} |"
-    yield f"|---|---|{'---|' * len(_MASSES)}"
-    kinds = [(by, is_stated) for by in ("any-craft", "LQR") for is_stated in (True, False)]
-    judged = _judged(
-        [
-            Contest(name, by, mass, is_stated=is_stated)
-            for name in names
-            for by, is_stated in kinds
-            for mass in _MASSES
-        ],
-        episodes,
-    )
-    for name in names:
-        craft = _own(name).craft
-        for by, is_stated in kinds:
-            cells = [_settled(next(judged)) for _ in _MASSES]
-            yield f"| {craft.name} | {by}{'' if is_stated else ', not in its file'} | {' | '.join(cells)} |"
-
-
-def dead(episodes: int, names: Sequence[str], by: Sequence[str] = _STATED) -> Iterator[str]:
-    """Rows of the table of craft that have lost a thruster.
-
-    The file lacks each thruster in turn; then 1,024 flights with a thruster that is drawn, of which the file says
-    nothing. Some fly fewer (`_MOST_OF_EACH`, then `_MOST`).
-    """
-    who = ", ".join(by)
-    yield f"| craft | thrusters that it can spare | in its file: {who} | not in its file: {who} |"
-    yield "|---|---|---|---|"
-    spare = {name: _spare(_own(name).craft) for name in names}
-    each = _judged(
-        [Contest(name, one, dead=k) for name in names for one in by for k in spare[name]], episodes
-    )
-    some = [name for name in names if spare[name]]
-    unknown = _judged([Contest(name, one, fault="dead") for name in some for one in by], 1024)
-    for name in names:
-        craft = _own(name).craft
-        numbers = spare[name]
-        worst = []
-        for _ in by:
-            found = [next(each) for _ in numbers]
-            settled = [x.settled for x in found if not isinstance(x, str)]
-            refused = len(settled) < len(found)
-            worst.append("refuses" if refused else f"{min(settled):.1f} %" if settled else "-")
-        drawn = [_settled(next(unknown)) if numbers else "-" for _ in by]
-        cells = f"{', '.join(worst)} | {', '.join(drawn)}"
-        yield f"| {craft.name} | {len(numbers)} of {craft.thruster_count} | {cells} |"
+    rows = [
+        Contest("", by, is_stated=is_stated) for by, is_stated in product(_HEAVY, (True, False))
+    ]
+    return crossed(episodes, names, rows, _OF_MASS, _SETTLED)
 
 
 def unstated(
@@ -403,32 +339,41 @@ def unstated(
 
     Values are frugalities; None: as the agent was trained.
     """
-    masses = " | ".join(f"mass {mass:g} times" for mass in _MASSES)
-    yield f"| craft | flown by | as in its file | one dead | one weak | {masses} |"
-    yield f"|---|---|{'---|' * (3 + len(_MASSES))}"
-    kinds: list[dict[str, Any]] = [{}, {"fault": "dead"}, {"fault": "weak"}]
-    kinds += [{"mass": mass} for mass in _MASSES]
+    rows = [Contest("", by, is_stated=False, value=value) for by, value in product(_ANY, values)]
+    faults: dict[str, dict[str, Any]] = {
+        f"one {kind}": {"fault": kind} for kind in ("dead", "weak")
+    }
+    return crossed(episodes, names, rows, {"as in its file": {}, **faults, **_OF_MASS}, _ALL)
+
+
+def dead(episodes: int, names: Sequence[str], by: Sequence[str] = _STATED) -> Iterator[str]:
+    """Rows of the table of craft that have lost a thruster.
+
+    The file lacks each thruster in turn; then 1,024 flights with a thruster that is drawn, of which the file says
+    nothing. Some fly fewer (`_MOST_OF_EACH`, then `_MOST`).
+    """
     spare = {name: _spare(_own(name).craft) for name in names}
-    contests = [
-        Contest(name, by, is_stated=False, value=value, **kind)
-        for name in names
-        for by in _ANY
-        for value in values
-        for kind in kinds
-        if spare[name] or "fault" not in kind
-    ]
-    judged = _judged(contests, episodes)
-    for name in names:
+    each = _judged(
+        [Contest(name, one, dead=k) for name in names for one in by for k in spare[name]], episodes
+    )
+    some = [name for name in names if spare[name]]
+    unknown = _judged([Contest(name, one, fault="dead") for name in some for one in by], 1024)
+
+    def row(name: str) -> Sequence[str]:
         craft = _own(name).craft
-        for prefix, value in product(_ANY.values(), values):
-            cells = [
-                _all_of(next(judged)) if spare[name] or "fault" not in kind else "-"
-                for kind in kinds
-            ]
-            label = f"{prefix}{FOR_ANY_CRAFT[craft.dimension]}"
-            if value is not None:
-                label += f"#{value:g}"
-            yield f"| {craft.name} | {label} | {' | '.join(cells)} |"
+        numbers = spare[name]
+        # A controller that refuses one of the craft settles none of its flights.
+        worst = [min((next(each) for _ in numbers), default=None) for _ in by]
+        drawn = [next(unknown) if numbers else None for _ in by]
+        cells = (
+            ", ".join("-" if one is None else _cell(one, _SETTLED) for one in found)
+            for found in (worst, drawn)
+        )
+        return craft.name, f"{len(numbers)} of {craft.thruster_count}", *cells
+
+    who = ", ".join(by)
+    headings = f"in its file: {who}", f"not in its file: {who}"
+    return _lines(("craft", "thrusters that it can spare", *headings), map(row, names))
 
 
 def at_values(
@@ -438,84 +383,29 @@ def at_values(
 
     It beats a contestant if all flights settle and neither median settling time nor mean impulse is larger.
     """
-    yield "| craft | flown by | settled | settling time, s | impulse, N s | not beaten by it |"
-    yield "|---|---|---|---|---|---|"
-    others = [who for who in by if who not in _ANY]
     kinds = [Contest("", "any-craft", value=value) for value in (None, *values)]
-    kinds += [Contest("", who) for who in others]
-    flying = {name: [kind for kind in kinds if _may_fly(kind.by, name)] for name in names}
-    contests = [kind._replace(name=name) for name in names for kind in flying[name]]
-    judged = _judged(contests, episodes, start_seed)
-    for name in names:
-        craft = _own(name).craft
-        spent = {kind: _spent(next(judged)) for kind in flying[name]}
-        for kind in flying[name]:
-            settled, time, impulse = spent[kind]
-            left = [
-                one.by
-                for one in flying[name]
-                if one.by in others
-                and not (settled == 100.0 and time <= spent[one][1] and impulse <= spent[one][2])
-            ]
-            label = FOR_ANY_CRAFT[craft.dimension] if kind.by in _ANY else kind.by
-            if kind.value is not None:
-                label += f"#{kind.value:g}"
-            said = (", ".join(left) or "none") if kind.by in _ANY else ""
-            yield f"| {craft.name} | {label} | {settled:.1f} % | {time:.2f} | {impulse:.2f} | {said} |"
+    kinds += [Contest("", who) for who in by if who not in _ANY]
+    contests = {
+        name: [kind._replace(name=name) for kind in kinds if _may_fly(kind.by, name)]
+        for name in names
+    }
+    judged = _judged([one for row in contests.values() for one in row], episodes, start_seed)
 
+    def rows() -> Iterator[Sequence[str]]:
+        for own in contests.values():
+            found = {one: next(judged) for one in own}
+            others = {one.by: spent for one, spent in found.items() if one.by not in _ANY}
+            for one, (settled, _, time, impulse) in found.items():
+                left = [
+                    who
+                    for who, its in others.items()
+                    if not (settled == 100.0 and time <= its.time and impulse <= its.impulse)
+                ]
+                said = (", ".join(left) or "none") if one.by in _ANY else ""
+                yield _label(one), f"{settled:.1f} %", f"{time:.2f}", f"{impulse:.2f}", said
 
-def _spent(rows: Figures | str) -> tuple[float, float, float]:
-    """Flights that settle, %, median settling time, s, and mean impulse, N s; infinite where it refuses."""
-    if isinstance(rows, str):
-        return 0.0, np.inf, np.inf
-    return rows.settled, rows.time, rows.impulse
-
-
-class _Docking(NamedTuple):
-    """Number of flights of every pair, in the engine or in Drake."""
-
-    episodes: int
-    engine: Literal["fast", "drake"]
-
-    def rows(self, pair: Pair, effectors: Effectors, is_stated: bool) -> tuple[Figures | str, ...]:
-        """Figures of the agent, with the file of the joined craft or of the first alone; or why it refuses."""
-        first, second = load_spacecraft(pair.first), load_spacecraft(pair.second)
-        agent = contestant(f"pretrained:{FOR_ANY_CRAFT[first.dimension]}")
-        try:
-            both = joined(first, second, pair.position, pair.attitude, effectors)
-            run = for_spacecraft(agent, both)
-            if not is_stated:
-                run = for_spacecraft(agent, first, run.timing)._replace(craft=both)
-        except ConfigError as error:
-            return (str(error),)
-        flight = fly_episodes(
-            run.controller, run.judged, EVALUATION_SEED, self.episodes, self.engine
-        ).flight
-        found = Flights(solved(flight), settling_times(flight), impulses(flight))
-        return (found.figures(),)
-
-
-def docked(
-    episodes: int, dimension: int, engine: Literal["fast", "drake"] = "fast"
-) -> Iterator[str]:
-    """Rows of the table of docked craft, with thrusters of both or of the first, which the file has or has not."""
-    yield "| first, second | mass, kg | thrusters | file | settled | settling time, s | impulse, N s |"
-    yield "|---|---|---|---|---|---|---|"
-    kinds: tuple[tuple[Effectors, bool], ...] = (("both", True), ("first", True), ("first", False))
-    calls = [(pair, *kind) for pair in PAIRS[dimension] for kind in kinds]
-    workers = Workers(_Docking, (episodes, engine), work="flew docked craft")
-    for (pair, effectors, is_stated), (rows,) in zip(
-        calls, workers.ordered(_Docking.rows, calls), strict=True
-    ):
-        mass = load_spacecraft(pair.first).mass + load_spacecraft(pair.second).mass
-        file = "of both" if is_stated else "of the first alone"
-        whose = "of both" if effectors == "both" else "of the first"
-        start = f"| {pair.first}, {pair.second} | {mass:.1f} | {whose} | "
-        if isinstance(rows, str):
-            yield f"{start}{file} | refuses | | |"
-            continue
-        median = f"{rows.time:.1f}" if np.isfinite(rows.time) else "never"
-        yield f"{start}{file} | {rows.settled:.1f} % | {median} | {rows.impulse:.1f} |"
+    headings = "settled", "settling time, s", "impulse, N s", "not beaten by it"
+    return _lines(("craft", "flown by", *headings), rows())
 
 
 def _spare(craft: Spacecraft) -> list[int]:
@@ -523,22 +413,9 @@ def _spare(craft: Spacecraft) -> list[int]:
     return [found.thrusters[0] for found in fault_sets(craft, 1, "dead") if found.recoverable]
 
 
-def _all_of(rows: Figures | str) -> str:
-    """Flights that settle, median settling time and mean impulse."""
-    if isinstance(rows, str):
-        return "refuses"
-    return f"{rows.settled:.1f} %, {rows.time:.1f} s, {rows.impulse:,.1f} N s"
-
-
-def _settled(rows: Figures | str) -> str:
-    return "refuses" if isinstance(rows, str) else f"{rows.settled:.1f} %"
-
-
 def random_layouts(count: int, dimension: int) -> Iterator[str]:
     """Rows of the table of random layouts by their authority margin, flown by the agent and by two laws."""
-    agent = f"pretrained:{FOR_ANY_CRAFT[dimension]}"
-    network = contestant(agent).network
-    layers = policy_layers(network)
+    layers = policy_layers(contestant(f"pretrained:{FOR_ANY_CRAFT[dimension]}").network)
     settings = DemandSettings(dimension, crafts=count, steps=320)
     # Starts are as far away as the training's; a regulator needs longer from there.
     steps = 2 * settings.steps
@@ -549,9 +426,6 @@ def random_layouts(count: int, dimension: int) -> Iterator[str]:
         "braking": lambda _: stopping_law,
     }
     kinds = [(continuous, by) for continuous in (False, True) for by in contestants]
-    titles = [f"{'continuous' if continuous else 'on/off'}: {by}" for continuous, by in kinds]
-    yield f"| authority margin | layouts | {' | '.join(titles)} |"
-    yield f"|---|---|{'---|' * len(kinds)}"
     parts = []
     for continuous, by in kinds:
         # The same craft and starts for all.
@@ -560,61 +434,15 @@ def random_layouts(count: int, dimension: int) -> Iterator[str]:
         with torch.no_grad():
             outcome = fly(contestants[by](continuous), batch, settings, generator, steps)
         parts.append((batch.pool.margin.numpy(), outcome.settled.numpy()))
+    rows = []
     for low, high in pairwise(_BINS):
-        cells = []
-        for margin, settled in parts:
-            inside = (margin >= low) & (margin < high)
-            cells.append(f"{100 * settled[inside].mean():.1f} %" if inside.any() else "-")
+        inside = [(settled, (margin >= low) & (margin < high)) for margin, settled in parts]
         number = int(((pool.margin >= low) & (pool.margin < high)).sum())
         bound = f"{low:g} to {high:g}" if np.isfinite(high) else f"above {low:g}"
-        yield f"| {bound} | {number} | {' | '.join(cells)} |"
-
-
-class _Crafts(NamedTuple):
-    """Number of flights of every layout as a spacecraft of its own."""
-
-    episodes: int
-
-    def flights(
-        self, layout: np.ndarray, engine: Literal["fast", "drake"]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Whether each flight of the agent settles, settling time, s, impulse, N s, and last position, m."""
-        craft = layout_spacecraft(load_spacecraft(_OWN[2][0]), layout)
-        with warnings.catch_warnings():
-            # A layout may be outside of what the agent was trained for.
-            warnings.filterwarnings("ignore", message=".*agent for any craft was trained")
-            run = for_spacecraft(contestant(f"pretrained:{FOR_ANY_CRAFT[2]}"), craft)
-        flight = fly_episodes(
-            run.controller, run.judged, EVALUATION_SEED, self.episodes, engine
-        ).flight
-        last = np.stack([x[-1] for x in flight.states.p.columns()], axis=1)
-        return np.asarray(flight.verdict.solved), settling_times(flight), impulses(flight), last
-
-
-def judged_layouts(count: int, episodes: int) -> Iterator[str]:
-    """Rows of the table of random layouts in the engine and in Drake, which builds a plant of each."""
-    yield "| engine | layouts | flights | settled | settling time, s | impulse, N s |"
-    yield "|---|---|---|---|---|---|"
-    drawn = list(layouts(count, _LAYOUT_SEED, RANGES_OF_LAYOUTS[2]))
-    workers = Workers(_Crafts, (episodes,), work="flew layouts")
-    outcomes = {}
-    engines: tuple[Literal["fast", "drake"], ...] = ("fast", "drake")
-    for engine in engines:
-        parts = workers.ordered(_Crafts.flights, [(layout, engine) for layout in drawn])
-        outcomes[engine] = [np.concatenate(x) for x in zip(*parts, strict=True)]
-        settled, settles, spent, _ = outcomes[engine]
-        name = "Drake" if engine == "drake" else "RANS"
-        yield (
-            f"| {name} | {count} | {len(settled)} | {100 * settled.mean():.1f} % | "
-            f"{np.median(settles):.1f} | {np.median(spent):.1f} |"
-        )
-    ours, theirs = (outcomes[engine] for engine in engines)
-    apart = np.linalg.norm(ours[3] - theirs[3], axis=1)
-    yield ""
-    yield (
-        f"Flights with another verdict in Drake: {int((ours[0] != theirs[0]).sum())}. Largest distance between "
-        f"the ends of two flights: {apart.max():.1g} m."
-    )
+        cells = (f"{100 * x[own].mean():.1f} %" if own.any() else "-" for x, own in inside)
+        rows.append((bound, number, *cells))
+    titles = [f"{'continuous' if continuous else 'on/off'}: {by}" for continuous, by in kinds]
+    return _lines(("authority margin", "layouts", *titles), rows)
 
 
 def _law(layers: Layers, periods: float) -> Law:
@@ -692,208 +520,38 @@ def gains(p: float) -> tuple[float, float]:
     return float(gain[0, 0]), float(gain[0, 1])
 
 
-def picture(file: Path) -> None:
-    """Draw twelve layouts: arrows are forces, and their places those that give the torques."""
-    from rans.show.figures.plotting import Figure
-
-    figure = Figure(figsize=(8.0, 6.0))
-    for number, layout in enumerate(layouts(12, 0)):
-        axes = figure.add_subplot(3, 4, number + 1)
-        push = layout[:, :2]
-        # The point of the line of action that is nearest to the centre.
-        arm = layout[:, 2:] * np.stack([-push[:, 1], push[:, 0]], axis=1)
-        arm = -arm / np.square(push).sum(axis=1, keepdims=True)
-        axes.quiver(*arm.T, *push.T, angles="xy", scale_units="xy", scale=1.5, width=0.012)
-        axes.plot(0.0, 0.0, "o", color="tab:red", markersize=3.0)
-        axes.set(xlim=(-2.2, 2.2), ylim=(-2.2, 2.2), aspect="equal", xticks=[], yticks=[])
-        axes.set_title(f"{len(layout)} thrusters, {authority_margin(layout):.2f}", fontsize=8)
-    figure.tight_layout()
-    figure.savefig(file, metadata={"Date": None})
-
-
-def write_agent(folder: Path, settings: DemandSettings) -> None:
-    """Train an agent and write it as a run folder without a critic."""
-    begun = time.perf_counter()
-    network = train(settings, lambda text, _: print(text, flush=True))  # noqa: T201
-    further = _evolved([network], settings.seed, settings.device)
-    save(folder, network.state_dict(), settings, time.perf_counter() - begun, further)
-
-
-def _evolved(begun: Sequence[DemandNetwork], seed: int, device: str) -> list[dict[str, Tensor]]:
-    """Weights of every node, see `evolve`, with layouts of a seed that no training of networks has."""
-    dimension = begun[0].dimension
-    shared = RECIPES[dimension].shared
-    pool = draw_pool(_LAYOUTS_OF_VALUES, 6000 + 2 * seed, dimension, None, shared)
-    settings = replace(SETTINGS[dimension], seed=seed, device=device)
-    return evolve(begun, pool, settings, lambda text: print(text, flush=True))  # noqa: T201
-
-
-def write_values(source: Path, folder: Path, seed: int, device: str, is_continued: bool) -> None:
-    """Train weights of every value from an agent's own weights, which stay, and write the agent with them.
-
-    Args:
-        source: run folder of the agent.
-        folder: to be written.
-        seed: of the training.
-        device: of torch.
-        is_continued: whether the training begins with the weights that the agent has for values.
-    """
-    begun = time.perf_counter()
-    saved = read_policy(source / AGENT)
-    network = saved.network
-    architecture = network.architecture
-    tensors = [network.member(0)]
-    if is_continued:
-        tensors += [dict(network.at[value]) for value in NODES]
-    dimension = DIMENSIONS[len(architecture.authority) - 1]
-    networks = [
-        DemandNetwork.of_layers(policy_layers(Network(architecture, own)), dimension)
-        for own in tensors
-    ]
-    further = _evolved(networks, seed, device)
-    at: dict[float, dict[str, Tensor]] = {}
-    for value, own in zip(NODES, further, strict=True):
-        networks[0].load_state_dict(own, strict=False)
-        at[value] = with_weights(network, networks[0])
-    if folder != source:
-        copytree(source, folder, dirs_exist_ok=True)
-    (folder / AGENT).write_bytes(actor_bytes(architecture, tensors[0], saved.steps, at))
-    card = read_json(folder / "card.json")
-    card["training"]["values"] = {
-        "nodes": NODES,
-        "seed": seed,
-        "device": device,
-        "begun with those of values": is_continued,
-        "seconds": round(time.perf_counter() - begun, 1),
-        "settings": asdict(SETTINGS[dimension]),
-        "environment": environment(),
-    }
-    write_json(folder / "card.json", card)
-
-
-def save(
-    folder: Path,
-    weights: dict[str, torch.Tensor],
-    settings: DemandSettings,
-    seconds: float,
-    further: Sequence[dict[str, Tensor]] = (),
-) -> None:
-    """Write trained weights as the agent of one craft, which flies others by `for_spacecraft`.
-
-    ``further`` are those of the frugalities of `NODES`.
-    """
-    network = DemandNetwork(settings.channels, torch.Generator(), settings.dimension)
-    name, timing = _OWN[settings.dimension]
-    craft = load_spacecraft(name)
-    task = GoToPose()
-    policies = []
-    for own in (weights, *further):
-        network.load_state_dict(own, strict=False)
-        policies.append(as_policy(network, craft, task, timing.control_period))
-    policy, *others = policies
-    at = {value: one.member(0) for value, one in zip(NODES, others, strict=False)}
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "agent.safetensors").write_bytes(
-        actor_bytes(policy.architecture, policy.member(0), 0, at or None)
-    )
-    config = TrainConfig("go-to-pose", task, craft.name, timing=timing, seed=settings.seed)
-    write_json(folder / "config.json", to_table(config))
-    write_text(folder / "spacecraft.toml", to_toml(craft))
-    card = {
-        "name": folder.name,
-        "task": "go-to-pose",
-        "spacecraft": craft.name,
-        "training": {
-            "seed": settings.seed,
-            "steps": 0,
-            "seconds": round(seconds, 1),
-            "device": settings.device,
-            "settings": asdict(settings),
-            "environment": environment(),
-        },
-    }
-    write_json(folder / "card.json", card)
-    episodes = 1024
-    card |= evaluated(str(folder), fitting_protocols(craft), episodes, EVALUATION_SEED)
-    write_json(folder / "card.json", card)
-
-
 def main() -> None:
-    """Run a part of the campaign."""
+    """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "part",
-        choices=(
-            "train",
-            "values",
-            "craft",
-            "frugal",
-            "dead",
-            "mass",
-            "unstated",
-            "joined",
-            "layouts",
-            "picture",
-        ),
-    )
-    parser.add_argument("--dimension", type=int, choices=(2, 3), default=2)
-    parser.add_argument("--episodes", type=int, default=256)
-    parser.add_argument("--layouts", type=int, default=1024)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--device", default="cpu", help="of torch, on which train runs")
-    parser.add_argument("--output", type=Path, help="folder of the trained agent")
-    parser.add_argument(
-        "--continued",
-        action="store_true",
-        help="values begins with the weights that the agent has for values",
-    )
-    parser.add_argument("--start-seed", type=int, default=EVALUATION_SEED)
-    parser.add_argument(
-        "--agent",
-        help="run folder whose agent craft and frugal fly and values trains; by default the shipped one",
-    )
-    parser.add_argument(
-        "--engine", choices=("fast", "drake"), default="fast", help="of joined and layouts"
-    )
-    parser.add_argument("--only", nargs="*", help="agents of single craft; by default all")
-    parser.add_argument("--values", nargs="*", type=float, help="of frugal and unstated")
-    parser.add_argument("--by", nargs="*", choices=CONTESTANTS, help="who flies craft and dead")
+    add = parser.add_argument
+    add("part", choices=("craft", "frugal", "dead", "mass", "unstated", "layouts"))
+    add("--dimension", type=int, choices=(2, 3), default=2)
+    add("--episodes", type=int, default=256)
+    add("--layouts", type=int, default=1024)
+    add("--start-seed", type=int, default=EVALUATION_SEED)
+    add("--agent", help="run folder whose agent craft flies; by default the shipped one")
+    add("--only", nargs="*", help="agents of single craft; by default all")
+    add("--values", nargs="*", type=float, help="of frugal and unstated")
+    add("--by", nargs="*", choices=CONTESTANTS, help="who flies craft and dead")
     given = parser.parse_args()
-    names = given.only or SPECIALISTS[given.dimension]
-    if given.part == "train":
-        settings = replace(RECIPES[given.dimension], seed=given.seed, device=given.device)
-        write_agent(given.output or FOLDER / FOR_ANY_CRAFT[given.dimension], settings)
-        return
-    if given.part == "values":
-        shipped_agent = FOLDER / FOR_ANY_CRAFT[given.dimension]
-        source = Path(given.agent) if given.agent else shipped_agent
-        output = given.output or shipped_agent
-        write_values(source, output, given.seed, given.device, given.continued)
-        return
-    if given.part == "picture":
-        picture(Path("docs/pictures/layouts.svg"))
-        return
+    flown = given.episodes, given.only or SPECIALISTS[given.dimension]
     rows = {
-        "craft": lambda: shipped(
-            given.episodes, names, given.start_seed, given.agent, given.by or CONTESTANTS
-        ),
+        "craft": lambda: shipped(*flown, given.start_seed, given.agent, given.by or CONTESTANTS),
         "frugal": lambda: at_values(
-            given.episodes, names, given.values or _VALUES, given.start_seed, given.by or _STATED
+            *flown, given.values or _VALUES, given.start_seed, given.by or _STATED
         ),
-        "dead": lambda: dead(given.episodes, names, given.by or _STATED),
-        "mass": lambda: heavier(given.episodes, names),
-        "unstated": lambda: unstated(given.episodes, names, given.values or (None,)),
-        "joined": lambda: docked(given.episodes, given.dimension, given.engine),
-        "layouts": lambda: (
-            judged_layouts(given.layouts, given.episodes)
-            if given.engine == "drake"
-            else random_layouts(given.layouts, given.dimension)
-        ),
+        "dead": lambda: dead(*flown, given.by or _STATED),
+        "mass": lambda: heavier(*flown),
+        "unstated": lambda: unstated(*flown, given.values or (None,)),
+        "layouts": lambda: random_layouts(given.layouts, given.dimension),
     }
     for row in rows[given.part]():
         print(row, flush=True)  # noqa: T201
 
 
 if __name__ == "__main__":
+    # Other processes know the classes of this module, and not those of __main__.
+    from campaigns import any_craft
+
     torch.set_num_threads(1)
-    main()
+    any_craft.main()

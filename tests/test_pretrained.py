@@ -70,7 +70,7 @@ def test_every_agent_has_a_recipe_and_is_in_one_distribution() -> None:
     assert len(core) == 7
     assert not core & others
     assert pretrained_names() == sorted(core | others)
-    # The agents for any craft are trained by campaigns.any_craft.
+    # The agents for any craft are trained by `python -m rans_any_craft`.
     assert agent_recipes() == sorted((core | others) - set(FOR_ANY_CRAFT.values()))
     assert missing_agents() == []
 

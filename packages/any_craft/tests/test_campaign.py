@@ -1,10 +1,12 @@
 """Tests of the campaign of any craft: contests are flown in parts, and a craft may be that of a file."""
 
+import runpy
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from campaigns import any_craft
 from campaigns.any_craft import Contest, Flights, _Judge, _may_fly, _own, _parts
 from rans.model.timing import Timing
 from rans.policy.timing import timing_for
@@ -30,7 +32,8 @@ def test_flights_are_the_same_in_parts() -> None:
     parts = [judge.flights(contest, 0, 2), judge.flights(contest, 2, 3)]
     assert isinstance(whole, Flights)
     for k, expected in enumerate(whole):
-        np.testing.assert_array_equal(np.concatenate([part[k] for part in parts]), expected)
+        found = np.concatenate([part[k] for part in parts if part])
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_figures_are_of_all_flights() -> None:
@@ -51,3 +54,14 @@ def test_a_craft_of_a_file_flies_without_a_specialist() -> None:
     own = _own(FRESH)
     assert own.craft.name == "fresh-16"
     assert own.timing == timing_for(own.craft, Timing(0.2, 1, 125))
+
+
+def test_the_command_runs_the_module_that_other_processes_know(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Contests and flights of __main__ cannot be sent between processes."""
+    called = []
+    monkeypatch.setattr(any_craft, "main", lambda: called.append(True))
+    with pytest.warns(RuntimeWarning, match=r"sys\.modules"):
+        runpy.run_module("campaigns.any_craft", run_name="__main__")
+    assert called

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from rans_any_craft import training as demands
+from rans_any_craft.agents import RECIPES
 from rans_any_craft.layouts import canonical
 from rans_any_craft.training import (
     DemandSettings,
@@ -20,7 +21,7 @@ from rans_any_craft.training import (
     unit_rows,
 )
 
-from campaigns.any_craft import RECIPES, LinearLaw, gains
+from campaigns.any_craft import LinearLaw, gains
 from rans.policy.authority import Authority
 from tests.support.layouts import columns_of
 

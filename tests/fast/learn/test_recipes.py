@@ -73,7 +73,7 @@ def test_every_agent_that_comes_with_rans_has_its_recipe() -> None:
     from rans.fast.learn.run_folder import read_config
 
     for name in pretrained_names():
-        if name in FOR_ANY_CRAFT.values():  # which campaigns.any_craft trains, on craft of its own
+        if name in FOR_ANY_CRAFT.values():  # which rans_any_craft trains, on craft of its own
             continue
         if name.startswith(OF_MISSIONS) and not is_installed("missions"):
             continue

@@ -1,0 +1,12 @@
+"""See `rans_any_craft.agents`."""
+
+import torch
+import tyro
+
+from rans_any_craft.agents import train_agent, train_values
+
+if __name__ == "__main__":
+    torch.set_num_threads(1)
+    tyro.extras.subcommand_cli_from_dict(
+        {"train": train_agent, "values": train_values}, prog="python -m rans_any_craft"
+    )
