@@ -29,11 +29,11 @@ from typing import Any
 import numpy as np
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.control.navigation_filter import NavigationFilter
+from rans_missions.guidance.along_axis import AlongAxis
 from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.tasks.dock import Dock
 from rans_missions.tasks.hold import Hold
 from rans_missions.tasks.orbital import OrbitalMission
-from scipy.linalg import solve_discrete_are
 
 from rans.model.drift import ClohessyWiltshire
 from rans.model.dynamics import SpatialState
@@ -48,14 +48,10 @@ _FAR = 1000.0
 """Distance from a hold point from which coasts of most of an orbit are compared, m."""
 _PART_OF_TIME = 0.75
 """Part of an episode in which these coasts must end."""
-_QUICKENING = 0.004
-"""Acceleration of a reference along an axis, m/s^2: a fifth of the thrusters'."""
 _CONTESTANTS = ("rans", "network", "pd")
 """Guidance, the network of `campaigns.vbar_agent`, and V-BAR's own controller."""
 _JOB = 4
 """Number of episodes that a process flies together."""
-_PARTS = 64
-"""Parts of a control period by whose middles a constant acceleration is integrated: exact to 1e-6 of it."""
 Array = np.ndarray
 Route = Generator[Any, Any, None]
 """Legs, each of which is answered by the state of the craft at its end, (6,)."""
@@ -468,7 +464,7 @@ class Arrive(Leg):
 
 
 class Track(Leg):
-    """LQR along an axis that may turn: toward its origin or away from it, at a speed for each distance.
+    """`AlongAxis` for one craft: toward the origin or away from it, at a speed for each distance.
 
     Args:
         view: what V-BAR says of the scenario.
@@ -496,8 +492,8 @@ class Track(Leg):
         distance: float | None = None,
         until: float = math.inf,
     ) -> None:
-        dt, n = view.dt, view.n
-        self._dt = dt
+        self._law = AlongAxis(view.n, view.dt)
+        self._law.reset(distance)
         self._origin = origin
         self._axis = axis
         self._speed = speed
@@ -505,22 +501,7 @@ class Track(Leg):
         self._waits = waits
         self._free = free
         self._leaves = leaves
-        self._distance = distance
         self._until = until
-        self._fastest = 0.0
-        self._past = 0.0
-        # Motion over a control period, and what a change of velocity that is spread over it adds.
-        drift = ClohessyWiltshire(n)
-        self._a = _transition(drift, dt)
-        part = np.vstack([np.zeros((3, 3)), np.eye(3) / _PARTS])
-        later = [_transition(drift, dt * (1.0 - (k + 0.5) / _PARTS)) for k in range(_PARTS)]
-        self._b = np.sum(later, axis=0) @ part
-        # Errors of 1 m count as much as those of 5 cm/s, and as a change of 1.6 cm/s in a period.
-        weights = np.diag([1.0, 1.0, 1.0, 400.0, 400.0, 400.0])
-        price = 4e3 * np.eye(3)
-        cost = solve_discrete_are(self._a, self._b, weights, price)
-        gain = self._b.T @ cost
-        self._gain = np.linalg.solve(price + gain @ self._b, gain @ self._a)
 
     def over(self, state: Array, time: float) -> bool:
         """See `Leg`."""
@@ -529,30 +510,16 @@ class Track(Leg):
 
     def change(self, state: Array, time: float) -> Array:
         """See `Leg`."""
-        if self._distance is None:
-            self._distance = float((state[:3] - self._origin(time)) @ self._axis(time))
-        # Its speed increases slowly enough for the thrusters to follow.
-        speed = self._speed(self._distance)
-        self._fastest = min(abs(speed), self._fastest + _QUICKENING * self._dt)
-        step = math.copysign(self._fastest, speed) * self._dt
-        after = max(self._distance - step, self._end) if step > 0 else self._distance - step
-        if self._distance >= self._waits > after and not self._free(time):
-            after = self._waits
-        now = self._reference(time, self._distance, self._past)
-        self._past = (after - self._distance) / self._dt
-        later = self._reference(time + self._dt, after, self._past)
-        self._distance = after
-        # The change that leads from reference to reference, and the feedback of the error.
-        ahead = np.linalg.lstsq(self._b, later - self._a @ now, rcond=None)[0]
-        return ahead - self._gain @ (state - now)
-
-    def _reference(self, time: float, distance: float, speed: float) -> Array:
-        """State on the axis at a time, distance (m) and speed along it (m/s), (6,)."""
-        half = 0.5
-        place = self._origin(time) + distance * self._axis(time)
-        ahead = self._origin(time + half) + distance * self._axis(time + half)
-        behind = self._origin(time - half) + distance * self._axis(time - half)
-        return np.concatenate([place, (ahead - behind) + speed * self._axis(time)])
+        distance = self._law.distance
+        if distance is None:
+            distance = np.array([(state[:3] - self._origin(time)) @ self._axis(time)])
+        held = distance[0] >= self._waits and not self._free(time)
+        return self._law.change(
+            state[None],
+            lambda later: (self._origin(time + later)[None], self._axis(time + later)[None]),
+            lambda far: np.array([self._speed(float(far[0]))]),
+            self._waits if held else self._end,
+        )[0]
 
 
 def route(view: Any) -> Route:
@@ -942,13 +909,6 @@ def _turned(vector: Array, angle: float) -> Array:
     """A vector turned about z by an angle, rad."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]])
-
-
-def _transition(drift: ClohessyWiltshire, time: float) -> Array:
-    """Transition matrix of position and velocity after a time, (6, 6)."""
-    basis = np.eye(6)
-    p, v = drift.carry(Vec3(*basis[:3]), Vec3(*basis[3:]), time)
-    return np.array([np.broadcast_to(x, 6) for x in (*p.columns(), *v.columns())])
 
 
 def _state(row: Array) -> SpatialState:

@@ -61,14 +61,14 @@ API = {
     "Spacecraft": "Spacecraft Thruster Slosh load_spacecraft",
     "Tasks": (
         "TASKS GoToPosition GoToPose GoToAttitude GoToPosePriced TrackVelocity TrackTwist TrackVelocityHeading "
-        "MultiTask Avoid DockPort Dock Hold Rendezvous Inspect Land RestReward TargetOrbit load_task"
+        "MultiTask Avoid DockPort Dock FinalApproach Hold Rendezvous Inspect Land RestReward TargetOrbit load_task"
     ),
     "Domain randomization": (
         "Conditions BodyConditions ThrusterConditions FaultConditions DisturbanceConditions SensorConditions "
         "SensorsConditions load_conditions"
     ),
     "Controllers": (
-        "LQR Switching MPC VelocityToGain MissionGuidance ConvexGuidance LandingGuidance Visiting "
+        "LQR Switching MPC VelocityToGain MissionGuidance ConvexGuidance LandingGuidance Visiting Corridor "
         "Circumnavigation PassiveApproach PassiveEntry Pilot"
     ),
     "Flights": "Timing fly passive_safety write_ccsds read_opm relative_state trust_files run_on",

@@ -49,7 +49,8 @@ TASKS: Registry[type[Any]] = Registry(
     },
     "rans.tasks.kind:checked",
     extra_of=dict.fromkeys(
-        ("avoid", "dock", "dock-port", "hold", "inspect", "land", "rendezvous"), "missions"
+        ("avoid", "dock", "dock-port", "final-approach", "hold", "inspect", "land", "rendezvous"),
+        "missions",
     ),
 )
 """Class of every task by its name on the command line."""

@@ -37,6 +37,7 @@ CONTROLLERS: Registry[Maker] = Registry(
         (
             "circumnavigation",
             "convex",
+            "corridor",
             "guidance",
             "landing",
             "mission",

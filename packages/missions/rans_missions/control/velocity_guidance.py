@@ -22,6 +22,7 @@ from rans_missions.passive_safety import (
     pushed,
     single_coasts,
 )
+from rans_missions.tasks.final_approach import FinalApproach
 from rans_missions.tasks.inspect import Inspect
 from rans_missions.tasks.orbital import OrbitalMission
 
@@ -30,7 +31,7 @@ _PREDICTED = 8
 _CLEAR = 0.1
 """Least distance of the coasts of a predicted flight from the zone, m: for rounding to pulses."""
 
-Mission = TypeVar("Mission", bound=OrbitalMission | Inspect)
+Mission = TypeVar("Mission", bound=OrbitalMission | Inspect | FinalApproach)
 
 
 class VelocityGuidance(ABC, Generic[Mission]):

@@ -3,6 +3,7 @@
 from rans_missions.tasks.avoid import Avoid
 from rans_missions.tasks.dock import Dock
 from rans_missions.tasks.dock_port import DockPort
+from rans_missions.tasks.final_approach import FinalApproach
 from rans_missions.tasks.hold import Hold
 from rans_missions.tasks.inspect import Inspect
 from rans_missions.tasks.land import Land
@@ -13,6 +14,7 @@ __all__ = [
     "Avoid",
     "Dock",
     "DockPort",
+    "FinalApproach",
     "Hold",
     "Inspect",
     "Land",
