@@ -6,7 +6,7 @@ same held-out starts.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,9 +20,10 @@ from rans_missions.tasks.inspect import Inspect
 from rans.episode import Guard, Setup
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses
-from rans.flight import Controller, Flight, fly
+from rans.flight import Controller, fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
+from rans.processes import Workers
+from rans.scenario import EVALUATION_SEED, each, scenarios
 
 _WITHIN = (12_240.0, 7_200.0, 5_400.0, 4_200.0, 3_600.0)
 """Times within which circumnavigation is to inspect, s; the first one is the length of an episode."""
@@ -38,54 +39,71 @@ class Inspection:
     """Fly one contestant alone, such as visiting; rows of others stay as they are in the evidence."""
     seed: int = EVALUATION_SEED
     """Seed of the starts."""
+    workers: int | None = None
+    """Number of processes; None: one per processor."""
 
     def measured(self) -> Iterator[dict[str, Any]]:
         """Every contestant's flights."""
-        craft = load_spacecraft("afrl-deputy")
-        task = Inspect().for_evaluation()
-        starts = scenarios(task, craft, self.seed, self.episodes)
-        agent = contestant("pretrained:inspect-3d")
-        contestants: list[tuple[str, Controller, Guard | None]] = [
-            (
-                f"circumnavigation, {within:,.0f} s",
-                Circumnavigation(craft, task, within=within),
-                None,
-            )
-            for within in _WITHIN
+        names = [who for who in CONTESTANTS if self.only in ("", who)]
+        jobs = [
+            (who, self.seed, first, min(_TOGETHER, self.episodes - first))
+            for who in names
+            for first in range(0, self.episodes, _TOGETHER)
         ]
-        contestants.append(("visiting", Visiting(craft, task), None))
-        guard = safety_filter(Setup(craft, task))
-        contestants.append(("inspect-3d, filtered", agent.controller, guard))
-        for who, controller, guarded in contestants:
-            if self.only not in ("", who):
-                continue
-            flight = fly(craft, task, controller, starts, task.timing, guard=guarded)
-            yield _row(who, flight, starts)
+        parts = Workers(int, (), self.workers, "flew starts").ordered(flown, jobs)
+        of_rows: dict[str, list[np.ndarray]] = {}
+        for (who, *_), part in zip(jobs, parts, strict=True):
+            of_rows.setdefault(who, []).append(part)
+        for who, several in of_rows.items():
+            yield _row(who, np.concatenate(several))
 
 
-def _row(who: str, flight: Flight, starts: Scenario) -> dict[str, Any]:
+def _circumnavigation(within: float) -> Callable[[Setup], tuple[Controller, Guard | None]]:
+    return lambda setup: (Circumnavigation(setup.craft, setup.task, within=within), None)
+
+
+CONTESTANTS: dict[str, Callable[[Setup], tuple[Controller, Guard | None]]] = {
+    **{f"circumnavigation, {within:,.0f} s": _circumnavigation(within) for within in _WITHIN},
+    "visiting": lambda setup: (Visiting(setup.craft, setup.task), None),
+    "inspect-3d, filtered": lambda setup: (
+        contestant("pretrained:inspect-3d").controller,
+        safety_filter(setup),
+    ),
+}
+"""What makes contestants and their safety filters, by the names of rows."""
+_TOGETHER = 16
+"""Starts that a process flies together."""
+
+
+def flown(_: int, who: str, seed: int, first: int, count: int) -> np.ndarray:
+    """Success, broken limit, time (s), impulse (N s) and its bound of so many starts, (N, 5); a job of a worker."""
+    craft = load_spacecraft("afrl-deputy")
+    task = Inspect().for_evaluation()
+    starts = scenarios(task, craft, seed, count, first)
+    controller, guard = CONTESTANTS[who](Setup(craft, task))
+    flight = fly(craft, task, controller, starts, task.timing, guard=guard)
+    assert isinstance(task, Inspect)
     assert flight.done is not None
     assert flight.lengths is not None
+    times = flight.lengths * task.timing.control_period
     broken = flight.violated()
-    won = flight.done & ~broken
-    times = (flight.lengths * flight.timing.control_period)[won]
-    spent = impulses(flight)[won]
-    assert isinstance(flight.task, Inspect)
     bounds = []
-    for one, good, steps in zip(each(starts), won, flight.lengths, strict=True):
-        start: Any = one
-        if good:
-            time = float(steps) * flight.timing.control_period
-            bounds.append(
-                inspection_bound(
-                    flight.craft, flight.task, start.start, start.goal, time, flight.timing
-                )
-            )
+    for start, time in zip(each(starts), times, strict=True):
+        one: Any = start
+        bounds.append(inspection_bound(craft, task, one.start, one.goal, float(time), task.timing))
+    return np.stack([flight.done & ~broken, broken, times, impulses(flight), bounds], axis=1)
+
+
+def _row(who: str, flights: np.ndarray) -> dict[str, Any]:
+    """What the flights (N, 5) of one contestant are."""
+    won = flights[:, 0] > 0.5
+    _, _, times, spent, bounds = flights[won].T
     return {
         "who": who,
+        "starts": len(flights),
         # Shares of the starts: success without breaking a limit, and a broken limit.
         "succeeded": float(won.mean()),
-        "broken": float(broken.mean()),
+        "broken": float(flights[:, 1].mean()),
         # Times of success, s.
         "median": float(np.median(times)),
         "slowest": float(times.max()),

@@ -32,6 +32,8 @@ from rans.extend import (
     map_leaves,
     write_text,
 )
+from rans_missions.control.circumnavigation import Circumnavigation
+from rans_missions.tasks.inspect import Inspect
 
 _COPIES = 256
 """Changed copies of the best flight of each start in a round: a step of one flight takes as long as that of some
@@ -157,7 +159,8 @@ def improve(
     Args:
         setup: spacecraft, task and timing, without conditions; the craft has thrusters and nothing else.
         starts: N starts.
-        seeds: contestants whose flights the search begins from.
+        seeds: contestants whose flights the search begins from. Inspections have a search of their own beside them
+            (`rans_missions.control.circumnavigation.Circumnavigation.thorough`).
         rounds: rounds of the search.
         seed: of its random numbers.
         report: called after each round with the number of rounds done and the impulses, (N,) N s.
@@ -170,7 +173,9 @@ def improve(
     levers = form.levers
     random = np.random.default_rng([seed, 1027])
 
-    # The cheapest flight of the seeds from each start.
+    # The cheapest flight of the seeds, and of what a mission has of its own, from each start.
+    if isinstance(task, Inspect):
+        seeds = [*seeds, Circumnavigation.thorough(craft, task, timing)]
     count = len(np.ravel(starts.start.p.x))
     best = np.zeros((timing.episode_steps, count, len(form.columns)))
     cost = np.full(best.shape[1], np.inf)

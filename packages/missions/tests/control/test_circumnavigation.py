@@ -44,8 +44,8 @@ class Flown(NamedTuple):
     """When 96 points had been seen, s; infinite: never."""
     spent: np.ndarray
     """Impulse until then, N s."""
-    later: np.ndarray
-    """Impulse from then on, N s."""
+    at_last: np.ndarray
+    """Impulse of the last 1,000 s, N s."""
     least: np.ndarray
     """Least distance from the target at a check, m."""
     most: np.ndarray
@@ -64,7 +64,7 @@ def flown(
     seen = np.zeros((size, 100), bool)
     finish = np.full(size, np.inf)
     spent = np.zeros(size)
-    later = np.zeros(size)
+    at_last = np.zeros(size)
     least = np.full(size, np.inf)
     most = np.zeros(size)
     pilot.reset(size)
@@ -87,7 +87,7 @@ def flown(
         assert command.max() <= 1.0
         impulse = command.sum(axis=1) * PERIOD * strong
         spent += np.where(np.isfinite(finish), 0.0, impulse)
-        later += np.where(np.isfinite(finish), impulse, 0.0)
+        at_last += impulse * (now >= until - 1_000.0)
         push = (command[:, ::2] - command[:, 1::2]).T * strong / MASS
         for check in (1, 2):
             x = (MOVE @ np.vstack([x, push]))[:6]
@@ -101,33 +101,33 @@ def flown(
             way = p[:, None] - 10.0 * normals
             seen |= ((way * normals).sum(axis=2) > 0.0) & (towards @ normals.T > 0.0)
             finish = np.where((seen.sum(axis=1) >= 96) & (finish == np.inf), time, finish)
-    return Flown(finish, spent, later, least, most)
+    return Flown(finish, spent, at_last, least, most)
 
 
-STARTS = scenarios(TASK, DEPUTY, seed=70, count=6)
+STARTS = scenarios(TASK, DEPUTY, seed=70, count=4)
 
 
 def bounds(within: float) -> np.ndarray:
     """Least impulse from every start, N s."""
     both: Any = (STARTS.start, STARTS.goal)
     result = []
-    for k in range(6):
+    for k in range(4):
         start, goal = map_leaves(lambda x, k=k: float(x[k]) if np.ndim(x) else x, both)
         result.append(inspection_bound(DEPUTY, TASK, start, goal, within, TASK.timing))
     return np.array(result)
 
 
 @pytest.mark.slow
-def test_two_burns_inspect_everything_and_leave_a_safe_orbit() -> None:
-    """From every start, with a tenth of what the trained agent needs (12 N s), and at least the bound."""
+def test_a_cheap_inspection_is_found_and_left_to_a_safe_orbit() -> None:
+    """From every start near the bound: plans of two burns onto an orbit around the target are at 1.56 of it."""
     result = flown(Circumnavigation(DEPUTY, TASK), END + 5_000.0)
     assert result.finish.max() <= 12_240.0
-    assert result.spent.mean() < 2.0
+    assert result.spent.mean() < 1.35 * bounds(12_240.0).mean()
     assert np.all(result.spent >= bounds(12_240.0))
-    # The ball has a radius of 15 m, the zone ends at 800 m, and nothing needs to be done after the end.
+    # The ball has a radius of 15 m, the zone ends at 800 m, and nothing needs to be done in the end.
     assert result.least.min() > 15.0
     assert result.most.max() < 800.0
-    assert result.later.max() < 0.01 * 12.0
+    assert result.at_last.max() < 0.01 * 12.0
 
 
 @pytest.mark.slow
@@ -151,7 +151,7 @@ def test_noise_and_weak_thrusters_are_expected() -> None:
     result = flown(pilot, END, (0.3, 0.003), 0.9)
     assert result.finish.max() <= 12_240.0
     assert result.least.min() > 15.0
-    assert result.spent.mean() < 3.0
+    assert result.spent.mean() < 2.5
 
 
 def test_other_tasks_are_refused() -> None:

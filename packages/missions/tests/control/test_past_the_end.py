@@ -135,6 +135,9 @@ def test_inspections_end_where_nothing_pulls(name: str) -> None:
     setup = setup_of(Inspect(points=20))
     starts = scenarios(setup.task, setup.craft, 90210, 1)
     latest = setup.timing.episode_steps * setup.timing.control_period
+    if name == "circumnavigation":
+        # It may see the last point at the end, and goes onto the orbit after another one and a quarter.
+        latest += 7_700.0
     continued = flown_on(setup, made(name, setup), starts, latest + 1000.0)
     rest = continued.after(latest)
     assert rest.reached.all()

@@ -1,0 +1,370 @@
+"""Cheap flights that inspect: linear programs over burns, and a local search over who is seen when.
+
+To see a point with the outward normal a at a check is a . p >= R there, which is linear in the burns of a flight
+in a drift. If it is settled at which check each point is seen, and on which side the keep-out ball is passed, the
+flight of least impulse is a linear program. Its flight sees most points better at other checks, and so has a
+cheaper program: programs follow one another until the price no longer falls. They begin from several flights, and
+from the best one with a point left out, or seen at another time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linprog
+
+from rans.extend import Timing, Vec3
+from rans_missions.tasks.inspect import Inspect
+
+_EVERY = 4
+"""Control periods of which one may have a burn in the search: what a burn moves changes little in 80 s."""
+_AROUND = 5
+"""Control periods on either side of each burn found, in which the last program may burn instead."""
+_NEAR = 25.0
+"""Distance from the keep-out ball within which a path is kept out by tangents, m."""
+_FAR = 0.75
+"""Part of the end of the zone beyond which it is kept inside by tangents."""
+_ROUNDS = 20
+"""Programs that follow one another from a beginning, at most."""
+_CONVERGED = 1e-3
+"""Relative fall of the price at which they end."""
+_HOPELESS = 1.6
+"""Price over that of the best flight beyond which they end after a few rounds."""
+_PATIENT = 4
+"""These few rounds."""
+_LAZY = 3.0
+"""How far above its horizon the craft is, m, where a point is no constraint of the program at first."""
+_CUTS = 12
+"""Times at which a program is solved again with the constraints that its flight breaks, at most."""
+_NEVER = -1e6
+"""Height above a horizon, m, while the sun does not light the point."""
+_MATTERS = 1e-7
+"""Multiplier of a constraint, N s / m for a craft of 1 kg, beyond which it raises the price."""
+_KICK = 0.03
+"""Largest standard deviation of a burn that is added at random, m/s: a tenth of what a dear inspection takes."""
+
+
+class Burns(NamedTuple):
+    """Burns of a flight, and what they cost."""
+
+    price: float
+    """Sum of the changes of velocity along all axes, m/s."""
+    periods: np.ndarray
+    """Control periods from the start that have a burn, (K,), in order."""
+    changes: np.ndarray
+    """Changes of velocity in W in them, (K, 3) m/s."""
+    finish: float
+    """Time at which enough has been seen, s."""
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A flight with what its program knows of the constraints."""
+
+    price: float
+    burns: np.ndarray
+    """Changes of velocity by slot and axis, (3 K,) m/s."""
+    finish: int
+    """Check at which enough has been seen."""
+    checks: np.ndarray
+    """Check at which each point is seen, (points,)."""
+    dear: np.ndarray
+    """Points that raise the price, (M,)."""
+
+
+class InspectionSearch:
+    """Search for the cheapest flight from one start that inspects enough.
+
+    A burn of a control period acts as an impulse in its middle.
+
+    Args:
+        task: the inspection, whose points are seen from above their horizon.
+        timing: control period and checks.
+        start: position (m) and velocity (m/s) in W, (6,).
+        sun: angle of the sun at the start, rad.
+        inspected: which points have been seen before, (points,).
+        within: time within which enough is to be seen, s.
+        most: largest change of velocity of a control period along an axis, m/s.
+        above: height above the horizon of a point from which it counts as seen, m.
+        clear: distance from the keep-out ball and from the end of the zone that the flight keeps, m.
+    """
+
+    def __init__(
+        self,
+        task: Inspect,
+        timing: Timing,
+        start: np.ndarray,
+        sun: float,
+        inspected: np.ndarray,
+        within: float,
+        most: float,
+        above: float,
+        clear: float,
+    ) -> None:
+        self._task = task
+        self._period = timing.control_period
+        self._start = start
+        self._sun = sun
+        self._known = inspected
+        self._most = most
+        self._above = above
+        self._nearest = task.keep_out + clear
+        self._farthest = task.fail_distance - clear
+        self._within = within
+        allowed = math.ceil(task.unseen_tolerance * task.points - 1e-9) - 1
+        self._asked = task.points - max(allowed, 0)
+        self._normals = np.array(task.normals)
+        self._check_time = self._period / timing.checks
+        # The search sees once a control period; the last program and the judge at every check.
+        self._grid = self._gridded(self._period, np.arange(0, int(within / self._period), _EVERY))
+
+    def _gridded(self, step: float, slots: np.ndarray) -> _Grid:
+        """What burns in control periods (K,) do to a flight, at instants a step (s) apart."""
+        times = step * np.arange(1, int(self._within / step + 1e-9) + 1)
+        p, v = Vec3(*self._start[:3]), Vec3(*self._start[3:])
+        since = np.maximum(times[:, None] - (slots + 0.5) * self._period, 0.0)
+        axes = [self._task.drift.kicked(Vec3(*row), since)[0] for row in np.eye(3)]
+        effect = np.stack([_rows(axis, since.shape) for axis in axes], axis=-1)
+        angle = self._sun - self._task.mean_motion * times
+        towards = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+        lit = towards @ self._normals.T > math.cos(math.radians(self._task.light_degrees))
+        return _Grid(
+            slots,
+            times,
+            _rows(self._task.drift.carry(p, v, times)[0], times.shape),
+            np.ascontiguousarray(effect.transpose(0, 2, 1, 3)).reshape(len(times), 3, -1),
+            np.where(lit, -self._task.surface_distance, _NEVER),
+        )
+
+    def path(self, periods: Sequence[float], changes: np.ndarray) -> np.ndarray:
+        """Positions (T, 3) of a flight with changes of velocity (K, 3) in control periods, from which to begin."""
+        grid = self._grid
+        path = grid.free
+        for period, change in zip(periods, changes, strict=True):
+            since = np.maximum(grid.times - (period + 0.5) * self._period, 0.0)
+            path = path + _rows(self._task.drift.kicked(Vec3(*change), since)[0], since.shape)
+        return path
+
+    def best(self, paths: Sequence[np.ndarray], hops: int) -> Burns | None:
+        """The cheapest flight that the search finds; None: it finds none.
+
+        Args:
+            paths: flights from which it begins, (T, 3) each, of `path`; they may inspect nothing.
+            hops: number of times that it begins again from the best flight, changed at random.
+        """
+        found = [one for one in (self._descend(path) for path in paths) if one is not None]
+        if not found:
+            return None
+        best = min(found, key=lambda one: one.price)
+        random = np.random.default_rng(0)
+        for _ in range(hops):
+            other = self._hop(best, random)
+            if other is not None and other.price < best.price:
+                best = other
+        return self._polished(best)
+
+    def _hop(self, best: _Found, random: np.random.Generator) -> _Found | None:
+        """Begin again from a flight with a dear point left out or seen at another time, or with other burns."""
+        path = self._grid.path(best.burns)
+        way = random.random() if len(best.dear) else 1.0
+        if way < 0.4:
+            point = int(random.choice(best.dear))
+            width = int(random.integers(5, 60))
+            check = int(best.checks[point])
+            return self._descend(path, best.price, later=(point, check - width, check + width + 1))
+        if way < 0.7:
+            count = min(len(best.dear), int(random.integers(1, 3)))
+            out = random.choice(best.dear, size=count, replace=False)
+            return self._descend(path, best.price, out=out)
+        noise = 0.3 * random.normal(size=len(best.burns)) * (random.random(len(best.burns)) < 0.5)
+        burns = best.burns * (1.0 + noise)
+        slot = 3 * int(random.integers(len(burns) // 3))
+        burns[slot : slot + 3] += random.normal(size=3) * _KICK * random.random()
+        return self._descend(self._grid.path(burns), best.price)
+
+    def _descend(
+        self,
+        path: np.ndarray,
+        best: float = math.inf,
+        later: tuple[int, int, int] | None = None,
+        out: np.ndarray | None = None,
+    ) -> _Found | None:
+        """Programs from a path until the price no longer falls.
+
+        Args:
+            path: (T, 3).
+            best: price of the best flight known, m/s.
+            later: a point that the first program does not see between two checks.
+            out: points that the first program leaves out.
+        """
+        result: _Found | None = None
+        last = math.inf
+        for turn in range(_ROUNDS):
+            heights = self._grid.heights(path, self._normals)
+            if turn == 0 and later is not None:
+                point, begin, end = later
+                heights[max(begin, 0) : end, point] = _NEVER
+            checks = heights.argmax(axis=0)
+            highest = heights.max(axis=0)
+            if turn == 0 and out is not None:
+                highest[out] = _NEVER
+            highest[self._known] = math.inf
+            # The points that are easiest to see; those known need no constraint.
+            points = np.argsort(-highest, kind="stable")[: self._asked]
+            points = points[~self._known[points]]
+            solved = None
+            if not len(points) or highest[points].min() > 0.5 * _NEVER:
+                solved = self._solved(self._grid, path, points, checks, highest)
+            if solved is None:
+                break
+            price, burns, dear = solved
+            path = self._grid.path(burns)
+            finish = self._judged(self._grid, path)
+            if finish is not None and (result is None or price < result.price):
+                result = _Found(price, burns, finish, checks, dear)
+            if price > (1.0 - _CONVERGED) * last or (turn >= _PATIENT and price > _HOPELESS * best):
+                break
+            last = price
+        return result
+
+    def _polished(self, best: _Found) -> Burns | None:
+        """The flight once more with checks as they are, and burns in any period around those found."""
+        used = np.flatnonzero(np.abs(best.burns).reshape(-1, 3).max(axis=1))
+        slots = self._grid.slots[used, None] + np.arange(-_AROUND, _AROUND + 1)
+        slots = slots[(slots >= 0) & (slots < int(self._within / self._period))]
+        # Some starts need no burn; a program without any has no form.
+        slots = np.unique([0, *slots])
+        grid = self._gridded(self._check_time, slots)
+        # The same flight on the finer grid.
+        burns = np.zeros((len(slots), 3))
+        burns[np.searchsorted(slots, self._grid.slots[used])] = best.burns.reshape(-1, 3)[used]
+        result: Burns | None = None
+        path = grid.path(burns.ravel())
+        for _ in range(_PATIENT):
+            heights = grid.heights(path, self._normals)
+            highest = heights.max(axis=0)
+            highest[self._known] = math.inf
+            points = np.argsort(-highest, kind="stable")[: self._asked]
+            points = points[~self._known[points]]
+            solved = self._solved(grid, path, points, heights.argmax(axis=0), highest)
+            if solved is None:
+                break
+            price, flown, _ = solved
+            path = grid.path(flown)
+            finish = self._judged(grid, path)
+            if finish is not None and (result is None or price < result.price):
+                changes = flown.reshape(-1, 3)
+                kept = np.flatnonzero(np.abs(changes).max(axis=1))
+                result = Burns(price, slots[kept], changes[kept], float(grid.times[finish]))
+        return result
+
+    def _judged(self, grid: _Grid, path: np.ndarray) -> int | None:
+        """Check at which a path has inspected enough; None: never, or it comes too near or leaves before."""
+        seen = grid.heights(path, self._normals) > 0.0
+        count = (np.logical_or.accumulate(seen, axis=0) | self._known).sum(axis=1)
+        if count[-1] < self._asked:
+            return None
+        finish = int(np.argmax(count >= self._asked))
+        distance = np.linalg.norm(path[: finish + 1], axis=1)
+        # Tangents are between two checks of the search: a part of the margin is for what they miss.
+        margin = 0.5 * (self._nearest - self._task.keep_out)
+        near = distance.min() < self._nearest - margin
+        return None if near or distance.max() > self._farthest + margin else finish
+
+    def _solved(
+        self,
+        grid: _Grid,
+        path: np.ndarray,
+        points: np.ndarray,
+        checks: np.ndarray,
+        highest: np.ndarray,
+    ) -> tuple[float, np.ndarray, np.ndarray] | None:
+        """Price, burns (3 K,), and points that raise the price, of the program that a path begins; None: no flight.
+
+        Args:
+            grid: times of checks and burns.
+            path: (T, 3), whose tangents keep out of the ball.
+            points: that are to be seen, (M,).
+            checks: at which every point is seen, (points,).
+            highest: height of the path above each horizon then, m.
+        """
+        when = checks[points]
+        effect, free = grid.effect, grid.free
+        rows = [np.einsum("pi,pik->pk", self._normals[points], effect[when])]
+        least = self._task.surface_distance + self._above
+        sides = [least - np.einsum("pi,pi->p", self._normals[points], free[when])]
+        # Where the path is near the ball or far away, until the last point is seen.
+        last = when.max(initial=0)
+        distance = np.linalg.norm(path[: last + 1], axis=1)
+        unit = path[: last + 1] / distance[:, None]
+        begins = [highest[points] < _LAZY]
+        for chosen, side, limit in (
+            (distance < self._nearest + _NEAR, 1.0, self._nearest),
+            (distance > _FAR * self._farthest, -1.0, -self._farthest),
+        ):
+            rows.append(side * np.einsum("ti,tik->tk", unit[chosen], effect[: last + 1][chosen]))
+            free_distance = np.einsum("ti,ti->t", unit[chosen], free[: last + 1][chosen])
+            sides.append(limit - side * free_distance)
+            begins.append(side * distance[chosen] < limit + 0.5)
+        matrix, side = np.concatenate(rows), np.concatenate(sides)
+        used = np.concatenate(begins)
+        if not len(matrix):
+            return 0.0, np.zeros(effect.shape[2]), points
+        if not used.any():
+            used[0] = True
+
+        # With few constraints first, then with those that the flight breaks too.
+        size = matrix.shape[1]
+        for _ in range(_CUTS):
+            program = linprog(
+                np.ones(2 * size),
+                A_ub=np.concatenate([-matrix[used], matrix[used]], axis=1),
+                b_ub=-side[used],
+                bounds=(0.0, self._most),
+                method="highs-ds",
+                options={"presolve": False},
+            )
+            if program.status != 0:
+                return None
+            burns = program.x[:size] - program.x[size:]
+            broken = (matrix @ burns < side - 1e-6) & ~used
+            if not broken.any():
+                prices = np.zeros(len(side))
+                prices[used] = -program.ineqlin.marginals
+                return float(program.fun), burns, points[prices[: len(points)] > _MATTERS]
+            used |= broken
+        return None
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Instants of a search and what burns do until then."""
+
+    slots: np.ndarray
+    """Control periods that may have a burn, (K,)."""
+    times: np.ndarray
+    """(T,) s."""
+    free: np.ndarray
+    """Positions without burns, (T, 3) m."""
+    effect: np.ndarray
+    """Change of the position by a change of velocity in each slot along each axis, (T, 3, 3 K) s."""
+    base: np.ndarray
+    """What the height above each horizon has beside a . p, (T, points) m: -R, and `_NEVER` without light."""
+
+    def path(self, burns: np.ndarray) -> np.ndarray:
+        """Positions (T, 3) m of a flight with burns (3 K,) m/s."""
+        used = np.flatnonzero(burns)
+        return self.free + self.effect[:, :, used] @ burns[used]
+
+    def heights(self, path: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """Heights above the horizons of all points, (T, points) m."""
+        return path @ normals.T + self.base
+
+
+def _rows(vector: Vec3, shape: tuple[int, ...]) -> np.ndarray:
+    """Components of a vector as the last axis."""
+    return np.stack([np.broadcast_to(x, shape) for x in vector.columns()], axis=-1)

@@ -1,0 +1,72 @@
+"""Cheap inspections, replayed with thrust of whole periods by matrix exponentials, and against the lower bound."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from rans_missions.convex.inspecting import Burns, InspectionSearch
+from rans_missions.convex.inspection import inspection_bound
+from rans_missions.tasks import Inspect
+
+from rans.model.spacecraft_file import load_spacecraft
+from rans.scenario import each, scenarios
+from tests.support.clohessy_wiltshire import transition
+
+DEPUTY = load_spacecraft("afrl-deputy")
+MASS = 12.0
+WITHIN = 6_000.0
+STARTS: list[Any] = list(each(scenarios(Inspect(), DEPUTY, seed=5, count=4)))
+
+
+def state_of(start: Any) -> np.ndarray:
+    return np.array([float(x) for x in (*start.start.p.columns(), *start.start.v.columns())])
+
+
+def searched(task: Inspect, start: Any) -> Burns:
+    """What the search finds from the flight without a burn."""
+    known = np.zeros(task.points, bool)
+    sun = float(start.goal.notes.sun)
+    search = InspectionSearch(
+        task, task.timing, state_of(start), sun, known, WITHIN, 20.0 / MASS, 0.05, 0.2
+    )
+    found = search.best([search.path([], np.zeros((0, 3)))], 8)
+    assert found is not None
+    return found
+
+
+def test_flights_that_are_found_inspect_at_little_more_than_the_bound() -> None:
+    """All of 20 points: seen at the time that the search says, and not before, outside of the ball."""
+    task = Inspect(points=20)
+    normals = np.array(task.normals)
+    move = transition(task.mean_motion, 10.0)
+    for start in (STARTS[0], STARTS[1], STARTS[3]):
+        burns = searched(task, start)
+        x = state_of(start)
+        seen = np.zeros(20, bool)
+        finish = np.inf
+        nearest = np.inf
+        for check in range(1, int(WITHIN / 10.0) + 1):
+            pushes = burns.changes[burns.periods == (check - 1) // 2].sum(axis=0) / 20.0
+            x = (move @ np.concatenate([x, pushes]))[:6]
+            angle = float(start.goal.notes.sun) - task.mean_motion * 10.0 * check
+            lit = normals @ [np.cos(angle), np.sin(angle), 0.0] > 0.0
+            seen |= lit & (normals @ x[:3] > 10.0)
+            nearest = min(nearest, float(np.linalg.norm(x[:3])))
+            if seen.all():
+                finish = 10.0 * check
+                break
+        assert finish == burns.finish
+        assert nearest > 15.0
+        spent = MASS * float(np.abs(burns.changes).sum())
+        bound = inspection_bound(DEPUTY, task, start.start, start.goal, WITHIN, task.timing)
+        # The bound sees one point; these flights see all for 0.3, 4 and 7 % more.
+        assert bound <= spent < 1.1 * bound
+
+
+def test_a_start_whose_coast_inspects_enough_needs_no_burn() -> None:
+    task = Inspect(points=1)
+    burns = searched(task, STARTS[0])
+    assert burns.price == 0.0
+    assert len(burns.periods) == 0
+    assert burns.finish == 10.0
