@@ -5,7 +5,7 @@
 
 The free flyer's thrusters are throttled. Every hundredth of the flights has a mass of its own within 5 %, and every
 flight an error of up to 1 mm in each coordinate of the position that is read. Flights last 9 s, after which they
-are among the starts again.
+are among the starts again. They take all cores.
 """
 
 from __future__ import annotations
@@ -21,9 +21,11 @@ from rans_proof.network import apply, read_network
 from rans_proof.problem import read_problem
 
 import rans
+from rans.extend import Workers
 from rans.model.actuators import Throttle
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
+from rans.processes import nothing
 
 PROBLEM = read_problem(Path(__file__).with_name("free-flyer-agent.toml"))
 CRAFT = replace(rans.load_spacecraft("free-flyer"), actuators=Throttle())
@@ -127,9 +129,15 @@ def broken(network: Path, engine: str, count: int, seed: int) -> tuple[int, floa
     return int((is_out | ~is_back).sum()), float(worst[:3].max()), float(worst[6:9].max())
 
 
+def _broken(_: None, *plan: Any) -> tuple[int, float, float]:
+    """Flights of a process."""
+    return broken(*plan)
+
+
 def main(network: Path, engine: str, flights: int) -> None:
     """Print how many flights break what is proved."""
-    results = [broken(network, engine, flights // MASSES, seed) for seed in range(MASSES)]
+    jobs = [(network, engine, flights // MASSES, seed) for seed in range(MASSES)]
+    results = list(Workers(nothing, (), None, "flew from proved starts").ordered(_broken, jobs))
     count = sum(result[0] for result in results)
     far, turned = (max(result[k] for result in results) for k in (1, 2))
     print(  # noqa: T201

@@ -141,8 +141,8 @@ def network_enclosure(
             noise = side_by_side(noise, diagonal(off))
             continue
         middles = (gain * centre + offset).entries()
-        reach = absolute_row_sums(side_by_side(gain * spread, noise))
-        reach = [r + o for r, o in zip(reach, off, strict=True)]
+        widths = zip(absolute_row_sums(gain * spread), absolute_row_sums(noise), off, strict=True)
+        reach = [sum(parts, arb(0)) for parts in widths]
         lines = [parallel(m - r, m + r, kind) for m, r in zip(middles, reach, strict=True)]
         slopes, middle, half = zip(*lines, strict=True)
         half = [h + abs(s) * o + of_bend for h, s, o in zip(half, slopes, off, strict=True)]

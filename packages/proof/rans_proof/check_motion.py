@@ -13,9 +13,19 @@ import operator
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 from flint import arb, arb_mat, arb_series, ctx
 
-from rans_proof.balls import Refused, absolute_row_sums, column, diagonal, need, side_by_side, sizes
+from rans_proof.balls import (
+    Refused,
+    absolute_row_sums,
+    column,
+    diagonal,
+    matrix,
+    need,
+    side_by_side,
+    sizes,
+)
 
 _TERMS = 6
 """Terms of a step's series in time; the next one is its rest."""
@@ -24,7 +34,7 @@ _COARSE, _FINE = 5e-5, 1e-8
 _HALVINGS = 10
 """A period is halved so often at most."""
 _KEPT = 64
-"""Columns of a spread, at least, of which the least ones become a box."""
+"""Columns of a spread, at least, which stay when the least ones become a box."""
 
 
 Formula = Callable[[Sequence[Any]], Any]
@@ -301,19 +311,28 @@ class Plant:
 
 
 def reduced(centre: Any, spread: Any) -> tuple[Any, Any]:
-    """A set around another one, in which the least columns of the spread are replaced by a box."""
+    """A set around another one, in which the least columns of the spread become a box along their main axes.
+
+    Any axes are sound: what the columns differ by from their parts along them is a box along the states.
+    """
     rows, columns = spread.nrows(), spread.ncols()
     kept = max(_KEPT, 10 * rows)
-    if columns <= kept + rows:
+    if columns <= kept + 2 * rows:
         return centre, spread
-    table = spread.tolist()
-    scale = [float(w.upper()) or 1.0 for w in absolute_row_sums(spread)]
-    sizes = [[abs(float(x.mid())) / s for x in row] for row, s in zip(table, scale, strict=True)]
-    # A column along one state is a part of a box already, so that the second largest part says what is lost.
-    order = sorted(range(columns), key=lambda k: sorted(row[k] for row in sizes)[-2:][0])[::-1]
-    box = [sum((abs(row[k]) for k in order[kept:]), arb(0)) for row in table]
-    left = arb_mat([[row[k] for k in order[:kept]] for row in table])
-    return centre, side_by_side(left, diagonal(box))
+    table = np.array([[float(x.mid()) for x in row] for row in spread.tolist()])
+    scale = abs(table).sum(axis=1, keepdims=True)
+    scale[scale == 0.0] = 1.0
+    need(np.isfinite(scale).all(), "its motion has no bound.")
+    order = np.argsort(-np.linalg.norm(table / scale, axis=0))
+    axes = scale * np.linalg.svd((table / scale)[:, order[kept:]])[0]
+    first, least = (
+        arb_mat([[row[k] for k in part] for row in spread.tolist()])
+        for part in (order[:kept].tolist(), order[kept:].tolist())
+    )
+    along = matrix(np.linalg.inv(axes)) * least
+    box = matrix(axes) * diagonal(absolute_row_sums(along))
+    left = absolute_row_sums(least - matrix(axes) * along)
+    return centre, side_by_side(first, box, diagonal(left))
 
 
 def _ball(middle: Any, radius: Any) -> Any:

@@ -19,7 +19,9 @@ from rans.extend import (
     Scenario,
     Vec2,
     fly,
+    map_leaves,
 )
+from rans_proof.erring_flights import LateValves, Misread, erring_body
 from rans_proof.flown import read_run
 
 if TYPE_CHECKING:
@@ -62,6 +64,9 @@ def leaving(
 ) -> tuple[int, float, float]:
     """Flights that leave the cells, and the largest distance (m) and heading error (rad) of all at their decisions.
 
+    In the fast engine they have random errors of all that the certificate allows (`rans_proof.erring_flights`);
+    in Drake all is as designed.
+
     Args:
         run: the agent, as flights load it.
         table: a certificate.
@@ -94,11 +99,19 @@ def leaving(
         from rans.reference.flight import fly_in_drake
 
         flight = fly_in_drake(run.craft, run.task, run.controller, scenario, timing)
+        states = flight.states
     else:
-        flight = fly(run.craft, run.task, run.controller, scenario, timing)
-    p, v = flight.states.p, flight.states.v
-    heading = (np.asarray(flight.states.attitude.angle) + math.pi) % (2.0 * math.pi) - math.pi
-    inside = parts["heading"].holds(heading, np.asarray(flight.states.w))
+        off = table["uncertainty"]
+        body = erring_body(run.craft, off, random, flights)
+        valves = LateValves(run.craft, period, off["opening"], off["shutting"], random)
+        pilot = Misread(run, off, random)
+        flight = fly(run.craft, run.task, pilot, scenario, timing, valves, body)
+        # Cells are of states with all that valves before still let through; at the end, they shut at once.
+        last = map_leaves(lambda x: x[-1], flight.states)
+        states = map_leaves(lambda *x: np.stack(x), *valves.coasting, last)
+    p, v = states.p, states.v
+    heading = (np.asarray(states.attitude.angle) + math.pi) % (2.0 * math.pi) - math.pi
+    inside = parts["heading"].holds(heading, np.asarray(states.w))
     for sign in (-1.0, 1.0):
         inside &= parts["place"].holds(half * (p.x + sign * p.y), half * (v.x + sign * v.y))
     return (
