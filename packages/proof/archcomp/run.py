@@ -39,8 +39,8 @@ class Row(NamedTuple):
     problem: Path
     sha256: str
     """First digits of the network's SHA-256."""
-    first: int = 1
-    """Cells along each state to begin with."""
+    first: int | tuple[int, ...] = 1
+    """Cells along each state to begin with; a number: along all."""
 
 
 ROWS = {
@@ -58,7 +58,8 @@ ROWS = {
     "acc": Row(HERE / "acc.toml", "8dbc1a56cd77b264"),
     "nav-set": Row(HERE / "nav-set.toml", "d8220afa931b3e3b"),
     "nav-point": Row(HERE / "nav-point.toml", "cc356922a0842e5f", 16),
-    "balancing": Row(HERE / "balancing.toml", "ac10c817c994e8ee"),
+    "balancing-early": Row(HERE / "balancing-early.toml", "ac10c817c994e8ee", (4, 2, 16, 2)),
+    "balancing-late": Row(HERE / "balancing-late.toml", "ac10c817c994e8ee"),
     "quad": Row(HERE / "quad.toml", "10e511efa754e128", 2),
     "airplane": Row(HERE / "airplane.toml", "655ba1e82d676373"),
     "attitude": Row(EXAMPLES / "attitude.toml", "5d819b007f6d6807"),
@@ -135,7 +136,8 @@ def decide(name: str, content: bytes, output: Path) -> dict[str, Any]:
     content = renewed(content)
     layers = network_of(content, name, problem.input_range())
     begun = time.process_time()
-    proof = prove(problem, layers, first=[row.first] * problem.states)
+    first = [row.first] * problem.states if isinstance(row.first, int) else row.first
+    proof = prove(problem, layers, first=first)
     seconds = time.process_time() - begun
     result: dict[str, Any] = {"problem": name, "prove_s": round(seconds, 1)}
     file = output / f"{name}.json"

@@ -108,7 +108,7 @@ class PoseCertificate(NamedTuple):
         if self.table["reach"] is None:
             fast = f"a speed up to {start['speed']!r} m/s and a spin up to {start['spin']!r} rad/s"
             return f"{begin}, {fast} it stays {near}; {self.errors}"
-        after = "" if self.settled is None else f"after {self.settled:.1f} s "
+        after = "in the end " if self.settled is None else f"after {self.settled:.1f} s "
         return f"{begin}, at rest, it is {after}{near}; {self.errors}"
 
     @property

@@ -19,7 +19,6 @@ from rans.extend import ConfigError, Terminal, is_installed, progress, read_byte
 
 if TYPE_CHECKING:
     from rans_proof.prove import Proof
-    from rans_proof.trap_certificate import TrapCertificate
     from rans_proof.verdicts import Verdict
 
 _CHUNK = 4
@@ -126,8 +125,7 @@ class Prove(Options):
         from rans_proof.trap_certificate import LARGEST
 
         # Which agents can be proved is said before anything is asked for.
-        contestant = ContestantName.parse(agent)
-        folder = contestant.folder
+        folder = ContestantName.parse(agent).folder
         task = RunFolder(folder).config().task
         if task == "go-to-pose":
             return self._pose(agent, folder)
@@ -191,32 +189,38 @@ class Prove(Options):
                 f"{largest:.4g} m/s are proved. A finer --resolution, or wider limits, may prove it."
             )
             return 1
-        # The certificate, beside the agent or, of a shipped one, in the current folder.
-        shipped = contestant.kind == "pretrained"
-        default_file = Path(f"{folder.name}.certificate.json") if shipped else folder / "proof.json"
-        output = self.output or default_file
+        output = self.output or self._file(agent)
         certificate = traps.write_trap(trap, keep["spin"], begin, files, output)
         # A part of the check, which finds an agent that prover and checker take for different ones.
         how = "not checked"
         if is_installed("flint"):
             count = min(_SAMPLE, len(trap.cells))
             some = np.random.default_rng(0).choice(len(trap.cells), count, replace=False)
-            _, refusal = _trapped(
-                None, read_bytes(output, LARGEST), files, some.tolist(), is_flown=True
-            )
+            content = read_bytes(output, LARGEST)
+            _, refusal = _trapped(None, content, files, some.tolist(), is_flown=True)
             if refusal:
                 terminal.say(
                     f"Not proved: the checker refuses {output}: {refusal} Please report it."
                 )
                 return 1
             how = f"{count} of them checked"
-        _record(certificate, "proved")
+        _record(read_bytes(output, LARGEST), "proved")
         terminal.say(
             f"Proved: {folder.name} on {run.craft.name}, {certificate.theorem}. {len(trap.cells):,} cells, "
             f"{how}, {seconds:.1f} s. The certificate is {output} (SHA-256 {certificate.sha256[:16]})."
         )
         terminal.suggest(shlex.join(["rans", "prove", agent, "--check", str(output)]))
         return 0
+
+    @staticmethod
+    def _file(agent: str) -> Path:
+        """The certificate of an agent: beside it or, of a shipped one, in the current folder."""
+        from rans.extend import ContestantName
+
+        contestant = ContestantName.parse(agent)
+        if contestant.kind == "pretrained":
+            return Path(f"{contestant.folder.name}.certificate.json")
+        return contestant.folder / "proof.json"
 
     def _pose(self, agent: str, folder: Path) -> int:
         """Prove a trapping set of poses."""
@@ -267,13 +271,15 @@ class Prove(Options):
         except ConfigError as error:
             terminal.say(f"Open: no trapping set is found: {error}")
             return 1
-        output = self.output or Path(f"{folder.name}.certificate.json")
+        output = self.output or self._file(agent)
         errors = poses.PoseErrors(**off)
         poses.write_pose_trap(trap, limits, begin, errors, files, run.timing.control_period, output)
-        theorem, refusal = _posed(read_bytes(output, LARGEST), files)
+        content = read_bytes(output, LARGEST)
+        theorem, refusal = _posed(content, files)
         if refusal:
             terminal.say(f"Open: the checker refuses {output}: {refusal}")
             return 1
+        _record(content, "checked")
         terminal.say(
             f"Proved: {folder.name} on {run.craft.name}, {theorem}. {int(trap.place.sum()):,} and "
             f"{int(trap.heading.sum()):,} cells, all checked, {time.monotonic() - begun:.1f} s. The certificate is "
@@ -286,18 +292,20 @@ class Prove(Options):
         """Check the certificate of a trapping set."""
         require("flint")
         from rans.extend import ContestantName
+        from rans_proof.proved import is_of_poses
         from rans_proof.trap_certificate import LARGEST, read_certificate
 
         # The certificate, the agent and the cover, before other processes begin with the cells.
         folder = ContestantName.parse(agent).folder
         content, files = read_bytes(certificate, LARGEST), _files(folder)
-        if b'"reach"' in content:
+        if is_of_poses(content):
             theorem, refusal = _posed(content, files)
-            verdict = (
-                f"Refused: {refusal}" if refusal else f"Accepted. Proved: {folder.name}, {theorem}."
-            )
-            Terminal().say(verdict)
-            return 1 if refusal else 0
+            if refusal:
+                Terminal().say(f"Refused: {refusal}")
+                return 1
+            Terminal().say(f"Accepted. Proved: {folder.name}, {theorem}.")
+            _record(content, "checked")
+            return 0
         _, refusal = _trapped(None, content, files, [], is_flown=True)
         if refusal:
             Terminal().say(f"Refused: {refusal}")
@@ -309,7 +317,7 @@ class Prove(Options):
         statement = f" Proved: {folder.name}, {table.theorem}."
         code = self._judged(_trapped, jobs, count, 64, statement)
         if code == 0:
-            _record(table, "checked")
+            _record(content, "checked")
         return code
 
     def _prove(self, network: Path) -> int:
@@ -489,11 +497,12 @@ def _files(folder: Path) -> dict[str, bytes]:
     return {name: read_bytes(folder / name, 2**28) for name in FILES}
 
 
-def _record(certificate: TrapCertificate, verdict: Verdict) -> None:
+def _record(certificate: bytes, verdict: Verdict) -> None:
     """Keep a verdict for pages and contracts, and say so if that is impossible."""
+    from rans_proof.proved import stated
     from rans_proof.verdicts import record
 
-    if not record(certificate, verdict):
+    if not record(stated(certificate, "the certificate"), verdict):
         Terminal().say(
             "The verdict cannot be written below XDG_STATE_HOME, or ~/.local/state: reports will call the "
             "certificate a claim."

@@ -266,9 +266,11 @@ class ClosedLoop:
         # The centre and radius are rounded, which the box makes up for.
         box = 2.0**-51 * (ends[0].abs() + ends[1].abs())
         states = Zonotope(centre, torch.diag_embed(radius), box)
-        least = torch.full_like(centre[:, 0], torch.inf)
-        at_end = torch.full_like(least, -torch.inf)
+        margins = torch.full_like(centre[:, 0], -torch.inf)
+        least = torch.full_like(margins, torch.inf)
+        at_end = torch.full_like(margins, -torch.inf)
         end, earliest = self.problem.end, self.problem.earliest or self.problem.steps
+        cells = torch.arange(len(margins), device=self.device)
         for number in range(self.problem.steps):
             planes = enclose(self._layers, states)
             for piece in self._plant.move(states, planes):
@@ -276,16 +278,21 @@ class ClosedLoop:
                     least = torch.minimum(least, self._margin(piece))
                 states = piece.end
             if end is not None and number + 1 >= earliest:
-                still = Piece(states, states, torch.zeros_like(centre))
+                still = Piece(states, states, torch.zeros_like(states.centre))
                 at_end = torch.maximum(at_end, self._faces(still, *_faces_of(end), every=True))
             states = reduced(states)
-            if not bool((least > 0.0).any()):
+            # Cells that are lost already would need ever shorter steps.
+            holds = (least > 0.0) & states.size.isfinite().all(dim=1)
+            if not bool(holds.all()):
+                margins[cells[~holds]] = torch.where(least > 0.0, -torch.inf, least)[~holds]
+                cells, least, at_end = cells[holds], least[holds], at_end[holds]
+                states = Zonotope(*(x[holds] for x in states))
+            if not len(cells):
                 break
-        if end is not None:
-            least = torch.minimum(least, at_end.nan_to_num(-torch.inf))
+        margins[cells] = least if end is None else torch.minimum(least, at_end)
         first = self._layers[0].weight
         worth = radius * torch.linalg.vector_norm(first, dim=0)
-        return least.nan_to_num(-torch.inf).cpu().numpy(), worth.cpu().numpy()
+        return margins.nan_to_num(-torch.inf).cpu().numpy(), worth.cpu().numpy()
 
     def _margin(self, piece: Piece) -> Tensor:
         """Margin (B,) over all times of a piece."""

@@ -68,10 +68,16 @@ class TrapCertificate(NamedTuple):
         }
         return ", ".join(sentences[name].format(x) for name, x in off.items()) or "all as designed"
 
-    def differing(self, files: Mapping[str, bytes]) -> str:
-        """Name of the first of the agent's files that is another than the certificate's, or ""."""
-        digests = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
-        return next((name for name in FILES if self.agent[name] != digests.get(name)), "")
+
+def differing(agent: Mapping[str, str], files: Mapping[str, bytes]) -> str:
+    """Name of the first of an agent's files that is another than a certificate's, or "".
+
+    Args:
+        agent: SHA-256 of each file, of a certificate.
+        files: contents.
+    """
+    digests = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
+    return next((name for name in FILES if agent[name] != digests.get(name)), "")
 
 
 def read_certificate(content: bytes, where: object) -> TrapCertificate:

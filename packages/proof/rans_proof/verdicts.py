@@ -10,10 +10,25 @@ from __future__ import annotations
 import contextlib
 import os
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from rans.extend import ConfigError, read_json, write_json
-from rans_proof.trap_certificate import TrapCertificate
+
+
+class Stated(NamedTuple):
+    """What a certificate states, of which only the form is known to be right."""
+
+    theorem: str
+    """Starts, property, time and errors, without a full stop."""
+    errors: str
+    """How far what flies may be from its design; not a sentence."""
+    cells: int
+    """Number of cells of the set that is not left."""
+    sha256: str
+    """SHA-256 of the file, in hexadecimal."""
+    agent: dict[str, str]
+    """SHA-256 of each of the agent's files, in hexadecimal."""
+
 
 Verdict = Literal["checked", "proved", ""]
 """checked: the checker accepted every cell; proved: `rans prove` wrote it, and the checker has looked at a part;
@@ -28,7 +43,7 @@ def folder() -> Path:
     return Path(state) / "rans" / "proofs"
 
 
-def record(certificate: TrapCertificate, verdict: Verdict) -> bool:
+def record(certificate: Stated, verdict: Verdict) -> bool:
     """Record a verdict, unless a certificate that was checked would count as proved only.
 
     Returns:
@@ -42,7 +57,7 @@ def record(certificate: TrapCertificate, verdict: Verdict) -> bool:
     return False
 
 
-def recorded(certificate: TrapCertificate) -> Verdict:
+def recorded(certificate: Stated) -> Verdict:
     """The verdict about a certificate; of a damaged file none."""
     with contextlib.suppress(ConfigError, OSError, RuntimeError):
         table = read_json(_file(certificate)) if _file(certificate).exists() else None
@@ -52,11 +67,11 @@ def recorded(certificate: TrapCertificate) -> Verdict:
     return ""
 
 
-def _file(certificate: TrapCertificate) -> Path:
+def _file(certificate: Stated) -> Path:
     return folder() / f"{certificate.sha256}.json"
 
 
-def _table(certificate: TrapCertificate) -> dict[str, object]:
+def _table(certificate: Stated) -> dict[str, object]:
     """Everything that a verdict is about."""
     return {
         "certificate": certificate.sha256,

@@ -105,6 +105,19 @@ def test_a_matlab_network_means_the_same_in_onnx(run: ModuleType) -> None:
     np.testing.assert_allclose(apply(layers, x), expected, atol=1e-14)
 
 
+def test_balancing_is_one_problem_in_two_parts() -> None:
+    """Flights of the first part end among the starts of the second one, and 8 and 10 s are what is asked."""
+    early, late = (read_problem(FOLDER / f"balancing-{part}.toml") for part in ("early", "late"))
+    assert early.end is not None
+    assert (early.end.lower, early.end.upper) == (late.lower, late.upper)
+    assert (early.earliest or early.steps) == early.steps
+    assert early.period == late.period
+    assert (early.steps + late.begins) * late.period == 8.0
+    assert (early.steps + late.steps) * late.period == 10.0
+    x, u = np.random.default_rng(0).normal(size=(2, 4, 9))
+    assert np.array_equal(early.rates([*x], [u[0]]), late.rates([*x], [u[0]]))
+
+
 def test_half_planes_of_navigation_are_outside_of_its_square() -> None:
     """Both files say the same of a state: whether it is outside of [1, 2] x [1, 2]."""
     states = np.random.default_rng(0).uniform(0.0, 3.0, (20_000, 4))

@@ -20,11 +20,13 @@ pytest.importorskip("flint")
 from rans_proof import check_late, check_pose
 from rans_proof.balls import Refused
 from rans_proof.flown import read_run
+from rans_proof.pages import proof_entry, proof_section
 from rans_proof.pose_flights import check_pose_as_flown, leaving
 from rans_proof.pose_trap import PoseErrors, PoseStart, pose_trap, write_pose_trap
 from rans_proof.trap_certificate import FILES
 
 from rans.cli import main
+from rans.extend import Section
 from tests.support.processes import ROOT
 
 from .planted import planted_in
@@ -382,6 +384,39 @@ def test_far_starts_come_into_it(
     monkeypatch.setattr(check_pose.Loop, "_turn", lambda *_: (0, 0, (0.0, 0.0)))
     with pytest.raises(Refused, match="periods"):
         judged(table, {name: (folder / name).read_bytes() for name in FILES})
+
+
+def test_a_report_says_what_is_proved_of_poses(
+    files: dict[str, bytes], certificate: bytes, table: dict[str, Any], tmp_path: Path
+) -> None:
+    """A claim, what was checked here, what has another agent, and what is damaged."""
+
+    def section(content: bytes) -> Section:
+        (tmp_path / "proof.json").write_bytes(content)
+        return proof_section(tmp_path / "proof.json", {})
+
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    claimed = section(certificate).findings[0]
+    assert claimed.passed is None
+    assert "0.05 m and 5.0 degrees" in claimed.text
+    assert proof_entry(tmp_path).keys() == {"claimed"}
+    assert main(["prove", str(tmp_path), "--check", str(tmp_path / "proof.json")]) == 0
+    checked = section(certificate)
+    assert checked.findings[0].passed
+    cells = sum(b - a for runs in table["cells"].values() for _, a, b in runs)
+    assert ["cells", f"{cells:,}"] in checked.tables[0].rows
+    assert proof_entry(tmp_path)["proved"]["cells"] == cells
+    # Far starts are not within the limits from the beginning.
+    off = {name: 0.0 for name in ("opening", "shutting")}
+    far = table | {"reach": {"sectors": 1, "periods": 9}, "uncertainty": table["uncertainty"] | off}
+    far["start"] = table["start"] | {"speed": 0.0, "spin": 0.0}
+    assert "it is in the end within" in section(json.dumps(far).encode()).findings[0].text
+    for content in (json.dumps(table | {"format": 1}).encode(), certificate[:-9]):
+        assert section(content).findings[0].passed is False
+    (tmp_path / "spacecraft.toml").write_bytes(files["spacecraft.toml"] + b"\n")
+    assert section(certificate).findings[0].passed is False
+    assert proof_entry(tmp_path) == {}
 
 
 PLANTED: dict[str, tuple[str, str]] = {

@@ -312,6 +312,24 @@ def test_flights_of_the_docking_agent_keep_the_limit() -> None:
     assert lowest_margins(problem, network, start).min() > 0.0
 
 
+def test_a_lost_cell_leaves_the_margins_of_others_alone() -> None:
+    """Cells of one batch, some of which end beyond the box, or have no bound, against each cell by itself."""
+    problem = problem_of(
+        'name = "it"\nperiod = 0.5\nsteps = 6\ncommands = 1\nderivative = ["x0 * x0", "u0"]\n'
+        "[start]\nlower = [-1.0, -1.0]\nupper = [1.0, 1.0]\n"
+        "[keep.within]\nlower = [-1.5, -1.5]\nupper = [0.5, 1.5]\n"
+        "[end]\nlower = [-1.2, -1.2]\nupper = [0.4, 1.2]\n"
+    )
+    loop = ClosedLoop(problem, layers([2, 4, 1], 0, scale=0.1), torch.device("cpu"))
+    low = np.array([[-0.4, 0.0], [0.4, 0.0], [-0.5, -0.1], [0.9, 0.9], [-0.3, 0.1]])
+    high = low + 0.05
+    margins = loop.margins(low, high)[0]
+    alone = [loop.margins(low[k : k + 1], high[k : k + 1])[0][0] for k in range(len(low))]
+    np.testing.assert_allclose(margins, alone, rtol=0.02)  # cells of a batch have the same steps
+    assert ((margins > 0.0) == [True, False, True, False, True]).all()
+    assert len(set(margins[margins > 0.0].round(6))) == 3
+
+
 @pytest.mark.parametrize("sizes", [(4, 3), (4, 1), (3, 2), (5, 2)])
 def test_a_network_of_another_size_is_refused(sizes: tuple[int, int]) -> None:
     with pytest.raises(ConfigError, match="4 states and 2 commands"):

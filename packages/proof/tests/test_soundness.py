@@ -226,7 +226,7 @@ PROVER_ERRORS = [
     ("margins", "prove", "return value.amin(dim=1) if every else value.amax(dim=1)", "return value.amax(dim=1)"),
     ("margins", "prove", "(end.size + piece.sag)[:, position]", "end.size[:, position]"),
     ("margins", "prove", "(-np.array(box.lower), box.upper)", "(np.array(box.lower), box.upper)"),
-    ("flights", "prove", "least = torch.minimum(least, at_end", "torch.minimum(least, at_end"),
+    ("flights", "prove", "else torch.minimum(least, at_end)", "else least"),
     ("flights", "prove", "for number in range(self.problem.steps):", "for number in range(1):"),
     ("flights", "prove", "radius = 0.5 * (ends[1] - ends[0])", "radius = 0.25 * (ends[1] - ends[0])"),
     ("flights", "prove", "least = torch.minimum(least, self._margin(piece))", "least = self._margin(piece)"),

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from rans_proof.proved import stated
 from rans_proof.relaxation import TorchLayer
 from rans_proof.trap import (
     Grid,
@@ -25,7 +26,6 @@ from rans_proof.trap import (
     velocity_loop,
     write_trap,
 )
-from rans_proof.trap_certificate import read_certificate
 from rans_proof.verdicts import recorded
 
 from campaigns.proof_flights import leaving, read_trap
@@ -423,11 +423,11 @@ def test_the_command_checks_an_agents_certificate(
     check = ["--check", str(file)]
     assert main(["prove", "pretrained:track-velocity-2d", *check]) == 1
     assert "another agent" in capsys.readouterr().out
-    assert recorded(read_certificate(file.read_bytes(), file)) == ""
+    assert recorded(stated(file.read_bytes(), file)) == ""
     assert main(["prove", str(folder), *check]) == 0
     text = " ".join(capsys.readouterr().out.split())
     assert "Accepted" in text
-    certificate = read_certificate(file.read_bytes(), file)
+    certificate = stated(file.read_bytes(), file)
     assert certificate.theorem in text
     assert recorded(certificate) == "checked"
 
@@ -469,7 +469,7 @@ def test_a_theorem_has_every_number_of_its_certificate(table: dict[str, Any]) ->
     table["keep"] = {"speed": 0.1212345678, "spin": 0.1612345678}
     off = {"mass": 0.011, "thrust": 0.012, "velocity": 0.0013, "spin": 0.0014, "delay": 0.0015}
     table["uncertainty"] = off
-    theorem = read_certificate(json.dumps(table).encode(), "it").theorem
+    theorem = stated(json.dumps(table).encode(), "it").theorem
     numbers = set(map(float, re.findall(r"\d+\.\d+", theorem)))
     assert numbers == {*table["start"].values(), *table["keep"].values(), *off.values()}
     assert re.search("one constant delay.* all valves.* open and.* shut", theorem)

@@ -10,15 +10,9 @@ from pathlib import Path
 import pytest
 from rans_proof import verdicts
 from rans_proof.pages import proof_entry
-from rans_proof.proved import proved
-from rans_proof.trap_certificate import (
-    FILES,
-    FORMAT,
-    PROPERTY,
-    TrapCertificate,
-    read_certificate,
-)
-from rans_proof.verdicts import record, recorded
+from rans_proof.proved import proved, stated
+from rans_proof.trap_certificate import FILES, FORMAT, PROPERTY
+from rans_proof.verdicts import Stated, record, recorded
 
 from rans.deploy.export import write_export
 from rans.pretrained import pretrained_folder
@@ -45,8 +39,8 @@ def run(tmp_path: Path) -> Path:
     return folder
 
 
-def certificate(run: Path) -> TrapCertificate:
-    return read_certificate((run / "proof.json").read_bytes(), "it")
+def certificate(run: Path) -> Stated:
+    return stated((run / "proof.json").read_bytes(), "it")
 
 
 def finding(run: Path) -> Finding:
