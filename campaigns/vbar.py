@@ -1,7 +1,7 @@
 """Scenarios and suites of V-BAR, scored by V-BAR: ``python -m campaigns V-BAR``.
 
-Transfers are RANS's guidance; corridor, turning port and departure are laws of this script. The network of
-`campaigns.vbar_agent` flies the scenarios that lead to a point or a port.
+Transfers and flights along axes are RANS's guidance; far transfers, ellipse and departure are laws of this script.
+The network of `campaigns.vbar_agent` flies the scenarios that lead to a point or a port.
 
 V-BAR (J. Hammoudeh, "Verified Benchmark for Autonomous Rendezvous", 2026) needs Python 3.12 or later, and is no
 dependency of RANS. In an environment of its own::
@@ -20,10 +20,9 @@ import importlib
 import math
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -53,8 +52,8 @@ _CONTESTANTS = ("rans", "network", "pd")
 _JOB = 4
 """Number of episodes that a process flies together."""
 Array = np.ndarray
-Route = Generator[Any, Any, None]
-"""Legs, each of which is answered by the state of the craft at its end, (6,)."""
+Route = Iterator[Any]
+"""Legs, of which the next begins when one is over."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +114,8 @@ def scored(
     scenarios: Any = importlib.import_module("vbar.scenarios")
     seeds: Any = importlib.import_module("vbar.scenarios.seeds")
     agents: Any = importlib.import_module("vbar.agents")
-    agent = {"rans": Guidance, "network": Agent, "pd": agents.PDAgent}[who]()
+    ours: Any = importlib.import_module("campaigns.vbar_agent")
+    agent = {"rans": Guidance, "network": ours.Agent, "pd": agents.PDAgent}[who]()
     environment = scenarios.make(name)
     episodes = []
     pairs = [*seeds.SeedSplit(name, "validation", count).pairs()]
@@ -215,8 +215,7 @@ class Guidance:
     def reset(self, view: Any, rng: np.random.Generator | None = None) -> None:
         """Begin an episode."""
         self._view = view
-        self._legs = route(view)
-        self._leg = next(self._legs)
+        self._legs: Route | None = None
         self._filter: NavigationFilter | None = None
         if ":nav1" in view.scenario_id:
             drift = ClohessyWiltshire(view.n)
@@ -228,8 +227,11 @@ class Guidance:
         if self._filter is not None:
             state = self._filter.read(state[None])[0][0]
         time = float(info["time_s"])
+        if self._legs is None:
+            self._legs = self.route(self._view, state)
+            self._leg = next(self._legs)
         while self._leg.over(state, time):
-            self._leg = self._legs.send(state)
+            self._leg = next(self._legs)
         change = self._leg.change(state, time)
         command = np.clip(change / (self._view.max_accel * self._view.dt), -1.0, 1.0)
         if any(start - 1e-6 <= time < end - 1e-6 for start, end in inhibits(self._view)):
@@ -238,39 +240,17 @@ class Guidance:
             self._filter.burn(command[None] * self._view.max_accel * self._view.dt)
         return command
 
-
-class Agent(Guidance):
-    """An agent of V-BAR that flies a network (`campaigns.vbar_agent`) by ONNX Runtime, from point to point.
-
-    The points, and the speed that the network may have, follow from the public description of the scenario.
-
-    Args:
-        file: the network; None: the one beside this script.
-    """
-
-    name = "network"
-
-    def __init__(self, file: str | None = None) -> None:
-        runtime: Any = importlib.import_module("onnxruntime")
-        options = runtime.SessionOptions()
-        options.intra_op_num_threads = 1
-        self._session = runtime.InferenceSession(
-            file or str(Path(__file__).with_name("vbar_agent.onnx")), options
-        )
-
-    def reset(self, view: Any, rng: np.random.Generator | None = None) -> None:
-        """Begin an episode.
-
-        Raises:
-            ValueError: the network flies to points and ports only, and this scenario asks for something else.
-        """
-        super().reset(view, rng)
-        self._legs = agent_route(view, self._answer)
-        self._leg = next(self._legs)
-
-    def _answer(self, inputs: Array) -> Array:
-        """Commands along three axes, (3,), for what the network reads, (3, 5)."""
-        return self._session.run(None, {"obs": inputs.astype(np.float32)})[0][:, 0].astype(float)
+    def route(self, view: Any, start: Array) -> Route:
+        """The legs of a scenario, from what V-BAR says of it publicly and the state at the start."""
+        limits = {one["type"]: one for one in view.constraints}
+        routes = {
+            "hold": _to_hold,
+            "dock": _to_port,
+            "berth": _to_box,
+            "inspect": _around,
+            "depart": _away,
+        }
+        return routes[view.goal["task"]](view, limits, start)
 
 
 class Leg(ABC):
@@ -283,18 +263,6 @@ class Leg(ABC):
     @abstractmethod
     def change(self, state: Array, time: float) -> Array:
         """Change of velocity in the Hill frame in the next control period, m/s."""
-
-
-class Look(Leg):
-    """Over at once: the route goes on from the state of the craft, which is the value of its ``yield``."""
-
-    def over(self, state: Array, time: float) -> bool:
-        """See `Leg`."""
-        return True
-
-    def change(self, state: Array, time: float) -> Array:
-        """No change: the next leg has begun before one is asked for."""
-        return np.zeros(3)
 
 
 class Coast(Leg):
@@ -522,216 +490,21 @@ class Track(Leg):
         )[0]
 
 
-def route(view: Any) -> Route:
-    """The legs of a scenario, from what V-BAR says of it publicly."""
-    goal = view.goal
-    limits = {one["type"]: one for one in view.constraints}
-    routes = {
-        "hold": _to_hold,
-        "dock": _to_port,
-        "berth": _to_box,
-        "inspect": _around,
-        "depart": _away,
-    }
-    yield from routes[goal["task"]](view, goal, limits)
-
-
-class Learned(Leg):
-    """The network flies to a point, which may turn about the target.
-
-    Args:
-        view: what V-BAR says of the scenario.
-        answer: commands along three axes, (3,), for inputs (3, 5).
-        point: where to from a state at a time, m.
-        fastest: the greatest speed at a state and time, m/s.
-        ends: whether the leg is over at a state and time.
-        rate: rate at which the point turns about z, rad/s.
-    """
-
-    def __init__(
-        self,
-        view: Any,
-        answer: Callable[[Array], Array],
-        point: Callable[[Array, float], Array],
-        fastest: Callable[[Array, float], float],
-        ends: Callable[[Array, float], bool] = lambda state, time: False,
-        rate: float = 0.0,
-    ) -> None:
-        self._view = view
-        self._answer = answer
-        self._point = point
-        self._fastest = fastest
-        self._ends = ends
-        self._spin = np.array([0.0, 0.0, rate])
-
-    def over(self, state: Array, time: float) -> bool:
-        """See `Leg`."""
-        return self._ends(state, time)
-
-    def change(self, state: Array, time: float) -> Array:
-        """See `Leg`."""
-        n, place, speed = self._view.n, state[:3], state[3:]
-        away = place - self._point(state, time)
-        # The network reads velocity and natural acceleration in the frame that turns with the point.
-        moving = speed - np.cross(self._spin, place)
-        natural = np.array(
-            [
-                3.0 * n * n * place[0] + 2.0 * n * speed[1],
-                -2.0 * n * speed[0],
-                -n * n * place[2],
-            ]
-        ) - np.cross(self._spin, speed + moving)
-        both = [np.linalg.norm(away), self._fastest(state, time)]
-        rows = [[away[k], moving[k], natural[k], *both] for k in range(3)]
-        return self._answer(np.array(rows)) * self._view.max_accel * self._view.dt
-
-
-_MARGIN = 0.8
-"""Part of the speed that a scenario allows."""
-_FASTEST = 5.5
-"""Greatest speed of the network, m/s: the turn of the Hill frame then takes three fifths of the thrusters."""
-_CRUISE = 0.5
-"""Greatest speed of the network where a scenario sets no lower limit, m/s."""
-
-
-def agent_route(view: Any, answer: Callable[[Array], Array]) -> Route:
-    """The legs of the network in a scenario, from what V-BAR says of it publicly.
-
-    Raises:
-        ValueError: the scenario asks for a tour, a departure or a turning cone.
-    """
-    limits = {one["type"]: one for one in view.constraints}
-    task = view.goal["task"]
-    turning_cone = task == "hold" and "approach_cone" in limits
-    if task not in ("hold", "berth", "dock") or turning_cone:
-        raise ValueError(f"the network flies no {view.scenario_id}")
-    return (_learned_port if task == "dock" else _learned_hold)(view, answer, limits)
-
-
-def _learned_hold(view: Any, answer: Callable[[Array], Array], limits: Any) -> Route:
-    """Around the ball to a hold point or box, and stay."""
-    point = np.array(view.goal["hold_point"], float)
-    ball = 1.3 * limits.get("keep_out", {}).get("radius", 0.0)
-    ball = min(ball, 0.9 * float(np.linalg.norm(point)))
-
-    def fastest(state: Array, time: float) -> float:
-        if view.goal["task"] == "berth":
-            return 0.06
-        return _allowed(limits, float(np.linalg.norm(state[:3])))
-
-    if "zone_entry" in limits:
-        yield Coast(limits["zone_entry"]["go_time"])
-    yield Learned(view, answer, lambda state, time: _beside(state[:3], point, ball), fastest)
-
-
-def _learned_port(view: Any, answer: Callable[[Array], Array], limits: Any) -> Route:
-    """To a point on the axis of a port outside its corridor, and along the axis into the port."""
-    origin, axis = _port(view, view.goal)
-    rate = view.goal["target"].get("rate", 0.0)
-    cone = limits["approach_cone"]
-    low, high = view.goal["axial_speed_window"]
-    reach = float(np.linalg.norm(view.goal["port"])) + cone["active_range"]
-    contact = 0.5 * (low + high)
-    waits, free = _light(limits)
-    # With noise the filter averages first: the port asks for 0.1 m.
-    earliest = 4000.0 if ":nav1" in view.scenario_id else 0.0
-
-    def outside(time: float) -> Array:
-        return origin(time) + (cone["active_range"] + 10.0) * axis(time)
-
-    def fastest(state: Array, time: float) -> float:
-        range_ = float(np.linalg.norm(state[:3]))
-        return _allowed(limits, range_) - abs(rate) * range_
-
-    def ready(state: Array, time: float) -> bool:
-        turning = np.cross([0.0, 0.0, rate], state[:3])
-        near = float(np.linalg.norm(state[:3] - outside(time))) < 2.0
-        slow = float(np.linalg.norm(state[3:] - turning)) < 0.05
-        return near and slow and time >= earliest
-
-    def along(state: Array, time: float) -> float:
-        return float((state[:3] - origin(time)) @ axis(time))
-
-    def ahead(state: Array, time: float) -> Array:
-        # A point on the axis some metres ahead, behind the port at the end, pulls the craft onto the axis.
-        distance = along(state, time)
-        later = distance - _AHEAD * closing(state, time)
-        if distance > waits - 1.0 and not free(time):
-            later = max(later, waits)
-        return origin(time) + later * axis(time)
-
-    def closing(state: Array, time: float) -> float:
-        distance = along(state, time)
-        speed = min(contact + 0.0025 * max(distance, 0.0), 0.2)
-        if "gate_table" in limits:
-            gate = _gate(
-                limits["gate_table"]["gates"], distance + float(np.linalg.norm(view.goal["port"]))
-            )
-            speed = max(min(speed, gate), low + 0.15 * (high - low))
-        # Without the gates, which are met above: the mechanism asks for more than the last one allows.
-        others = {name: one for name, one in limits.items() if name != "gate_table"}
-        allowed = _allowed(others, float(np.linalg.norm(state[:3])))
-        return min(speed, allowed - abs(rate) * float(np.linalg.norm(state[:3])))
-
-    start = yield Look()
-    if np.linalg.norm(start[:3] - origin(0.0)) > cone["active_range"]:
-        yield Learned(
-            view,
-            answer,
-            lambda state, time: _beside(state[:3], outside(time), reach + 3.0),
-            fastest,
-            ready,
-            rate,
-        )
-    yield Learned(view, answer, ahead, closing, rate=rate)
-
-
-_AHEAD = 60.0
-"""Time to the point on the axis that the network pursues, s: it brakes for a point that is less than 50 s away."""
-
-
-def _allowed(limits: Any, range_: float) -> float:
-    """The greatest speed of the network at a range from the target, m/s."""
-    speed = _CRUISE
-    if "gate_table" in limits:
-        gates = limits["gate_table"]["gates"]
-        furthest = max(gates)
-        # Beyond the last gate an episode is too short for its speed.
-        speed = min(_gate(gates, range_) + 0.003 * max(range_ - furthest[0], 0.0), _FASTEST)
-    for name in ("speed_limit", "closing_speed_limit"):
-        if name in limits:
-            speed = min(speed, _MARGIN * (limits[name]["v0"] + limits[name]["v1"] * range_))
-    return speed
-
-
-def _beside(place: Array, point: Array, ball: float) -> Array:
-    """The point, m, or one beside a ball about the target that is in the way."""
-    line = point - place
-    part = np.clip(-(place @ line) / max(line @ line, 1e-9), 0.0, 1.0)
-    nearest = place + part * line
-    apart = float(np.linalg.norm(nearest))
-    if apart >= ball or part in (0.0, 1.0):
-        return point
-    # Off the line on the side on which it passes the target; across the line if it passes through it.
-    side = nearest / apart if apart > 1e-3 else np.eye(3)[int(np.argmin(np.abs(line)))]
-    return 1.25 * ball * side
-
-
 def inhibits(view: Any) -> tuple[tuple[float, float], ...]:
     """Windows in which V-BAR shuts every thruster, s."""
     return tuple(view.goal.get("thrust_inhibit", ()))
 
 
-def _to_hold(view: Any, goal: Any, limits: Any) -> Route:
+def _to_hold(view: Any, limits: Any, start: Array) -> Route:
     """To a hold point, and stay."""
+    goal = view.goal
     point = np.array(goal["hold_point"], float)
     ball = limits.get("keep_out", {}).get("radius", 0.0)
-    start = yield Look()
     if "zone_entry" in limits:
         yield Coast(limits["zone_entry"]["go_time"])
     away = float(np.linalg.norm(start[:3] - point))
     if "approach_cone" in limits:
-        yield from _into_cone(view, goal, point, limits["approach_cone"])
+        yield _into_cone(view, limits, point)
     elif not ball:
         # The mission of V-BAR's source and of `dock`: the same speed limit.
         limit = limits["speed_limit"]
@@ -759,17 +532,16 @@ def _rest(view: Any, point: Array, until: float = math.inf) -> Leg:
     )
 
 
-def _into_cone(view: Any, goal: Any, point: Array, cone: Any) -> Route:
+def _into_cone(view: Any, limits: Any, point: Array) -> Leg:
     """To a hold point that is inside a turning cone for a part of each turn.
 
     It waits outside the range in which the cone counts, goes in as soon as the leading edge allows, and follows
     this edge to the hold point, where it can stay for the rest of the time in which the cone passes.
     """
-    out = point / np.linalg.norm(point)
+    goal, cone, target = view.goal, limits["approach_cone"], view.goal["target"]
+    gates = limits["gate_table"]["gates"]
     end = float(np.linalg.norm(point))
     outside = cone["active_range"] + 1.3
-    target = goal["target"]
-    gates = next(one["gates"] for one in view.constraints if one["type"] == "gate_table")
     half_angle = math.degrees(cone["half_angle"])
     lead = half_angle - 1.5
     # From where it waits to the tolerance at 2 cm/s, braking, and the time to hold, before the cone has passed.
@@ -782,59 +554,82 @@ def _into_cone(view: Any, goal: Any, point: Array, cone: Any) -> Route:
         return (angle + 180.0) % 360.0 - 180.0
 
     def axis(time: float) -> Array:
-        now = turn(time)
         # Along the edge that comes first, from beside the hold point, where it waits for the cone.
-        ahead = np.interp(
-            now, [0.0, lead, lead + 11.5, lead + 40.0, lead + 80.0], [0, 0, 11.5, 11.5, 0]
-        )
-        return _turned(out, math.radians(float(ahead)))
+        edge = [0.0, lead, lead + 11.5, lead + 40.0, lead + 80.0]
+        ahead = float(np.interp(turn(time), edge, [0, 0, 11.5, 11.5, 0]))
+        return turned(point / end, math.radians(ahead))
 
-    yield Track(
+    return Track(
         view,
         lambda time: np.zeros(3),
         axis,
-        lambda s: min(_gate(gates, s), 0.02 if s < outside + 1.0 else 1.0, 0.02 * (s - end)),
+        lambda s: min(gate(gates, s), 0.02 if s < outside + 1.0 else 1.0, 0.02 * (s - end)),
         end=end,
         waits=outside,
         free=lambda time: last < turn(time) < lead + 11.5,
     )
 
 
-def _gate(gates: Any, distance: float) -> float:
+def gate(gates: Any, distance: float) -> float:
     """Closing speed that is a little below the one that a table of gates allows, m/s."""
     ranges, speeds = np.array(sorted(gates)).T
     return 0.9 * float(np.interp(distance, ranges, speeds))
 
 
-def _to_port(view: Any, goal: Any, limits: Any) -> Route:
+def _to_port(view: Any, limits: Any, start: Array) -> Route:
     """To a point on the axis of a port outside its corridor, and along the axis into the port."""
-    origin, axis = _port(view, goal)
-    cone = limits["approach_cone"]
-    start = yield Look()
-    waits, free = _light(limits)
-    low, high = goal["axial_speed_window"]
-    contact = 0.5 * (low + high)
-    gates = limits.get("gate_table")
-
-    def speed(distance: float) -> float:
-        fastest = min(contact + 0.0025 * max(distance, 0.0), 0.2)
-        if gates is not None:
-            gate = _gate(gates["gates"], distance + float(np.linalg.norm(goal["port"])))
-            # The mechanism asks for more than the last gate allows.
-            fastest = max(min(fastest, gate), low + 0.15 * (high - low))
-        return fastest
-
-    reach = float(np.linalg.norm(goal["port"])) + cone["active_range"] + 1.0
-    apart = start[:3] - origin(0.0)
-    inside = np.linalg.norm(apart) < cone["active_range"]
-    if not inside:
+    port = Port(view, limits)
+    if np.linalg.norm(start[:3] - port.origin(0.0)) >= port.corridor:
         arrival = 2500.0 if ":nav1" not in view.scenario_id else 4000.0
-        point = origin(arrival) + axis(arrival) * (reach + 8.0)
+        reach = port.arm + port.corridor + 1.0
+        point = port.origin(arrival) + port.axis(arrival) * (reach + 8.0)
         yield Transfer(view, _hold(view, reach, (2.0, 0.04)), point, 2200.0)
         # It waits for a port that turns, and for readings to average; the light may pass meanwhile.
-        if arrival > 2500.0 or "rate" in goal["target"]:
+        if arrival > 2500.0 or port.rate:
             yield _rest(view, point, arrival)
-    yield Track(view, origin, axis, speed, waits=waits, free=free)
+    yield Track(view, port.origin, port.axis, port.speed, waits=port.waits, free=port.free)
+
+
+class Port:
+    """A port of a scenario, which turns with an inertially pointing target.
+
+    Args:
+        view: what V-BAR says of the scenario.
+        limits: its limits by their types.
+    """
+
+    def __init__(self, view: Any, limits: Any) -> None:
+        goal = view.goal
+        self._place, self._outwards = (
+            np.array(goal[name], float) for name in ("port", "port_axis")
+        )
+        self.rate = goal["target"].get("rate", 0.0)
+        """Rate of the turn about z, rad/s."""
+        self.arm = float(np.linalg.norm(self._place))
+        """Distance from the target's centre, m."""
+        self.corridor = limits["approach_cone"]["active_range"]
+        """Length of the corridor, m."""
+        self.waits, self.free = _light(limits)
+        self._window = goal.get("axial_speed_window", (0.0, 0.0))
+        self._gates = limits.get("gate_table")
+
+    def origin(self, time: float) -> Array:
+        """Position of the port at a time, m."""
+        return turned(self._place, self.rate * time)
+
+    def axis(self, time: float) -> Array:
+        """Unit vector out of the port at a time."""
+        return turned(self._outwards, self.rate * time)
+
+    def speed(self, distance: float) -> float:
+        """Closing speed at a distance from the port, m/s."""
+        low, high = self._window
+        fastest = min(0.5 * (low + high) + 0.0025 * max(distance, 0.0), 0.2)
+        if self._gates is None:
+            return fastest
+        allowed = gate(self._gates["gates"], distance + self.arm)
+        # The mechanism asks for more than the last gate allows.
+        return max(min(fastest, allowed), low + 0.15 * (high - low))
 
 
 def _light(limits: Any) -> tuple[float, Callable[[float], bool]]:
@@ -853,16 +648,9 @@ def _light(limits: Any) -> tuple[float, Callable[[float], bool]]:
     return light["active_range"] + 1.5, free
 
 
-def _port(view: Any, goal: Any) -> tuple[Callable[[float], Array], Callable[[float], Array]]:
-    """Position of the port, m, and its axis, at a time; both turn with an inertially pointing target."""
-    rate = goal["target"].get("rate", 0.0)
-    port, axis = np.array(goal["port"], float), np.array(goal["port_axis"], float)
-    return (lambda time: _turned(port, rate * time)), (lambda time: _turned(axis, rate * time))
-
-
-def _to_box(view: Any, goal: Any, limits: Any) -> Route:
+def _to_box(view: Any, limits: Any, start: Array) -> Route:
     """Along the axis of the corridor into the box."""
-    box = np.array(goal["hold_point"], float)
+    box = np.array(view.goal["hold_point"], float)
     out = box / np.linalg.norm(box)
     # Slower than the box asks for from its edge on, so that the thrusters shut on a craft at rest.
     yield Track(
@@ -870,12 +658,12 @@ def _to_box(view: Any, goal: Any, limits: Any) -> Route:
     )
 
 
-def _around(view: Any, goal: Any, limits: Any) -> Route:
+def _around(view: Any, limits: Any, start: Array) -> Route:
     """Onto an ellipse that goes around the target as the Sun does, on the Sun's side, and coast."""
     n = view.n
-    sun = goal["sun_direction"]
+    sun = view.goal["sun_direction"]
     first = math.atan2(sun[1], sun[0])
-    radius = 0.45 * goal["max_range"]
+    radius = 0.45 * view.goal["max_range"]
 
     def ellipse(time: float, duration: float) -> Array:
         angle = first - n * (time + duration)
@@ -887,25 +675,24 @@ def _around(view: Any, goal: Any, limits: Any) -> Route:
     yield Coast(math.inf)
 
 
-def _away(view: Any, goal: Any, limits: Any) -> Route:
+def _away(view: Any, limits: Any, start: Array) -> Route:
     """Out of the corridor along its axis, and onto an orbit below the target's, which leads away for ever."""
-    origin, axis = _port(view, goal)
-    cone = limits["approach_cone"]
+    port = Port(view, limits)
     yield Track(
         view,
-        origin,
-        axis,
+        port.origin,
+        port.axis,
         lambda s: -min(0.06 + 0.002 * s, 0.25),
-        leaves=cone["active_range"] + 3.0,
+        leaves=port.corridor + 3.0,
     )
     below = 100.0
-    clear = math.hypot(below, 1.05 * goal["clear_range"])
+    clear = math.hypot(below, 1.05 * view.goal["clear_range"])
     there = np.array([-below, clear, 0.0, 0.0, 1.5 * view.n * below, 0.0])
     yield Arrive(view, lambda t, d: there, np.arange(600.0, 2500.0, 50.0), 60.0)
     yield Coast(math.inf)
 
 
-def _turned(vector: Array, angle: float) -> Array:
+def turned(vector: Array, angle: float) -> Array:
     """A vector turned about z by an angle, rad."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]])

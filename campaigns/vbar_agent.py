@@ -4,17 +4,22 @@
 
 It is one small network for each axis alike. It reads where the craft is from the point that it flies to, how
 fast it is, how fast it may be, and by how much its velocity changes without thrust; it answers with a command
-from -1 to 1. It imitates a law of velocity.
+from -1 to 1. It imitates a law of velocity. The points, and the speed that it may have, follow from the public
+description of a scenario.
 """
 
 from __future__ import annotations
 
+import importlib
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+
+from campaigns.vbar import Array, Coast, Guidance, Leg, Port, Route, gate
 
 FILE = Path(__file__).with_suffix(".onnx")
 ACCELERATION = 0.02
@@ -31,6 +36,14 @@ _SLOWING = 0.02
 _BRAKING = 0.01
 """Half of the acceleration of a full command, m/s^2, is left to brake and for errors."""
 _WIDTH = 48
+_MARGIN = 0.8
+"""Part of the speed that a scenario allows."""
+_FASTEST = 5.5
+"""Greatest speed, m/s: the turn of the Hill frame then takes three fifths of the thrusters."""
+_CRUISE = 0.5
+"""Greatest speed where a scenario sets no lower limit, m/s."""
+_AHEAD = 60.0
+"""Time to the point on the axis that the network pursues, s: it brakes for a point that is less than 50 s away."""
 
 
 def law(x: torch.Tensor) -> torch.Tensor:
@@ -190,6 +203,189 @@ def read(file: Path) -> Network:
         for name, parameter in (("weight", one.weight), ("bias", one.bias)):
             parameter.data = torch.tensor(numpy_helper.to_array(values[f"{name}_{k}"]))
     return network
+
+
+class Agent(Guidance):
+    """An agent of V-BAR that flies the network by ONNX Runtime, from point to point.
+
+    Args:
+        file: the network.
+    """
+
+    name = "network"
+
+    def __init__(self, file: Path = FILE) -> None:
+        runtime: Any = importlib.import_module("onnxruntime")
+        options = runtime.SessionOptions()
+        options.intra_op_num_threads = 1
+        self._session = runtime.InferenceSession(str(file), options)
+
+    def route(self, view: Any, start: Array) -> Route:
+        """See `Guidance.route`."""
+        limits = {one["type"]: one for one in view.constraints}
+        to = _to_port if view.goal["task"] == "dock" else _to_hold
+        return to(view, self._answer, limits, start)
+
+    def reset(self, view: Any, rng: np.random.Generator | None = None) -> None:
+        """Begin an episode.
+
+        Raises:
+            ValueError: the scenario asks for a tour, a departure or a turning cone.
+        """
+        task = view.goal["task"]
+        turning_cone = task == "hold" and any(
+            one["type"] == "approach_cone" for one in view.constraints
+        )
+        if task not in ("hold", "berth", "dock") or turning_cone:
+            raise ValueError(f"the network flies no {view.scenario_id}")
+        super().reset(view, rng)
+
+    def _answer(self, inputs: Array) -> Array:
+        """Commands along three axes, (3,), for what the network reads, (3, 5)."""
+        return self._session.run(None, {"obs": inputs.astype(np.float32)})[0][:, 0].astype(float)
+
+
+class Learned(Leg):
+    """The network flies to a point, which may turn about the target.
+
+    Args:
+        view: what V-BAR says of the scenario.
+        answer: commands along three axes, (3,), for inputs (3, 5).
+        point: where to from a state at a time, m.
+        fastest: the greatest speed at a state and time, m/s.
+        ends: whether the leg is over at a state and time.
+        rate: rate at which the point turns about z, rad/s.
+    """
+
+    def __init__(
+        self,
+        view: Any,
+        answer: Callable[[Array], Array],
+        point: Callable[[Array, float], Array],
+        fastest: Callable[[Array, float], float],
+        ends: Callable[[Array, float], bool] = lambda state, time: False,
+        rate: float = 0.0,
+    ) -> None:
+        self._view = view
+        self._answer = answer
+        self._point = point
+        self._fastest = fastest
+        self._ends = ends
+        self._spin = np.array([0.0, 0.0, rate])
+
+    def over(self, state: Array, time: float) -> bool:
+        """See `Leg`."""
+        return self._ends(state, time)
+
+    def change(self, state: Array, time: float) -> Array:
+        """See `Leg`."""
+        n, place, speed = self._view.n, state[:3], state[3:]
+        away = place - self._point(state, time)
+        # The network reads velocity and natural acceleration in the frame that turns with the point.
+        moving = speed - np.cross(self._spin, place)
+        natural = np.array(
+            [
+                3.0 * n * n * place[0] + 2.0 * n * speed[1],
+                -2.0 * n * speed[0],
+                -n * n * place[2],
+            ]
+        ) - np.cross(self._spin, speed + moving)
+        both = [np.linalg.norm(away), self._fastest(state, time)]
+        rows = [[away[k], moving[k], natural[k], *both] for k in range(3)]
+        return self._answer(np.array(rows)) * self._view.max_accel * self._view.dt
+
+
+def _to_hold(view: Any, answer: Callable[[Array], Array], limits: Any, start: Array) -> Route:
+    """Around the ball to a hold point or box, and stay."""
+    point = np.array(view.goal["hold_point"], float)
+    ball = 1.3 * limits.get("keep_out", {}).get("radius", 0.0)
+    ball = min(ball, 0.9 * float(np.linalg.norm(point)))
+
+    def fastest(state: Array, time: float) -> float:
+        if view.goal["task"] == "berth":
+            return 0.06
+        return _allowed(limits, float(np.linalg.norm(state[:3])))
+
+    if "zone_entry" in limits:
+        yield Coast(limits["zone_entry"]["go_time"])
+    yield Learned(view, answer, lambda state, time: beside(state[:3], point, ball), fastest)
+
+
+def _to_port(view: Any, answer: Callable[[Array], Array], limits: Any, start: Array) -> Route:
+    """To a point on the axis of a port outside its corridor, and along the axis into the port."""
+    port = Port(view, limits)
+    # With noise the filter averages first: the port asks for 0.1 m.
+    earliest = 4000.0 if ":nav1" in view.scenario_id else 0.0
+    # Without the gates, which the speed of a port keeps: the mechanism asks for more than the last one allows.
+    without_gates = {name: one for name, one in limits.items() if name != "gate_table"}
+
+    def outside(time: float) -> Array:
+        return port.origin(time) + (port.corridor + 10.0) * port.axis(time)
+
+    def fastest(state: Array, time: float) -> float:
+        range_ = float(np.linalg.norm(state[:3]))
+        return _allowed(limits, range_) - abs(port.rate) * range_
+
+    def ready(state: Array, time: float) -> bool:
+        turning = np.cross([0.0, 0.0, port.rate], state[:3])
+        near = float(np.linalg.norm(state[:3] - outside(time))) < 2.0
+        slow = float(np.linalg.norm(state[3:] - turning)) < 0.05
+        return near and slow and time >= earliest
+
+    def along(state: Array, time: float) -> float:
+        return float((state[:3] - port.origin(time)) @ port.axis(time))
+
+    def ahead(state: Array, time: float) -> Array:
+        # A point on the axis some metres ahead, behind the port at the end, pulls the craft onto the axis.
+        distance = along(state, time)
+        later = distance - _AHEAD * closing(state, time)
+        if distance > port.waits - 1.0 and not port.free(time):
+            later = max(later, port.waits)
+        return port.origin(time) + later * port.axis(time)
+
+    def closing(state: Array, time: float) -> float:
+        range_ = float(np.linalg.norm(state[:3]))
+        allowed = _allowed(without_gates, range_) - abs(port.rate) * range_
+        return min(port.speed(along(state, time)), allowed)
+
+    if np.linalg.norm(start[:3] - port.origin(0.0)) > port.corridor:
+        around = port.arm + port.corridor + 3.0
+        yield Learned(
+            view,
+            answer,
+            lambda state, time: beside(state[:3], outside(time), around),
+            fastest,
+            ready,
+            port.rate,
+        )
+    yield Learned(view, answer, ahead, closing, rate=port.rate)
+
+
+def _allowed(limits: Any, range_: float) -> float:
+    """The greatest speed at a range from the target, m/s."""
+    speed = _CRUISE
+    if "gate_table" in limits:
+        gates = limits["gate_table"]["gates"]
+        furthest = max(gates)
+        # Beyond the last gate an episode is too short for its speed.
+        speed = min(gate(gates, range_) + 0.003 * max(range_ - furthest[0], 0.0), _FASTEST)
+    for name in ("speed_limit", "closing_speed_limit"):
+        if name in limits:
+            speed = min(speed, _MARGIN * (limits[name]["v0"] + limits[name]["v1"] * range_))
+    return speed
+
+
+def beside(place: Array, point: Array, ball: float) -> Array:
+    """The point, m, or one beside a ball about the target that is in the way."""
+    line = point - place
+    part = np.clip(-(place @ line) / max(line @ line, 1e-9), 0.0, 1.0)
+    nearest = place + part * line
+    apart = float(np.linalg.norm(nearest))
+    if apart >= ball or part in (0.0, 1.0):
+        return point
+    # Off the line on the side on which it passes the target; across the line if it passes through it.
+    side = nearest / apart if apart > 1e-3 else np.eye(3)[int(np.argmin(np.abs(line)))]
+    return 1.25 * ball * side
 
 
 if __name__ == "__main__":

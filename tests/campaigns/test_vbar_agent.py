@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from campaigns import vbar, vbar_agent
+from campaigns import vbar_agent
 
 N = 0.0011
 PERIOD = 10.0
@@ -68,7 +68,7 @@ def test_the_network_flies_around_the_ball_to_a_point_and_stays(start: tuple[flo
             {"type": "closing_speed_limit", "v0": 0.2, "v1": 0.0044},
         ),
     )
-    agent = vbar.Agent()
+    agent = vbar_agent.Agent()
     agent.reset(view)
     state = np.array([*start, 0.0, 0.0, 0.0])
     carry, push = motion()
@@ -100,7 +100,7 @@ def test_who_goes_to_the_next_point_comes_around_the_ball(
     )
     goal = np.array(point)
     for _ in range(2000):
-        line = vbar._beside(place, goal, 65.0) - place
+        line = vbar_agent.beside(place, goal, 65.0) - place
         left = float(np.linalg.norm(line))
         if left < 1.0:
             break
@@ -119,7 +119,7 @@ def test_the_network_reads_the_motion_in_the_frame_that_turns_with_the_port() ->
         rows.append(inputs)
         return np.zeros(3)
 
-    leg = vbar.Learned(view, answer, lambda s, t: np.zeros(3), lambda s, t: 1.0, rate=rate)
+    leg = vbar_agent.Learned(view, answer, lambda s, t: np.zeros(3), lambda s, t: 1.0, rate=rate)
     state = np.array([3.0, -20.0, 5.0, -0.02, 0.05, 0.01])
     short = 1e-3
     carry = scipy.linalg.expm(short * motion_rate()[:6, :6])
@@ -134,4 +134,4 @@ def test_the_network_reads_the_motion_in_the_frame_that_turns_with_the_port() ->
 def test_the_network_says_what_it_does_not_fly() -> None:
     view: Any = SimpleNamespace(scenario_id="inspection", goal={"task": "inspect"}, constraints=())
     with pytest.raises(ValueError, match="flies no inspection"):
-        vbar.agent_route(view, lambda inputs: inputs[:, 0])
+        vbar_agent.Agent().reset(view)
