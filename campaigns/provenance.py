@@ -25,7 +25,7 @@ PICTURES: dict[str, str] = {
     "proof-cells.svg": "python packages/proof/archcomp/picture.py FOLDER docs/pictures/proof-cells.svg",
     "proof-conditions.svg": f"campaigns.proof_conditions at {_LATER}",
     "tradeoff*.svg": f"campaigns.tradeoff at {_EARLIER}",
-    "trapping-set.svg": "python -m campaigns.proofs CERTIFICATE docs/pictures/trapping-set.svg",
+    "trapping-set.svg": "python -m rans_proof.picture CERTIFICATE docs/pictures/trapping-set.svg",
 }
 """Files in docs/pictures, and what draws them."""
 ONCE = (
@@ -39,6 +39,8 @@ ONCE = (
     ("any_craft/any_craft_in_space.md", "", "campaigns dead-cubesats", _EARLIER),
     ("any_craft/any_craft_training.md", "", "campaigns.any_craft joined --episodes 1024", _LATER),
     ("certificate.md", "mixed-integer.json", "campaigns.mixed_integer --starts 16", _EARLIER),
+    ("certificate.md", "bounds.json", "campaigns.bounds --craft 2000 --output FILE", _LATER),
+    ("decisions/exports.md", "exports.json", "campaigns exports", _LATER),
     ("export.md", "", "campaigns.cortex", _EARLIER),
     ("missions/guard.md", "", "campaigns.attack --missions avoid-2d", _EARLIER),
     ("missions/guard.md", "", "campaigns filter-cost", _LATER),
@@ -76,6 +78,12 @@ ONCE = (
         "campaigns.proof_conditions proof-conditions.json PICTURE.svg",
         _LATER,
     ),
+    (
+        "proof/proofs-theory.md",
+        "",
+        "campaigns.proof_flights --problem FILE.toml --network FILE.onnx, or --agent AGENT --certificate FILE",
+        _LATER,
+    ),
     ("speed.md", "tradeoff*.json", "campaigns.tradeoff", _EARLIER),
     (
         "measured.md",
@@ -86,10 +94,6 @@ ONCE = (
 )
 """Pages whose figures were measured by code that left after a commit: evidence, modules and the commit."""
 RECORDS: dict[str, tuple[str, str]] = {
-    "bounds.json": (
-        "certificate.md",
-        "python -m campaigns.bounds --craft 2000 --output docs/validation/bounds.json",
-    ),
     "floating-platform.html": (
         "validation.md",
         "rans validate floating-platform --output FOLDER",

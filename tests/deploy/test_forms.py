@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 import torch
 
-from campaigns.exports import asked, own_answers, unequal
 from rans.cli import main
 from rans.deploy.contract import contract, golden
 from rans.deploy.export import Form, write_agent
@@ -36,7 +35,16 @@ from rans.policy.network import Network
 from rans.pretrained import pretrained_folder
 from rans.scenario import scenarios
 from tests.support import packages
-from tests.support.exports import FAST, exported, remembering, shipped, written
+from tests.support.exports import (
+    FAST,
+    asked,
+    exported,
+    own_answers,
+    remembering,
+    shipped,
+    unequal,
+    written,
+)
 from tests.support.shipped import shipped_agents
 from tests.support.training import scatter, tiny_learner
 from validation.speed.exported import ANSWERS, numpy_answer
@@ -56,7 +64,7 @@ networks give it the rest."""
 
 @pytest.mark.parametrize("name", shipped_agents())
 def test_a_shipped_agent_commands_the_same_in_every_form(name: str, tmp_path: Path) -> None:
-    """Of 12 steps, more than any remembers; ``python -m campaigns.exports`` asks 100,000 observations."""
+    """Of 12 steps, more than any remembers."""
     network, setup = shipped(name)
     short = replace(setup.timing, episode_steps=12)
     batches = list(asked(network, setup._replace(timing=short), 100))

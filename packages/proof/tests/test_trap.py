@@ -28,7 +28,6 @@ from rans_proof.trap import (
 )
 from rans_proof.verdicts import recorded
 
-from campaigns.proof_flights import leaving, read_trap
 from rans.cli import main
 from rans.fast.agent_files.agent import actor_bytes
 from rans.policy.architecture import Architecture
@@ -36,6 +35,7 @@ from rans.pretrained import pretrained_folder
 from rans.tasks.derived import layout
 from rans.tasks.tracking import TrackVelocity
 from tests.support.processes import ROOT
+from tests.support.trap_flights import leaving, read_trap
 
 PRETRAINED = ROOT / "rans/data/pretrained/track-velocity-2d"
 ARM = 0.2192031021678297

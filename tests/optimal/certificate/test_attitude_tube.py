@@ -11,7 +11,6 @@ import pytest
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
-from campaigns import bounds as random_craft
 from rans.errors import ConfigError
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
@@ -19,6 +18,7 @@ from rans.model.spacecraft import Propellant, Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate import attitude_tube, hull
 from rans.optimal.certificate.goal_set import GoalSet
+from tests.support.random_flights import PERIOD, flight, random_craft
 
 EXACT = GoalSet(0.0, 0.0, 0.0, 0.0)
 PINGU = load_spacecraft("pingu")
@@ -260,18 +260,17 @@ def test_no_random_flight_is_below_its_bound(dimension: int) -> None:
     random = np.random.default_rng(5 + dimension)
     flown = 0
     while flown < 4:
-        craft = random_craft.random_craft(random)
-        flight = random_craft._flight(craft, random) if craft.dimension == dimension else None
-        if flight is None:
+        craft = random_craft(random)
+        found = flight(craft, random) if craft.dimension == dimension else None
+        if found is None:
             continue
-        start, goal, spent, steps = flight
-        time = steps * random_craft._PERIOD
+        start, goal, spent, steps = found
+        time = steps * PERIOD
         bound = attitude_tube.least_impulse(craft, start, goal, time, EXACT)
         assert bound <= spent * (1.0 + 1e-9) + 1e-9
         # Neither is this flight excluded, which is what a least time rests on.
         assert not attitude_tube._excluded(craft, start, goal, time, EXACT)
         # A goal set that allows motion: no sooner instant hides the one of this flight.
         loose = GoalSet(0.02, 0.05, 0.05, 0.05)
-        period = random_craft._PERIOD
-        assert attitude_tube.least_arrival(craft, start, goal, period, loose, period) <= time
+        assert attitude_tube.least_arrival(craft, start, goal, PERIOD, loose, PERIOD) <= time
         flown += 1

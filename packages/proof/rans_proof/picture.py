@@ -1,4 +1,4 @@
-"""Picture of a trapping set: `python -m campaigns.proofs CERTIFICATE PICTURE.svg`.
+"""Picture of a trapping set: `python -m rans_proof.picture CERTIFICATE PICTURE.svg`.
 
 The certificate is that of `rans prove AGENT`; see docs/proof/proofs.md.
 """
@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rans.show.figures.plotting import Figure, ListedColormap, rcParams
+from rans.extend import Figure, ListedColormap
+from rans.show.figures.plotting import rcParams
 
 SPINS = (0.0, 0.6, 1.2)
 """Spins of the panels, rad/s: within the starts, of two pulses, and near the limit."""
