@@ -44,6 +44,12 @@ ONCE = (
     ("export.md", "", "campaigns.cortex", _EARLIER),
     ("missions/guard.md", "", "campaigns.attack --missions avoid-2d", _EARLIER),
     ("missions/guard.md", "", "campaigns filter-cost", _LATER),
+    (
+        "missions/guard.md",
+        "",
+        "campaigns guard; with --missions avoid-2d --policies adversary --noise 0.1 0.01 --delay 1",
+        _LATER,
+    ),
     ("missions/dock.md", "", "campaigns orbits", _LATER),
     ("missions/hold.md", "", "campaigns station-keeping --error all", _LATER),
     (

@@ -1,7 +1,7 @@
 """A task that rewards entering keep-out zones: it trains agents to break the safety filter.
 
 ``rans train campaigns.ram:Ram --set guard=true`` trains one behind the filter, and
-``python -m campaigns guard --missions avoid-2d --policies RUN`` flies it.
+``rans compare RUN --guard`` flies it.
 """
 
 from __future__ import annotations

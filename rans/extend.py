@@ -133,7 +133,6 @@ if TYPE_CHECKING:
     from rans.terminal import Terminal as Terminal
     from rans.terminal import doing as doing
     from rans.terminal import progress as progress
-    from rans.terminal import stages as stages
 
 _HOMES = homes(__file__)
 

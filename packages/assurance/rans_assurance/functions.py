@@ -17,13 +17,14 @@ from rans.extend import (
     ConfigError,
     Spacecraft,
     SpacecraftLike,
+    doing,
     load_conditions,
     load_spacecraft,
     whole,
 )
 from rans.files import made_by
 from rans.scenario import ASSURANCE_SEED
-from rans.terminal import doing, writing_at_end
+from rans.terminal import writing_at_end
 
 if TYPE_CHECKING:
     from rans.extend import EngineName

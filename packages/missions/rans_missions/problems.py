@@ -17,10 +17,10 @@ from rans.extend import (
     distinct,
     progress,
     ready_folder,
-    stages,
     write_json,
 )
 from rans.model.spacecraft_file import spacecraft_label
+from rans.terminal import stages
 from rans_missions.bounds.first_starts import bounded, mission_bounds, steps_of
 from rans_missions.tasks import Land
 from rans_missions.tasks.orbital import OrbitalMission

@@ -18,8 +18,8 @@ from rans.extend import (
     load_spacecraft,
     progress,
     ready_folder,
-    stages,
 )
+from rans.terminal import stages
 
 if TYPE_CHECKING:
     from rans_missions.improve.search import Improved
