@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from math import cos, pi, radians, tan
+from math import cos, pi, radians, sin, tan
 from typing import Any
 
 import numpy as np
@@ -203,6 +203,29 @@ MISSIONS: dict[tuple[str, Dimension], Declared] = {
             "place of the hold point": (lambda _, goal: goal.p.y, (-100.0, -100.0)),
         },
         ((_at((0.0, -30.0, 40.0)), _at((0.0, -100.0, 0.0)), {"keep-out": 0.0}),),
+    ),
+    ("final-approach", 3): Declared(
+        {
+            "distance along the axis": (
+                lambda start, goal: _dot(start.p, goal.p) / 2.0,
+                (60.0, 150.0),
+            ),
+            "speed": (_rest, (0.0, 0.0)),
+            "rate of the port": (lambda _, goal: _norm(goal.w), (0.0, 0.0011068)),
+            "distance of the port": (lambda _, goal: _norm(goal.p), (2.0, 2.0)),
+        },
+        # On the axis 18 m from the port, whose cone is 0.1 m wide there.
+        (
+            (
+                _at((0.0, -20.0, 0.0), (0.0, 0.06, 0.08)),
+                _at((0.0, -2.0, 0.0)),
+                {
+                    "cone": 18.0 * sin(radians(10.0)) + 0.1 * cos(radians(10.0)),
+                    "target": 18.1,
+                    "speed": 4.0 * 0.0011068 * 20.0,
+                },
+            ),
+        ),
     ),
     ("rendezvous", 3): Declared(
         {

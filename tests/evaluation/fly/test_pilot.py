@@ -24,6 +24,7 @@ CONTROLLERS_OF_POSES = sorted(
     - {
         "circumnavigation",
         "convex",
+        "corridor",
         "landing",
         "mission",
         "passive",

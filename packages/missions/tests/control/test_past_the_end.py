@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_missions.control.landing_guidance import LandingGuidance
-from rans_missions.tasks import Dock, Hold, Inspect, Land, Rendezvous
+from rans_missions.tasks import Dock, FinalApproach, Hold, Inspect, Land, Rendezvous
 from rans_missions.tasks.orbital import OrbitalMission
 
 from rans.episode import Setup
@@ -63,6 +63,7 @@ def test_every_controller_of_the_registry_is_flown_past_the_end() -> None:
     assert set(filter(CONTROLLERS.comes_with_rans, CONTROLLERS)) == {
         *QUICK,
         *SLOW,
+        "corridor",
         "landing",
         "passive",
         "passive-entry",
@@ -123,6 +124,18 @@ def test_a_missed_deadline_is_followed_by_a_new_plan() -> None:
     # The same plan, and what staying costs.
     stays = REVERSALS * task.velocity_tolerance * 2.0
     assert continued.change.sum() < planned.change.sum() + stays
+
+
+@pytest.mark.slow
+def test_a_docked_craft_turns_with_its_port() -> None:
+    """In the corridor, within the tolerances, for 200 s after the last contact."""
+    setup = setup_of(FinalApproach(spawn_distance=(14.0, 16.0)))
+    starts = scenarios(setup.task, setup.craft, 4, 8)
+    continued = flown_on(setup, made("corridor", setup), starts, 600.0)
+    assert continued.won.all()
+    rest = continued.after(400.0)
+    assert rest.reached.all()
+    assert rest.margin.min() > 0.0
 
 
 @pytest.mark.slow
