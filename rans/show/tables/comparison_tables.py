@@ -90,9 +90,7 @@ def scores(
 
 def _mission_scores(entry: Entry, bootstrap: Bootstrap, mission: MissionBounds | None) -> Scores:
     """Scores of a mission, without errors at the end, because its flights end at different times."""
-    result = {"mission won, %": share(entry.won).scaled(100.0)}
-    if entry.flight.margins:
-        result["limit broken, %"] = share(entry.flight.violated()).scaled(100.0)
+    result = {"mission won, %": share(entry.won).scaled(100.0), **_broken(entry)}
     result |= _further_scores(entry, bootstrap)
     result["time of success, s"] = bootstrap.median(entry.success)
     spent = entry.thrust[entry.won]
@@ -122,9 +120,15 @@ def _mean(values: np.ndarray) -> Estimate:
     return Bootstrap(len(values)).mean(values) if len(values) else Estimate(*(math.nan,) * 3)
 
 
+def _broken(entry: Entry) -> Scores:
+    """Share of flights that broke a limit, of a task with limits."""
+    broken = entry.flight.violated() if entry.flight.margins else None
+    return {} if broken is None else {"limit broken, %": share(broken).scaled(100.0)}
+
+
 def _goal_scores(entry: Entry, bootstrap: Bootstrap) -> Scores:
     """Scores of a task that lasts to the end of the episode."""
-    result = {"settled, %": share(np.isfinite(entry.settling)).scaled(100.0)}
+    result = {"settled, %": share(np.isfinite(entry.settling)).scaled(100.0), **_broken(entry)}
     for name, of in measures(entry.flight.task).items():
         if name not in (_IMPULSE, "return"):
             result[name] = bootstrap.median(of(entry))

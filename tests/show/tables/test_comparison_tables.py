@@ -53,6 +53,19 @@ def test_scores_by_hand(key: str, value: float) -> None:
     assert scoreboard(comparison())["agent"][key].value == pytest.approx(value)
 
 
+def test_a_task_to_the_end_of_the_episode_says_how_many_broke_a_limit() -> None:
+    """One of three flights is inside a zone at one instant; of a task without limits nothing is said."""
+    found = comparison()
+    assert "limit broken, %" not in scoreboard(found)["agent"]
+    entry = next(one for one in found.entries if one.name == "agent")
+    margins = np.ones((len(entry.flight.commands), 3))
+    margins[0, 2] = -0.01
+    limited = replace(entry, flight=replace(entry.flight, margins={"zone": margins}))
+    vars(limited.flight)["verdict"] = entry.flight.verdict  # that of a task without limits
+    found.entries[:] = [limited]
+    assert scoreboard(found)["agent"]["limit broken, %"].value == pytest.approx(100 / 3)
+
+
 def beside(**others: tuple[float, float]) -> Comparison:
     """Twelve flights to the goal: "ours" arrives after 5 s with 3 N s, the others as given, each less a little."""
     found = comparison()
