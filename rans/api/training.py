@@ -18,7 +18,7 @@ from rans.api.judging import CRAFT, ConditionsLike, SpacecraftLike
 from rans.api.names import load_conditions, load_spacecraft, load_task
 from rans.choices import LoggerName, Quality
 from rans.errors import ConfigError, checked, one_of, whole
-from rans.files import inside
+from rans.files import inside, made_by
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, to_toml
 from rans.model.spacecraft_file import load_spacecraft as stored_spacecraft
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.tuned import Tuned
     from rans.fast.learn.config import PPOSettings, TrainConfig
     from rans.fast.learn.sweep import Sweep
+    from rans.fast.learn.trainer import Trainer
 
 
 @settled_alone
@@ -98,11 +99,8 @@ def train(
         ConfigError: one of these does not exist, or they are not compatible.
         NonFiniteState: a value became NaN or infinite.
     """
-    from rans.evaluation.fly.agent import load_policy as trained
-    from rans.evaluation.fly.make_controller import guard_of
-    from rans.fast.learn.loggers import loggers, require_loggers
-    from rans.fast.learn.run_folder import RunFolder, run_path
-    from rans.fast.learn.trainer import Trainer
+    from rans.evaluation.fly.agent import load_policy
+    from rans.fast.learn.loggers import require_loggers
     from rans.show.progress import watched_training
 
     # The config is complete before a folder is made.
@@ -127,30 +125,74 @@ def train(
     config = as_it_comes(
         config, craft, task, quality, settings, total_timesteps, conditions, ppo, algorithm
     )
-    folder = Path(output) if output is not None else run_path(config)
-    if isinstance(spacecraft, Spacecraft):
+    trainer = ready_trainer(config, craft, output, is_own=isinstance(spacecraft, Spacecraft))
+    with watched_training(config.total_timesteps, progress) as show:
+        shows = [show] if report is None else [show, report]
+        run_training(trainer, log, shows)
+    return Agent(load_policy(trainer.run.path), str(trainer.run.path))
+
+
+def ready_trainer(
+    config: TrainConfig, craft: Spacecraft, output: str | Path | None, is_own: bool = False
+) -> Trainer:
+    """Trainer that is ready to train, whose run folder has been made.
+
+    Args:
+        config: config of the training.
+        craft: its spacecraft.
+        output: the run folder; None: a new one.
+        is_own: whether the craft is an object without a name, whose file the run folder has.
+
+    Raises:
+        ConfigError: the folder has another training.
+    """
+    from rans.evaluation.fly.make_controller import guard_of
+    from rans.fast.distributed import join
+    from rans.fast.learn.run_folder import RunFolder, run_path
+    from rans.fast.learn.trainer import Trainer
+
+    world = join(config.device)
+    folder = world.from_first(Path(output) if output is not None else run_path(config))
+    if is_own:
         config = replace(config, spacecraft=str(folder / "spacecraft.toml"))
     run_folder = RunFolder(folder)
-    trainer = Trainer([config], craft, run_folder, guard=guard_of(config, craft))
-    run_folder.begin(
-        config, "rans.train", to_toml(craft) if isinstance(spacecraft, Spacecraft) else ""
-    )
-    # Train, and give every report to the progress bar, the loggers and the caller.
-    others = loggers(log, config, folder)
-    with watched_training(config.total_timesteps, progress) as show:
+    trainer = Trainer([config], craft, run_folder, world, guard=guard_of(config, craft))
+    if world.is_first:
+        run_folder.begin(config, made_by("rans.train"), to_toml(craft) if is_own else "")
+    return trainer
 
-        def tell(members: Sequence[Any]) -> None:
-            row = members[0].rows[-1]
-            show(row)
-            for sink in others:
-                sink.write(row)
-            if report:
-                report(row)
 
-        trainer.train(tell)
-    for sink in others:
+def run_training(
+    trainer: Trainer,
+    log: Sequence[LoggerName],
+    shows: Sequence[Callable[[dict[str, Any]], object]],
+    stop: Callable[[], bool] = lambda: False,
+) -> None:
+    """Train, and give every row of metrics to functions that show it and to loggers.
+
+    Of torchrun's processes the others only train.
+
+    Args:
+        trainer: see `ready_trainer`.
+        log: names of loggers.
+        shows: functions that take a row.
+        stop: whether to stop after an iteration.
+    """
+    from rans.fast.learn.loggers import loggers
+
+    if not trainer.processes.is_first:
+        trainer.train(lambda _: None, stop)
+        return
+    sinks = loggers(log, trainer.config, trainer.run.path)
+    every = [*shows, *(sink.write for sink in sinks)]
+
+    def tell(members: Sequence[Any]) -> None:
+        for show in every:
+            show(members[0].rows[-1])
+
+    trainer.train(tell, stop)
+    for sink in sinks:
         sink.close()
-    return Agent(trained(folder), str(folder))
 
 
 def check_loggers(names: Sequence[str]) -> None:
@@ -303,7 +345,6 @@ def searched(
     conditions: ConditionsLike | None,
     numbers: tuple[int, int, float, float],
     output: str | Path | None = None,
-    command: str = "rans.tune",
 ) -> Search:
     """Search settings with these candidates, starts, price and seconds, and write them; see `tune`."""
     from rans.episode import Setup
@@ -326,7 +367,7 @@ def searched(
     with watched() as stage:
         step = stage(f"tuning {controller}", candidates)
         result = tuned_settings(
-            controller, setup, candidates, starts, price, command, step, seconds
+            controller, setup, candidates, starts, price, made_by("rans.tune"), step, seconds
         )
     staying = in_use if in_use and in_use.outlasts(result) else None
     if staying is None:

@@ -20,14 +20,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from tyro.conf import UseAppendAction, arg
 
-from rans.api.training import as_it_comes, config_of, train
+from rans.api.training import as_it_comes, config_of, ready_trainer, run_training, train
 from rans.choices import LoggerName
 from rans.cli import STARTED
 from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import whole_number
 from rans.errors import ConfigError, RansError, RansWarning, brief, is_installed, meant_file
 from rans.executors import use_one_thread
-from rans.files import command_line, first_line, inside, write_text
+from rans.files import as_command, command_line, first_line, inside, write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.processes import beside, submitted
 from rans.randomization.conditions_file import load_conditions
@@ -88,44 +88,33 @@ class Train(Options):
         """Trainer that is ready to train; a new run folder is created after its config has been checked."""
         from rans.evaluation.fly.make_controller import guard_of
         from rans.fast.distributed import join
-        from rans.fast.learn.run_folder import RunFolder, run_path
+        from rans.fast.learn.run_folder import RunFolder
         from rans.fast.learn.trainer import Trainer
 
-        total = self._total
-        if self.resume is not None:
-            run = RunFolder(self.resume)
-            config = run.config()
-            config = replace(config, plain="plain=true" in self.set or config.plain)
-            if total is not None:
-                config = replace(config, total_timesteps=total)
-                if _has_solved(config, run.metrics()):
-                    config = replace(config, solved_share=None)  # or nothing would be trained
-            craft = run.spacecraft()
-            world = join(config.device)
-        else:
+        if self.resume is None:
             config = self.begun()
-            world = join(config.device)
-            run = RunFolder(world.from_first(self.output or run_path(config)))
-            craft = load_spacecraft(config.spacecraft)
-        trainer = Trainer(
-            [config],
-            craft,
-            run,
-            world,
-            guard=guard_of(config, craft),
-        )
-        if self.resume is not None:
-            trainer.resume()
-            if total is not None:
-                if total <= trainer.steps:
-                    raise ConfigError(
-                        f"{self.resume} has {trainer.steps:,} steps already, and total_timesteps is the number "
-                        f"at the end, these included: give more than that, got {total:,}."
-                    )
-                if world.is_first:
-                    run.extend(config, command_line())
-        elif world.is_first:
-            run.begin(config, command_line())
+            with as_command():
+                return ready_trainer(config, load_spacecraft(config.spacecraft), self.output)
+        total = self._total
+        run_folder = RunFolder(self.resume)
+        config = run_folder.config()
+        config = replace(config, plain="plain=true" in self.set or config.plain)
+        if total is not None:
+            config = replace(config, total_timesteps=total)
+            if _has_solved(config, run_folder.metrics()):
+                config = replace(config, solved_share=None)  # or nothing would be trained
+        craft = run_folder.spacecraft()
+        world = join(config.device)
+        trainer = Trainer([config], craft, run_folder, world, guard=guard_of(config, craft))
+        trainer.resume()
+        if total is not None:
+            if total <= trainer.steps:
+                raise ConfigError(
+                    f"{self.resume} has {trainer.steps:,} steps already, and total_timesteps is the number "
+                    f"at the end, these included: give more than that, got {total:,}."
+                )
+            if world.is_first:
+                run_folder.extend(config, command_line())
         return trainer
 
     @property
@@ -226,10 +215,9 @@ class Train(Options):
         require_loggers(self._elsewhere)
         with doing("preparing the training", in_log=False):
             trainer = self._trainer()
-        # Other processes of torchrun only train.
         if not trainer.processes.is_first:
             with StopGently() as stop:
-                trainer.train(lambda _: None, lambda: stop.requested)
+                run_training(trainer, (), (), lambda: stop.requested)
             return stop.code
         with _flying_beside(trainer) as rivals:
             return self._shown(trainer, curve, rivals)
@@ -243,33 +231,22 @@ class Train(Options):
         self, trainer: Trainer, curve: Callable[[Rows], str] | None, rivals: _Rivals | None
     ) -> int:
         """Train, and make what follows: learning curve, summary, comparison with rivals, page."""
-        from rans.fast.learn.loggers import loggers
-
-        begun = trainer.steps
+        begun_at = trainer.steps
         watched = _watched(trainer.run.path) if self.view else contextlib.nullcontext()
         showing = TrainingProgress(trainer.config.total_timesteps, "terms" in self.log)
-        others = loggers(self._elsewhere, trainer.config, trainer.run.path)
         with watched, showing as progress, StopGently() as stop:
-            trainer.train(
-                lambda members: [
-                    write(members[0].rows[-1])
-                    for write in (progress.show, *(sink.write for sink in others))
-                ],
-                lambda: stop.requested,
-            )
-        for sink in others:
-            sink.close()
+            run_training(trainer, self._elsewhere, [progress.show], lambda: stop.requested)
         # Result: curve, summary, and a warning where the training left the nominal craft out.
-        Terminal().say(_summary(trainer, begun, stop.requested, time.monotonic() - STARTED))
+        Terminal().say(_summary(trainer, begun_at, stop.requested, time.monotonic() - STARTED))
         rows = trainer.run.metrics()
         if rows and curve is not None:
             with _beside_the_agent("its learning curve"):
                 write_text(trainer.run.path / "learning_curve.svg", curve(rows))
-        if not stop.requested and trainer.steps > begun and (hole := _nominal_hole(trainer)):
+        if not stop.requested and trainer.steps > begun_at and (hole := _nominal_hole(trainer)):
             Terminal().say(hole)
         if stop.requested:
             return stop.code
-        if trainer.steps > begun and rivals is not None:
+        if trainer.steps > begun_at and rivals is not None:
             with _beside_the_agent("a comparison with others"):
                 _compare(trainer, rivals)
         # No page has the safety filter.
