@@ -241,9 +241,8 @@ class Registry(Mapping[str, T]):
         return result
 
     def _load(self, name: str) -> T:
-        package = self.package(name)
-        self.check_installed(name)
         if name not in self and ":" not in name:
+            self.check_installed(name)
             near = self.meant(name) or (
                 _of_file(name, self._kind, self._files) if self._or_else else ""
             )
@@ -253,15 +252,16 @@ class Registry(Mapping[str, T]):
                 f"there is no {self._kind} named {brief(name)}{near}; known are "
                 f"{', '.join(self)}; your own is MODULE:NAME{self._or_else}."
             )
-        with self._of_package(name, package):
+        with self._of_package(name):
             return self._checked(self._resolve(name))
 
     @contextlib.contextmanager
-    def _of_package(self, name: str, package: str) -> Iterator[None]:
-        """Context whose errors say which object of which package cannot be used."""
+    def _of_package(self, name: str, package: str = "") -> Iterator[None]:
+        """Context whose errors say which object of which package (by default that of its name) cannot be used."""
         try:
             yield
         except ConfigError as error:
+            package = package or self.package(name)
             of = f" of the package {package}" if package else ""
             raise ConfigError(
                 f"the {self._kind} {brief(name)}{of} cannot be used: {error}"

@@ -26,7 +26,7 @@ from rans.model.timing import Timing
 from rans.randomization.conditions_file import conditions_label
 from rans.registry import typed
 from rans.settled import settled_alone
-from rans.tasks import TASKS, Task, registered_name
+from rans.tasks import Task, registered_name
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.tuned import Tuned
@@ -447,7 +447,8 @@ def as_it_comes(
     """The config, beginning from the agent for any craft if it is short and nothing was set otherwise."""
     from rans.fast.learn.recipes import from_any_craft
 
-    is_short = quality in (None, "quick") and isinstance(task, str) and task in TASKS
+    is_named = task == config.task and ":" not in config.task  # no recipe, and no task of one's own
+    is_short = quality in (None, "quick") and is_named
     is_alone = os.environ.get("WORLD_SIZE", "1") == "1"
     return from_any_craft(config, craft) if is_short and is_alone and not any(otherwise) else config
 

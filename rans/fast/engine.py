@@ -44,7 +44,7 @@ from rans.registry import typed
 from rans.settled import settled
 from rans.tasks import Task, load_task
 from rans.tasks.base import reward_terms
-from rans.tasks.derived import layout
+from rans.tasks.derived import example
 from rans.tasks.feasible import warn_of_obstacles
 from rans.tasks.rewards import Transition
 
@@ -119,7 +119,9 @@ class Engine:
         is_craft_named, are_conditions_named = (
             isinstance(argument, str | Path) for argument in (craft, conditions)
         )
-        self.craft, self.task = craft, task = load_spacecraft(typed(craft)), load_task(typed(task))
+        if not isinstance(task, Task):
+            task = load_task(typed(task))
+        self.craft, self.task = craft, task = load_spacecraft(typed(craft)), task
         self.timing = task.timing if timing is None else checked("timing", timing, Timing)
         conditions = None if conditions is None else load_conditions(typed(conditions))
         if is_craft_named:
@@ -145,7 +147,10 @@ class Engine:
         self.members = len(seeds)
         each = num_envs // len(seeds)
         # The world and its buffers, one row for every environment.
-        self.layout = layout(task, craft.dimension)
+        observed = example(task, craft.dimension)
+        self.layout = observed.layout()
+        self.observation_bounds = observed.bounds()
+        """Largest absolute value of each column of an observation."""
         first = np.arange(num_envs) % each * processes.size + processes.rank
         nominal = Body.of(craft)
         self.observation_width = self.layout.width

@@ -23,6 +23,7 @@ from rans.randomization.plausible import warn_of_implausible
 from rans.safety_filters import safety_filter
 from rans.tasks import Task
 from rans.tasks.derived import layout
+from rans.tasks.observation_terms import Layout
 
 
 class Agent:
@@ -150,7 +151,7 @@ def load_policy(path: Path) -> LoadedRun:
             "yet, or was stopped before."
         )
     network = read_policy(run.agent_file).network
-    _check_fit(network, craft, config.settings, run)
+    _check_fit(network, craft, layout(config.settings, craft.dimension), run)
     return LoadedRun(
         Agent(network, path.resolve().name, craft),
         craft,
@@ -160,9 +161,8 @@ def load_policy(path: Path) -> LoadedRun:
     )
 
 
-def _check_fit(network: Network, craft: Spacecraft, task: Task, run: RunFolder) -> None:
+def _check_fit(network: Network, craft: Spacecraft, expected: Layout, run: RunFolder) -> None:
     architecture = network.architecture
-    expected = layout(task, craft.dimension)
     observed = architecture.layout.width
     commands = architecture.thrusters
     needed = expected.width, craft.command_count

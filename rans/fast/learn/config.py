@@ -454,7 +454,8 @@ class TrainConfig:
                 "kernels: set one of them."
             )
         object.__setattr__(self, "curriculum", tuple(self.curriculum))
-        check_ramps(self.settings, self.curriculum)
+        if self.curriculum:
+            check_ramps(self.settings, self.curriculum)
 
 
 def to_table(config: TrainConfig) -> dict[str, Any]:

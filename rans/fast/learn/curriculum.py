@@ -143,7 +143,7 @@ class Curriculum:
         # Arrays of the settings that move, with their values before the first step.
         self._moving: list[tuple[Ramp, list[Range], list[Any]]] = []
         memory = dict[str, Any]()
-        ends = [_numbers_of(task) for task in tasks]
+        ends = [_numbers_of(task) for task in tasks] if ramps else []
         for ramp in ramps:
             targets = [end[ramp.setting] for end in ends]
             numbers = [

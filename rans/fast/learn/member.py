@@ -23,7 +23,6 @@ from rans.policy.backbones import effector_tokens
 from rans.policy.network import Network
 from rans.policy.preprocess import TorchPreprocessor
 from rans.policy.symmetry import symmetries
-from rans.tasks.derived import example
 
 SOLVED_IN_A_ROW = 2
 """Number of successive reports with a solved task at which training ends; a single one may be chance."""
@@ -61,7 +60,7 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
         units=memory.units if memory.kind == "recurrent" else 0,
         privileged=engine.privileged_quantities.width if settings.privileged_critic else 0,
         nominal=engine.privileged_quantities.nominal if settings.privileged_critic else (),
-        bounds=example(engine.task, craft.dimension).bounds(),
+        bounds=engine.observation_bounds,
     )
 
 

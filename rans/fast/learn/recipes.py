@@ -86,7 +86,7 @@ def training(task: str, spacecraft: str | None = None, device: str | None = None
         task,
         settings,
         named,
-        preset(task, craft.dimension, device),
+        replace(preset(task, craft.dimension, device), symmetric=settings.symmetric),
         timing=timing_of_file(craft, settings, named),
         device=device,
     )
@@ -210,8 +210,7 @@ def preset(task: str, dimension: int, device: str) -> PPOSettings:
     own = RECIPE_FOLDER / f"preset-{task}-{space}.toml"
     file = own if ":" not in task and own.exists() else RECIPE_FOLDER / f"preset-{space}.toml"
     table = _on_device(_table(file), device)
-    settings = structure(table.get("ppo", {}), PPOSettings, f"{file.stem}.ppo")
-    return replace(settings, symmetric=TASKS[task].symmetric)
+    return structure(table.get("ppo", {}), PPOSettings, f"{file.stem}.ppo")
 
 
 def _config(file: Path, device: str) -> TrainConfig:
