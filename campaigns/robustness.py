@@ -91,7 +91,7 @@ def rows() -> dict[str, Conditions]:
     sensors = {
         "spin missed": SensorsConditions(spin=missed),
         "all missed": SensorsConditions(missed, missed, missed, missed),
-        "outages": SensorsConditions(outage=1.0, outage_every=5.0),
+        "outages": SensorsConditions(outage=1.0),
     }
     return {
         "none": Conditions(),

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import accumulate
 from operator import attrgetter
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 from rans.display import Settings
 from rans.errors import ConfigError, NamedArguments, checked, fits, is_finite, one_of
@@ -184,12 +184,14 @@ class SensorsConditions(Settings):
     """Age of the readings, drawn as a whole number of control periods."""
     outage: Range = 0.0
     """Duration of an outage of all sensors, s, in which the last readings are kept, such as a motion capture that
-    loses its markers."""
-    outage_every: Range = 5.0
-    """Time from the start of one outage to that of the next, s; the first starts at a random instant."""
+    loses its markers. The first starts at a random instant, and one every 5 s from then on."""
     field_of_view: Range = math.pi
     """Half-angle of a cone about the axis x of the body, rad. While the origin of W, the target of the sensors, is
     outside, all sensors keep their last readings. pi: they see it from everywhere."""
+
+    outage_every: ClassVar[float] = 5.0
+    """Time from the start of one outage to that of the next, s: a fifth of the paper's episodes, so that each
+    has some."""
 
     def each(self) -> tuple[SensorConditions, ...]:
         """Conditions of position, attitude, velocity and spin, in this order."""
@@ -240,7 +242,6 @@ class Conditions(NamedArguments, Settings):
         _require(self.delay <= 30.0, name, self.delay, "together at most 30 s")
         _check_faults(self.faults)
         _check_disturbances(self.disturbances, is_mixture=bool(self.others))
-        _check_outages(self.sensors)
 
     def met(self, chance: Field) -> Conditions:
         """Conditions of an episode, selected from the mixture by a number in [0, 1).
@@ -471,7 +472,11 @@ _BOUNDS: tuple[tuple[str, Callable[[Any], Any], str], ...] = (
         lambda x: bounds(x)[0] > 0 and largest(x) <= math.pi,
         "above 0 and at most pi rad, half of the cone",
     ),
-    ("sensors.outage_every", lambda x: bounds(x)[0] > 0, "> 0 s"),
+    (
+        "sensors.outage",
+        lambda x: largest(x) < SensorsConditions.outage_every,
+        f"below {SensorsConditions.outage_every:g} s, after which the next begins",
+    ),
 )
 """Names of settings, with the bound that each must keep."""
 
@@ -497,13 +502,6 @@ def _check_disturbances(disturbances: DisturbanceConditions, is_mixture: bool) -
         value = getattr(disturbances, name)
         possible = largest(value) == 0 or disturbances.kicks > 0 or is_mixture
         _require(possible, f"disturbances.{name}", value, bound)
-
-
-def _check_outages(sensors: SensorsConditions) -> None:
-    """Reject readings that are hidden all the time."""
-    least = bounds(sensors.outage_every)[0]
-    bound = f"below the least of sensors.outage_every, {least:g} s"
-    _require(largest(sensors.outage) < least, "sensors.outage", sensors.outage, bound)
 
 
 def _require(holds: Any, name: str, value: object, bound: str) -> None:

@@ -192,7 +192,7 @@ MISSED = SensorConditions(dropout=0.3)
 WORLDS = {
     "spin": Conditions(sensors=SensorsConditions(spin=MISSED)),
     "all": Conditions(sensors=SensorsConditions(MISSED, MISSED, MISSED, MISSED)),
-    "outages": Conditions(sensors=SensorsConditions(outage=1.0, outage_every=5.0)),
+    "outages": Conditions(sensors=SensorsConditions(outage=1.0)),
 }
 
 

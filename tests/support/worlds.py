@@ -46,9 +46,7 @@ EFFECTS = {
         sensors=SensorsConditions(_READING, _READING, _READING, _READING, (0.0, 2.0))
     ),
     "dropout": Conditions(sensors=SensorsConditions(_LOST, SensorConditions(noise=0.01))),
-    "outage": Conditions(
-        sensors=SensorsConditions(_READING, outage=(0.0, 0.9), outage_every=(1.0, 2.0))
-    ),
+    "outage": Conditions(sensors=SensorsConditions(_READING, outage=(2.0, 4.5))),
     "mountings": Conditions(
         thrusters=_Thrusters(noise=(0.0, 0.3), misalignment=(0.0, 0.1), position=(0.0, 0.05))
     ),
@@ -75,9 +73,7 @@ EFFECTS = {
         _Disturbances(
             (0.0, 0.3), (0.0, 0.1), (0.0, 0.3), (0.0, 0.1), (2.0, 20.0), 2, (0.0, 1.0), (0.0, 0.1)
         ),
-        SensorsConditions(
-            _LOST, _LOST, _LOST, _LOST, (0.0, 2.0), (0.0, 0.9), (1.0, 2.0), (0.8, 3.0)
-        ),
+        SensorsConditions(_LOST, _LOST, _LOST, _LOST, (0.0, 2.0), (2.0, 4.5), (0.8, 3.0)),
     ),
 }
 

@@ -43,7 +43,6 @@ _GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
             "spin",
             "delay",
             "outage",
-            "outage_every",
             "field_of_view",
         ),
     ),

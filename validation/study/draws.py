@@ -100,7 +100,6 @@ def _everything(craft: Spacecraft) -> Conditions:
             _SENSOR,
             delay=(0.0, 3.0),
             outage=(0.4, 1.0),
-            outage_every=(3.0, 6.0),
         ),
     )
 
@@ -212,7 +211,6 @@ def _sensors(case: Any) -> Ranged:
     outage = case.sensors.outage
     return found | {
         "outage": (outage.fraction / outage.rate, 0.4, 1.0),
-        "time between outages": (1.0 / outage.rate, 3.0, 6.0),
         "moment of the first outage": (outage.phase, 0.0, 1.0),
     }
 

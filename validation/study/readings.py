@@ -144,18 +144,18 @@ def _dropout_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
 
 
 def _outage_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
-    """Everything stands for 1 s in every 4 s: for five control periods of any twenty in a row."""
+    """Everything stands for 1 s in every 5 s: for five control periods of any 25 in a row."""
     position, attitude, velocity, spin = (SensorConditions(noise=noise) for noise in _NOISE)
-    sensors = SensorsConditions(position, attitude, velocity, spin, outage=1.0, outage_every=4.0)
+    sensors = SensorsConditions(position, attitude, velocity, spin, outage=1.0)
     told = _told(craft, sensors, seed)
     stands = np.stack([(part[1:] == part[:-1]).all(axis=-1) for part in told.readings])
-    windows = np.lib.stride_tricks.sliding_window_view(stands, 20, axis=1).sum(axis=-1)
+    windows = np.lib.stride_tricks.sliding_window_view(stands, 25, axis=1).sum(axis=-1)
     yield Check(
         "readings: control periods of an outage",
         float(np.abs(windows - 5).max()),
         0.0,
         "periods",
-        "1 s of 4 s are 5 of 20 control periods of 0.2 s, of each quantity.",
+        "1 s of 5 s are 5 of 25 control periods of 0.2 s, of each quantity.",
     )
     alone = np.count_nonzero(stands.any(axis=0) & ~stands.all(axis=0))
     yield Check(

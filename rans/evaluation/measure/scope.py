@@ -31,7 +31,6 @@ _NOMINAL = "nominal conditions"
 _TOGETHER = {
     "faults.count": ("faults.kinds", "faults.time", "faults.among", "faults.share"),
     "faults.thrusters": ("faults.kinds", "faults.time", "faults.share"),
-    "sensors.outage": ("sensors.outage_every",),
     "disturbances.slow_force": ("disturbances.slow_period",),
     "disturbances.slow_torque": ("disturbances.slow_period",),
     "disturbances.kicks": ("disturbances.kick", "disturbances.kick_spin"),
