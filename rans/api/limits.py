@@ -146,10 +146,8 @@ def optimal_trajectory(
     from rans.evaluation.compare.optima import optima
     from rans.optimal.trajectory.limits import PathLimits
     from rans.optimal.trajectory.objectives import objective_of
-    from rans.optimal.trajectory.transcription import usual_guesses
 
-    judged = load_task(task).for_evaluation()
-    craft = load_spacecraft(spacecraft or judged.spacecraft or CRAFT)
+    craft, judged = setup_of(task, spacecraft)
     objective_value = objective_of(objective, horizon, control_period, ending or "exact", intervals)
     scenario = _scenario(judged, craft, seed, start, goal)
     if isinstance(zones, str) or not isinstance(zones, Iterable):
@@ -159,8 +157,7 @@ def optimal_trajectory(
     balls = tuple(tuple(_numbers("zone", zone)) for zone in zones)
     limits = PathLimits(most_speed, most_spin, balls)
     limits = None if limits == PathLimits() else limits
-    usual = max(usual_guesses(craft, judged, objective_value), 3 if balls else 1)
-    tried = usual if guesses is None else whole("guesses", guesses)
+    tried = None if guesses is None else whole("guesses", guesses)
     # Solve from several guesses, and fly the best in Drake.
     (optimum,) = optima(craft, judged, objective_value, scenario, tried, workers=1, limits=limits)
     number = _OWN if isinstance(start, State) else start
@@ -172,6 +169,16 @@ def optimal_trajectory(
         optimum.flight,
         keep_out=balls,
     )
+
+
+def setup_of(task: str | Task, spacecraft: SpacecraftLike | None) -> tuple[Spacecraft, Task]:
+    """Spacecraft and task of optimal trajectories, with the starts of evaluations.
+
+    Raises:
+        ConfigError: one of these does not exist.
+    """
+    judged = load_task(task).for_evaluation()
+    return load_spacecraft(spacecraft or judged.spacecraft or CRAFT), judged
 
 
 @settled_alone

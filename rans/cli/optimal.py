@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from rans.api.judging import own_endpoints
-from rans.api.limits import optimal_trajectory
-from rans.api.names import load_spacecraft
+from rans.api.limits import optimal_trajectory, setup_of
 from rans.api.states import read_zones
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
@@ -26,7 +25,7 @@ from rans.model.spacecraft_file import spacecraft_label
 from rans.progress import Progress
 from rans.registry import typed
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
-from rans.tasks import TASKS, Task
+from rans.tasks import Task
 from rans.terminal import Terminal, progress, stages, writing_at_end
 
 if TYPE_CHECKING:
@@ -99,15 +98,13 @@ class Optimal(Options):
         from rans.optimal.trajectory.allocation import check_aims, check_relaxation
         from rans.optimal.trajectory.arrival import check_goal
         from rans.optimal.trajectory.objectives import objective_of
-        from rans.optimal.trajectory.transcription import usual_guesses
         from rans.show.figures.optimal_figure import optimal_figure
         from rans.show.figures.svg import svg
         from rans.tasks.goal_set import aims
 
         self._check()
         ending = self.ending or "exact"
-        task = TASKS[typed(self.task)]().for_evaluation()
-        craft = load_spacecraft(self.spacecraft or task.spacecraft or "floating-platform")
+        craft, task = setup_of(typed(self.task), self.spacecraft)
         problem = problem_of(task)
         if problem is not None and problem.solve is not None:
             return problem.solve(self, craft, task)
@@ -116,7 +113,6 @@ class Optimal(Options):
         objective = objective_of(self.objective, self.horizon, _CONTROL_PERIOD, ending, _INTERVALS)
         starts = self.sampled_starts(task, craft)
         limits = self._limits(craft.dimension)
-        guesses = max(usual_guesses(craft, task, objective), 3 if self.zones else 1)
         name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-{self.objective}"
         # Before anything is written: what would stop the trajectories or their bounds.
         check_aims(craft, task)
@@ -145,9 +141,7 @@ class Optimal(Options):
 
         answers = self.with_progress(
             "optimal trajectories",
-            lambda step: optima(
-                craft, task, objective, starts, guesses, progress=step, limits=limits
-            ),
+            lambda step: optima(craft, task, objective, starts, None, progress=step, limits=limits),
         )
         Terminal().table(
             optima_table(

@@ -209,7 +209,7 @@ def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(
         "rans.evaluation.compare.bounds.bounds_in_parallel",
         lambda *given, **_: asked.append(given) or (),
     )
-    monkeypatch.setattr("rans.optimal.trajectory.transcription.usual_guesses", lambda *_: 2)
+    monkeypatch.setattr("rans.evaluation.compare.optima.usual_guesses", lambda *_: 2)
     options = ["--episodes=1", "--horizon=8", "--certify", "--certify-seconds", "3.5"]
     assert run("go-to-position", *options, "--output", str(tmp_path)) == 0
     written = json.loads((tmp_path / "optimal.json").read_text())

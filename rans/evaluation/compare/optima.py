@@ -24,7 +24,7 @@ from rans.optimal.trajectory.endpoints import NAMES
 from rans.optimal.trajectory.limits import PathLimits
 from rans.optimal.trajectory.objectives import Objective
 from rans.optimal.trajectory.pool import solve_all
-from rans.optimal.trajectory.transcription import START_IS_GOAL, Trajectory
+from rans.optimal.trajectory.transcription import START_IS_GOAL, Trajectory, usual_guesses
 from rans.progress import Progress, unseen
 from rans.scenario import Scenario, each
 from rans.scenario import scenario as example
@@ -115,7 +115,7 @@ def optima(
     task: Task,
     objective: Objective,
     starts: Scenario,
-    guesses: int = 1,
+    guesses: int | None = 1,
     workers: int | None = None,
     progress: Progress = unseen,
     timing: Timing = _AS_PLANNED,
@@ -128,7 +128,8 @@ def optima(
         task: task.
         objective: objective to minimise.
         starts: starts, whose fields are arrays (N,).
-        guesses: see `rans.optimal.trajectory.transcription.Transcription.solve`.
+        guesses: see `rans.optimal.trajectory.transcription.Transcription.solve`; None: the usual number, and
+            at least three with balls to keep out of.
         workers: see `rans.optimal.trajectory.pool.solve_all`.
         progress: reports solved problems.
         timing: length of flights, see `episode`; by default that of their trajectories.
@@ -139,6 +140,9 @@ def optima(
     """
     if limits is not None:
         limits.check_ends(starts)
+    if guesses is None:
+        around = limits is not None and len(limits.keep_out) > 0
+        guesses = max(usual_guesses(craft, task, objective), 3 if around else 1)
     [trajectories] = solve_all(craft, task, [objective], starts, workers, progress, guesses, limits)
     return [
         _judged(k, trajectory, episode(craft, task, timing, scenario, trajectory))
