@@ -1,167 +1,95 @@
-"""Random spacecraft, random on/off flights, and their bounds with what they reached as goal.
-
-Flights follow the equations that all engines share. Each is held against the least time and the least impulse to
-where it ended: the hull bound, rounded up to whole periods and pulses, and for every planar spacecraft with a
-lattice the dual bound of the certificate. A lattice's size is planned before it is built.
-"""
+"""Thrusters opened at random, the same in Drake, with our equations, in engines and environments."""
 
 from __future__ import annotations
 
-import math
-import warnings
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
+import torch
 
-from rans.errors import ConfigError
-from rans.evaluation.compare.bounds import Question, bound
-from rans.model.body import Body
-from rans.model.dynamics import PlanarState, SpatialState, advance, thrust, wrench
-from rans.model.fields import Heading, Quat, Vec2, Vec3
-from rans.model.spacecraft import Spacecraft, Thruster
-from rans.optimal.certificate.goal_set import GoalSet
-from rans.optimal.certificate.plane.ascent import ascend, scale, towards_goal
-from rans.optimal.certificate.plane.dual import Relaxation
-from rans.optimal.certificate.plane.lattice import Lattice
-from rans.optimal.certificate.problem import SearchEffort
-from rans.scenario import Scenario
+from rans.fast import Engine
+from rans.flight import Flight, fly
+from rans.model.fields import leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.randomization.conditions import Conditions
+from rans.scenario import draws, scenarios
+from rans.tasks import GoToPose
+from tests.support.crafts import nasty_planar, nasty_spatial
 
-PERIOD = 0.2
-_AIMS = (
-    ("attitude", "position", "spin", "velocity"),
-    ("position", "velocity"),
-    ("velocity",),
-    ("spin",),
-)
-_FASTEST = 3.0
-"""Spin up to which eight steps a period are exact enough in space, rad/s."""
-_HASTE = SearchEffort(1e-9, levels=1)
-"""The certificate's search stops at once: what it has then must hold too."""
-_MOST_POINTS = 300_000
-"""Of a lattice: its costs and their tables then take less than 100 MB and a search some seconds."""
-ROUNDING = 1e-9
-"""Relative, of a flight of a hundred steps in double precision."""
+TASK = GoToPose(fail_distance=1e3, fail_spin=1e3)
+"""Which never ends before its time."""
+PLANE = nasty_planar()
+SPACE = nasty_spatial()
+CRAFTS = {2: PLANE, 3: SPACE}
 
 
-def beaten(seed: int) -> dict[str, float]:
-    """Bounds over what a random flight took; above 1 would refute a bound. Large lattices are not built."""
-    random = np.random.default_rng(seed)
-    craft = random_craft(random)
-    flown = flight(craft, random)
-    if flown is None:
-        return {}
-    start, goal, spent, steps = flown
-    loose = GoalSet(*10.0 ** random.uniform(-6, -1, 4))
-    wanted = _AIMS[random.integers(len(_AIMS))]
-    found: dict[str, float] = {}
-    count = points(craft, start, goal, loose, steps)
-    if count > _MOST_POINTS:
-        wanted = _AIMS[1]
-    for name, horizon, took in (
-        ("least time", None, steps * PERIOD),
-        ("least impulse", steps * PERIOD, spent),
-    ):
-        question = Question(craft, wanted, loose, PERIOD, horizon, _HASTE, Scenario(start, goal))
-        found[name] = _share(bound(0, question).best, took)
-    if 0 < count <= _MOST_POINTS:
-        dual = _dual(craft, start, goal, spent, steps, loose)
-        found["dual of the certificate"] = _share(dual, spent)
-    return found
+class Random:
+    """Opens thrusters at random, the same in every flight; keeps what it told and was shown."""
+
+    name = "random"
+
+    def __init__(self, craft: Spacecraft) -> None:
+        self._thrusters = len(craft.thrusters)
+
+    def reset(self, count: int) -> None:
+        self._rng = np.random.default_rng(3)
+        self._count = count
+        self.told = []
+        self.seen = []
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        self.seen.append(observation)
+        self.told.append(self._rng.integers(0, 2, (self._count, self._thrusters)).astype(float))
+        return self.told[-1]
 
 
-def _share(least: float, took: float) -> float:
-    return least / took if took > 0 else (1.0 if least <= ROUNDING else math.inf)
+def flown(
+    craft: Spacecraft, conditions: Conditions, steps: int, move: Any = fly
+) -> tuple[Flight, Random]:
+    # For a second or two, four substeps a period are as exact in space.
+    pilot = Random(craft)
+    timing = Timing(substeps=1 if craft.dimension == 2 else 4, episode_steps=steps)
+    return move(
+        craft,
+        TASK,
+        pilot,
+        scenarios(TASK, craft, 9, 2),
+        timing,
+        conditions=conditions,
+        draws=draws(9, 2),
+    ), pilot
 
 
-def random_craft(random: np.random.Generator) -> Spacecraft:
-    """Planar or not, one to eight thrusters, equal or not, many through the centre or without a push."""
-    dimension: Literal[2, 3] = 2 if random.random() < 0.5 else 3
-    count = int(random.integers(1, 9))
-    forces = random.uniform(0.2, 3.0, count)
-    if random.random() < 0.5:
-        forces[:] = forces[0]
-    arms = random.integers(-2, 3, count) * 0.15
-    nozzles: list[Thruster] = []
-    for force, arm in zip(forces, arms, strict=True):
-        way = random.normal(size=3) * (1.0, 1.0, float(dimension == 3))
-        way /= np.linalg.norm(way)
-        # aside of the line through the centre by an arm from a short list: sums of torques often cancel
-        aside = np.cross(way, (0.0, 0.0, 1.0) if dimension == 2 else random.normal(size=3))
-        place = arm * aside / np.linalg.norm(aside) + random.uniform(-0.3, 0.3) * way
-        nozzles.append(Thruster(_triple(place), _triple(way), float(force)))
-        if random.random() < 0.4:  # and one against it on the other side: a couple
-            nozzles.append(Thruster(_triple(-place), _triple(-way), float(force)))
-    a, b, c = map(float, random.uniform(0.02, 0.3, 3))
-    inertia = ((b + c, 0.0, 0.0), (0.0, a + c, 0.0), (0.0, 0.0, a + b))
-    sharing = "split" if random.random() < 0.25 else "none"
-    with warnings.catch_warnings():  # what cannot be steered everywhere flies as well
-        warnings.simplefilter("ignore", UserWarning)
-        return Spacecraft(
-            "random",
-            dimension,
-            float(random.uniform(1.0, 20.0)),
-            inertia,
-            tuple(nozzles[:8]),
-            thrust_sharing=sharing,
+class InEngine:
+    """Two spacecraft of an engine."""
+
+    count = 2
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+
+    def observe(self) -> np.ndarray:
+        return self._engine.observe().numpy()
+
+    def step(self, told: np.ndarray) -> np.ndarray:
+        return self._engine.step(torch.from_numpy(told)).reward.numpy()
+
+    def state(self) -> np.ndarray:
+        return np.array([np.asarray(x) for x in leaves(self._engine.state)])
+
+
+def in_engine(name: str, craft: Spacecraft, conditions: Conditions, timing: Timing) -> InEngine:
+    dtype = torch.float32 if name == "float32" else torch.float64
+    return InEngine(
+        Engine(
+            craft,
+            TASK,
+            2,
+            timing,
+            seed=9,
+            dtype=dtype,
+            compiled=name != "numpy",
+            conditions=conditions,
         )
-
-
-def _triple(vector: np.ndarray) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in vector)
-    return x, y, z
-
-
-def flight(craft: Spacecraft, random: np.random.Generator) -> tuple[Any, Any, float, int] | None:
-    """Start, end, impulse and periods; None where it spins too fast to be computed exactly.
-
-    Half the flights hold a random set of thrusters open all the time, which is what saturates a bound.
-    """
-    steps = int(random.integers(1, 9))
-    count = len(craft.thrusters)
-    commands = (random.random((steps, count)) < random.uniform(0.05, 0.9)).astype(float)
-    if random.random() < 0.5:
-        commands[:] = random.random(count) < 0.6
-    p = random.uniform(-2, 2, 3)
-    v = random.uniform(-0.3, 0.3, 3)
-    w = random.uniform(-0.5, 0.5, 3)
-    if random.random() < 0.5:
-        v = 0.0 * v
-        w = 0.0 * w
-    start: Any = SpatialState(Vec3(*p), Quat(1.0, 0.0, 0.0, 0.0), Vec3(*v), Vec3(*w))
-    if craft.dimension == 2:
-        start = PlanarState(Vec2(p[0], p[1]), Heading(p[2]), Vec2(v[0], v[1]), w[2])
-    state = start
-    spent = 0.0
-    for row in commands:
-        fields = tuple(float(c) for c in row)
-        state = advance(state, wrench(craft, fields), Body.of(craft), PERIOD, 8).normalised()
-        shares = thrust(craft, fields)
-        spent += PERIOD * sum(s * t.force for s, t in zip(shares, craft.thrusters, strict=True))
-        if not np.linalg.norm(state.spin()) < (_FASTEST if craft.dimension == 3 else 50.0):
-            return None
-    return start, state, float(spent), steps
-
-
-def points(craft: Spacecraft, start: Any, goal: Any, loose: GoalSet, steps: int) -> int:
-    """Of the lattice that a certificate of so many periods builds, in period, spin and heading; 0: none."""
-    try:
-        lattice = Lattice(craft, PERIOD)
-        last = max(map(abs, lattice.net_spins(loose, start, goal)))
-    except ConfigError:  # in space, of shared thrust, or of torques without a common quantum
-        return 0
-    most = int(np.abs(lattice.patterns.torque).max())
-    k = np.arange(steps + 1)
-    limits = np.minimum(most * k, most * (steps - k) + last)
-    return (steps + 1) * (2 * max(int(limits.max()), last) + 1) * (2 * int(limits[:-1].sum()) + 1)
-
-
-def _dual(
-    craft: Spacecraft, start: Any, goal: Any, spent: float, steps: int, loose: GoalSet
-) -> float:
-    """The certificate's bound before branching, rounded up to pulses."""
-    lattice = Lattice(craft, PERIOD)
-    relaxation = Relaxation(lattice, start, goal, loose, steps, max(spent, 0.2))
-    first = towards_goal(relaxation)
-    found = ascend(relaxation, relaxation.reachable(), first, [], np.inf, 1e-3, 0.5, 15).best
-    rough = relaxation.bound(first * scale(relaxation), relaxation.reachable())
-    return lattice.next_fuel(max(found.value, rough.value, 0.0), relaxation.net)
+    )

@@ -18,7 +18,7 @@ from rans.model.spacecraft import Propellant, Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate import attitude_tube, hull
 from rans.optimal.certificate.goal_set import GoalSet
-from tests.support.random_flights import PERIOD, flight, random_craft
+from tests.support.bounded_flights import PERIOD, flight, random_craft
 
 EXACT = GoalSet(0.0, 0.0, 0.0, 0.0)
 PINGU = load_spacecraft("pingu")

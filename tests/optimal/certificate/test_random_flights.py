@@ -13,7 +13,7 @@ from rans.optimal.certificate import hull
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
-from tests.support.random_flights import ROUNDING, beaten, points, random_craft
+from tests.support.bounded_flights import ROUNDING, beaten, points, random_craft
 from tests.support.tiny_lattice import lopsided
 
 
