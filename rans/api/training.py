@@ -322,10 +322,14 @@ def tune(
     Raises:
         ConfigError: the controller has nothing to tune, or a number is out of its range.
     """
+    from rans.policy.timing import timing_of_file
+
     craft = load_spacecraft(spacecraft)
     base = load_task(task)
+    named = "" if isinstance(spacecraft, Spacecraft) else str(spacecraft)
+    timing = timing_of_file(craft, base, named)  # at which every contestant flies it
     numbers = whole("candidates", candidates), whole("starts", starts), price, seconds
-    return searched(controller, base, craft, base.timing, conditions, numbers, output).result
+    return searched(controller, base, craft, timing, conditions, numbers, output).result
 
 
 class Search(NamedTuple):

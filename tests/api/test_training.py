@@ -11,7 +11,9 @@ import pytest
 
 import rans
 from rans.api.training import config_of, members
+from rans.episode import Setup
 from rans.errors import ConfigError
+from rans.evaluation.fly.contestants import contestant
 from rans.fast.learn.config import to_table
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 
@@ -78,3 +80,13 @@ def test_a_training_of_another_run_is_its_config(tmp_path: Path) -> None:
     (tmp_path / "spacecraft.toml").write_text(to_toml(load_spacecraft("pingu")))
     with pytest.raises(ConfigError, match="has changed since"):
         config_of(str(file))
+
+
+def test_a_controller_is_tuned_at_the_rate_at_which_it_flies_a_file(tmp_path: Path) -> None:
+    """Quick to turn, this craft flies at 10 Hz; settings that were tuned at 5 Hz were never used."""
+    own = tmp_path / "mine.toml"
+    own.write_text(to_toml(load_spacecraft("floating-platform")))
+    flown = contestant(f"lqr:go-to-pose-2d@{own}")
+    assert flown.timing.control_period < flown.task.timing.control_period
+    found = rans.tune("lqr", spacecraft=own, candidates=1, starts=1, output=tmp_path / "lqr.json")
+    assert found.fits("lqr", Setup(flown.craft, flown.task, flown.timing))
