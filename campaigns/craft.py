@@ -36,14 +36,14 @@ CRAFTS = {
     "roboran-platform": "any-craft-2d#0.15",
     "freeflyer2": "any-craft-2d#0.15",
     "astrobee-granite": "any-craft-2d",
-    "astrobee-iss": "go-to-pose-3d-astrobee-iss",
+    "astrobee-iss": "any-craft-3d#0.45",
     "atmos-orbit-12": "go-to-pose-3d-atmos-orbit-12",
     "atmos-orbit-16": "any-craft-3d",
-    "spheres": "go-to-pose-3d-spheres",
+    "spheres": "any-craft-3d#0.1",
     "apollo-csm": "any-craft-3d",
     "afrl-12kg": "any-craft-3d#0.15",
-    "cubesat-3u": "go-to-pose-3d-cubesat-3u",
-    "cubesat-6u": "go-to-pose-3d-cubesat-6u",
+    "cubesat-3u": "any-craft-3d#0.15",
+    "cubesat-6u": "any-craft-3d#0.3",
 }
 """Real craft, and who flies them best: an agent of the craft alone only where none for any craft beats it."""
 
@@ -66,9 +66,13 @@ _SETTINGS = {
     "roboran-platform": _Setting(0.1, 300),
     "freeflyer2": _Setting(0.1, 400, distance=(1.0, 1.5)),
     "astrobee-granite": _Setting(0.2, 250, "astrobee", (1.0, 1.5)),
+    "astrobee-iss": _Setting(0.2, 250, "astrobee", (1.5, 2.5)),
     "atmos-orbit-16": _Setting(0.1, 300, "real-space"),
+    "spheres": _Setting(0.2, 200, "real-space", (1.5, 2.5)),
     "apollo-csm": _Setting(1.0, 120, "real-space"),
     "afrl-12kg": _Setting(1.0, 80, "real-space"),
+    "cubesat-3u": _Setting(0.5, 160, "real-space", (1.0, 1.5)),
+    "cubesat-6u": _Setting(0.5, 160, "real-space", (1.0, 1.5)),
 }
 _STARTS = 256
 """Of which bounds are averaged: the first of an evaluation."""

@@ -20,7 +20,7 @@ FLOWN = (
     "any-craft-2d@pingu",
     "any-craft-2d",
     "track-velocity-2d",
-    "go-to-pose-3d-cubesat-3u",
+    "any-craft-3d@cubesat-3u",
     "go-to-pose-3d",
     "dock-port-3d",
 )

@@ -52,7 +52,7 @@ from tests.support.packages import needs_command
         ),
         ("optimal pretrained:go-to-pose-2d-fast", "rans optimal go-to-pose"),
         ("evaluate lqr:go-to-pose-2d@nowhere.toml", "rans init nowhere.toml"),
-        ("faults go-to-pose-3d-spheres --picture a.png", "rans faults spheres --picture a.png"),
+        ("faults go-to-pose-3d-robust --picture a.png", "rans faults free-flyer --picture a.png"),
         ("faults pretrained:go-to-pose-3d", "rans faults free-flyer"),
         ("faults adaptive:any-craft-2d@atmos", "rans faults atmos"),
         ("faults lqr:go-to-pose-3d@mine.toml", "rans faults mine.toml"),

@@ -46,7 +46,7 @@ def test_tunes_for_the_setup_of_a_contestant(
     """An agent of a CubeSat flies at 2 Hz, where its task alone would be at 5 Hz."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("rans.cli.tune._STARTS", 1)
-    like = "pretrained:go-to-pose-3d-cubesat-3u"
+    like = "any-craft-3d@cubesat-3u"
     assert main(["tune", "lqr", like]) == 0
     [file] = OWN.iterdir()
     result = Tuned.read(file)

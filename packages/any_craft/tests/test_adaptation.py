@@ -20,10 +20,12 @@ from rans.evaluation.measure.aggregate import measure
 from rans.fast.agent_files.agent import actor_bytes, read_policy
 from rans.flight import Flight
 from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
 from rans.policy.any_craft import for_craft
 from rans.policy.network import Network
 from rans.policy.preprocess import TorchRows
 from rans.randomization.conditions import Conditions, FaultConditions
+from rans.tasks import GoToPose
 
 PERIOD = 0.2
 
@@ -176,15 +178,15 @@ def test_machine_code_estimates_the_same(name: str) -> None:
 def cubesat(dead: int | None, steps: int | None = None) -> tuple[Flight, Adaptation]:
     """Sixteen flights of cubesat-6u by the adapting agent, with a dead thruster or none, and its estimator.
 
-    They last for so many steps, or for those that its own agent takes.
+    They last for so many steps, or for 80 s.
     """
-    specialist = contestant("go-to-pose-3d-cubesat-6u")
-    timing = replace(specialist.timing, episode_steps=steps or specialist.timing.episode_steps)
-    run = for_spacecraft(contestant("adaptive:any-craft-3d"), specialist.craft, timing)
+    timing = Timing(0.5, 1, steps or 160)
+    run = for_spacecraft(contestant("adaptive:any-craft-3d"), load_spacecraft("cubesat-6u"), timing)
+    task = GoToPose(spawn_distance=(1.0, 1.5), evaluation_distance=(1.0, 1.5))
     conditions = Conditions()
     if dead is not None:
         conditions = Conditions(faults=FaultConditions(kinds=("dead",), thrusters=(dead,)))
-    run = run._replace(task=specialist.task, conditions=conditions)
+    run = run._replace(task=task, conditions=conditions)
     assert isinstance(run.controller, Agent)
     flight = fly_episodes(run.controller, run.judged, 5, 16, workers=1).flight
     return flight, estimator_of(run.network)

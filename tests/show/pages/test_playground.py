@@ -50,12 +50,12 @@ needs_node = pytest.mark.skipif(NODE is None, reason="needs Node.js to run JavaS
 AGENTS = (
     pytest.param("go-to-pose-2d", marks=pytest.mark.slow),
     "go-to-pose-2d-robust",
-    "go-to-pose-3d-astrobee-iss",
+    "any-craft-3d@astrobee-iss",
     "any-craft-2d",
     pytest.param("any-craft-2d@pingu", marks=pytest.mark.slow),
 )
-"""Without a memory, with filters and a history of commands, with throttled thrusters in space, with
-allocation to on/off thrusters, and to throttled ones and a wheel."""
+"""Without a memory, with filters and a history of commands, with allocation to throttled thrusters in space, to
+on/off thrusters, and to throttled ones and a wheel."""
 SEED = 7
 
 
@@ -104,7 +104,7 @@ def test_activations_are_those_of_torch(tmp_path: Path) -> None:
 
 @needs_node
 @pytest.mark.parametrize(
-    "name", [*AGENTS, pytest.param("go-to-pose-3d-cubesat-3u", marks=pytest.mark.slow)]
+    "name", [*AGENTS, pytest.param("any-craft-3d@cubesat-3u", marks=pytest.mark.slow)]
 )
 def test_it_starts_moves_and_observes_as_python_does(name: str, tmp_path: Path) -> None:
     """The same start, and then its own commands, late and with thrusters that fail.
@@ -357,7 +357,7 @@ console.log(JSON.stringify([...[DATA.drawing.craft, light, poor].map(verdict), f
 
 
 @pytest.mark.parametrize(
-    "name", ["go-to-pose-2d", "go-to-pose-3d", "go-to-pose-3d-cubesat-3u", "any-craft-2d"]
+    "name", ["go-to-pose-2d", "go-to-pose-3d", "any-craft-3d@cubesat-3u", "any-craft-2d"]
 )
 def test_the_page_is_small_and_fetches_nothing(name: str, tmp_path: Path) -> None:
     """Many weights, more than have 16 bits in so little, and many substeps in space."""
