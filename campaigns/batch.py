@@ -18,7 +18,7 @@ from rans.evaluation.measure.statistics import share
 from rans.fast.flights import Flights
 from rans.policy.network import Network
 from rans.randomization.conditions import Conditions
-from rans.verdict import FlightAccumulator, last_fifth
+from rans.verdict import FlightAccumulator
 
 Rows = dict[str, dict[str, Any]]
 """Results of one agent, by the conditions it was flown in."""
@@ -31,8 +31,6 @@ class Found(NamedTuple):
     """Whether the goal was held (`rans.verdict`)."""
     settled: np.ndarray
     """Time at which the flight settled, s; infinite if it did not."""
-    duty: np.ndarray
-    """Share of open thrusters over the last fifth."""
     lost: np.ndarray
     """Whether the flight failed, as too far away or spinning too fast."""
     distance: np.ndarray
@@ -57,29 +55,23 @@ def flown(
     flights = Flights(
         network, setup._replace(conditions=conditions.or_none), device, generated=False
     )
-    steps = setup.timing.episode_steps
-    last = last_fifth(steps)
     verdict = None
     now = torch.zeros(3, episodes, device=device)
-    duty = torch.zeros(episodes, device=device)
     with np.errstate(all="ignore"):
         numbers = np.arange(episodes, dtype=np.int32)
-        for t, (episode, outcome) in enumerate(flights.steps(flights.draws(seed, numbers))):
+        for episode, outcome in flights.steps(flights.draws(seed, numbers)):
             if verdict is None:
                 verdict = FlightAccumulator.begin(flights.world, episode)
                 now = motion(episode)
             verdict = verdict.after(flights.world, outcome)
             now = torch.where(torch.as_tensor(verdict.running), motion(outcome.episode), now)
-            if t >= steps - last:
-                opened = sum(torch.as_tensor(x) for x in outcome.command)
-                duty += opened / (len(outcome.command) * last)
     assert verdict is not None, "an episode has at least one step"
     solved, settles, settled, failed = (
         torch.as_tensor(x).cpu().numpy()
         for x in (verdict.solved, verdict.settles, verdict.settled, verdict.failed)
     )
     times = np.where(settles, settled * setup.timing.control_period, np.inf)
-    return Found(solved, times, duty.cpu().numpy(), failed, *now.cpu().numpy())
+    return Found(solved, times, failed, *now.cpu().numpy())
 
 
 def motion(episode: Episode) -> Tensor:

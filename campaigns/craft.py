@@ -19,7 +19,6 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
 from rans.model.authority import authorities, authority_rows
-from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -27,7 +26,7 @@ from rans.optimal.certificate.hull import least_time, settling_set
 from rans.randomization.conditions import Conditions, bounds
 from rans.randomization.conditions_file import load_conditions
 from rans.randomization.faults import fault_sets
-from rans.scenario import EVALUATION_SEED, scenarios
+from rans.scenario import EVALUATION_SEED, each, scenarios
 from rans.tasks import GoToPose, Task
 
 CRAFTS = {
@@ -122,14 +121,9 @@ def least_settling_times(name: str, count: int) -> np.ndarray:
     within = settling_set(
         craft, task.position_tolerance, task.attitude_tolerance, run.timing.control_period
     )
-    found = []
-    for k in range(count):
-        start, goal = (
-            map_leaves(lambda x, k=k: float(np.broadcast_to(x, count)[k]), state)
-            for state in (starts.start, starts.goal)
-        )
-        found.append(least_time(craft, ("position", "velocity"), start, goal, within))
-    return np.array(found)
+    aimed = "position", "velocity"
+    found = (least_time(craft, aimed, one.start, one.goal, within) for one in each(starts))
+    return np.array([*found])
 
 
 def _task(task: Task) -> GoToPose:

@@ -1,7 +1,7 @@
 """Docking with contact in Drake, beside the mission's own verdict: ``python -m campaigns docking-with-contact``.
 
 The agents of dock-port that come with RANS fly held-out starts twice in Drake: with bodies that touch nothing, and
-with a probe, a plate and latches (`campaigns.contact`).
+with a probe, a plate and latches (`rans_missions.contact`).
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+from rans_missions.contact import CaptureSystem, Docking, fly_to_contact
 from rans_missions.tasks import DockPort
 
-from campaigns.contact import CaptureSystem, Docking, fly_to_contact
 from rans.episode import Setup
 from rans.evaluation.fly.contestants import contestant
 from rans.model.fields import map_leaves

@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
+from rans_missions.bounds.ports import least_to_dock_at
+from rans_missions.bounds.zones import least_to_stay
 
-from campaigns.ports import least_to_dock_at
-from campaigns.zones import least_to_stay
 from rans.api.limits import optimal_trajectory
 from rans.files import number
 from rans.model.spacecraft import Spacecraft

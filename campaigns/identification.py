@@ -252,17 +252,19 @@ class Hidden:
                 error = 100.0 * error / np.abs(truth[:, columns])
             if unit == "mm":
                 error = 1e3 * error
-            yield self._row(title, error, unit, held[:, columns])
+            yield row_of(title, error, unit, held[:, columns])
         mean = truth[:, names.index("latency")] + 0.5 * truth[:, names.index("rise")]
         if not mean.any():
             return
         late = np.abs(delays[:, 0] - mean)
-        yield self._row("mean delay", 1e3 * late, "ms", late <= SPREAD * delays[:, 1])
+        yield row_of("mean delay", 1e3 * late, "ms", late <= SPREAD * delays[:, 1])
 
-    def _row(self, title: str, errors: np.ndarray, unit: str, held: np.ndarray) -> list[str]:
-        return [
-            title,
-            f"{np.median(errors):.2g} {unit}",
-            f"{np.quantile(errors, 0.95):.2g} {unit}",
-            f"{100.0 * held.mean():.1f} %",
-        ]
+
+def row_of(title: str, errors: np.ndarray, unit: str, held: np.ndarray) -> list[str]:
+    """Row of a quantity, of its errors and of whether intervals hold the truth."""
+    return [
+        title,
+        f"{np.median(errors):.2g} {unit}",
+        f"{np.quantile(errors, 0.95):.2g} {unit}",
+        f"{100.0 * held.mean():.1f} %",
+    ]

@@ -15,7 +15,9 @@ from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 import tyro
+from rans_missions.bounds.ports import least_to_dock
 from rans_missions.bounds.transfers import transfer_bounds
+from rans_missions.bounds.zones import least_to_stay
 from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.guidance import VelocityToGain
 from rans_missions.control.landing_guidance import LandingGuidance
@@ -25,8 +27,6 @@ from rans_missions.tasks import Avoid, DockPort
 from rans_missions.tasks.land import Land
 from rans_missions.tasks.orbital import OrbitalMission
 
-from campaigns.ports import least_to_dock
-from campaigns.zones import least_to_stay
 from rans.errors import SolverFailed
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses, solved
@@ -202,7 +202,7 @@ class Missions:
         if self.mission == "land":
             for condition, settings in _LANDED.items():
                 yield from self._guided(condition, Land(**settings), None if settings else known)
-            yield from self._with_a_dead_engine(Land())
+            yield from self._guided(_DEAD, Land(), None, (0,))
 
     def _without_training(self) -> Iterator[dict[str, Any]]:
         """Controllers that keep the limits of a mission without training, in the plane."""
@@ -223,36 +223,24 @@ class Missions:
             yield row_of(condition, who, flight, _spent(flight), lower)
 
     def _guided(
-        self, condition: str, task: Land, known: np.ndarray | None
+        self, condition: str, task: Land, known: np.ndarray | None, dead: tuple[int, ...] = ()
     ) -> Iterator[dict[str, Any]]:
-        """Landing guidance from the first starts, whose bounds may be known."""
-        assert task.spacecraft is not None
-        craft = load_spacecraft(task.spacecraft)
-        lower = self._least_propellant(craft, task) if known is None else known
-        for who, flying, count in (
-            ("landing guidance", fly, self.bounded),
-            ("landing guidance, in Drake", fly_in_drake, min(self.drake, self.bounded)),
-        ):
-            if count:
-                starts = scenarios(task, craft, self.seed, count)
-                guidance = LandingGuidance(craft, task, task.timing)
-                flight = flying(craft, task, guidance, starts, task.timing)
-                yield row_of(condition, who, flight, _spent(flight), lower)
+        """Landing guidance from the first starts, whose bounds may be known.
 
-    def _with_a_dead_engine(self, task: Land) -> Iterator[dict[str, Any]]:
-        """Landing guidance from those of the first starts that may have a landing without the first engine.
-
-        From starts without one nothing lands, however the others are throttled.
+        With dead engines it flies from those that may have a landing: from the others nothing lands, however the
+        other engines are throttled.
         """
         assert task.spacecraft is not None
         craft = load_spacecraft(task.spacecraft)
-        dead = (0,)
-        starts = scenarios(task, craft, self.seed, self.bounded)
-        least = self._least_propellant(craft, task, dead)
+        least = self._least_propellant(craft, task, dead) if known is None else known
         rows = np.flatnonzero(np.isfinite(least))
-        lower = least[rows]
-        nominal = Body.of(craft)
-        body = replace(nominal, gain=(0.0, *nominal.gain[1:]))
+        starts = scenarios(task, craft, self.seed, self.bounded)
+        body = None
+        if dead:
+            condition = f"{condition}, {len(rows)} of {self.bounded}"
+            nominal = Body.of(craft)
+            gain = tuple(0.0 if k in dead else x for k, x in enumerate(nominal.gain))
+            body = replace(nominal, gain=gain)
         guidance = LandingGuidance(craft, task, task.timing, dead=dead)
         for who, flying, count in (
             ("landing guidance", fly, len(rows)),
@@ -263,13 +251,7 @@ class Missions:
                     lambda x, kept=rows[:count]: np.broadcast_to(x, self.bounded)[kept], starts
                 )
                 flight = flying(craft, task, guidance, few, task.timing, body=body)
-                yield row_of(
-                    f"{_DEAD}, {len(rows)} of {self.bounded}",
-                    who,
-                    flight,
-                    _spent(flight),
-                    lower,
-                )
+                yield row_of(condition, who, flight, _spent(flight), least[rows])
 
     def _least_propellant(
         self, craft: Spacecraft, task: Land, dead: tuple[int, ...] = ()

@@ -1,7 +1,6 @@
 """What agents hold under every perturbation alone, and under all of `lab`.
 
-``python -m campaigns robustness`` flies run folders and ``pretrained:NAME``, on a GPU if there is one; with
-``--lqr`` the LQR beside them.
+``python -m campaigns robustness`` flies run folders and ``pretrained:NAME``, on a GPU if there is one.
 """
 
 from __future__ import annotations
@@ -14,14 +13,11 @@ from typing import Any
 import numpy as np
 from tyro.conf import Positional
 
-from campaigns.batch import Found, Rows, loaded, study
+from campaigns.batch import Rows, study
 from rans.episode import Setup
-from rans.evaluation.fly.make_controller import controller
-from rans.evaluation.measure.metrics import settling_times, solved
 from rans.evaluation.measure.statistics import share
 from rans.fast.flights import Flights
 from rans.files import number, read_json
-from rans.flight import fly
 from rans.policy.network import Network
 from rans.randomization.conditions import (
     BodyConditions,
@@ -33,8 +29,7 @@ from rans.randomization.conditions import (
     ThrusterConditions,
 )
 from rans.randomization.conditions_file import load_conditions
-from rans.scenario import EVALUATION_SEED, draws, scenarios
-from rans.verdict import last_fifth
+from rans.scenario import EVALUATION_SEED
 
 _FINE = SensorConditions(noise=(0.0, 0.03))
 _COARSE = SensorConditions(noise=(0.0, math.radians(3.0)))
@@ -51,7 +46,6 @@ SINGLE: dict[str, Conditions] = {
     "noise": Conditions(sensors=SensorsConditions(_FINE, _COARSE, _FINE, _COARSE)),
 }
 """Single disturbances, each over the whole range in which it broke agents that were trained without any."""
-_LQR_EPISODES = 256
 _TITLES = {
     "none": "none",
     "lab": "`lab`, all at once",
@@ -142,31 +136,12 @@ def flown_by_agent(
     }
 
 
-def flown_by_lqr(setup: Setup, conditions: Conditions, seed: int) -> dict[str, Any]:
-    """What is said of the LQR, as it is tuned; it is slower to fly."""
-    starts = scenarios(setup.task, setup.craft, seed, _LQR_EPISODES)
-    flight = fly(
-        *setup[:2],
-        controller("lqr", setup),
-        starts,
-        setup.timing,
-        conditions=conditions.or_none,
-        draws=draws(seed, _LQR_EPISODES),
-    )
-    rest = flight.commands[-last_fifth(len(flight.commands)) :]
-    none = np.zeros(_LQR_EPISODES)
-    duty = rest.mean(axis=(0, 2))
-    return _said(Found(solved(flight), settling_times(flight), duty, none, none, none, none))
-
-
 @dataclass(frozen=True)
 class Robustness:
     """Fly agents under every perturbation."""
 
     agents: Positional[tuple[str, ...]]
     """Run folders, or pretrained:NAME; all of one task and spacecraft."""
-    lqr: bool = False
-    """Whether the LQR flies too, 256 episodes a row."""
     episodes: int = 10_000
     seed: int = EVALUATION_SEED
 
@@ -183,13 +158,7 @@ class Robustness:
                 for row, found in rows().items()
             }
 
-        agents = study(self.agents, measure)
-        if self.lqr:
-            _, setup = loaded(self.agents[0], "cpu")
-            agents["lqr"] = {
-                row: flown_by_lqr(setup, found, self.seed) for row, found in rows().items()
-            }
-        return {"agents": agents}
+        return {"agents": study(self.agents, measure)}
 
 
 def in_document(docs: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -221,7 +190,3 @@ def _worst(said: list[dict[str, Any]]) -> tuple[str, str, str]:
         f"{settles:.1f}" if math.isfinite(settles) else "never",
         f"{max(one['duty at rest'] for one in said):.1f}",
     )
-
-
-def _said(found: Found) -> dict[str, Any]:
-    return found.said() | {"duty at rest": 100.0 * float(found.duty.mean())}

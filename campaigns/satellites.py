@@ -19,6 +19,7 @@ from rans_robot.identify.log import FlightLog
 from rans_robot.identify.momentum import Source
 from rans_robot.identify.result import SPREAD
 
+from campaigns.identification import row_of
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -325,12 +326,7 @@ class HiddenSatellites:
         }
         for name, (columns, of) in groups.items():
             percent = 100.0 * np.abs(errors[:, columns] / of)
-            yield [
-                f"{name}{title}",
-                f"{np.median(percent):.2g} %",
-                f"{np.quantile(percent, 0.95):.2g} %",
-                f"{100.0 * held[:, columns].mean():.1f} %",
-            ]
+            yield row_of(f"{name}{title}", percent, "%", held[:, columns])
 
     def _torques(self, hidden: Satellites, found: list[_Found | None]) -> Iterator[list[str]]:
         """Rows of what the torques come from: the means over stretches of each, and what is fixed in the body."""
@@ -355,16 +351,9 @@ class HiddenSatellites:
                     off = source.values - hidden.scale[k] * arm[k]
                     fixed.append(np.abs(off))
                     fixed_held.append(np.abs(off) <= SPREAD * np.sqrt(np.diag(source.covariance)))
-            yield _row(f"torque of the {title}", np.concatenate(errors), "nN m", held)
+            whole = np.concatenate(held)
+            yield row_of(f"torque of the {title}", np.concatenate(errors), "nN m", whole)
             if fixed:
                 name = "magnetic dipole" if part == 1 else "lever times force of the air"
-                yield _row(name, units[0][part] * np.concatenate(fixed), units[1][part], fixed_held)
-
-
-def _row(title: str, errors: np.ndarray, unit: str, held: list[np.ndarray]) -> list[str]:
-    return [
-        title,
-        f"{np.median(errors):.2g} {unit}",
-        f"{np.quantile(errors, 0.95):.2g} {unit}",
-        f"{100.0 * np.concatenate(held).mean():.1f} %",
-    ]
+                off = units[0][part] * np.concatenate(fixed)
+                yield row_of(name, off, units[1][part], np.concatenate(fixed_held))

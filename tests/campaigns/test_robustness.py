@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from campaigns import robustness
 from campaigns.batch import Found, flown, loaded
-from campaigns.robustness import Robustness, _said, rows
+from campaigns.robustness import rows
 from rans.evaluation.fly.agent import Agent
-from rans.evaluation.measure.metrics import last_fifth_of, settling_times, solved
+from rans.evaluation.measure.metrics import settling_times, solved
 from rans.fast.agent_files.agent import AGENT as AGENT_FILE
 from rans.fast.agent_files.agent import read_policy
 from rans.flight import fly
 from rans.pretrained import pretrained_folder
-from rans.randomization.conditions import Conditions, ThrusterConditions, largest
+from rans.randomization.conditions import Conditions, largest
 from rans.scenario import scenarios
 
 AGENT = "pretrained:go-to-pose-2d"
@@ -32,7 +31,6 @@ def test_flights_are_those_of_evaluations() -> None:
     assert solved(flight).all()
     # Commands near a tie differ in rounding, and a flight by a period or two then.
     np.testing.assert_allclose(found.settled, settling_times(flight), atol=0.5)
-    assert found.duty.mean() == pytest.approx(last_fifth_of(flight.commands).mean(), abs=0.01)
 
 
 def test_troubles_count() -> None:
@@ -54,27 +52,7 @@ def test_rows_are_what_they_are_called() -> None:
 
 def test_what_is_said_by_hand() -> None:
     none = np.zeros(4)
-    said = _said(
-        Found(
-            np.array([True, True, False, True]),
-            np.array([1.0, 2.0, np.inf, 4.0]),
-            np.array([0.0, 0.1, 0.2, 0.1]),
-            none,
-            none,
-            none,
-            none,
-        )
-    )
+    held, settled = np.array([True, True, False, True]), np.array([1.0, 2.0, np.inf, 4.0])
+    said = Found(held, settled, none, none, none, none).said()
     assert said["held"]["value"] == 75.0
     assert said["settling time"] == 3.0
-    assert said["duty at rest"] == pytest.approx(10.0)
-
-
-def test_the_lqr_flies_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It holds its goal with valves 0.1 s late, where the agent does not (audit: 100 %, 0 %)."""
-    late = Conditions(thrusters=ThrusterConditions(latency=0.1))
-    monkeypatch.setattr(robustness, "_LQR_EPISODES", 8)
-    monkeypatch.setattr(robustness, "rows", lambda: {"latency": late})
-    found = Robustness((AGENT,), lqr=True, episodes=8).measured()["agents"]
-    assert found["lqr"]["latency"]["held"]["value"] > 70.0
-    assert found[AGENT]["latency"]["held"]["value"] < 30.0

@@ -5,7 +5,7 @@ distance along it, which every flight that arrives reaches for the first time at
 beside the zone: in the plane to its left or to its right, in space in some sector around it. A side or a sector
 and a span of time make a `waypoints.Waypoint`. Branches halve spans and sectors; the least bound of all is a bound.
 
-``python -m campaigns impulse-among-zones`` holds optimal trajectories against it, by when they rest at the goal.
+The campaign of impulse among zones holds optimal trajectories against it, by when they rest at the goal.
 """
 
 from __future__ import annotations
@@ -17,14 +17,12 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from rans.extend import Scenario, Spacecraft, Timing
+from rans.optimal.certificate import hull
+from rans.verdict import last_fifth
 from rans_missions.convex import waypoints
 from rans_missions.tasks import Avoid
-
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
-from rans.optimal.certificate import hull
-from rans.scenario import Scenario
-from rans.verdict import last_fifth
 
 _CAP = 1.0
 """Speed of flights that the branches bound, m/s; faster ones spend at least the mass times it, which is more."""

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from rans_missions.contact import CaptureSystem, DockingPlant
 
-from campaigns.contact import CaptureSystem, DockingPlant
 from rans.errors import ConfigError
 from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.plant import Plant

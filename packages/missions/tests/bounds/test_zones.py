@@ -8,13 +8,13 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from rans_missions.bounds.zones import Search, least_to_stay
 from rans_missions.convex import waypoints
 from rans_missions.tasks import Avoid
 from rans_missions.tasks.avoid import Zones
 from scipy.optimize import minimize
 
 import rans
-from campaigns.zones import Search, least_to_stay
 from rans.model.fields import Vec2
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing

@@ -42,17 +42,22 @@ from pydrake.multibody.tree import (
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 
-from rans.episode import Setup, World, step
-from rans.errors import ConfigError, positive
-from rans.flight import Controller
+from rans.extend import (
+    Body,
+    ConfigError,
+    Controller,
+    Scenario,
+    Setup,
+    Spacecraft,
+    World,
+    positive,
+    step,
+)
 from rans.model.accuracy import chosen
-from rans.model.body import Body
-from rans.model.spacecraft import Spacecraft
 from rans.randomization.parameters import StepInputs
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.nozzles import Nozzles
 from rans.reference.parts import designed, spatial_inertia, thrust_pose
-from rans.scenario import Scenario
 
 _TARGET_MASS = 1e6
 """Mass of the target, kg: so large that a contact does not change its spin, as in the mission."""

@@ -8,9 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from rans_missions.bounds.ports import least_to_dock, least_to_dock_at, port_waypoints
 from rans_missions.tasks import DockPort
 
-from campaigns.ports import least_to_dock, least_to_dock_at, port_waypoints
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenario
 

@@ -1,6 +1,6 @@
 """Impulse below which no flight docks at a port: through the mouth of its cone, by a cone program.
 
-``python -m campaigns impulse-to-the-port`` holds optimal trajectories against it, by when they dock.
+The campaign of impulse to the port holds optimal trajectories against it, by when they dock.
 """
 
 from __future__ import annotations
@@ -9,13 +9,10 @@ import math
 from typing import Any
 
 import numpy as np
+
+from rans.extend import Scenario, Spacecraft, State, Timing
 from rans_missions.convex import waypoints
 from rans_missions.tasks import DockPort
-
-from rans.model.dynamics import State
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
-from rans.scenario import Scenario
 
 _SPANS = 20
 """Number of spans of an episode in which a craft may enter the cone of a port, or dock."""
