@@ -119,23 +119,19 @@ def satellites(count: int, seed: int, seconds: float = 900.0) -> Satellites:
         drags = np.cross(lever, -drag[:, None] * along)
         return 3.0 * (rate**2)[:, None] * gradient, np.cross(dipole, field), drags
 
-    def torque(t: float, q: np.ndarray) -> np.ndarray:
-        gradient, magnetic, air = parts(t, q)
-        return gradient + magnetic + air
-
     def derivative(t: float, state: np.ndarray, command: np.ndarray) -> np.ndarray:
         q, w, s = state[:, :4], state[:, 4:7], state[:, 7:]
         momentum = np.einsum("kij,kj->ki", whole, w) + (rotors * s) @ axes.T
-        right = torque(t, q) - (rotors * command) @ axes.T - np.cross(w, momentum)
+        right = sum(parts(t, q)) - (rotors * command) @ axes.T - np.cross(w, momentum)
         spun = 0.5 * _product(q, np.concatenate([np.zeros((count, 1)), w], axis=1))
         return np.concatenate([spun, np.einsum("kij,kj->ki", inverse, right), command], axis=1)
 
     # Flights: a law of proportion and rate to random goals, with accelerations up to 100 rpm/s.
     state = np.concatenate(
-        [_quaternions(random, count), random.normal(0.0, 0.02, (count, 3)), np.zeros((count, W))],
+        [_units(random, count, 4), random.normal(0.0, 0.02, (count, 3)), np.zeros((count, W))],
         axis=1,
     )
-    goal = _quaternions(random, count)
+    goal = _units(random, count, 4)
     change = random.uniform(60.0, 160.0, count)
     stiffness = random.uniform(30.0, 75.0, (count, 1)) * np.diag(nominal) / np.diag(nominal).max()
     damping = random.uniform(150.0, 400.0, (count, 1)) * np.diag(nominal) / np.diag(nominal).max()
@@ -147,7 +143,7 @@ def satellites(count: int, seed: int, seconds: float = 900.0) -> Satellites:
         t = k * _STEP
         if abs(t / _PERIOD - round(t / _PERIOD)) < 1e-9:
             new = t >= change
-            goal[new] = _quaternions(random, int(new.sum()))
+            goal[new] = _units(random, int(new.sum()), 4)
             change[new] += random.uniform(60.0, 160.0, int(new.sum()))
             error = _product(goal * [1.0, -1.0, -1.0, -1.0], state[:, :4])
             vector = error[:, 1:] * np.where(error[:, :1] < 0.0, -1.0, 1.0)
@@ -224,13 +220,9 @@ def _at(path: np.ndarray, times: np.ndarray) -> np.ndarray:
     return result
 
 
-def _units(random: np.random.Generator, count: int) -> np.ndarray:
-    vectors = random.normal(size=(count, 3))
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
-def _quaternions(random: np.random.Generator, count: int) -> np.ndarray:
-    vectors = random.normal(size=(count, 4))
+def _units(random: np.random.Generator, count: int, size: int = 3) -> np.ndarray:
+    """Random directions (count, size); of size 4 they are attitudes."""
+    vectors = random.normal(size=(count, size))
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
