@@ -244,7 +244,6 @@ def sweep(
         ConfigError: one of these does not exist, or the folder exists.
     """
     from rans.fast.learn.loggers import require_loggers
-    from rans.fast.learn.sweep import Sweep
     from rans.show.progress import watched
     from rans.show.sweep_files import save_sweep
 
@@ -264,24 +263,35 @@ def sweep(
         algorithm=algorithm,
         total_timesteps=total_timesteps,
     )
-    folder = sweep_folder(configs[0], output)
-    result = Sweep(configs, folder, "rans.sweep")
+    result = ready_sweep(configs, output)
     with watched() as stage:
         step = stage(f"{len(configs)} trainings", None)
         result.train(lambda _: step(1))
-    save_sweep(result, folder, log)
+    save_sweep(result, result.path, log)
     return result
 
 
-def sweep_folder(config: TrainConfig, output: str | Path | None) -> Path:
-    """The folder of a sweep, which must not exist; None: a new one under runs/."""
-    from rans.fast.learn.run_folder import unused_path
+def ready_sweep(configs: Sequence[TrainConfig], output: str | Path | None) -> Sweep:
+    """Sweep of these members that is ready to train.
 
+    Args:
+        configs: config of each member.
+        output: its folder, which must not exist; None: a new one under runs/.
+
+    Raises:
+        ConfigError: the folder exists.
+    """
+    from rans.fast.distributed import join
+    from rans.fast.learn.run_folder import unused_path
+    from rans.fast.learn.sweep import Sweep
+
+    first = configs[0]
     if output is None:
-        return unused_path(f"sweep-{config.task}-{Path(config.spacecraft).stem}")
-    if Path(output).exists():
+        folder = unused_path(f"sweep-{first.task}-{Path(first.spacecraft).stem}")
+    elif (folder := Path(output)).exists():
         raise ConfigError(f"{output} exists already; choose another folder with --output.")
-    return Path(output)
+    world = join(first.device, apart=True)
+    return Sweep(configs, world.from_first(folder), made_by("rans.sweep"), world)
 
 
 @settled_alone

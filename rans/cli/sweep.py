@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import UseAppendAction, arg
 
-from rans.api.training import members, sweep, sweep_folder
+from rans.api.training import members, ready_sweep, sweep
 from rans.cli import STARTED
 from rans.cli.door import Options, command_of, word
 from rans.cli.train import StopGently, compile_in_this_process, trust_option, value_of
 from rans.errors import ConfigError, counted
-from rans.files import command_line
+from rans.files import as_command
 from rans.registry import typed
 from rans.show.progress import NowAndThen
 from rans.table import Table
@@ -123,10 +123,8 @@ class Sweep(Options):
             return Trainings(
                 configs, self.resume, command, join(configs[0].device, apart=True), parts
             )
-        config, *_ = configs = self._configs()
-        world = join(config.device, apart=True)
-        folder = world.from_first(sweep_folder(config, self.output))
-        return Trainings(configs, folder, command_line(), world)
+        with as_command():
+            return ready_sweep(self._configs(), self.output)
 
     def _configs(self) -> list[TrainConfig]:
         """Configs of all combinations."""
