@@ -416,6 +416,7 @@ def test_a_protocol_changes_what_a_loaded_agent_flies_in() -> None:
     assert rans.evaluate(agent, episodes=2).steps == 125
 
 
+@pytest.mark.usefixtures("unswept")
 @pytest.mark.slow
 def test_one_name_beside_is_one_controller() -> None:
     """Of a text, no letter is one."""
@@ -439,6 +440,7 @@ class Coasting:
         return np.zeros((len(observation), self._count))
 
 
+@pytest.mark.usefixtures("unswept")
 @pytest.mark.slow
 def test_controllers_compete_as_objects_and_by_their_classes() -> None:
     """As they are: who is named has its tuned settings instead."""

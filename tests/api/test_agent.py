@@ -89,6 +89,7 @@ def test_what_only_trained_agents_do() -> None:
         controller.export("anywhere")
 
 
+@pytest.mark.usefixtures("unswept")
 @pytest.mark.slow
 def test_conditions_of_an_agent_are_those_it_is_compared_under() -> None:
     robust = rans.load_agent("go-to-pose-2d").under("lab")

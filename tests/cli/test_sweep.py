@@ -171,6 +171,7 @@ def test_spacecraft_and_conditions_are_entries_like_others() -> None:
     assert table.conditions == Train("go-to-pose", set=(nominal,)).resolved().conditions
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_a_sweep_that_goes_on_replaces_its_best_agent() -> None:
     """Nothing of what was the best before is left among it."""

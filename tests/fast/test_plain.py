@@ -230,6 +230,7 @@ def test_plain_and_compiled_exclude_each_other() -> None:
         TrainConfig("go-to-pose", GoToPose(), PLATFORM.name, plain=True, compiled=True)
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_the_command_trains_plainly_and_its_config_says_so(tmp_path: Path) -> None:
     run = tmp_path / "run"

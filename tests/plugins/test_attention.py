@@ -126,6 +126,7 @@ def test_files_hold_it(form: Form, tmp_path: Path) -> None:
     assert torch.equal(*(one.deterministic_action(rows, None)[0] for one in (network, again)))
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_a_training_of_the_package_flies_and_needs_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

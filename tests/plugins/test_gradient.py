@@ -291,6 +291,7 @@ def test_forty_iterations_triple_the_reward() -> None:
     assert sum(rewards[-4:]) > 2.5 * sum(rewards[:4])
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 def test_the_command_trains_and_evaluates_such_an_agent(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -236,6 +236,7 @@ def test_known_noise_costs_little_impulse() -> None:
     assert believing.impulse.mean() > 1.2 * ours.impulse.mean()
 
 
+@pytest.mark.usefixtures("unswept")
 @pytest.mark.slow
 def test_commands_tell_it_the_conditions(monkeypatch: pytest.MonkeyPatch) -> None:
     """In an evaluation and a comparison, of which the beginning is flown; named by its module it expects none."""

@@ -223,6 +223,7 @@ def test_metrics_tell_what_the_filter_did() -> None:
         _ = free["interventions"]
 
 
+@pytest.mark.usefixtures("unswept")
 @pytest.mark.slow
 def test_the_slack_of_the_filter_is_an_argument_wherever_the_filter_is() -> None:
     agent = rans.load_agent("avoid-2d")
