@@ -10,8 +10,10 @@ Starts at rest that are farther away are flown as sets. At first the agent turns
 While it comes into the set of headings, a pulse along an axis may be held back. Then the set of positions
 shrinks into the trapping set.
 
-Numbers are intervals in double precision, widened by `_SLACK`, which is far above their rounding: no number here
-exceeds 10^6 log-odds or 10 in SI units, and none is the result of more than 200 operations.
+Numbers are intervals in double precision and not balls, since a set has up to 10^5 cells, each with dozens of
+commands, which arrays judge a thousand times as fast. They are widened by `_SLACK`, `_WIDER` and `_LOGIT`, far
+above their rounding: numbers beyond `_MOST` in SI units, or `_STEEPEST` log-odds, are refused, and none is the
+result of more than 200 operations, which err by 2e-14 of them at most.
 """
 
 from __future__ import annotations
@@ -71,6 +73,8 @@ _WIDER = 1e-7
 """Widening of images, in cells."""
 _LOGIT = 1e-3
 """Log-odds, and inputs of units in log-odds, below which single precision leaves open what happens."""
+_MOST, _STEEPEST = 1e3, 1e9
+"""Largest numbers that are computed with, in SI units and in log-odds."""
 _ROOM = 0.8
 """By how much positions on the way may be beyond the farthest start, m."""
 _TURNS = 2000
@@ -317,6 +321,8 @@ class Loop:
             sum(max(s * a[k], 0) for a in self.along) for s in (1, -1) for k in (0, 1)
         )
         self.most_twist = max(sum(max(s * k, 0) for k in self.lever) for s in (1, -1))
+        strongest = max(self.pull * self.most_pull, self.twist * self.most_twist)
+        need(strongest <= _MOST, "its thrusters are too strong for double precision")
 
     def cells(self, runs: Sequence[Sequence[int]], part: str) -> Cells:
         """Cells of a certificate, on a grid that holds them and their images."""
@@ -339,7 +345,9 @@ class Loop:
 
     def bounds(self, place: Cells, heading: Cells) -> Parts:
         """Bounds of all states of a product of sets."""
-        return Parts(*place.largest(), *heading.largest())
+        bounds = Parts(*place.largest(), *heading.largest())
+        need(max(bounds) <= _MOST, "its cells are too far or too fast for double precision")
+        return bounds
 
     def between_decisions(self, bounds: Parts) -> Parts:
         """Bounds at all instants of flights whose decisions are within bounds.
@@ -595,6 +603,11 @@ class Network:
         ]
         head, bias = agent.head
         self._head, self._least = head[1::2] - head[::2], bias[1::2] - bias[::2]
+        # Sums of sizes, which no result of a layer exceeds; columns are below 9.9.
+        steepest = np.array([9.9 * abs(slope) + abs(b) for _, slope, b in self._units])
+        for rows, shifts in ((self._second, self._bias), (self._head, self._least)):
+            steepest = np.abs(rows) @ steepest + np.abs(shifts)
+            need(steepest.max() <= _STEEPEST, "its log-odds are too steep for double precision")
         self._pairs = [(i, j) for i in range(len(self._bias)) for j in range(i)]
         self._sums = np.array([self._second[i] + self._second[j] for i, j in self._pairs])
 

@@ -18,6 +18,7 @@ import pytest
 pytest.importorskip("flint")
 
 from rans_proof import check_late, check_pose
+from rans_proof.agent_reader import read_agent
 from rans_proof.balls import Refused
 from rans_proof.flown import read_run
 from rans_proof.pages import proof_entry, proof_section
@@ -139,6 +140,42 @@ def test_another_claim_is_refused(
     CHANGED[changed](table)
     with pytest.raises(Refused):
         judged(table, files)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [(b"mass = 5.32", b"mass = 1e-3"), (b"inertia = 0.2045008", b"inertia = 1e-4")],
+)
+def test_thrust_whose_rounding_would_count_is_refused(
+    old: bytes, new: bytes, table: dict[str, Any], files: dict[str, bytes]
+) -> None:
+    """Numbers in SI units are widened by 1e-9."""
+    content = files["spacecraft.toml"].replace(old, new, 1)
+    table["agent"]["spacecraft.toml"] = hashlib.sha256(content).hexdigest()
+    with pytest.raises(Refused, match="too strong for double"):
+        judged(table, files | {"spacecraft.toml": content})
+
+
+def test_cells_whose_rounding_would_count_are_refused(
+    table: dict[str, Any], files: dict[str, bytes]
+) -> None:
+    table["grid"]["spin"] = 180.0
+    with pytest.raises(Refused, match="too fast for double"):
+        judged(table, files)
+
+
+@pytest.mark.parametrize("layer", ["layers", "head"])
+def test_log_odds_whose_rounding_would_count_are_refused(
+    layer: str, files: dict[str, bytes]
+) -> None:
+    """Log-odds are widened by a thousandth; those of the agent are below 10^7."""
+    agent = read_agent(files["agent.safetensors"], "go-to-pose", 8)
+    check_pose.Network(agent)
+    weight, bias = agent.head if layer == "head" else agent.layers[1]
+    steep = 1e3 * weight, 1e3 * bias
+    changed = {"head": steep} if layer == "head" else {"layers": [agent.layers[0], steep]}
+    with pytest.raises(Refused, match="too steep for double"):
+        check_pose.Network(agent._replace(**changed))
 
 
 OTHER: dict[str, tuple[str, bytes, bytes]] = {
