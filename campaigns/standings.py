@@ -78,6 +78,7 @@ MISSIONS = {
     "inspect": Mission(
         "",
         (
+            (_GUIDANCE, "circumnavigation, 12,240 s"),
             (_GUIDANCE, "visiting"),
             (_AGENT, "inspect-3d, filtered"),
         ),
