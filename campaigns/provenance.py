@@ -40,6 +40,13 @@ ONCE = (
     ("any_craft/any_craft_training.md", "", "campaigns.any_craft joined --episodes 1024", _LATER),
     ("certificate.md", "mixed-integer.json", "campaigns.mixed_integer --starts 16", _EARLIER),
     ("certificate.md", "bounds.json", "campaigns.bounds --craft 2000 --output FILE", _LATER),
+    (
+        "certificate.md",
+        "",
+        "campaigns.optimality --starts 50; --starts 30 --horizon 20 --seconds 30; --starts 128 --quantity time; "
+        "--starts 32 --quantity settling",
+        _LATER,
+    ),
     ("decisions/exports.md", "exports.json", "campaigns exports", _LATER),
     ("export.md", "", "campaigns.cortex", _EARLIER),
     ("missions/guard.md", "", "campaigns.attack --missions avoid-2d", _EARLIER),

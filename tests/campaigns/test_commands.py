@@ -54,11 +54,11 @@ def test_commands_start_what_is_there() -> None:
 
 def test_commands_are_seen() -> None:
     """In a line, over its end, as a row of the table, as a module of a class, and as a file."""
-    text = """`python -m campaigns.optimality RUN`, `python -m
+    text = """`python -m campaigns.assurances RUN`, `python -m
     campaigns.pictures`, `python -m campaigns dock-on-ellipses --docs docs`,
     `rans train campaigns.ram:Ram`, `rans train campaigns/innocube_agent.toml`"""
     assert commands(text) == {
-        "campaigns/optimality",
+        "campaigns/assurances",
         "campaigns/pictures",
         "dock-on-ellipses",
         "campaigns/ram",
