@@ -96,7 +96,9 @@ class Missions:
     episodes: int = 1024
     """Held-out starts of agents and of guidance that needs no program."""
     bounded: int = 32
-    """The first of them, whose bounds are found and which convex guidance and LQR fly."""
+    """The first of them, whose bounds are found and which LQR flies."""
+    planned: int | None = None
+    """The first of them that convex guidance flies, if these are others than `bounded`."""
     drake: int = 0
     """The first of them that agents fly in Drake too."""
     deadlines: tuple[float, ...] = ()
@@ -145,7 +147,7 @@ class Missions:
                     ),
                     "convex guidance": (
                         lambda task=task: ConvexGuidance(craft, task, task.timing),
-                        few,
+                        scenarios(task, craft, self.seed, self.planned or self.bounded),
                     ),
                     "LQR": (lambda task=task: LQR(craft, task, task.timing), few),
                 }

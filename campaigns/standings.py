@@ -60,7 +60,9 @@ MISSIONS = {
         (("mission guidance", "dock, mission"), (_SAFE, "dock, passive-entry")),
     ),
     "hold": Mission(
-        "1,900 s", _ORBITAL, (("mission guidance", "hold, mission"), (_SAFE, "hold, passive"))
+        "1,900 s",
+        ((_GUIDANCE, "convex guidance"), *_ORBITAL),
+        (("mission guidance", "hold, mission"), (_SAFE, "hold, passive")),
     ),
     "rendezvous": Mission(
         "5,000 s",
@@ -122,7 +124,7 @@ def rows(docs: Path, mission: str) -> tuple[Sequence[str], list[list[str]]]:
     entries = [(_CHEAPEST, *_cheapest(flown, _optima(docs, mission)))]
     entries += [(what, who, flown.get(who)) for what, who in asked.rows]
     for what, who, row in entries:
-        orbital = asked.rows is _ORBITAL and who in flown
+        orbital = bool(asked.passive and asked.condition) and who in flown
         name = f"{who}, by {asked.condition}" if orbital else who
         lines.append([what, name, *_cells(row, of_safety.get(who), evidence, asked.unit)])
     if _SAFE in of_safety:

@@ -40,7 +40,7 @@ _LONGEST_NAME = 4096
 
 _CONTROLLER_OF = {
     "dock": "mission",
-    "hold": "mission",
+    "hold": "convex",
     "rendezvous": "mission",
     "inspect": "circumnavigation",
     "land": "landing",
