@@ -364,3 +364,14 @@ def test_a_file_without_a_size_is_read_as_far_as_it_may_be(tmp_path: Path) -> No
     assert len(read_bytes(Path("/proc/self/maps"), 2**20)) > 100
     with pytest.raises(ConfigError, match="and at most 100 are read"):
         read_bytes(Path("/proc/self/maps"), 100)
+
+
+def test_a_file_names_the_command_or_the_function_that_made_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Whatever the arguments of the process are, a call from Python has no command."""
+    monkeypatch.setattr("sys.argv", ["rans", "stress", "my run"])
+    assert files.made_by("rans.stress") == "rans.stress"
+    with files.as_command():
+        assert files.made_by("rans.stress") == "rans stress 'my run'"
+    assert files.made_by("rans.stress") == "rans.stress"

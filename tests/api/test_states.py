@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
+from rans.api.judging import own_endpoints
+from rans.api.limits import state
 from rans.api.states import read_state, read_zones
 from rans.errors import ConfigError
+from rans.model.fields import leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.scenario import scenarios
+from rans.tasks import GoToPose
 
 
 def test_a_pose_in_the_plane_with_each_unit() -> None:
@@ -63,3 +70,19 @@ def test_zones_are_words_with_commas() -> None:
         ConfigError, match=r"x,y,z,r of each zone, m, such as 1.5,0.2,0,0.4, got '1,2,3'"
     ):
         read_zones(["1,2,3"], 3, "--zones")
+
+
+def test_words_and_states_are_the_same_start_and_goal() -> None:
+    """With a start alone the goal of words is the origin, at rest."""
+    sampled = scenarios(GoToPose(), load_spacecraft("floating-platform"), 7, 2)
+    words = own_endpoints(("3", "1", "40deg", "v.x=0.1"), (), ())
+    start = state((3.0, 1.0), math.radians(40.0), (0.1, 0.0))
+    states = own_endpoints(start, state((0.0, 0.0)), ())
+    assert words is not None
+    assert states is not None
+    first, second = words.applied(sampled), states.applied(sampled)
+    for a, b in zip(leaves(first), leaves(second), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-15)
+    assert own_endpoints((), None, ()) is None
+    with pytest.raises(ConfigError, match="--start takes x, y and heading"):
+        own_endpoints(("3",), (), ()).applied(sampled)  # type: ignore[union-attr]
