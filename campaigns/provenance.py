@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from fnmatch import fnmatch
 from pathlib import Path
 
-from campaigns.table import CAMPAIGNS, ROWS
+from campaigns.table import ROWS
 from rans.files import write_text
 
 _EARLIER, _LATER = "af4f7ac0", "e3dd657d"
@@ -112,13 +112,8 @@ RECORDS: dict[str, tuple[str, str]] = {
         "rans validate floating-platform --output FOLDER",
     ),
 }
-_WRITTEN = {name for source in ROWS.values() for name in source.evidence}
-RECORDS |= {
-    one.evidence[0]: (one.page, one.measured_by(name)[0])
-    for name, one in CAMPAIGNS.items()
-    if not one.tables and one.evidence and one.evidence[0] not in _WRITTEN
-}
 """Other files in docs/validation: the page of their figures, and what writes them."""
+_WRITTEN = {name for source in ROWS.values() for name in source.evidence}
 
 
 def page() -> str:

@@ -36,8 +36,6 @@ class Shown:
     columns headings and rows of text. Words behind it are further arguments."""
     reads_files: bool = False
     """Whether the function takes the folder of the documents, and reads its files itself."""
-    page: str = ""
-    """Its file, from docs; empty: the page of the campaign."""
     source: str = ""
     """What stands below the table, with fields of the evidence in braces; {file} is a link to the evidence."""
 
@@ -112,14 +110,15 @@ class Campaign:
     def table(self, docs: Path, name: str) -> Table:
         """One of the tables, of the evidence in docs/validation."""
         shown = self.tables[name]
-        page = shown.page or self.page
         evidence = {} if shown.reads_files else read_json(self.file(docs))
         headings, rows = texts(shown, docs if shown.reads_files else evidence)
         # Pages of packages are in docs by a symbolic link.
-        up = "../../../docs/" if "/" in page else ""
+        up = "../../../docs/" if "/" in self.page else ""
         file = self.evidence[0]
         link = f"[{file}]({up}validation/{file})"
-        return Table(page, name, headings, rows, cell(shown.source, {**evidence, "file": link}))
+        return Table(
+            self.page, name, headings, rows, cell(shown.source, {**evidence, "file": link})
+        )
 
 
 def texts(shown: Shown, evidence: Any) -> tuple[Sequence[str], Sequence[Sequence[str]]]:
