@@ -250,6 +250,7 @@ class Counting(ThreadPoolExecutor):
         return super().submit(function, *arguments)
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("who", "part", "jobs", "said"),

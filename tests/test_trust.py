@@ -185,6 +185,7 @@ def test_trust_is_known_to_processes_that_are_started(run: Path) -> None:
     assert found.stdout == "strangers:Task\n", found.stderr
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_typed_name_needs_no_trust_but_its_run_folder_does(
     run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -14,6 +14,8 @@ from rans.evaluation.compare.bounds import Bound
 from rans.optimal.certificate.problem import SearchEffort
 from tests.support import packages
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 def run(*arguments: str) -> int:
     return main(["optimal", *arguments])
