@@ -167,8 +167,9 @@ not measure them again.
 _ONCE = """
 ## Measured once
 
-The code of figures that another flight does not change is in git alone. `git worktree add ../then COMMIT` and
-`make setup` in that folder bring it back, and the module named here runs there with `python -m`.
+The code of these figures is in git alone: another flight does not change them, or a command of RANS that their page
+names flies the same again. `git worktree add ../then COMMIT` and `make setup` in that folder bring it back, and the
+module named here runs there with `python -m`.
 
 | page | evidence | module | commit |
 |---|---|---|---|"""
