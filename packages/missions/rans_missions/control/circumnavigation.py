@@ -172,12 +172,6 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         self._effort = _BEGINNINGS, _HOPS
         # What the search sees is what is above its horizon.
         self._searches = not safe_coasts and self.task.view_degrees == 90.0
-        forces = np.array([x.force * np.array(x.direction) for x in self.craft.thrusters])
-        along = np.minimum(
-            np.maximum(forces, 0.0).sum(axis=0), np.maximum(-forces, 0.0).sum(axis=0)
-        )
-        self._most = float(along.min()) * self._period / self.craft.mass
-        """Largest change of velocity of a control period along any axis, m/s."""
 
     @classmethod
     def thorough(cls, craft: Spacecraft, task: Task, timing: Timing) -> Circumnavigation:

@@ -11,7 +11,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from rans.extend import Spacecraft, Task, Timing
-from rans_missions.control.velocity_guidance import PassivelySafeGuidance, closed_ellipse
+from rans_missions.control.velocity_guidance import (
+    PassivelySafeGuidance,
+    closed_ellipse,
+    weaker,
+)
 from rans_missions.passive_safety import (
     Pieces,
     carried,
@@ -140,26 +144,23 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
 
         Burns keep their direction where a component exceeds what a period can give.
         """
-        n = self.task.mean_motion
-        middle = carried(n, states, np.full(len(states), 0.5 * self._period))
         # Number of burns that have begun, of which the last one leads to the end of the present coast.
         begun = np.array([np.sum(now >= plan.begins - 1e-6) for plan in plans])
         coasts = np.array([len(plan.points) for plan in plans])
         present = np.clip(begun, 1, coasts) - 1
         target = np.stack([plan.points[k] for plan, k in zip(plans, present, strict=True)])
         end = np.array([plan.times[k + 1] for plan, k in zip(plans, present, strict=True)])
-        time = np.maximum(end - now - 0.5 * self._period, self._period)
-        to_target = self._coast_velocity(middle[:, :3], target, time)
+        to_target = self._change_to_coast(states, target, end, now)
         # After the last burn the craft stays on the closed ellipse around the hold point.
+        n = self.task.mean_motion
+        middle = carried(n, states, np.full(len(states), 0.5 * self._period))
         offset = middle[:, :3] - goals
         along_x, along_y = closed_ellipse(n, offset[:, 0], offset[:, 1])
         around = np.stack([along_x, along_y, 0.0 * offset[:, 2]], axis=1)
         coasting = (begun > 0) & (begun <= coasts)
-        change = np.where(coasting[:, None], to_target, around) - middle[:, 3:]
+        change = np.where(coasting[:, None], to_target, around - middle[:, 3:])
         # Weaker where a component is too large, and zero before the first burn and where little is missing.
-        limit = self.task.braking * self._period
-        largest = np.abs(change).max(axis=1, keepdims=True)
-        change = change * np.minimum(1.0, limit / np.maximum(largest, 1e-12))
+        change, largest = weaker(change, self.task.braking * self._period)
         return np.where((begun[:, None] > 0) & (largest > _TRIM), change, 0.0)
 
     def _plan(self, start: np.ndarray, goal: np.ndarray, deadline: float) -> _Plan:

@@ -17,7 +17,7 @@ from rans.model.drift import steady
 from rans.model.spacecraft import can_turn
 from rans.tasks.shapes import Cone
 from rans_missions.control.mission_guidance import MissionGuidance
-from rans_missions.control.velocity_guidance import PassivelySafeGuidance
+from rans_missions.control.velocity_guidance import PassivelySafeGuidance, weaker
 from rans_missions.convex.passive_transfer import passive_transfer
 from rans_missions.convex.rendezvous import Meeting, least_margin
 from rans_missions.guidance.arrival import whole_periods
@@ -152,10 +152,6 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         goal = SpatialState(origin, Quat(1.0, 0.0, 0.0, 0.0), origin, origin)
         self._limits = self.task.guidance_limits(goal)
         self._has_cone = any(isinstance(limit, Cone) for limit in self._limits.others)
-        # What the weakest axis can give in a period, m/s.
-        forces = np.array([t.force * np.array(t.direction) for t in self.craft.thrusters])
-        strongest = np.maximum(forces, 0.0).sum(axis=0)
-        self._largest_change = float(strongest.min()) * self._period / self.craft.mass
         self.reset(0)
 
     def reset(self, count: int) -> None:
@@ -216,15 +212,11 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         self, states: np.ndarray, points: np.ndarray, ends: np.ndarray, now: float
     ) -> np.ndarray:
         """(N, 3) change of velocity in W, m/s, of this period, which acts in its middle and keeps its direction."""
-        half = 0.5 * self._period
         turned = now > ends[:, 0] - 0.75 * self._period
         points = np.where(turned[:, None], points[:, 1], points[:, 0])
         ends = np.where(turned, ends[:, 1], ends[:, 0])
-        middle = carried(self.task.mean_motion, states, np.full(len(states), half))
-        left = np.maximum(ends - now - half, self._period)
-        change = self._coast_velocity(middle[:, :3], points, left) - middle[:, 3:]
-        largest = np.abs(change).max(axis=1, keepdims=True)
-        change = change * np.minimum(1.0, self._largest_change / np.maximum(largest, 1e-12))
+        change = self._change_to_coast(states, points, ends, now)
+        change, largest = weaker(change, self._most)
         return np.where((largest > _TRIM) & (ends - now > self._period)[:, None], change, 0.0)
 
     def _planned(self, states: np.ndarray, state: Any, goal: Any) -> list[_Plan]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
@@ -15,6 +16,7 @@ from rans.optimal.control.arguments import craft_and_task
 from rans.optimal.trajectory.allocation import rounding
 from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.passive_safety import (
+    carried,
     coast_zone,
     joined,
     least_distances,
@@ -74,6 +76,13 @@ class VelocityGuidance(ABC, Generic[Mission]):
         self._step = 0
         """Number of control periods since the reset."""
 
+    @cached_property
+    def _most(self) -> float:
+        """Change of velocity that a control period can give along every axis of B, either way, m/s."""
+        forces = np.array([x.force * np.array(x.direction) for x in self.craft.thrusters])
+        either_way = np.maximum(forces, 0.0).sum(axis=0), np.maximum(-forces, 0.0).sum(axis=0)
+        return float(np.min(either_way)) * self._period / self.craft.mass
+
     def __repr__(self) -> str:
         return f"<{self.name}: {type(self.task).__name__} for {self.craft.name}>"
 
@@ -118,6 +127,16 @@ def closed_ellipse(mean_motion: float, x: Any, y: Any) -> tuple[Any, Any]:
     return 0.5 * mean_motion * y, -2.0 * mean_motion * x
 
 
+def weaker(change: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
+    """Changes of velocity (N, 3), weaker in the same direction where a component is larger than most, m/s.
+
+    Returns:
+        The changes, and the largest component of each before, (N, 1) m/s.
+    """
+    largest = np.abs(change).max(axis=1, keepdims=True)
+    return change * np.minimum(1.0, most / np.maximum(largest, 1e-12)), largest
+
+
 class SafePlan(NamedTuple):
     """The plan that a search for safe coasts has chosen."""
 
@@ -150,6 +169,24 @@ class PassivelySafeGuidance(VelocityGuidance[Mission]):
         """Distance that the coast of an orbit from a state (6,) keeps, m."""
         coast = single_coasts(start[None], np.array([self._orbit]), np.array([0]))
         return float(least_distances(self.task.mean_motion, coast, 1)[0])
+
+    def _change_to_coast(
+        self, states: np.ndarray, points: np.ndarray, ends: np.ndarray, now: float
+    ) -> np.ndarray:
+        """Change of velocity in W, (N, 3) m/s, with which coasts lead from states (N, 6) to points (N, 3) in time.
+
+        A burn over this control period acts as an impulse in its middle.
+
+        Args:
+            states: states at the beginning of the period.
+            points: where the coasts end, m.
+            ends: when they end, (N,) s.
+            now: beginning of the period, s.
+        """
+        half = 0.5 * self._period
+        middle = carried(self.task.mean_motion, states, np.full(len(states), half))
+        left = np.maximum(ends - now - half, self._period)
+        return self._coast_velocity(middle[:, :3], points, left) - middle[:, 3:]
 
     def _coast_velocity(self, p: np.ndarray, target: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Velocities (K, 3) with which coasts lead from positions (K, 3) to others in times (K,)."""
