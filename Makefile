@@ -47,7 +47,7 @@ demo: .venv/installed
 	rans train go-to-pose --quality quick --output $(RUN)/quick $(QUICK_OPTIONS)
 	rans train go-to-pose --quality good --output $(RUN)/good --set begin_from=pretrained:any-craft-2d --set 'curriculum=[]' $(GOOD_OPTIONS)
 	rans evaluate $(RUN)/good $(EVALUATE_OPTIONS)
-	rans compare $(RUN)/good $(RUN)/quick pretrained:go-to-pose-2d-fast --with lqr optimal --output $(RUN)/good $(COMPARE_OPTIONS)
+	rans compare $(RUN)/good $(RUN)/quick pretrained:go-to-pose-2d-trade-off#0.25 --with lqr optimal --output $(RUN)/good $(COMPARE_OPTIONS)
 	rans report $(RUN)/good
 
 # Types and tests at once: pyright uses one processor for minutes, and the suite waits for single tests at its end.

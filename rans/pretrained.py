@@ -23,7 +23,7 @@ PACKAGE = "rans_agents"
 """Module of the distribution with more agents, in the same form; it is located and never imported."""
 RECIPE_FOLDER = FOLDER.parent / "recipes"
 """Folder with a recipe NAME.toml for each agent, installed or not, by which it was trained."""
-_OTHER_RECIPES = ("base-", "good-", "preset-")
+_OTHER_RECIPES = ("base-", "best-", "good-", "preset-")
 """Beginnings of the names of recipes that belong to no agent (`rans.fast.learn.recipes`)."""
 
 

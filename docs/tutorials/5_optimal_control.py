@@ -54,7 +54,7 @@ print(
 # -------------------------------------------
 # LQR, phase-plane switching and MPC need no training; LQR and switching are tuned.
 comparison = rans.compare(
-    "go-to-pose-2d-fast",
+    "go-to-pose-2d-trade-off#0",
     "go-to-pose-2d-thrifty",
     beside=["lqr", "switching"],
     episodes=64,
@@ -69,7 +69,7 @@ comparison
 # ranks them.
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
 for name in (
-    "go-to-pose-2d-fast",
+    "go-to-pose-2d-trade-off#0",
     "go-to-pose-2d-thrifty",
     "lqr:go-to-pose-2d",
     "switching:go-to-pose-2d",

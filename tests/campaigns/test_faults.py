@@ -21,7 +21,7 @@ from rans.randomization.conditions import Conditions, FaultConditions
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 
-AGENT = "pretrained:go-to-pose-2d-fast"
+AGENT = "pretrained:go-to-pose-2d"
 PAIRS = FaultConditions(2.0, ("dead", "stuck-open"), time=0.0, among="recoverable")
 
 
@@ -29,7 +29,7 @@ PAIRS = FaultConditions(2.0, ("dead", "stuck-open"), time=0.0, among="recoverabl
 def test_flights_are_those_of_evaluations_in_what_is_held_and_where_they_end() -> None:
     network, setup = loaded(AGENT, "cpu")
     found = flown(network, setup, Conditions(faults=PAIRS), 24, 7, "cpu")
-    policy = read_policy(pretrained_folder("go-to-pose-2d-fast") / AGENT_FILE).network
+    policy = read_policy(pretrained_folder("go-to-pose-2d") / AGENT_FILE).network
     starts = scenarios(setup.task, setup.craft, 7, 24)
     flight = fly(
         *setup[:2],

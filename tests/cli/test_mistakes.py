@@ -50,7 +50,7 @@ from tests.support.packages import needs_command
         packages.of(
             "missions", "optimal lqr:dock-3d@a.toml", "rans optimal dock --spacecraft a.toml"
         ),
-        ("optimal pretrained:go-to-pose-2d-fast", "rans optimal go-to-pose"),
+        ("optimal pretrained:go-to-pose-2d", "rans optimal go-to-pose"),
         ("evaluate lqr:go-to-pose-2d@nowhere.toml", "rans init nowhere.toml"),
         ("faults go-to-pose-3d-robust --picture a.png", "rans faults free-flyer --picture a.png"),
         ("faults pretrained:go-to-pose-3d", "rans faults free-flyer"),

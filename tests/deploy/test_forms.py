@@ -367,7 +367,7 @@ def test_the_file_says_what_it_is(tmp_path: Path) -> None:
 )
 def test_names_of_strangers_are_no_code(name: str, tmp_path: Path) -> None:
     """A spacecraft's name is in the title of a file that will be run."""
-    network, _ = shipped("go-to-pose-2d-fast")
+    network, _ = shipped("go-to-pose-2d")
     written(tmp_path, network, "numpy", title=name)
     assert (
         unequal(own_answers(network, random_batches(network)), numpy_answer(tmp_path)).commands == 0
@@ -400,12 +400,12 @@ def test_a_shipped_agent_is_exported_by_name(
         "card.json",
     }
     assert checked(tmp_path / "mine") == (500, 500)
-    assert json.loads((tmp_path / "mine/card.json").read_text())["name"] == "go-to-pose-2d-fast"
+    assert json.loads((tmp_path / "mine/card.json").read_text())["name"] == "go-to-pose-2d"
 
 
 def test_a_layout_that_no_export_knows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A plugin's entry may do more with its columns than turn them."""
-    network, _ = shipped("go-to-pose-2d-fast")
+    network, _ = shipped("go-to-pose-2d")
     kinds = network.architecture.layout.blocks[2].kind
     monkeypatch.setattr(
         kinds, "mirrored", staticmethod(lambda columns, view, hand: [atan2(columns[0], hand)])

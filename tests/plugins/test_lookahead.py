@@ -35,7 +35,7 @@ from tests.support.training import scatter, tiny_learner
 plugins.register()
 
 PERIODS = 4
-FAST = "pretrained:go-to-pose-2d-fast"
+FAST = "pretrained:go-to-pose-2d-trade-off#0"
 CHATTERING = SwitchingGoToPose(switching_weight=0.3, thrust_weight=0.05, spawn_distance=(1.0, 2.0))
 """What was open before matters to its reward."""
 
@@ -277,15 +277,16 @@ def test_it_is_named_before_an_agent() -> None:
     spec = f"lookahead:{FAST}"
     run = contestant(spec)
     plain = contestant(FAST)
-    assert (run[1:], run.controller.name) == (plain[1:], "lookahead:go-to-pose-2d-fast")
+    assert (run[1:], run.controller.name) == (plain[1:], f"lookahead:{plain.controller.name}")
     assert ContestantName.parse(spec).controller == ""
     assert (
-        ContestantName.parse(spec).output_folder.name == "lookahead-pretrained-go-to-pose-2d-fast"
+        ContestantName.parse(spec).output_folder.name
+        == "lookahead-pretrained-go-to-pose-2d-trade-off"
     )
     bare = FAST.removeprefix("pretrained:")
     told, ahead, named = (enlist(one, contest_of(FAST, 4)) for one in (FAST, spec, bare))
     assert (told.knows, ahead.knows) == ("observation", "state, exact model")
-    assert told.tuning.startswith("training: 3,400.0 M steps")
+    assert told.tuning.startswith("training: 4,000.1 M steps")
     assert told.tuning == ahead.tuning == named.tuning
 
 
@@ -312,9 +313,10 @@ def test_who_cannot_is_told(spec: str, message: str) -> None:
 
 @pytest.mark.slow
 def test_python_takes_one_made_there() -> None:
-    ahead = Lookahead(contestant(FAST), horizon=0.6)
+    plain = "pretrained:go-to-pose-2d"
+    ahead = Lookahead(contestant(plain), horizon=0.6)
     found, alone = (
-        rans.evaluate(who, episodes=2, seed=5)["impulse"].value for who in (ahead, FAST)
+        rans.evaluate(who, episodes=2, seed=5)["impulse"].value for who in (ahead, plain)
     )
     assert found != alone
     env = gymnasium.make("rans/GoToPose2D-v0")
@@ -323,7 +325,7 @@ def test_python_takes_one_made_there() -> None:
     with pytest.raises(
         ConfigError, match=r"as in Lookahead\(rans\.load_agent.*got 'go-to-pose-2d-"
     ):
-        Lookahead("go-to-pose-2d-fast")  # type: ignore[arg-type]
+        Lookahead("go-to-pose-2d-trade-off#0")  # type: ignore[arg-type]
     with pytest.raises(
         ConfigError, match=r"arrival must be a rans_lookahead\.lookahead\.ArrivalCost, got 3"
     ):

@@ -22,7 +22,7 @@ from rans.policy.network import Network
 from rans.pretrained import pretrained_folder
 from validation.speed.exported import Answer
 
-FAST = ["export", "pretrained:go-to-pose-2d-fast", "--format"]
+FAST = ["export", "pretrained:go-to-pose-2d", "--format"]
 
 
 @cache

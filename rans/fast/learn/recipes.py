@@ -188,12 +188,12 @@ def _to_the_end(quick: TrainConfig) -> TrainConfig:
 def _recipe_file(task: str, dimension: int, quality: Quality, randomized: bool) -> Path | None:
     """Recipe file of a quality; None: this task has none."""
     space = "plane" if dimension == 2 else "space"
-    good = RECIPE_FOLDER / f"good-{task}-{space}.toml"
-    if quality == "good" and ":" not in task and good.exists():
-        return good
+    own = RECIPE_FOLDER / f"{quality}-{task}-{space}.toml"
+    if not (quality == "best" and randomized) and ":" not in task and own.exists():
+        return own
     endings = ["", "-shared"]
-    if quality == "best":
-        endings = ["-robust", *endings] if randomized else ["-fast", *endings]
+    if quality == "best" and randomized:
+        endings = ["-robust", *endings]
     names = [f"{task}-{dimension}d{ending}" for ending in endings]
     return next((RECIPE_FOLDER / f"{name}.toml" for name in names if name in RECIPES), None)
 

@@ -163,7 +163,6 @@ COUNT = 16384
 @pytest.mark.parametrize(
     "name",
     [
-        "go-to-pose-2d-fast",
         "go-to-pose-2d",
         "go-to-pose-3d",
         "multi-task-2d",
@@ -195,7 +194,7 @@ def test_the_kernel_flies_as_a_cpu_does(name: str, products: Products, alike: fl
 
 @pytest.mark.parametrize("generated", [True, False])
 def test_parts_add_up(generated: bool) -> None:
-    run = contestant("pretrained:go-to-pose-2d-fast")
+    run = contestant("pretrained:go-to-pose-2d")
     assert isinstance(run.controller, Agent)
     flights = Flights(run.network, run.judged, "cuda", generated=generated)
     whole = flights.fly(0, 3001, 1)

@@ -1,1 +1,1 @@
-"""Look-ahead for RANS: `rans compare lookahead:go-to-pose-2d-fast`."""
+"""Look-ahead for RANS: `rans compare lookahead:go-to-pose-2d-trade-off#0`."""

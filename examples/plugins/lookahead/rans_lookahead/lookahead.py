@@ -44,8 +44,8 @@ class ArrivalCost:
     """Prices of late arrival, thrust and errors; the unit is a second with all thrusters open.
 
     >>> from rans_lookahead.lookahead import ArrivalCost, Lookahead
-    >>> Lookahead(rans.load_agent("go-to-pose-2d-fast"), arrival=ArrivalCost(late=1.5))
-    <Lookahead: go-to-pose-2d-fast, 8 s ahead>
+    >>> Lookahead(rans.load_agent("go-to-pose-2d"), arrival=ArrivalCost(late=1.5))
+    <Lookahead: go-to-pose-2d, 8 s ahead>
 
     Raises:
         ConfigError: a price is no finite number >= 0.
@@ -168,8 +168,8 @@ class Lookahead:
     """An agent or controller that compares its own commands with one change of a thruster in one period.
 
     >>> from rans_lookahead.lookahead import ArrivalCost, Lookahead
-    >>> Lookahead(rans.load_agent("go-to-pose-2d-fast"), horizon=4.0)
-    <Lookahead: go-to-pose-2d-fast, 4 s ahead>
+    >>> Lookahead(rans.load_agent("go-to-pose-2d"), horizon=4.0)
+    <Lookahead: go-to-pose-2d, 4 s ahead>
     >>> Lookahead(rans.load_agent("lqr:go-to-pose-2d"), arrival=ArrivalCost())
     <Lookahead: LQR, 8 s ahead>
 
@@ -206,7 +206,7 @@ class Lookahead:
         if loaded is None:
             raise ConfigError(
                 "look-ahead takes the result of rans.load_agent, as in Lookahead("
-                f"rans.load_agent('go-to-pose-2d-fast')), got {brief(run)}."
+                f"rans.load_agent('go-to-pose-2d')), got {brief(run)}."
             )
         if arrival is not None:
             checked("arrival", arrival, ArrivalCost)
