@@ -167,9 +167,7 @@ def test_the_cost_is_the_tasks_own_return() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", ["go-to-pose-2d-thrifty", "go-to-pose-2d-shared"]
-)
+@pytest.mark.parametrize("name", ["go-to-pose-2d-thrifty", "go-to-pose-2d-shared"])
 def test_the_return_of_agents_that_rest_has_an_optimum(name: str) -> None:
     """Rests and narrow rewards have corners where the trajectory ends; no agent gets more than it.
 
