@@ -319,12 +319,12 @@ class Prover:
         return self._numbers(self.proof.reduced(self._set(states)))
 
     def wrong_axes(self) -> Any:
-        """Context in which axes of a reduction are a tenth too short."""
+        """Context in which axes of a reduction are half as long as they should be."""
         right = self.torch.linalg.eigh
 
         def short(matrix: Any) -> tuple[Any, Any]:
             values, axes = right(matrix)
-            return values, 0.9 * axes
+            return values, 0.5 * axes
 
         return mock.patch.object(self.torch.linalg, "eigh", short)
 
