@@ -1,8 +1,8 @@
 """What is known at least of every mission, the first table of its page.
 
 It measures nothing: it gathers proven bound, least known flight, guidance and agent of each mission from the
-evidence of `campaigns.missions`, `campaigns.inspection`, `campaigns.front` and `campaigns.passive`. The
-cheapest known flight is of whoever spends least, optimal trajectories included.
+evidence of `campaigns.missions`, `campaigns.inspection`, `campaigns.front`, `campaigns.least` and
+`campaigns.passive`. The cheapest known flight is of whoever spends least, optimal trajectories included.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ class Mission:
 
 _BOUND = "proven bound"
 _CHEAPEST = "least known"
+_FOUND = "found by `rans improve`"
 _GUIDANCE = "guidance"
 _SAFE = "guidance, passively safe"
 _AGENT = "agent"
@@ -121,7 +122,9 @@ def rows(docs: Path, mission: str) -> tuple[Sequence[str], list[list[str]]]:
     of_safety = {who: safety[name] for who, name in asked.passive if name in safety}
     evidence = read_json(docs / "validation" / f"mission-{mission}.json")
     lines = [_bound(mission, asked, flown)]
-    entries = [(_CHEAPEST, *_cheapest(flown, _optima(docs, mission)))]
+    found = _found(docs, mission)
+    entries = [(_CHEAPEST, *_cheapest({**flown, **found}, _optima(docs, mission)))]
+    entries += [(_FOUND, who, row) for who, row in found.items()]
     entries += [(what, who, flown.get(who)) for what, who in asked.rows]
     for what, who, row in entries:
         orbital = bool(asked.passive and asked.condition) and who in flown
@@ -139,7 +142,7 @@ def rows(docs: Path, mission: str) -> tuple[Sequence[str], list[list[str]]]:
         counts = f"{row['starts']:,}", f"{100.0 * row['won']:.1f}"
         lines.append([_SAFE, name, *counts, "-", spent, *_safe(row)])
     # Rows in the order of their kinds: that of safe guidance before agents.
-    order = (_BOUND, _CHEAPEST, _GUIDANCE, _SAFE, _AGENT)
+    order = (_BOUND, _CHEAPEST, _FOUND, _GUIDANCE, _SAFE, _AGENT)
     lines.sort(key=lambda line: order.index(line[0]))
     return _HEADINGS, lines
 
@@ -174,6 +177,14 @@ def _optima(docs: Path, mission: str) -> dict[str, Any]:
             "spent": sum(row["flight"] for row in found) / len(found),
         }
     }
+
+
+def _found(docs: Path, mission: str) -> dict[str, Any]:
+    """What `rans improve` found of a mission, as rows by what it began from (`campaigns.least`)."""
+    file = docs / "validation/least-known.json"
+    if not file.exists():
+        return {}
+    return {row["who"]: row for row in read_json(file)["rows"] if row["mission"] == mission}
 
 
 def _cheapest(flown: dict[str, Any], optima: dict[str, Any]) -> tuple[str, Any]:
