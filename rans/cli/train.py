@@ -388,8 +388,17 @@ def _flying_beside(trainer: Trainer) -> Iterator[_Rivals | None]:
     if "rans.evaluation.compare.run" in sys.modules:
         yield lambda: _rivals(*job)
         return
-    with submitted(_rivals, [job], 1, use_one_thread, ()) as (entries,):
+    with (
+        contextlib.suppress(_NobodyAsked),
+        submitted(_rivals, [job], 1, use_one_thread, ()) as (entries,),
+    ):
         yield entries.result
+        if not entries.done():  # as after Ctrl-C: an error ends the other process at once
+            raise _NobodyAsked
+
+
+class _NobodyAsked(Exception):
+    """What flies beside a training is not needed."""
 
 
 def _rivals(path: Path, dimension: int, count: int) -> tuple[list[Entry], list[str]]:
