@@ -5,14 +5,14 @@ The certificate is that of `rans prove AGENT`; see docs/proof/proofs.md.
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
 import numpy as np
 
-from rans.extend import Figure, ListedColormap
+from rans.extend import Figure, ListedColormap, read_bytes
 from rans.show.figures.plotting import rcParams
+from rans_proof.trap_certificate import LARGEST, read_certificate
 
 SPINS = (0.0, 0.6, 1.2)
 """Spins of the panels, rad/s: within the starts, of two pulses, and near the limit."""
@@ -20,10 +20,10 @@ SPINS = (0.0, 0.6, 1.2)
 
 def draw(certificate: Path, picture: Path) -> None:
     """Draw velocities in the body frame for some spins: in the set, and left out."""
-    table = json.loads(certificate.read_text())
-    grid, keep = table["grid"], table["keep"]
+    trap = read_certificate(read_bytes(certificate, LARGEST), certificate)
+    grid, keep = trap.grid, trap.keep
     inside = np.zeros((grid["rings"], grid["sectors"], 2 * grid["layers"]))
-    for a, b, c, d, e, f in table["cells"]:
+    for a, b, c, d, e, f in trap.cells:
         inside[a:b, c:d, e + grid["layers"] : f + grid["layers"]] = 1.0
     rcParams["svg.hashsalt"] = "rans"  # the same picture has the same bytes
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
