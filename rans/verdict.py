@@ -39,7 +39,7 @@ from operator import add
 from typing import Protocol
 
 from rans.episode import Episode, Outcome
-from rans.model.dynamics import thrust
+from rans.model.dynamics import mean_thrust
 from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -142,15 +142,15 @@ class Effort:
         craft = setting.craft
         forces = [
             level * t.force
-            for level, t in zip(thrust(craft, outcome.command), craft.thrusters, strict=True)
+            for level, t in zip(mean_thrust(craft, outcome.command), craft.thrusters, strict=True)
         ]
+        opened = craft.actuators.opened(outcome.command[craft.thruster_commands])
         zero = self.gained * 0.0
         spent = where(running, reduce(add, forces), zero) * setting.timing.control_period
         return Effort(
             gained=self.gained + where(running & ~lost, outcome.reward, zero),
             impulse=self.impulse + spent,
-            opened=self.opened
-            + where(running & late, reduce(add, outcome.command[craft.thruster_commands]), zero),
+            opened=self.opened + where(running & late, reduce(add, opened), zero),
         )
 
 

@@ -45,6 +45,10 @@ class Actuators:
         """Shares of full force under commands that are held: the commands themselves."""
         return command
 
+    def opened(self, command: Command) -> Command:
+        """Mean of each thruster in a control period: of a valve the share of time, of a throttle that of force."""
+        return self.levels(command)
+
     def pulses(self, command: Command) -> Iterator[tuple[Field, Command]]:
         """Pieces of a control period, each with its share of the period and the thrusters' shares of full force."""
         yield 1.0, command
@@ -171,6 +175,10 @@ class Pulsed(Actuators):
                     f"{key} of pulsed actuators must be a whole number from {low} to {high:,}, "
                     f"got {value!r}."
                 )
+
+    def opened(self, command: Command) -> Command:
+        """Share of a control period for which each thruster is open."""
+        return [self._width(duty) * (1.0 / self.counts) for duty in command]
 
     def pulses(self, command: Command) -> Iterator[tuple[Field, Command]]:
         """See `Actuators.pulses`: pieces end at every count, or at the sorted closing times if these are fewer."""

@@ -150,6 +150,24 @@ def thrust(
     return tuple(openings)
 
 
+def mean_thrust(craft: Spacecraft, command: Sequence[Field]) -> tuple[Field, ...]:
+    """Share of its full force that each thruster gives in the mean of a control period, without faults.
+
+    Args:
+        craft: spacecraft.
+        command: commands of its thrusters; commands of other effectors may follow and are ignored.
+
+    A pulse that rounds to no count of its valve gives nothing, nor does one below the valve's least.
+    """
+    own = command[craft.thruster_commands]
+    shares = [opening * 0.0 for opening in own]
+    for fraction, part in craft.actuators.pulses(own):
+        shares = [
+            mean + fraction * share for mean, share in zip(shares, thrust(craft, part), strict=True)
+        ]
+    return tuple(shares)
+
+
 def _is(field: Field, number: float) -> bool:
     """Whether a field is this number for all spacecraft."""
     return isinstance(field, float) and field == number

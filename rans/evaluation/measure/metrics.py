@@ -15,7 +15,7 @@ import numpy as np
 
 from rans import verdict
 from rans.flight import Flight
-from rans.model.dynamics import thrust
+from rans.model.dynamics import mean_thrust
 from rans.registry import Registry
 from rans.tasks import Task
 from rans.tasks.goal_set import REST_SPEED, REST_SPIN, arrived, asks_rest
@@ -44,7 +44,7 @@ class Sample(NamedTuple):
     """(N,), one per episode; booleans if the metric is the share of episodes of which it is true."""
     centre: Callable[..., Any] = np.mean
     key: bool = False
-    """Whether short tables and comparisons have it too."""
+    """Whether short tables have it, and comparisons, if the metric is of an installed package."""
 
     @property
     def numbers(self) -> np.ndarray:
@@ -115,7 +115,30 @@ def staying_times(flight: Flight) -> np.ndarray:
 
 def on_times(flight: Flight) -> np.ndarray:
     """Time that thrusters were open, summed over the thrusters of each episode, (N,) s."""
-    return flight.openings.sum(axis=(0, 2)) * flight.timing.control_period
+    return _opened(flight).sum(axis=(0, 2)) * flight.timing.control_period
+
+
+def _opened(flight: Flight) -> np.ndarray:
+    """(T, N, thrusters) share of each control period for which valves are open; of throttles the share of force."""
+    commands = tuple(np.moveaxis(flight.openings, 2, 0))
+    opened = flight.craft.actuators.opened(commands)
+    return np.stack(opened, axis=-1) if commands else flight.openings
+
+
+def valve_openings(flight: Flight) -> np.ndarray:
+    """How often a valve goes from shut to open, summed over the thrusters of each episode, (N,).
+
+    Valves are shut before the first command. A valve opens at the beginning of a control period, if at all; a pulse
+    that ends within its period is followed by another opening.
+    """
+    actuators = flight.craft.actuators
+    commands = actuators.levels(tuple(np.moveaxis(flight.openings, 2, 0)))
+    if not commands:
+        return np.zeros(flight.commands.shape[1])
+    pieces = [np.asarray(shares) > 0.0 for _, shares in actuators.pulses(commands)]
+    begins, ends = pieces[0], pieces[-1]  # (thrusters, T, N) open at both ends of each period
+    begins[:, 1:] &= ~ends[:, :-1]
+    return begins.sum(axis=(0, 1))
 
 
 def impulses(flight: Flight) -> np.ndarray:
@@ -124,14 +147,14 @@ def impulses(flight: Flight) -> np.ndarray:
 
 
 def forces(flight: Flight) -> np.ndarray:
-    """Sum of the forces of all thrusters in every control period of each episode, (T, N) N.
+    """Sum of the forces of all thrusters in the mean of every control period of each episode, (T, N) N.
 
     It is 0 after a success, where engines that cannot be shut in flight are shut too.
     """
-    openings = thrust(flight.craft, tuple(np.moveaxis(flight.commands, 2, 0)))
+    shares = mean_thrust(flight.craft, tuple(np.moveaxis(flight.commands, 2, 0)))
     total = np.zeros(flight.commands.shape[:2])
-    for opening, thruster in zip(openings, flight.craft.thrusters, strict=True):
-        total = total + opening * thruster.force
+    for share, thruster in zip(shares, flight.craft.thrusters, strict=True):
+        total = total + share * thruster.force
     if flight.lengths is None:
         return total
     return np.where(np.arange(len(total))[:, None] < flight.lengths, total, 0.0)
@@ -292,16 +315,16 @@ def _motion(flight: Flight) -> Iterator[Sample]:
 
 
 def _effort(flight: Flight) -> Iterator[Sample]:
-    opened = np.diff(flight.openings, axis=0, prepend=0.0).clip(min=0.0).sum(axis=(0, 2))
-    last = flight.openings[-verdict.last_fifth(len(flight.commands)) :]
+    opened = _opened(flight)
+    last = opened[-verdict.last_fifth(len(flight.commands)) :]
     thrusters = max(1, flight.craft.thruster_count)  # of a craft without thrusters the duty is 0
     duty, duty_at_rest = (
-        100.0 * opening.mean(axis=0).sum(axis=1) / thrusters for opening in (flight.openings, last)
+        100.0 * opening.mean(axis=0).sum(axis=1) / thrusters for opening in (opened, last)
     )
     for name, meaning, unit, values in (
         ("duty", "mean duty cycle of the thrusters (AAC)", "%", duty),
         ("duty at rest", "the same over the last fifth", "%", duty_at_rest),
-        ("openings", "times a thruster opens, an episode", "", opened),
+        ("openings", "times a thruster opens, an episode", "", valve_openings(flight)),
         ("on-time", "thruster-seconds an episode", "s", on_times(flight)),
         ("impulse", "thrust spent an episode", "N s", impulses(flight)),
         ("return", "sum of rewards of the full episode", "", returns(flight)),

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from rans.errors import ConfigError, counted
-from rans.model.dynamics import thrust
+from rans.model.dynamics import mean_thrust
 from rans.model.spacecraft import (
     Spacecraft,
     can_turn,
@@ -464,17 +464,10 @@ class Proportional:
         within_reach = wrench / np.maximum(self._allocation.load(wrench), 1.0)[:, None]
         debt = np.where(rest[:, None], 0.0, self.owed + within_reach)
         commands = self._allocation.commands(debt)
-        self.left = debt - self._mean(commands) @ self._wrenches
+        given = np.stack(mean_thrust(self._craft, tuple(commands.T)), axis=1)
+        self.left = debt - given @ self._wrenches
         self.owed = np.where(self.kept, self.left, 0.0)
         return commands
-
-    def _mean(self, commands: np.ndarray) -> np.ndarray:
-        """(N, thrusters) share of its force that each thruster gives in the mean of a period."""
-        mean = np.zeros(commands.shape)
-        for duration, opened in self._craft.actuators.pulses(tuple(commands.T)):
-            openings = np.stack(thrust(self._craft, opened), axis=1)
-            mean += np.reshape(duration, (-1, 1)) * openings
-        return mean
 
 
 class WheelsAlone:

@@ -23,6 +23,7 @@ from rans.evaluation.measure.metrics import (
 )
 from rans.files import plain
 from rans.flight import Flight, fly
+from rans.model.actuators import Actuators, Pulsed, Throttle
 from rans.model.fields import Vec2
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -292,6 +293,33 @@ def test_duty_at_rest_is_that_of_the_last_fifth() -> None:
     assert measured["duty at rest"].value == 12.5
     assert measured["duty"].value == 22.5
     assert measured["openings"].value == 10.0  # the first two close in between
+
+
+@pytest.mark.parametrize(
+    ("actuators", "openings", "seconds"),
+    [
+        # 0.2 is two counts, one too short; 0.6 ends within its period; 0.96 is all ten counts, and goes on from 1.
+        (Pulsed(counts=10, least=3), 4, 0.6 + 0.6 + 1.0 + 1.0 + 1.0),
+        # A command below half of the least shuts the thruster: it is lit in periods three to six, and eight.
+        (Throttle(least=0.5), 2, 0.6 + 0.6 + 1.0 + 0.96 + 1.0),
+        (Throttle(least=0.1), 2, 0.2 + 0.6 + 0.6 + 1.0 + 0.96 + 1.0),
+    ],
+)
+def test_effort_is_of_what_valves_give_not_of_commands(
+    actuators: Actuators, openings: int, seconds: float
+) -> None:
+    """One thruster of eight with another duty cycle or level in each of eight periods."""
+    commands = np.zeros((8, 1, 8))
+    commands[:, 0, 3] = 0.0, 0.2, 0.6, 0.6, 1.0, 0.96, 0.0, 1.0
+    flight = flight_of(np.ones((9, 1)), 0.0, commands)
+    flight = replace(flight, craft=replace(flight.craft, actuators=actuators))
+    measured = measure(flight)
+    period = flight.timing.control_period
+    force = flight.craft.thrusters[3].force
+    assert measured["openings"].value == openings
+    assert measured["on-time"].value == pytest.approx(seconds * period)
+    assert measured["impulse"].value == pytest.approx(force * seconds * period)
+    assert measured["duty"].value == pytest.approx(100.0 * seconds / 64.0)
 
 
 def test_spatial_flight() -> None:
