@@ -229,8 +229,8 @@ def where_raised(error: BaseException) -> str:
 
 def _user_frame(error: BaseException) -> traceback.FrameSummary | None:
     """Innermost frame of neither this package nor an installed one."""
-    package = os.path.dirname(os.path.abspath(__file__))
-    library = os.path.dirname(os.__file__)
+    package = os.path.dirname(os.path.abspath(__file__)) + os.sep
+    library = os.path.dirname(os.__file__) + os.sep
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         file = os.path.abspath(frame.filename)
         installed = "site-packages" in file or file.startswith((package, library))

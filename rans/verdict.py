@@ -24,7 +24,7 @@ held
     Inside at every instant of the last fifth: the last T // 5 instants, at least one.
 solved
     Held, or for a mission won, and nothing violated. Such a flight has settled and not failed. Every flight that is
-    not solved counts as one `Failure`, the first kind that applies.
+    not solved counts as one `Failure`: lost, else violated, else the kind in which it ended.
 
 Everything is a pure function over fields (`rans.model.fields`): the same source evaluates batches of torch (also in
 CUDA graphs) and NumPy, and is traced into the programs that fly whole episodes on a CPU and a GPU.
@@ -47,7 +47,10 @@ from rans.tasks.base import Task
 
 
 class Failure(IntEnum):
-    """Kind of failure of a flight that did not solve its task: the first of these that applies."""
+    """Kind of failure of a flight that did not solve its task.
+
+    Of several, ``NOT_FINITE`` is the one that counts, then ``VIOLATED``; any two others exclude each other.
+    """
 
     NOT_FINITE = 1
     """The state became NaN or infinite, or one that no craft reaches; the flight ends there."""
@@ -280,13 +283,15 @@ class FlightAccumulator:
     def failure(self) -> Field:
         """Number of the `Failure` of flights that have ended, int; 0: solved."""
         if self.won is None:
-            lasts = where(self.missed, where(self.left, 3, where(self.inside, 5, 4)), 0)
-            kind = where(self.running, lasts, 2)
+            outside = where(self.inside, Failure.LATE.value, Failure.UNSETTLED.value)
+            lasts = where(self.missed, where(self.left, Failure.LEFT.value, outside), 0)
+            kind = where(self.running, lasts, Failure.TERMINATED.value)
         else:
-            kind = where(self.running, 7, where(self.won, 0, 2))
+            ended = where(self.won, 0, Failure.TERMINATED.value)
+            kind = where(self.running, Failure.UNFINISHED.value, ended)
         if self.violated is not None:
-            kind = where(self.violated, 6, kind)
-        return where(self.lost, 1, kind)
+            kind = where(self.violated, Failure.VIOLATED.value, kind)
+        return where(self.lost, Failure.NOT_FINITE.value, kind)
 
     @property
     def settles(self) -> Field:

@@ -178,7 +178,7 @@ def setup_of(task: str | Task, spacecraft: SpacecraftLike | None) -> tuple[Space
         ConfigError: one of these does not exist.
     """
     judged = load_task(task).for_evaluation()
-    return load_spacecraft(spacecraft or judged.spacecraft or CRAFT), judged
+    return load_spacecraft(judged.spacecraft or CRAFT if spacecraft is None else spacecraft), judged
 
 
 @settled_alone

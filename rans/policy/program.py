@@ -155,6 +155,7 @@ class Program:
     def pruned(self, outputs: Iterable[str]) -> Program:
         """Program reduced to the steps that these outputs need, and the tables that they read."""
         result = Program()
+        result.lacks = self.lacks
         result.steps = self.needed(outputs)
         used = {name for step in result.steps for name in step.inputs}
         result.constants = {name: x for name, x in self.constants.items() if name in used}
@@ -169,7 +170,7 @@ class Program:
         """The steps that these values need, once others are known.
 
         Raises:
-            Untraceable: one of them is no value of this program.
+            Untraceable: one of them is made by no step; inputs belong in ``computed``.
         """
         names = set(outputs) - set(computed)
         if missing := names - {name for step in self.steps for name in step.outputs}:

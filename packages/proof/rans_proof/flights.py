@@ -23,7 +23,10 @@ _PERIODS = 1000
 
 
 def lowest_margins(problem: Problem, layers: Sequence[Layer], start: np.ndarray) -> np.ndarray:
-    """Lowest margins (N,) of simulated flights from starts (N, n), by Runge-Kutta steps of order 4."""
+    """Lowest margins (N,) of simulated flights from starts (N, n), by Runge-Kutta steps of order 4.
+
+    That of a flight which leaves the range of numbers is minus infinity.
+    """
     least = np.full(len(start), np.inf)
     at_end = np.full(len(start), -np.inf)
     for number, states in enumerate(path(problem, layers, start)):
@@ -32,7 +35,8 @@ def lowest_margins(problem: Problem, layers: Sequence[Layer], start: np.ndarray)
             least = np.minimum(least, problem.keep.margins(states))
         if problem.end is not None and part == 0 and period >= (problem.earliest or problem.steps):
             at_end = np.maximum(at_end, problem.end.margins(states))
-    return least if problem.end is None else np.minimum(least, at_end)
+    least = least if problem.end is None else np.minimum(least, at_end)
+    return np.nan_to_num(least, nan=-np.inf, posinf=np.inf, neginf=-np.inf)
 
 
 def path(problem: Problem, layers: Sequence[Layer], start: np.ndarray) -> list[np.ndarray]:
@@ -74,7 +78,7 @@ def worst_start(problem: Problem, layers: Sequence[Layer]) -> tuple[np.ndarray, 
     low, high = np.array(problem.lower), np.array(problem.upper)
     start = random.uniform(low, high, (_SAMPLES, problem.states))
     start[::2] = np.where(random.random(start[::2].shape) < 0.5, low, high)
-    margins = _finite(lowest_margins(problem, layers, start))
+    margins = lowest_margins(problem, layers, start)
     rounds = int(np.clip(_PERIODS // problem.steps, *_ROUNDS))
     for size in np.geomspace(0.25, 0.001, rounds):
         best = np.argsort(margins)[:_BEST]
@@ -84,11 +88,6 @@ def worst_start(problem: Problem, layers: Sequence[Layer]) -> tuple[np.ndarray, 
         steps = size * (high - low) * random.normal(size=(10, *start.shape))
         more = np.clip(start + steps, low, high).reshape(-1, problem.states)
         start = np.concatenate((start, more))
-        margins = np.concatenate((margins, _finite(lowest_margins(problem, layers, more))))
+        margins = np.concatenate((margins, lowest_margins(problem, layers, more)))
     worst = int(margins.argmin())
     return start[worst], float(margins[worst])
-
-
-def _finite(margins: np.ndarray) -> np.ndarray:
-    """Margins, of which a flight that leaves the range of numbers has the lowest one."""
-    return np.nan_to_num(margins, nan=-np.inf, posinf=np.inf, neginf=-np.inf)

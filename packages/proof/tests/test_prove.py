@@ -12,7 +12,7 @@ import torch
 from rans_proof.flights import lowest_margins
 from rans_proof.network import Layer, read_network
 from rans_proof.problem import SpeedLimit, Within, problem_of, read_problem
-from rans_proof.prove import ClosedLoop, prove
+from rans_proof.prove import ClosedLoop, broken_start, prove
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -134,6 +134,19 @@ def test_what_is_false_ends_with_a_flight_that_breaks_it() -> None:
     assert proof.counterexample is not None
     assert lowest_margins(problem, push, proof.counterexample[None])[0] < 0.0
     assert not proof.is_whole
+
+
+def test_a_flight_that_leaves_the_range_of_numbers_breaks_its_property() -> None:
+    """x' = x^3 + u from 2 is infinite after 1/8 s, from 0.1 only after 50 s."""
+    problem = problem_of(
+        'name = "blow-up"\nperiod = 0.5\nsteps = 4\ncommands = 1\nderivative = ["x0 * x0 * x0 + u0"]\n'
+        "[start]\nlower = [0.1]\nupper = [2.0]\n[keep.within]\nlower = [-1e6]\nupper = [1e6]\n"
+    )
+    still = [Layer(np.zeros((1, 1)), np.zeros(1), "linear")]
+    low, high = np.array([[0.1], [1.9], [0.1]]), np.array([[0.1], [2.1], [0.3]])
+    start = broken_start(problem, still, low, high)
+    assert start is not None
+    assert start[0] == 2.0
 
 
 def test_a_proof_with_open_cells_is_not_whole() -> None:

@@ -80,7 +80,7 @@ def training(task: str, spacecraft: str | None = None, device: str | None = None
         return _config(Path(task), device)
     check_task(task)
     settings = TASKS[task]()
-    named: str = spacecraft or settings.spacecraft or USUAL[2]
+    named: str = settings.spacecraft or USUAL[2] if spacecraft is None else spacecraft
     craft = load_spacecraft(named)
     return TrainConfig(
         task,

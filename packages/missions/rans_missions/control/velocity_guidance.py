@@ -246,8 +246,8 @@ class PassivelySafeGuidance(VelocityGuidance[Mission]):
             law: change of velocity in W, (K, 3) m/s, that states (K, 6) get at a time, s.
             steps: number of control periods of the prediction.
             end: time, s, or times (K,), at which the last coasts end.
-            is_unsafe_start: whether the coast from the start itself enters the zone: it then does not count, nor do
-                those from within the first control period.
+            is_unsafe_start: whether the coast from the start itself enters the zone. Of flights that burn in the
+                first control period it then does not count, nor do coasts from within it. Of others it does.
         """
         n, period = self.task.mean_motion, self._period
         count = len(starts)

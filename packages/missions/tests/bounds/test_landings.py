@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from rans_missions.bounds.first_starts import bounded, mission_bounds, steps_of
+from rans_missions.bounds.landings import LandingAnswer
 from rans_missions.control.landing_guidance import LandingGuidance
-from rans_missions.convex.landing import Descent, Lander, landing
+from rans_missions.convex.landing import Descent, Lander, Landing, landing
 from rans_missions.figures.landing_figures import descent, propellant_beside_bounds, thrust_and_tilt
 from rans_missions.tasks.land import Land
 
@@ -63,6 +65,13 @@ def test_guidance_is_near_its_bound_and_not_below(entry: Entry, bounds: MissionB
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("lost", ["replayed", "in_drake"])
+def test_a_landing_that_one_engine_loses_is_not_good(lost: str) -> None:
+    answer = LandingAnswer(0, cast(Landing, object()), replayed=0.001, in_drake=0.001)
+    assert answer.good
+    assert not replace(answer, **{lost: np.nan}).good
+
+
 def test_a_dead_engine_takes_more(bounds: MissionBounds) -> None:
     dead = Conditions(faults=FaultConditions(kinds=("dead",), thrusters=(0,)))
     without = mission_bounds(replace(CONTEST, conditions=dead), 1)
