@@ -138,7 +138,7 @@ class Flight(NotebookRepr):
 
     @property
     def openings(self) -> np.ndarray:
-        """Commands (T, N, thrusters) of the thrusters alone."""
+        """Commands (T, N, thrusters) of the thrusters alone: shares from 0 to 1, not how often valves open."""
         return self.commands[:, :, self.craft.thruster_commands]
 
     def errors(self) -> dict[str, np.ndarray]:

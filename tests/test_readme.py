@@ -280,8 +280,12 @@ def test_the_slurm_script_starts_torchrun_on_every_machine(tmp_path: Path) -> No
 
 def test_links_lead_somewhere() -> None:
     lost = [
-        (page.name, target)
-        for page in PAGES
+        (page.relative_to(ROOT).as_posix(), target)
+        for page in (
+            *PAGES,
+            *ROOT.glob("packages/*/README.md"),
+            *ROOT.glob("examples/**/README.md"),
+        )
         for target in re.findall(r"\]\(([^)#]+)", page.read_text("utf-8"))
         if not target.startswith("https://") and not (page.parent / target).exists()
     ]

@@ -127,7 +127,11 @@ class Action:
 
 
 class JointMotion(Action):
-    """Action of an effector with a mass of its own that moves in the craft: it integrates the motion of both."""
+    """Action of an effector that integrates the motion of the craft itself, in place of adding to wrenches.
+
+    It is for a mass that moves in the craft, and for loads that depend on the craft's motion, such as drag.
+    A craft has one such action at most: its effector sets `Effector.moves_mass`, by which a second is refused.
+    """
 
     @abstractmethod
     def steps(self, longest: float) -> int:
@@ -169,7 +173,11 @@ class Effector(ABC):
 
     @property
     def moves_mass(self) -> bool:
-        """Whether a mass moves in the craft (`JointMotion`), which then is no rigid body; by default not."""
+        """Whether its action is a `JointMotion`, as where a mass moves in the craft; by default not.
+
+        Certified bounds and optimal trajectories refuse such a craft. Agents and controllers fly it as if it were
+        rigid; its effector should have no commands, because controllers give it none.
+        """
         return False
 
     @property

@@ -104,7 +104,7 @@ class FurtherEffector(Protocol):
 
     @property
     def moves_mass(self) -> bool:
-        """Whether a mass moves in the craft."""
+        """Whether it moves the craft itself, as a mass in it does."""
         ...
 
     @property
@@ -635,7 +635,7 @@ def _check_further(craft: Spacecraft) -> None:
 
 
 def check_rigid(craft: Spacecraft, what: str) -> None:
-    """Refuse a craft in which a mass moves.
+    """Refuse a craft that an effector moves itself, such as a mass in it.
 
     Args:
         craft: any.
@@ -645,9 +645,10 @@ def check_rigid(craft: Spacecraft, what: str) -> None:
         ConfigError: it is not `Spacecraft.is_rigid`.
     """
     if not craft.is_rigid:
+        moving = " and ".join(e.label for e in craft.further_effectors if e.moves_mass)
         raise ConfigError(
-            f"{what} are those of a rigid craft, and a mass moves in {craft.name!r}, such as a sloshing liquid: "
-            "take its table out of the file, as [slosh], to compute them with the mass at rest."
+            f"{what} are those of a rigid craft, and {craft.name!r} has {moving}, which moves in it or depends on "
+            "its motion: take its table, such as [slosh] or [[effector]], out of the file to compute them without."
         )
 
 

@@ -1,7 +1,8 @@
 """Effectors of other kinds than thrusters, propellant and wheels, as Drake's plant has them.
 
 Each kind of `rans.effectors.effector.Effector` that is to be flown in Drake brings a description of its own,
-which shares nothing with our equations: `register` it under the name of the effector's class.
+which shares nothing with our equations: `register` it under the name of the class that `of_craft` of
+the effector returns, by default the effector's own.
 """
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged.
@@ -72,7 +73,10 @@ class DrakeEffector(ABC):
 
 
 class DrakeMass(DrakeEffector):
-    """An effector with a mass of its own that moves in the craft, as bodies of Drake's plant."""
+    """An effector that moves with the craft, as bodies, joints or forces of Drake's plant.
+
+    It is the other half of `rans.effectors.effector.JointMotion`. An effector without a mass has the mass 0.
+    """
 
     def places(self) -> list[Pushing]:
         """It pushes nowhere: Drake computes what its mass does."""
@@ -90,7 +94,12 @@ class DrakeMass(DrakeEffector):
     def add(
         self, plant: MultibodyPlant, craft: Spacecraft, body: Body, bodies: Sequence[Any]
     ) -> None:
-        """Add the mass of every spacecraft, whose rigid bodies are the last argument, before the plant is final."""
+        """Add the mass of every spacecraft, whose rigid bodies are the last argument, before the plant is final.
+
+        A craft's own joint, between the world and its rigid body, is
+        ``plant.GetJointByName(f"B of {rigid.name()}")``: a `PlanarJoint` or `QuaternionFloatingJoint` without
+        damping, to which ``set_default_damping_vector`` gives some.
+        """
 
     @abstractmethod
     def friction(self) -> Any:
@@ -108,14 +117,16 @@ class DrakeMass(DrakeEffector):
 REGISTERED: Registry[Any] = Registry(
     "kind of effector in Drake", "rans.drake_effectors", {}, lambda make: make
 )
-"""What Drake's plant makes of further effectors, by the names of their classes; packages register theirs."""
+"""What Drake's plant makes of further effectors, by the names of the classes that their `of_craft` returns.
+
+Packages register theirs."""
 
 
 def register(kind: str, make: Any) -> None:
     """Say what Drake's plant makes of effectors whose class has this name.
 
     Args:
-        kind: name of the class, such as "Torquer".
+        kind: name of the class that `of_craft` returns, such as "Torquer"; by default the effector's own.
         make: called with the effector; returns its `DrakeEffector`.
     """
     REGISTERED.register(kind)(make)
