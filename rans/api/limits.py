@@ -174,6 +174,10 @@ def optimal_trajectory(
 def setup_of(task: str | Task, spacecraft: SpacecraftLike | None) -> tuple[Spacecraft, Task]:
     """Spacecraft and task of optimal trajectories, with the starts of evaluations.
 
+    Args:
+        task: a name or a `Task`.
+        spacecraft: a name, a TOML file or a `Spacecraft`; None: that of the task, or `CRAFT` if it has none.
+
     Raises:
         ConfigError: one of these does not exist.
     """

@@ -94,6 +94,11 @@ def compiled(text: str, capability: tuple[int, int]) -> bytes:
 
 
 def _compiled(text: str, options: Sequence[str]) -> bytes:
+    """CUBIN that NVRTC makes of CUDA C++ with these options.
+
+    Raises:
+        CudaError: the text does not compile; the message has the compiler's log.
+    """
     compiler = _compiler()
     program = c_void_p()
     array = (c_char_p * len(options))(*(option.encode() for option in options))

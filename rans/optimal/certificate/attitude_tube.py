@@ -217,7 +217,14 @@ class _Transfer:
         return linear - spared - used - _ROUNDING * (abs(linear) + spared + used)
 
     def bound(self, price: float) -> float:
-        """The best bound: of the impulse, N s, for a price of 1; for 0 above zero if nobody arrives in the time."""
+        """The best bound that cutting planes find; 0 if there is none.
+
+        Multipliers are in the order of `gain`: d of the velocity, d of the position, and those of the rotation.
+
+        Args:
+            price: of thrust. 1: the bound is that of the impulse, N s. 0: thrust costs nothing, and a result above
+                0 proves, whatever its size, that nothing arrives in the time; the first such result is returned.
+        """
         from scipy import sparse
         from scipy.optimize import linprog
 
@@ -229,7 +236,7 @@ class _Transfer:
         # Columns: multipliers, sizes of them, worth at both ends of the intervals.
         total = count + kinds + 2 * cells
         unit = np.ones(count)
-        # A torque counts as the force at the largest arm.
+        # A torque counts as the force at the largest arm, which is 1e-6 m at least: a craft may have no torque.
         unit[2 * d :] = 1.0 / max(self.corners.arm, 1e-6)
         most = (_LARGEST if price else 1.0) * unit
         low = np.concatenate([-most, np.zeros(kinds + 2 * cells)])
@@ -245,7 +252,9 @@ class _Transfer:
         rows: list[sparse.csr_matrix] = []
         rights: list[np.ndarray] = []
         x = np.zeros(count)
-        # First along the way: ahead, then back.
+        # First along the way: the pull is x[:d] + left x[d : 2 d], which goes from ahead to -ahead. At a size of 1
+        # thrust is worth its price. Without a price every size gives the same sign: 0.3 keeps twice of it below 1,
+        # the largest multiplier.
         response = self.way if self.way.any() else self.change
         if response.any():
             ahead = response / np.linalg.norm(response) * (1.0 if price else 0.3)

@@ -368,7 +368,11 @@ class _Program:
         return float(cost) + float(slope @ commands)
 
     def _linearisation(self, step: ca.Function) -> ca.Function:
-        """(first error, plan, goals) to the errors along it and the matrix of e_k+1 - A e_k - B u_k."""
+        """(first error, plan, goals) to the errors along it and the matrix of e_k+1 - A_k e_k - B_k u_k.
+
+        Its columns are u_0 .. u_T-1, then e_1 .. e_T, and its rows k = 0 .. T-1, of the size of an error each. The
+        first error is no variable, so that rows of k = 0 are e_1 - B_0 u_0.
+        """
         error = ca.MX.sym("error", self._size)
         goals = ca.MX.sym("goals", step.size1_in(2), self._count + 1)
         now, later = goals[:, :-1], goals[:, 1:]

@@ -424,15 +424,26 @@ class Transcription:
         )
 
     def _bounds_and_guess(self, start: State, goal: State, number: int) -> dict[str, np.ndarray]:
+        """Guess x0 and bounds of variables (lbx, ubx) and constraints (lbg, ubg), as arguments of the solver.
+
+        Variables and constraints are in the order of `_build`. Variables: commands, wrench and state after of the
+        first interval, then those of the next, and at last the control period. Constraints: gaps between states of
+        all intervals, then those between wrenches and commands, arrival, sums of shared thrust, and margins.
+
+        Args:
+            start: of floats.
+            goal: of floats.
+            number: of the guess.
+        """
         count = self._objective.intervals
         (_, forces, width) = self._rows
-        period = period_guess = self._objective.control_period
-        if period is None:
+        fixed = self._objective.control_period
+        if fixed is None:
             period = transfer_time(self._craft, self._aims, start, goal) / count
-        # without bounds the optimiser can wander to zero
-        shortest, longest = (
-            (0.1 * period, 10.0 * period) if period_guess is None else (period_guess, period_guess)
-        )
+            # Without bounds the optimiser can wander to zero.
+            shortest, longest = 0.1 * period, 10.0 * period
+        else:
+            period = shortest = longest = fixed
         states = self._guess(start, goal, count, period, number)
         command = self._commands(start, states, period)
 

@@ -110,7 +110,11 @@ class Searched:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Data for `rans.files.write_json`."""
+        """Data for `rans.files.write_json`.
+
+        "up to" and "size" are multiples of the conditions that "unit" names. "excess" is in tolerances. "drew" has
+        the draws in words, and "units" the uniform numbers from 0 to 1 that `Chances.draws` makes them of.
+        """
         result = self.breaking
         return {
             "unit": self.world,

@@ -62,7 +62,11 @@ class LandingAnswer:
         return self.landing is not None and all(miss <= REPLAY_BOUND for miss in misses)
 
     def to_json(self) -> dict[str, Any]:
-        """Data for `rans.files.write_json`; missing numbers are NaN."""
+        """Data for `rans.files.write_json`; missing numbers are NaN.
+
+        Propellant, bound and duality_gap are in kg, time in s, replayed and in_drake in m. Residuals are in the
+        solver's units, and looseness is relative (`rans_missions.convex.landing.Landing`).
+        """
         result = self.landing
         return {
             "start": self.start,

@@ -485,7 +485,11 @@ def _attributes(node: Any) -> dict[str, Any]:
 
 
 def _table(value: Any) -> np.ndarray:
-    """Numbers that are the same for every observation; the places of others are no values."""
+    """An operand that must be constant, such as an exponent or axes, as an array of float64.
+
+    Raises:
+        _Refused: it depends on the observation (`_Numbers`, which has places in place of values).
+    """
     if isinstance(value, _Numbers):
         raise _Refused(
             "by numbers that depend on the observation, which exported files do not know"
