@@ -202,12 +202,11 @@ class Plant:
 
     def thruster_wrenches(self) -> np.ndarray:
         """Force and torque of each thruster alone, fully open: (thrusters, 3 or 6) as `wrenches`."""
-        return np.array(
-            [
-                self.wrenches(np.tile(alone, (self.count, 1)))[0]
-                for alone in np.eye(self.craft.thruster_count)
-            ]
-        )
+        rows = [
+            self.wrenches(np.tile(alone, (self.count, 1)))[0]
+            for alone in np.eye(self.craft.thruster_count)
+        ]
+        return np.reshape(rows, (self.craft.thruster_count, self.craft.degrees_of_freedom))
 
     def mass_matrix(self) -> np.ndarray:
         """Mass matrix at rest about the centre of mass, axes of B: (3, 3) or (6, 6).

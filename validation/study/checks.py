@@ -56,6 +56,10 @@ class Skipped:
     """Why, as one sentence."""
 
 
+NO_THRUSTERS = "The craft has no thrusters."
+"""Why a check of thrusters is `Skipped`."""
+
+
 @dataclass(frozen=True)
 class Curve:
     """Measured points behind a figure of the report."""

@@ -32,7 +32,7 @@ from validation.study.chance import (
     share_check,
     uniform_check,
 )
-from validation.study.checks import Check
+from validation.study.checks import NO_THRUSTERS, Check, Skipped
 
 _COUNT = 8192
 """Episodes: a range whose end is moved by 4 % of it is found."""
@@ -43,7 +43,7 @@ Ranged = dict[str, tuple[np.ndarray, float, float]]
 """What was drawn (N,), and the bounds it was declared with, by name."""
 
 
-def draw_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
+def draw_checks(craft: Spacecraft, seed: int) -> Iterator[Check | Skipped]:
     """Every range is uniform within its bounds, whole numbers are even, and nothing goes with another."""
     case = _case(craft, _everything(craft), seed)
     groups = {
@@ -61,7 +61,10 @@ def draw_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
         )
         yield share_check("draws: torques to the left", turns > 0.0, 0.5)
     yield even_check("draws: delay of readings", case.sensors.delay, 4)
-    yield from _fault_checks(craft, seed)
+    if craft.thrusters:
+        yield from _fault_checks(craft, seed)
+    else:
+        yield Skipped("draws: faults", NO_THRUSTERS)
     columns = {name: one for group in groups.values() for name, (one, *_) in group.items()}
     yield from _independence_checks(craft, seed, case, columns)
 

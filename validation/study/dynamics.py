@@ -6,6 +6,7 @@ gyroscopic term), one control period (integration). `validation.study.flights` f
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,24 +20,31 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
-from validation.study.checks import Check
+from validation.study.checks import NO_THRUSTERS, Check, Skipped
 from validation.study.sampling import FASTEST, gap_checks, gentle_commands, random_states, stocked
 
 VALIDATION_SUBSTEPS = {2: 1, 3: 32}
 """Physics substeps at which the equations, not the step size, are compared with Drake: the plane's step
 is exact, in space the sixth-order error of 32 is below rounding."""
+_STILL = FASTEST**2
+"""Acceleration to compare with where nothing pushes, m/s^2: that of a point of the craft at 1 m from the centre of
+mass, which Drake's equations of the craft's frame contain."""
 
 
-def thruster_checks(craft: Spacecraft) -> list[Check]:
+def thruster_checks(craft: Spacecraft) -> Sequence[Check | Skipped]:
     """Force and torque about the centre of mass of every thruster alone."""
+    if not craft.thrusters:
+        return [Skipped("every thruster", NO_THRUSTERS)]
     ours = _wrenches(craft, np.eye(len(craft.thrusters)))
     return _wrench_checks(
         "every thruster", "thruster", craft, ours - Plant(craft).thruster_wrenches()
     )
 
 
-def wrench_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
-    """Total force and torque of random commands, half of them on/off and half relaxed."""
+def wrench_checks(craft: Spacecraft, seed: int, count: int) -> Sequence[Check | Skipped]:
+    """Total force and torque of random commands of thrusters, half of them on/off and half relaxed."""
+    if not craft.thrusters:
+        return [Skipped("random commands", NO_THRUSTERS)]
     commands = _commands(craft, seed, count)
     ours = _wrenches(craft, commands)
     return _wrench_checks(
@@ -87,8 +95,9 @@ def acceleration_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]
             "linear",
             rate[:, linear],
             drake[:, linear],
-            0.0,
-            "Rounding, relative to the largest in the sample.",
+            0.0 if craft.thrusters else _STILL,
+            "Rounding, relative to the largest in the sample"
+            + ("." if craft.thrusters else f", or to {_STILL:g} m/s^2 without thrusters."),
         ),
         _acceleration_check(
             "angular",

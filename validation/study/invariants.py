@@ -11,6 +11,7 @@ import numpy as np
 from rans.model.body import Body
 from rans.model.dynamics import Wrench, advance, wrench
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves
+from rans.model.random import generator
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from validation.study.checks import Check
@@ -25,14 +26,17 @@ def invariant_checks(craft: Spacecraft, seed: int, count: int, substeps: int) ->
     """Conservation without thrust, work under thrust, and the order of the integrator.
 
     Args:
-        craft: gives mass properties and thrusters.
-        seed: of the random states and commands.
+        craft: gives mass properties and thrusters; without thrusters random wrenches act.
+        seed: of the random states, and of commands or wrenches.
         count: how many states.
         substeps: a control period, fine enough that the equations and not the step are tested.
     """
     states = random_states(craft.dimension, seed, count)
-    applied = wrench(craft, tuple(gentle_commands(craft, seed, count).T))
     body = Body.of(craft)
+    if craft.thrusters:
+        applied = wrench(craft, tuple(gentle_commands(craft, seed, count).T))
+    else:
+        applied = _random_wrench(body, seed, count)
     return [
         *_coasting_checks(states, body, substeps),
         _work_check(states, applied, body, substeps),
@@ -163,6 +167,17 @@ def _exactness_check(states: Any, applied: Wrench, body: Body) -> Check:
         "SI",
         "Exact but for six-node quadrature, good to 1e-10 for turns up to 2 rad a period.",
     )
+
+
+def _random_wrench(body: Body, seed: int, count: int) -> Wrench:
+    """Accelerations of up to 1 m/s^2 and 1 rad/s^2 along and about every axis, as force and torque."""
+    random = generator(seed)
+    size = 2 if len(body.inertia) == 1 else 3
+    force = body.mass * random.uniform(-1.0, 1.0, (size, count))
+    torque = tensor(body) @ random.uniform(-1.0, 1.0, (2 * size - 3, count))
+    if size == 2:
+        return Wrench(Vec2(*force), torque[0])
+    return Wrench(Vec3(*force), Vec3(*torque))
 
 
 def _silence(states: Any) -> Wrench:

@@ -24,7 +24,7 @@ from rans.randomization.conditions import (
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 from validation.study.chance import even_check, uniform_check
-from validation.study.checks import Check
+from validation.study.checks import NO_THRUSTERS, Check, Skipped
 from validation.study.sampling import any_spin
 
 _FLIGHTS = 16
@@ -56,12 +56,15 @@ class Told:
         return command
 
 
-def onset_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
+def onset_checks(craft: Spacecraft, seed: int) -> Iterator[Check | Skipped]:
     """Faults, pushes, swings, kicks and late valves."""
-    yield _fault_check(craft, seed)
     yield from _steady_checks(craft, seed)
     yield _swing_check(craft, seed)
     yield from _kick_checks(craft, seed)
+    if not craft.thrusters:
+        yield Skipped("onsets: faults and late valves", NO_THRUSTERS)
+        return
+    yield _fault_check(craft, seed)
     yield _latency_check(craft, seed)
     if not craft.actuators.is_continuous:
         yield from _least_time_checks(craft, seed)

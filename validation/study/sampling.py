@@ -67,7 +67,7 @@ def gentle_commands(craft: Spacecraft, seed: int, count: int) -> np.ndarray:
     commands[::2] = commands[::2] > 0.5
     size = craft.dimension
     moments = np.array([[craft.inertia[2][2]]]) if size == 2 else np.array(craft.inertia)
-    spin_ups = np.linalg.solve(moments, np.array(craft.wrench_map)[:, size:].T)
+    spin_ups = np.linalg.solve(moments, craft.wrenches[:, size:].T)
     most = np.linalg.norm(
         np.maximum(spin_ups.clip(min=0).sum(axis=1), -spin_ups.clip(max=0).sum(axis=1))
     )
@@ -99,7 +99,7 @@ class Restless:
         self._share = share
         self._craft = craft
         self._by_quarters = craft.actuators.is_continuous and share > 0.0
-        columns = np.array(craft.wrench_map)
+        columns = craft.wrenches
         size = craft.dimension
         moments = np.array([[craft.inertia[2][2]]]) if size == 2 else np.array(craft.inertia)
         linear = columns[:, :size] / craft.mass
@@ -216,8 +216,8 @@ def _where(values: np.ndarray) -> str:
 
 
 def _scaled(accelerations: np.ndarray) -> np.ndarray:
-    """Rows over the square of the longest; zero when there is none (thrusters that cannot turn)."""
-    longest = np.linalg.norm(accelerations, axis=1).max()
+    """Rows over the square of the longest; zero when there is none (no thrusters, or none that turns)."""
+    longest = np.linalg.norm(accelerations, axis=1).max(initial=0.0)
     return accelerations / longest**2 if longest > 0 else accelerations
 
 

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from rans.episode import Episode, Outcome, Setup, World, step
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
-from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.scenario import draws
@@ -255,7 +255,8 @@ def _misled(craft: Spacecraft, moment: Moment) -> Outcome:
     own = draws(0, 1)
     world = World(Setup(craft, GoToPose(), Timing(), blind))
     begun = world.begin(moment.state, moment.goal, 0, own)
-    return step(world, begun, _valves(craft, 0, 2), own, lambda *_: (moment.state,))
+    # With the tanks full and wheels at rest of the craft's begin.
+    return step(world, begun, _valves(craft, 0, 2), own, lambda *_: (begun.state,))
 
 
 def _noted(task: Task, goal: Any) -> Any:
@@ -273,7 +274,8 @@ def _with_three(craft: Spacecraft) -> Spacecraft:
     if not missing:
         return craft
     with warnings.catch_warnings(action="ignore"):
-        return replace(craft, thrusters=craft.thrusters + craft.thrusters[:1] * missing)
+        more = craft.thrusters[:1] or (Thruster(craft.centre_of_mass, (1.0, 0.0, 0.0), 1.0),)
+        return replace(craft, thrusters=craft.thrusters + more * missing)
 
 
 def _spinning(state: Any, rate: float) -> Any:

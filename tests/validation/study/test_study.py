@@ -8,8 +8,9 @@ import pytest
 
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.reference.plant import Plant
 from rans.tasks import TASKS
-from validation.study import engines, flights, oracles
+from validation.study import engines, flights, invariants, onsets, oracles
 from validation.study.checks import Check, Curve, Skipped
 from validation.study.missions import MISSIONS as DECLARED
 from validation.study.study import FULL_LAYERS, LAYERS, Scope, study
@@ -202,6 +203,29 @@ def _short(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_bounds_of_every_quick_layer(craft: Any, table: dict[str, tuple[float, str]]) -> None:
     scope = Scope(craft, seed=1, states=4, flights=1)
     assert bounds(check for look in LAYERS.values() for check in look(scope)) == agreed(table)
+
+
+@pytest.mark.usefixtures("_short")
+def test_a_craft_without_thrusters_passes_and_names_what_it_lacks(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Three wheels alone, in every layer that computes with thrusters or with what effectors store."""
+    monkeypatch.setattr(invariants, "_COAST", 0.4)
+    # A third of the seconds, and no thruster takes part in it.
+    monkeypatch.setattr(onsets, "_kick_checks", lambda *_: ())
+    dynamics = ("thrusters", "commands", "accelerations", "period", "disturbances", "invariants")
+    names = (*dynamics, "bang-bang", "draws", "onsets", "tasks", "closed-loop", "step")
+    scope = Scope(load_spacecraft("innocube"), seed=1, states=4, flights=1)
+    found = {name: list(FULL_LAYERS[name](scope)) for name in names}
+    checks = {name: [x for x in one if isinstance(x, Check)] for name, one in found.items()}
+    assert [check for some in checks.values() for check in some if not check.passed] == []
+    assert {name for name in names if not checks[name]} == {
+        "thrusters",
+        "commands",
+        "closed-loop",
+        "step",
+    }
+    assert Plant(scope.craft).thruster_wrenches().shape == (0, 6)
 
 
 def test_bounds_of_optimal_input() -> None:
