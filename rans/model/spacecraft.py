@@ -334,7 +334,11 @@ class Spacecraft(NotebookRepr):
     @property
     def acting_effectors(self) -> tuple[FurtherEffector, ...]:
         """Further effectors that push, turn or take commands: all but those that only move a mass in the craft."""
-        return tuple(effector for effector in self.further_effectors if not effector.moves_mass)
+        return tuple(
+            effector
+            for effector, mounted in zip(self.further_effectors, self.mounted, strict=True)
+            if mounted.commands or not effector.moves_mass
+        )
 
     @property
     def factors(self) -> tuple[str, ...]:
