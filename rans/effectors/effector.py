@@ -175,8 +175,8 @@ class Effector(ABC):
     def moves_mass(self) -> bool:
         """Whether its action is a `JointMotion`, as where a mass moves in the craft; by default not.
 
-        Certified bounds and optimal trajectories refuse such a craft. Agents fly it. Controllers fly it as if it were
-        rigid, and refuse it if the effector has commands.
+        Certified bounds and optimal trajectories refuse such a craft. Agents fly it. Controllers fly it as if it
+        were rigid, and refuse it if the effector has commands.
         """
         return False
 
