@@ -7,7 +7,7 @@ says how far off each is after 25 s.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
-from validation.study.checks import NO_THRUSTERS, Check, Curve, Skipped
+from validation.study.checks import Check, Curve
 from validation.study.dynamics import tensor
 from validation.study.flights import drake_states
 from validation.study.sampling import Restless, gaps, gentle_commands, random_states
@@ -42,15 +42,11 @@ _EVALUATIONS = {2: 1, 3: 3}
 """Of the force for each of these: a node, or a step of three nodes."""
 
 
-def discretisation_checks(
-    craft: Spacecraft, seed: int, count: int
-) -> Sequence[Check | Curve | Skipped]:
+def discretisation_checks(craft: Spacecraft, seed: int, count: int) -> list[Check | Curve]:
     """Errors after 25 s by force evaluations per second, and that the default beats the original's.
 
     A semi-implicit Euler step evaluates the force once, so that its steps per second are the same thing.
     """
-    if not craft.thrusters:
-        return [Skipped("default over 50 Hz Euler", NO_THRUSTERS)]
     results: list[Check | Curve] = []
     for rate in _CONTROL_RATES:
         timing = Timing(control_period=1.0 / rate, episode_steps=25 * rate)

@@ -11,7 +11,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.progress import Stages, unseen_stages
 from rans.randomization.conditions import Conditions
 from rans.registry import Registry
-from validation.study.checks import Check, Curve, Skipped, Study
+from validation.study.checks import NO_THRUSTERS, Check, Curve, Skipped, Study
 from validation.study.closed_loop import closed_loop_checks
 from validation.study.conditions import condition_checks
 from validation.study.discretisation import discretisation_checks, order_curves
@@ -51,9 +51,17 @@ class Scope:
 
 Layer = Callable[[Scope], Iterable[Check | Skipped | Curve]]
 
+
+def _of_thrusters(name: str, layer: Layer) -> Layer:
+    """The layer, which a craft without thrusters leaves out under this name."""
+    return lambda s: layer(s) if s.craft.thrusters else (Skipped(name, NO_THRUSTERS),)
+
+
 LAYERS: dict[str, Layer] = {
-    "thrusters": lambda s: thruster_checks(s.craft),
-    "commands": lambda s: wrench_checks(s.craft, s.seed, s.states),
+    "thrusters": _of_thrusters("every thruster", lambda s: thruster_checks(s.craft)),
+    "commands": _of_thrusters(
+        "random commands", lambda s: wrench_checks(s.craft, s.seed, s.states)
+    ),
     "mass": lambda s: mass_checks(s.craft),
     "accelerations": lambda s: acceleration_checks(s.craft, s.seed, s.states),
     "period": lambda s: period_checks(s.craft, s.seed, s.states),
@@ -92,7 +100,9 @@ FULL_LAYERS: dict[str, Layer] = LAYERS | {
     "compiled": lambda s: compiled_checks(s.craft, s.seed, s.flights),
     "cuda": lambda s: graph_checks(s.craft, s.seed, s.flights),
     "order": lambda s: order_curves(s.craft, s.seed, s.states),
-    "step": lambda s: discretisation_checks(s.craft, s.seed, s.flights),
+    "step": _of_thrusters(
+        "default over 50 Hz Euler", lambda s: discretisation_checks(s.craft, s.seed, s.flights)
+    ),
     **{name: lambda s, name=name: FURTHER[name](s) for name in FURTHER},
 }
 """With what takes longer: optimisation, compilation, feedback, and step sizes for the figures."""

@@ -12,10 +12,12 @@ from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft
 from rans.reference.plant import Plant
 from tests.support.crafts import nasty_planar, nasty_spatial
+from tests.support.torquer import TURNED, TorquerInDrake
 from validation.study import dynamics
 from validation.study.checks import Check
 from validation.study.dynamics import (
     _acceleration_check,
+    acceleration_checks,
     disturbance_checks,
     mass_checks,
     tensor,
@@ -99,6 +101,14 @@ def test_accelerations_are_compared_by_the_largest_or_by_what_cancels() -> None:
         "state 1",
     )
     assert _acceleration_check("linear", ours, drake, 20.0, "").value == pytest.approx(0.25)
+
+
+def test_accelerations_are_of_every_effector(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ours agree with Drake's to rounding where a torquer turns the craft too, and fail where Drake's is weaker."""
+    assert [check.passed for check in acceleration_checks(TURNED, 1, 8)] == [True, True]
+    true = TorquerInDrake.values
+    monkeypatch.setattr(TorquerInDrake, "values", lambda *given: 0.999 * true(*given))
+    assert [check.passed for check in acceleration_checks(TURNED, 1, 8)] == [True, False]
 
 
 @both

@@ -55,6 +55,7 @@ from tests.support.host_kernels import (
 )
 from tests.support.pairs import FallingInThePlane, InOrbit
 from tests.support.slosh import IN_SPACE, SLOSH, SLOSHING, sums
+from validation.study.dynamics import acceleration_checks
 
 WHEELED = replace(SLOSHING, wheels=(Wheel((0.0, 0.0, 1.0), 0.05, 0.08, 1e-3),))
 UNEVEN = Conditions(
@@ -150,6 +151,12 @@ def test_a_rod_that_friction_holds_moves_as_the_rigid_craft() -> None:
     for a, b in zip(leaves(replace(one, stores=())), leaves(other), strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=2e-3)
     assert np.abs(loose.w - other.w).max() > 0.01
+
+
+@pytest.mark.parametrize("craft", [WHEELED, IN_SPACE], ids=lambda craft: craft.name)
+def test_a_validation_compares_accelerations_with_the_mass_that_moves(craft: Spacecraft) -> None:
+    """To the rounding of a rigid craft: without its equations a tenth of the mass is a difference of a tenth."""
+    assert [check.passed for check in acceleration_checks(craft, 1, 8)] == [True, True]
 
 
 @pytest.mark.parametrize(
