@@ -153,10 +153,15 @@ def gyroscopic_rate(craft: Spacecraft, body: Body | None = None) -> float:
 
 def spin_up(craft: Spacecraft, body: Body | None = None) -> float:
     """Largest angular acceleration of any command, rad/s^2; with several bodies, the largest among them."""
-    if craft.further_effectors:
-        torque = sum(effector.largest_torque for effector in craft.further_effectors)
-        least = float(np.linalg.eigvalsh(_tensors(body or Body.of(craft))).min())
-        return spin_up(replace(craft, further_effectors=()), body) + torque / least
+    fastest = _spin_up_by_thrusters_and_wheels(craft, body)
+    torque = sum(effector.largest_torque for effector in craft.further_effectors)
+    if not torque:
+        return fastest
+    return fastest + torque / float(np.linalg.eigvalsh(_tensors(body or Body.of(craft))).min())
+
+
+def _spin_up_by_thrusters_and_wheels(craft: Spacecraft, body: Body | None) -> float:
+    """Largest angular acceleration of their commands, rad/s^2; with several bodies, the largest among them."""
     accelerations = _ways(craft, body or Body.of(craft))
     directions = np.random.default_rng(0).normal(size=(64, 3))
     wheels = np.zeros((1, 0, accelerations.shape[-1]))

@@ -665,6 +665,8 @@ def can_turn(craft: Spacecraft) -> bool:
     """
     if craft.wheels or any(effector.largest_torque > 0.0 for effector in craft.further_effectors):
         return True
+    if not craft.thrusters:
+        return False
     arms = np.array([t.position for t in craft.thrusters]) - np.array(craft.centre_of_mass)
     largest = max(t.force for t in craft.thrusters) * np.linalg.norm(arms, axis=1).max()
     torques = craft.wrenches[:, craft.dimension :]

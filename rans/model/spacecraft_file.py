@@ -219,7 +219,7 @@ def spacecraft_label(craft: Spacecraft) -> str:
 
 def to_toml(craft: Spacecraft) -> str:
     """TOML text from which `parse_spacecraft` reads the same spacecraft, up to rounding of directions."""
-    table: dict[str, Any] = dataclasses.asdict(dataclasses.replace(craft, further_effectors=()))
+    table: dict[str, Any] = dataclasses.asdict(craft)
     del table["further_effectors"]
     defaults = {f.name: f.default for f in dataclasses.fields(craft.actuators)}
     entries = table.pop("actuators").items()

@@ -16,10 +16,11 @@ from rans.effectors.motion import effectors_of, held
 from rans.errors import ConfigError
 from rans.fast.flights import Flights
 from rans.flight import Setup, fly
+from rans.model.accuracy import spin_up
 from rans.model.actuators import Throttle
 from rans.model.body import Body
 from rans.model.fields import leaves
-from rans.model.spacecraft import CommandRange, Spacecraft
+from rans.model.spacecraft import CommandRange, Spacecraft, can_turn
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.optimal.certificate.goal_set import check_certifiable
@@ -108,6 +109,26 @@ def test_its_file_says_what_it_is() -> None:
     strange = text.replace("tests.support.torquer:Torquer", "tests.support.torquer:Other")
     with pytest.raises(ConfigError, match="would run that module's code"):
         parse_spacecraft(strange, "a file")
+
+
+class Pusher(Torquer):
+    """Takes a command and turns nothing."""
+
+    largest_torque = 0.0  # type: ignore[assignment]
+
+
+@pytest.mark.filterwarnings("ignore:.*cannot push and turn it")
+def test_a_craft_may_have_no_other_effector() -> None:
+    """0.03 N m about one axis turn moments of 0.1, 0.2 and 0.3 kg m^2 by 0.3 rad/s^2 at most."""
+    inertia = ((0.1, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.3))
+    alone = replace(TURNED_IN_SPACE, thrusters=(), inertia=inertia)
+    assert spin_up(alone) == pytest.approx(0.3)
+    assert can_turn(alone)
+    assert parse_spacecraft(to_toml(alone), "a file") == alone
+    rans.Engine(alone, "go-to-attitude", 1).step(torch.ones(1, 1))
+    pushed = replace(alone, further_effectors=(Pusher((0.0, 0.0, 1.0), 0.03, 1.0),))
+    assert not can_turn(pushed)
+    assert spin_up(pushed) == 0.0
 
 
 class Unknown(Torquer):
