@@ -185,16 +185,28 @@ def begin_actions(
         stores: one field per store of the craft.
         body: mass properties with a full tank.
         period: length of the control period, s.
+
+    Raises:
+        ConfigError: an effector moves a mass in the craft (`JointMotion`) without `Effector.moves_mass`.
     """
     actions = []
     taken = stored = 0
-    for effector in effectors_of(craft):
+    effectors = effectors_of(craft)
+    own = len(effectors) - len(craft.further_effectors)
+    for described, effector in zip(
+        (*effectors[:own], *craft.further_effectors), effectors, strict=True
+    ):
         takes = len(effector.commands)
         keeps = len(effector.stores)
         inputs = Begun(
             command[taken : taken + takes], stores[stored : stored + keeps], body, period
         )
         action = effector.begin(inputs)
+        if isinstance(action, JointMotion) and not described.moves_mass:
+            raise ConfigError(
+                f"{described.label} of spacecraft {craft.name!r} begins a JointMotion, which moves a mass in the "
+                "craft, but its moves_mass is False: return True from it."
+            )
         if action is not None:
             actions.append(action)
         taken += takes

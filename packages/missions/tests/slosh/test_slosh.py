@@ -465,6 +465,22 @@ def test_its_file_needs_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
     parse_spacecraft(to_toml(replace(SLOSHING, further_effectors=())), "a file")
 
 
+class Hidden(rans.Slosh):
+    """Moves a mass and does not declare it."""
+
+    moves_mass = False
+
+
+@pytest.mark.parametrize("others", [(), (SLOSH,)], ids=["alone", "beside slosh"])
+def test_a_mass_that_moves_undeclared_is_refused(others: Any) -> None:
+    """Beside slosh only the first of the two would move."""
+    hidden = Hidden(SLOSH.mass, SLOSH.length, SLOSH.hinge, SLOSH.direction, SLOSH.damping)
+    craft = replace(SLOSHING, further_effectors=(*others, hidden))
+    start = states(craft, 1)
+    with pytest.raises(ConfigError, match="its moves_mass is False"):
+        held(start, craft, Body.of(craft), (0.0,) * craft.command_count, Timing(substeps=1))
+
+
 def test_one_mass_at_most_moves_in_a_craft() -> None:
     with pytest.raises(ConfigError, match="one effector of a craft may move a mass"):
         replace(SLOSHING, further_effectors=(SLOSH, replace(SLOSH, mass=0.1)))
