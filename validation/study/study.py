@@ -57,6 +57,15 @@ def _of_thrusters(name: str, layer: Layer) -> Layer:
     return lambda s: layer(s) if s.craft.thrusters else (Skipped(name, NO_THRUSTERS),)
 
 
+def _of_rigid(name: str, layer: Layer) -> Layer:
+    """The layer, which a craft in which a mass moves leaves out under this name."""
+    why = (
+        "A mass moves in the craft, whose flights are chaotic and whose momentum is that of all its masses: "
+        "accelerations and control periods are compared."
+    )
+    return lambda s: layer(s) if s.craft.is_rigid else (Skipped(name, why),)
+
+
 LAYERS: dict[str, Layer] = {
     "thrusters": _of_thrusters("every thruster", lambda s: thruster_checks(s.craft)),
     "commands": _of_thrusters(
@@ -70,12 +79,12 @@ LAYERS: dict[str, Layer] = {
         s.craft, s.seed, s.states, VALIDATION_SUBSTEPS[s.craft.dimension]
     ),
     "oracles": lambda s: oracle_checks(s.craft, s.seed, s.states),
-    "flights": lambda s: flight_checks(s.craft, s.seed, s.flights),
-    "bang-bang": lambda s: bang_bang_checks(s.craft, s.seed, s.flights),
-    "engine": lambda s: engine_checks(s.craft, s.seed, s.flights),
+    "flights": _of_rigid("25 s", lambda s: flight_checks(s.craft, s.seed, s.flights)),
+    "bang-bang": _of_rigid("bang-bang", lambda s: bang_bang_checks(s.craft, s.seed, s.flights)),
+    "engine": _of_rigid("engine", lambda s: engine_checks(s.craft, s.seed, s.flights)),
     "draws": lambda s: draw_checks(s.craft, s.seed),
     "readings": lambda s: reading_checks(s.craft, s.seed),
-    "onsets": lambda s: onset_checks(s.craft, s.seed),
+    "onsets": _of_rigid("onsets", lambda s: onset_checks(s.craft, s.seed)),
     "tasks": lambda s: task_checks(s.craft),
     "conditions": lambda s: (
         ()
