@@ -165,8 +165,8 @@ def _outage_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
         "periods",
         "All sensors stop together.",
     )
-    starts = np.argmax(stands[0, 1:21] & ~stands[0, :20], axis=0)
-    yield even_check("readings: first outage", starts, 20)
+    starts = np.argmax(stands[0, 1:26] & ~stands[0, :25], axis=0)
+    yield even_check("readings: first outage", starts, 25)
 
 
 def _delay_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
