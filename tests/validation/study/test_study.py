@@ -207,9 +207,10 @@ def test_a_craft_without_thrusters_passes_and_names_what_it_lacks(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Three wheels alone, in every layer that computes with thrusters or with what effectors store."""
-    monkeypatch.setattr(invariants, "_COAST", 0.4)
-    # A third of the seconds, and no thruster takes part in it.
-    monkeypatch.setattr(onsets, "_kick_checks", lambda *_: ())
+    monkeypatch.setattr(invariants, "_COAST", 0.2)
+    # Half of the seconds, and no thruster takes part in them.
+    for name in ("_kick_checks", "_steady_checks"):
+        monkeypatch.setattr(onsets, name, lambda *_: ())
     dynamics = ("thrusters", "commands", "accelerations", "period", "disturbances", "invariants")
     names = (*dynamics, "bang-bang", "draws", "onsets", "tasks", "closed-loop", "step")
     scope = Scope(load_spacecraft("innocube"), seed=1, states=4, flights=1)
