@@ -124,7 +124,7 @@ class Figures(NamedTuple):
 
 
 _REFUSED = Figures(0.0, 0.0, np.inf, np.inf)
-"""Of a controller that refuses the craft."""
+"""Figures of a controller that refuses the craft: no flight settles."""
 
 
 class Contest(NamedTuple):

@@ -104,7 +104,7 @@ def own_endpoints(
     if begin is end is None and not len(balls):
         return None
     is_written = any(
-        isinstance(words, tuple) and all(isinstance(word, str) for word in words)
+        isinstance(words, list | tuple) and all(isinstance(word, str) for word in words)
         for words in (begin, end, (*balls,) or None)
     )
     return (WrittenEndpoints if is_written else Endpoints)(begin, end, balls)

@@ -64,7 +64,7 @@ networks give it the rest."""
 
 @pytest.mark.parametrize("name", shipped_agents())
 def test_a_shipped_agent_commands_the_same_in_every_form(name: str, tmp_path: Path) -> None:
-    """Of 12 steps, more than any remembers."""
+    """A flight of 12 steps is longer than the memory of any agent."""
     network, setup = shipped(name)
     short = replace(setup.timing, episode_steps=12)
     batches = list(asked(network, setup._replace(timing=short), 100))

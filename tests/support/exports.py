@@ -72,7 +72,7 @@ class Unequal(NamedTuple):
     commands: int
     """Observations with another command."""
     beyond: int
-    """Those of them that no rounding explains: no choice was closer than `TIE`."""
+    """Observations with another command that no rounding explains: no choice was closer than `TIE`."""
     memory: float
     """Largest difference of what is remembered."""
 

@@ -27,7 +27,8 @@ VALIDATION_SUBSTEPS = {2: 1, 3: 32}
 """Physics substeps at which the equations, not the step size, are compared with Drake: the plane's step
 is exact, in space the sixth-order error of 32 is below rounding."""
 _WITH_MASSES_THAT_MOVE = 128
-"""The same of a craft that is not rigid, whose steps are of order four: errors are then some 1e-11 in a period."""
+"""Physics substeps of a craft that is not rigid, whose steps are of order four: errors are some
+1e-11 in a period."""
 _MOMENT = Timing(control_period=1e-6, substeps=1)
 """So short that no effector runs out of momentum or charge, as Drake's at one moment."""
 _STILL = FASTEST**2

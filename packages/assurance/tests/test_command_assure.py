@@ -21,9 +21,9 @@ from rans.fast.flights import BATCH, Flights
 
 AGENT = "pretrained:go-to-pose-2d"
 LAB = ["--conditions", "lab"]
-"""In which four in five of its flights fail."""
+"""Conditions in which four in five of the agent's flights fail."""
 DEFAULTS: dict[str, Any] = assure.__kwdefaults__ or {}
-"""Those of the function, which the command has too."""
+"""Default arguments of `rans.assure`, which the command has too."""
 
 
 @pytest.fixture(autouse=True)

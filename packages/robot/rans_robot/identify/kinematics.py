@@ -31,7 +31,8 @@ _SPREADS = (
 """Where the search of each standard deviation begins, its least and its largest value: attitude, rad; rate, rad/s;
 instants of attitudes, s; change of the spin beside a line, rad/s per root of s^3; time between two rows, s."""
 _OF_WHEELS = ((0.3, 1e-3, 20.0), (0.3, 1e-4, 100.0))
-"""The same of a wheel's speed, rad/s, and of the change of its acceleration, rad/s^2 per root of s."""
+"""Where the search of two standard deviations begins, its least and its largest value: of a wheel's speed, rad/s,
+and of the change of its acceleration, rad/s^2 per root of s."""
 _LARGEST_ACCELERATION = 1e3
 """rad/s^2: standard deviation of an acceleration before, far above those of motors."""
 _PRIOR_SPREAD = 3.0
@@ -43,7 +44,7 @@ _OUTLIER = 5.0
 _ROUNDS = 8
 """Most rounds of rows that are not linked, after which the rates stay as read; two suffice."""
 _FAR = 20.0
-"""The same in medians of what links leave, before there are standard deviations."""
+"""Medians of what links leave, from which a row is not linked before there are standard deviations."""
 _BESIDE = 2
 """Rows on each side to which the error of a wrong row spreads."""
 _FEWEST = 8

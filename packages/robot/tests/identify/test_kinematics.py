@@ -90,7 +90,7 @@ def test_readings_that_are_missing_stay_missing() -> None:
 
 
 def test_the_likelihood_is_that_of_the_dense_covariance() -> None:
-    """Of a wheel's speeds, whose covariance is written out; a flat start is a large variance in both."""
+    """The covariance of a wheel's speeds is written out; a flat start is a large variance in both likelihoods."""
     random = np.random.default_rng(1)
     times = np.cumsum(random.uniform(0.5, 2.0, 12))
     speeds = np.cumsum(random.normal(0.0, 2.0, (12, 1)), axis=0)
