@@ -20,7 +20,7 @@ from rans.flight import Controller
 from rans.model.body import Body
 from rans.model.coordinates import around, coordinates
 from rans.model.drift import Drift
-from rans.model.dynamics import State, advance, wrench
+from rans.model.dynamics import State, advance, wrench_of
 from rans.model.fields import (
     Heading,
     Quat,
@@ -452,16 +452,16 @@ class _Program:
 def _step(craft: Spacecraft, period: float, like: State, drift: Drift) -> ca.Function:
     """The engines' motion over one control period: (error, command, goal, goal after it) to the error after it.
 
-    Where thrust is shared the sum of the commands stays within 1, where sharing is linear. One integration
-    step is off by 0.2 mm after the 4 s of a plan.
+    Commands are shares of full force, in which the motion is smooth: a shared supply is linear while their sum
+    stays within 1, and the least level of a throttle is left to the rounding, since at no thrust it has no slope.
+    One integration step is off by 0.2 mm after the 4 s of a plan.
     """
-    linear = replace(craft, thrust_sharing="none")
     body = Body.of(craft)
     goal = map_leaves(lambda _: ca.SX.sym("g"), like)
     later = map_leaves(lambda _: ca.SX.sym("l"), like)
     e = [ca.SX.sym("e") for _ in range(2 * craft.degrees_of_freedom)]
     u = [ca.SX.sym("u") for _ in _wrenches(craft)]
-    pushed = wrench(linear, u[craft.thruster_commands])
+    pushed = wrench_of(craft, u[craft.thruster_commands], None)
     if craft.wheels:
         wheel_torque = ca.DM(np.array(craft.wheel_map).T) @ ca.vertcat(*u[craft.thruster_count :])
         torque = Vec3(*ca.vertsplit(wheel_torque)) if craft.dimension == 3 else wheel_torque

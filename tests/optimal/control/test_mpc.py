@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from itertools import cycle
 from typing import Any
 
@@ -15,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import impulses, settling_times
 from rans.flight import fly
+from rans.model.actuators import OnOff, Pulsed, Throttle
 from rans.model.body import Body
 from rans.model.dynamics import advance, wrench
 from rans.model.fields import leaves, map_leaves
@@ -174,6 +176,22 @@ def test_a_program_without_a_solution_falls_back_to_the_plan_before() -> None:
     assert set(np.unique(pulses)) <= {0.0, 1.0}
     np.testing.assert_array_equal(controller._plans[..., :-1], plans[..., 1:])
     np.testing.assert_array_equal(controller._plans[..., -1], 0.0)
+
+
+def test_plans_are_the_same_whatever_the_kind_of_thrusters() -> None:
+    """Plans take any share of full force: below the least level of a throttle its force would have no slope."""
+    starts = scenarios(TASK, PLATFORM, 35, 1)
+    plans = []
+    for kind in (OnOff(), Throttle(), Throttle(least=0.2), Pulsed(counts=10, least=3)):
+        controller = MPC(
+            replace(PLATFORM, actuators=kind), TASK, TIMING, settings=MPCSettings(horizon=4)
+        )
+        controller.reset(1)
+        assert controller.act(starts.start, starts.goal, np.zeros((1, 10))).any()
+        plans.append(controller._plans)
+    assert plans[0].max() > 0.1
+    for plan in plans[1:]:
+        np.testing.assert_array_equal(plan, plans[0])
 
 
 def test_a_copy_by_way_of_a_file_does_the_same() -> None:
