@@ -113,7 +113,7 @@ def imported_from_the_core(folder: Path) -> set[tuple[str, str]]:
     return {
         (node.module, alias.name)
         for file in folder.rglob("*.py")
-        if "tests" not in file.parts
+        if "tests" not in file.relative_to(folder).parts
         for node in ast.walk(ast.parse(file.read_text("utf-8")))
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("rans.")
         for alias in node.names

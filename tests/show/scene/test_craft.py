@@ -104,7 +104,7 @@ def test_a_spacecraft_looks_as_its_file_says() -> None:
     assert (cone.colour.r(), cone.colour.g()) == (0.1, 0.2)
     assert mesh.shape.scale() == 0.5  # type: ignore[attr-defined]
     assert corners(mesh).tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
-    assert len(lines(mesh, "f")) == 4
+    assert volume(mesh) == pytest.approx(1.0 / 6.0)
     assert len(craft_parts(craft, Rgba())) > 3 + len(PLATFORM.thrusters)
 
 
@@ -119,22 +119,25 @@ def test_a_ghost_is_of_one_colour_and_a_little_larger() -> None:
         np.testing.assert_allclose(large.pose.translation(), grown, atol=1e-12)
 
 
+def volume(part: Part) -> float:
+    """Volume of a closed mesh whose faces and normals point outwards, by the divergence theorem."""
+    points = corners(part)
+    normals = np.array(lines(part, "vn"), dtype=float)
+    # Corner and normal of each corner of each triangle.
+    faces = np.array(
+        [[[int(x) - 1 for x in corner.split("//")] for corner in face] for face in lines(part, "f")]
+    )
+    a, b, c = (points[faces[:, k, 0]] for k in range(3))
+    edges = {(face[k], face[k - 2]) for face in faces[..., 0].tolist() for k in range(3)}
+    assert {(end, start) for start, end in edges} == edges  # each edge has two sides
+    outwards = np.cross(b - a, c - a)
+    assert (np.sum(normals[faces[..., 1]] * outwards[:, None], axis=-1) > 0.0).all()
+    return float(np.sum(a * np.cross(b, c)) / 6.0)
+
+
 @pytest.mark.parametrize("sides", [8, 20])
 def test_a_frustum_is_closed_and_looks_outwards(sides: int) -> None:
-    """Its volume by the divergence theorem is that of a pyramid cut off; every edge has two sides."""
-    part = as_part(frustum(0.3, 0.1, 0.6, sides=sides))
-    points = corners(part)
-    faces = np.array(
-        [[int(value.split("/")[0]) - 1 for value in face] for face in lines(part, "f")]
-    )
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    volume = np.sum(a * np.cross(b, c)) / 6.0
+    """Its volume is that of a pyramid cut off; numbers in a mesh have five digits."""
     area = 0.5 * sides * math.sin(2.0 * math.pi / sides)  # of a polygon in a circle of radius 1
-    assert volume == pytest.approx(area * 0.6 / 3.0 * (0.09 + 0.03 + 0.01), rel=1e-4)  # five digits
-    edges = [(face[k], face[(k + 1) % 3]) for face in faces for k in range(3)]
-    assert {(end, start) for start, end in edges} == set(edges)
-    normals = np.array(lines(part, "vn"), dtype=float)
-    for face in lines(part, "f"):
-        at = [[int(x) - 1 for x in value.split("//")] for value in face]
-        turn = np.cross(points[at[1][0]] - points[at[0][0]], points[at[2][0]] - points[at[0][0]])
-        assert all(normals[n] @ turn > 0.0 for _, n in at)
+    whole = area * 0.6 / 3.0 * (0.09 + 0.03 + 0.01)
+    assert volume(as_part(frustum(0.3, 0.1, 0.6, sides=sides))) == pytest.approx(whole, rel=1e-4)

@@ -11,6 +11,7 @@ import pytest
 import torch
 from rans_missions.guard import FlownBackup, safety_filter
 from rans_missions.guard.ahead import Ahead
+from rans_missions.guard.manoeuvres import manoeuvres
 from rans_missions.tasks import Avoid, DockPort
 from rans_missions.tasks.avoid import Zones
 
@@ -64,6 +65,24 @@ def rammed(craft: Any, task: Any, count: int, guard: Any, flying: Any = fly) -> 
     return flying(
         craft, task, Ramming(craft, task), starts, Timing(0.2, None, 60, checks=4), guard=guard
     )
+
+
+@pytest.mark.parametrize(("craft", "directions"), [(PLATFORM, 8), (FLYER, 14)])
+def test_manoeuvres_push_evenly_in_all_directions(craft: Any, directions: int) -> None:
+    """Three laws of feedback, then unit vectors along axes and diagonals, each with its opposite."""
+    task = Avoid()
+    found = manoeuvres(World(Setup(craft, task, task.timing)))
+    laws = [(each.retreat, each.brake) for each in found[:3]]
+    assert sorted(laws) == [(0.0, 1.0), (1.0, 0.0), (1.0, 1.0)]
+    assert all((each.retreat, each.brake) == (0.0, 0.0) for each in found[3:])
+    towards = np.array([each.towards.columns() for each in found])
+    assert not towards[:3].any()
+    np.testing.assert_allclose(np.linalg.norm(towards[3:], axis=1), 1.0)
+    assert len({*map(tuple, towards[3:].tolist())}) == directions
+    assert {*map(tuple, (-towards[3:]).tolist())} == {*map(tuple, towards[3:].tolist())}
+    # As many to every side: their outer products add up to a multiple of the identity.
+    spread = towards.T @ towards
+    np.testing.assert_allclose(spread, directions / len(spread) * np.eye(len(spread)), atol=1e-12)
 
 
 @pytest.mark.slow
