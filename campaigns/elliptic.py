@@ -124,9 +124,9 @@ class Elliptic:
         return {"eccentricity": eccentricity, **gaps(drifts, p, v, _DEADLINE, exact[0])}
 
 
-def directions(random: np.random.Generator, count: int) -> np.ndarray:
-    """Uniform unit vectors, (count, 3)."""
-    vectors = random.normal(size=(count, 3))
+def directions(random: np.random.Generator, count: int, size: int = 3) -> np.ndarray:
+    """Uniform unit vectors (count, size); of size 4 they are attitudes."""
+    vectors = random.normal(size=(count, size))
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 

@@ -20,6 +20,7 @@ from rans_missions.tasks import Dock, Hold
 
 from campaigns.linear_covariance import LinearCovariance, linear_covariance, spread
 from campaigns.missions import row_of
+from campaigns.parts import in_parts
 from campaigns.passive import quantile
 from rans.evaluation.measure.metrics import PERCENTILES, impulses, settling_times, solved
 from rans.evaluation.measure.statistics import figure as rounded
@@ -131,17 +132,11 @@ class ErrorSources:
 
     def _mission(self, mission: str) -> Iterator[dict[str, Any]]:
         """The rows of one mission, by error."""
-        names = [*sources(SIZES[mission])]
-        firsts = range(0, self.episodes, _JOB)
-        jobs = [
-            (mission, name, self.seed, first, min(_JOB, self.episodes - first))
-            for name in names
-            for first in firsts
-        ]
-        parts = [*Workers(int, (), self.workers, "flew starts").ordered(flown, jobs)]
-        for k, name in enumerate(names):
-            mine = parts[k * len(firsts) : (k + 1) * len(firsts)]
-            found = _row(*(np.concatenate(values) for values in zip(*mine, strict=True)))
+        together = dict.fromkeys(sources(SIZES[mission]), _JOB)
+        for name, parts in in_parts(
+            flown, together, self.episodes, self.workers, self.seed, mission
+        ):
+            found = _row(*map(np.concatenate, zip(*parts, strict=True)))
             yield {"mission": mission, "error": name, **found}
 
 
@@ -200,7 +195,7 @@ class DockErrors:
             yield row_of(f"{deadline:,.0f} s", name, flight, impulses(flight), lower)
 
 
-def flown(_: int, mission: str, name: str, seed: int, first: int, count: int) -> tuple[Any, ...]:
+def flown(_: None, name: str, first: int, count: int, seed: int, mission: str) -> tuple[Any, ...]:
     """Flights of so many starts of a mission with one error, from the first one on; a job of a worker.
 
     Returns:
@@ -329,11 +324,14 @@ def of_mission(evidence: Any, mission: str) -> Iterator[dict[str, Any]]:
 
 
 def costs(evidence: Any, mission: str) -> list[dict[str, Any]]:
-    """What each error adds to the flights of a mission without errors, the largest impulse first."""
+    """What each error adds to the flights of a mission without errors, the largest impulse first.
+
+    There are no rows of a mission that was not flown (`ErrorSources.only`).
+    """
     rows = {row["error"]: row for row in evidence["rows"] if row["mission"] == mission}
-    base = rows.pop(_NONE)
+    base = rows.pop(_NONE, None)
     cells = []
-    for name, row in rows.items():
+    for name, row in rows.items() if base else ():
         later = number(row["arrival"][-1]) - number(base["arrival"][-1])
         cells.append(
             {
@@ -350,7 +348,7 @@ def costs(evidence: Any, mission: str) -> list[dict[str, Any]]:
 
 def linear(evidence: Any) -> Iterator[dict[str, Any]]:
     """Rows of linear covariance beside flights: position in cm, velocity in mm/s."""
-    for name, row in evidence["linear"]["rows"].items():
+    for name, row in evidence.get("linear", {"rows": {}})["rows"].items():
         pairs = zip(row["linear"], row["flights"], (100.0, 1000.0), strict=True)
         found = [(scale * law, scale * flights, law / flights) for law, flights, scale in pairs]
         yield {"error": name, "position": found[0], "velocity": found[1]}

@@ -17,12 +17,12 @@ from rans_missions.convex.inspection import inspection_bound
 from rans_missions.guard import safety_filter
 from rans_missions.tasks.inspect import Inspect
 
+from campaigns.parts import in_parts
 from rans.episode import Guard, Setup
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import Controller, fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.processes import Workers
 from rans.scenario import EVALUATION_SEED, each, scenarios
 
 _WITHIN = (12_240.0, 7_200.0, 5_400.0, 4_200.0, 3_600.0)
@@ -44,18 +44,9 @@ class Inspection:
 
     def measured(self) -> Iterator[dict[str, Any]]:
         """Every contestant's flights."""
-        names = [who for who in CONTESTANTS if self.only in ("", who)]
-        jobs = [
-            (who, self.seed, first, min(_TOGETHER, self.episodes - first))
-            for who in names
-            for first in range(0, self.episodes, _TOGETHER)
-        ]
-        parts = Workers(int, (), self.workers, "flew starts").ordered(flown, jobs)
-        of_rows: dict[str, list[np.ndarray]] = {}
-        for (who, *_), part in zip(jobs, parts, strict=True):
-            of_rows.setdefault(who, []).append(part)
-        for who, several in of_rows.items():
-            yield _row(who, np.concatenate(several))
+        together = {who: _TOGETHER for who in CONTESTANTS if self.only in ("", who)}
+        for who, parts in in_parts(flown, together, self.episodes, self.workers, self.seed):
+            yield _row(who, np.concatenate(parts))
 
 
 def _circumnavigation(within: float) -> Callable[[Setup], tuple[Controller, Guard | None]]:
@@ -75,7 +66,7 @@ _TOGETHER = 16
 """Starts that a process flies together."""
 
 
-def flown(_: int, who: str, seed: int, first: int, count: int) -> np.ndarray:
+def flown(_: None, who: str, first: int, count: int, seed: int) -> np.ndarray:
     """Success, broken limit, time (s), impulse (N s) and its bound of so many starts, (N, 5); a job of a worker."""
     craft = load_spacecraft("afrl-deputy")
     task = Inspect().for_evaluation()

@@ -11,20 +11,16 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from rans_missions.bounds.ports import least_to_dock
-from rans_missions.bounds.transfers import transfer_bounds
-from rans_missions.bounds.zones import least_to_stay
-from rans_missions.convex.inspection import inspection_bound
 from rans_missions.improve.search import improve
 from rans_missions.tasks import Avoid, Dock, DockPort, Hold, Inspect, Rendezvous
 from rans_missions.tasks.orbital import OrbitalMission
 
-from campaigns.missions import row
+from campaigns.missions import least_impulses, row
+from campaigns.parts import in_parts
 from rans.episode import Setup
 from rans.evaluation.fly.contestants import contestant
 from rans.model.spacecraft_file import load_spacecraft
-from rans.processes import Workers
-from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
+from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import Task
 
 
@@ -78,18 +74,9 @@ class Least:
 
     def measured(self) -> Iterator[dict[str, Any]]:
         """A row of each mission."""
-        jobs = [
-            (name, self.seed, first, min(_TOGETHER, self.starts - first))
-            for name in SEARCHES
-            if not self.only or name in self.only
-            for first in range(0, self.starts, _TOGETHER)
-        ]
-        parts = Workers(int, (), self.workers, "searched starts").ordered(searched, jobs)
-        of_rows: dict[str, list[np.ndarray]] = {}
-        for (name, *_), part in zip(jobs, parts, strict=True):
-            of_rows.setdefault(name, []).append(part)
-        for name, several in of_rows.items():
-            yield row_of_search(name, np.concatenate(several))
+        together = {one: _TOGETHER for one in SEARCHES if not self.only or one in self.only}
+        for name, parts in in_parts(searched, together, self.starts, self.workers, self.seed):
+            yield row_of_search(name, np.concatenate(parts))
 
 
 def row_of_search(name: str, found: np.ndarray) -> dict[str, Any]:
@@ -113,7 +100,7 @@ def row_of_search(name: str, found: np.ndarray) -> dict[str, Any]:
     }
 
 
-def searched(_: int, name: str, seed: int, first: int, count: int) -> np.ndarray:
+def searched(_: None, name: str, first: int, count: int, seed: int) -> np.ndarray:
     """Impulse before and after a search, and its bound, N s, of so many starts, (N, 3); a job of a worker."""
     search = SEARCHES[name]
     task: Any = search.task.for_evaluation()
@@ -126,23 +113,4 @@ def searched(_: int, name: str, seed: int, first: int, count: int) -> np.ndarray
         seeds = [contestant(who, default_setup=setup).controller for who in search.contestants]
     starts = scenarios(task, setup.craft, seed, count, first)
     found = improve(setup, starts, seeds, search.rounds)
-    return np.stack([found.before, found.after, _bounds(setup, starts)], axis=1)
-
-
-def _bounds(setup: Setup, starts: Scenario) -> np.ndarray:
-    """Proven bound of every start, (N,) N s."""
-    craft, task, timing = setup[:3]
-    if isinstance(task, OrbitalMission):
-        deadline = task.deadline[1]
-        return np.array([one.lower for one in transfer_bounds(craft, task, starts, deadline)])
-    found = []
-    for start in each(starts):
-        one: Any = start
-        if isinstance(task, Inspect):
-            end = timing.control_period * timing.episode_steps
-            found.append(inspection_bound(craft, task, one.start, one.goal, end, timing))
-        elif isinstance(task, DockPort):
-            found.append(least_to_dock(craft, task, one, timing))
-        elif isinstance(task, Avoid):
-            found.append(least_to_stay(craft, task, one, timing))
-    return np.array(found)
+    return np.stack([found.before, found.after, least_impulses(setup, starts)], axis=1)

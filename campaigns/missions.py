@@ -22,11 +22,13 @@ from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.guidance import VelocityToGain
 from rans_missions.control.landing_guidance import LandingGuidance
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.convex.inspection import inspection_bound
 from rans_missions.convex.landing import Descent, Lander, best_landing
-from rans_missions.tasks import Avoid, DockPort
+from rans_missions.tasks import Avoid, DockPort, Inspect
 from rans_missions.tasks.land import Land
 from rans_missions.tasks.orbital import OrbitalMission
 
+from rans.episode import Setup
 from rans.errors import SolverFailed
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses, solved
@@ -128,9 +130,7 @@ class Missions:
             starts = scenarios(task, craft, self.seed, self.episodes)
             few = scenarios(task, craft, self.seed, self.bounded)
             lower = np.full(self.episodes, np.nan)
-            lower[: self.bounded] = [
-                answer.lower for answer in transfer_bounds(craft, task, few, deadline)
-            ]
+            lower[: self.bounded] = least_impulses(Setup(craft, task, task.timing), few)
             with warnings.catch_warnings():
                 # That they do not know the limits is what the table shows.
                 warnings.filterwarnings("ignore", message=".* does not know the constraints .*")
@@ -286,11 +286,25 @@ def _least_impulse(
     craft: Spacecraft, task: Avoid | DockPort, timing: Timing, seed: int, count: int
 ) -> np.ndarray:
     """(count,) impulse below which the mission is not won from each of the first starts, N s."""
+    starts = scenarios(task, craft, seed, count)
+    return least_impulses(Setup(craft, task, timing), starts)
+
+
+def least_impulses(setup: Setup, starts: Scenario) -> np.ndarray:
+    """(N,) impulse below which the mission is not won from each start, by its deadline if it has one, N s."""
+    craft, task, timing = setup[:3]
+    if isinstance(task, OrbitalMission):
+        deadline = task.deadline[1]
+        return np.array([one.lower for one in transfer_bounds(craft, task, starts, deadline)])
     found = []
-    for one in each(scenarios(task, craft, seed, count)):
-        if isinstance(task, DockPort):
+    for start in each(starts):
+        one: Any = start
+        if isinstance(task, Inspect):
+            end = timing.control_period * timing.episode_steps
+            found.append(inspection_bound(craft, task, one.start, one.goal, end, timing))
+        elif isinstance(task, DockPort):
             found.append(least_to_dock(craft, task, one, timing))
-        else:
+        elif isinstance(task, Avoid):
             found.append(least_to_stay(craft, task, one, timing))
     return np.array(found)
 

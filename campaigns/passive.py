@@ -13,12 +13,12 @@ from rans_missions.control.passive_approach import PassiveApproach
 from rans_missions.control.passive_entry import PassiveEntry
 from rans_missions.passive_flights import passive_safety
 
+from campaigns.parts import in_parts
 from rans.evaluation.measure.metrics import PERCENTILES, impulses, settling_times, solved
 from rans.evaluation.measure.statistics import figure
 from rans.files import number
 from rans.flight import Controller, fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.processes import Workers
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import TASKS
 
@@ -71,23 +71,15 @@ class Passive:
     seed: int = EVALUATION_SEED
     """Seed of the starts."""
 
-    def measured(self) -> list[dict[str, Any]]:
+    def measured(self) -> Iterator[dict[str, Any]]:
         """A row of every guidance."""
-        # The jobs of all rows together, so that no processor waits.
-        jobs = [
-            (name, self.seed, first, min(size, self.episodes - first))
+        together = {
+            name: size
             for name, (_, _, size) in CONTESTANTS.items()
             if not self.only or name in self.only
-            for first in range(0, self.episodes, size)
-        ]
-        parts = Workers(int, (), self.workers, "flew starts").ordered(flights, jobs)
-        of_rows: dict[str, list[Flown]] = {}
-        for (name, *_), part in zip(jobs, parts, strict=True):
-            of_rows.setdefault(name, []).append(part)
-        return [
-            {"who": name, **_row(CONTESTANTS[name][0], joined(flown))}
-            for name, flown in of_rows.items()
-        ]
+        }
+        for name, parts in in_parts(flights, together, self.episodes, self.workers, self.seed):
+            yield {"who": name, **_row(CONTESTANTS[name][0], joined(parts))}
 
 
 def _row(mission: str, flown: Flown) -> dict[str, Any]:
@@ -117,9 +109,9 @@ def _row(mission: str, flown: Flown) -> dict[str, Any]:
     }
 
 
-def flights(_: int, name: str, seed: int, first: int, count: int) -> Flown:
+def flights(_: None, name: str, first: int, count: int, seed: int) -> Flown:
     """What so many starts of a row of the table are, from the first one on; a job of a worker."""
-    mission, made, _ = CONTESTANTS[name]
+    mission, made = CONTESTANTS[name][:2]
     task = TASKS[mission]().for_evaluation()
     assert task.spacecraft is not None
     craft = load_spacecraft(task.spacecraft)

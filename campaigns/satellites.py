@@ -19,6 +19,7 @@ from rans_robot.identify.log import FlightLog
 from rans_robot.identify.momentum import Source
 from rans_robot.identify.result import SPREAD
 
+from campaigns.elliptic import directions
 from campaigns.identification import row_of
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
@@ -95,12 +96,12 @@ def satellites(count: int, seed: int, seconds: float = 900.0) -> Satellites:
     # Orbits: circular, with a dipole field tilted by 10 degrees.
     radius = _EARTH + random.uniform(4e5, 7e5, count)
     rate = np.sqrt(_MU / radius**3)
-    first = _units(random, count)
-    normal = np.cross(first, _units(random, count))
+    first = directions(random, count)
+    normal = np.cross(first, directions(random, count))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     second = np.cross(normal, first)
     pole = np.array([np.sin(np.radians(10.0)), 0.0, -np.cos(np.radians(10.0))])
-    dipole = _units(random, count) * 10.0 ** random.uniform(-3.0, -1.3, (count, 1))
+    dipole = directions(random, count) * 10.0 ** random.uniform(-3.0, -1.3, (count, 1))
     lever = random.uniform(-0.03, 0.03, (count, 3))
     drag = 10.0 ** random.uniform(-6.5, -5.0, count)
 
@@ -128,10 +129,10 @@ def satellites(count: int, seed: int, seconds: float = 900.0) -> Satellites:
 
     # Flights: a law of proportion and rate to random goals, with accelerations up to 100 rpm/s.
     state = np.concatenate(
-        [_units(random, count, 4), random.normal(0.0, 0.02, (count, 3)), np.zeros((count, W))],
+        [directions(random, count, 4), random.normal(0.0, 0.02, (count, 3)), np.zeros((count, W))],
         axis=1,
     )
-    goal = _units(random, count, 4)
+    goal = directions(random, count, 4)
     change = random.uniform(60.0, 160.0, count)
     stiffness = random.uniform(30.0, 75.0, (count, 1)) * np.diag(nominal) / np.diag(nominal).max()
     damping = random.uniform(150.0, 400.0, (count, 1)) * np.diag(nominal) / np.diag(nominal).max()
@@ -143,7 +144,7 @@ def satellites(count: int, seed: int, seconds: float = 900.0) -> Satellites:
         t = k * _STEP
         if abs(t / _PERIOD - round(t / _PERIOD)) < 1e-9:
             new = t >= change
-            goal[new] = _units(random, int(new.sum()), 4)
+            goal[new] = directions(random, int(new.sum()), 4)
             change[new] += random.uniform(60.0, 160.0, int(new.sum()))
             error = _product(goal * [1.0, -1.0, -1.0, -1.0], state[:, :4])
             vector = error[:, 1:] * np.where(error[:, :1] < 0.0, -1.0, 1.0)
@@ -218,12 +219,6 @@ def _at(path: np.ndarray, times: np.ndarray) -> np.ndarray:
     q = _product(before[:, :4], np.concatenate([np.ones((len(times), 1)), half], axis=1))
     result[:, :4] = q / np.linalg.norm(q, axis=1, keepdims=True)
     return result
-
-
-def _units(random: np.random.Generator, count: int, size: int = 3) -> np.ndarray:
-    """Random directions (count, size); of size 4 they are attitudes."""
-    vectors = random.normal(size=(count, size))
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -10,13 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from rans.errors import SolverFailed
-from rans.evaluation.compare.optima import episode
+from rans.evaluation.compare.optima import optima
 from rans.evaluation.measure.metrics import samples
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import MinimumTime
-from rans.optimal.trajectory.pool import solve_all
-from rans.scenario import each, scenarios
+from rans.scenario import scenarios
 from rans.tasks import Task
 
 
@@ -37,15 +36,12 @@ def time_optimal(
         SolverFailed: from some start none was found.
     """
     starts = scenarios(task, craft, seed, count)
-    [trajectories] = solve_all(craft, task, [MinimumTime()], starts, workers)
-    lost = [k for k, trajectory in enumerate(trajectories) if not trajectory.solved]
+    every = optima(craft, task, MinimumTime(), starts, workers=workers, timing=timing)
+    lost = [one.start for one in every if one.flight is None]
     if lost:
         raise SolverFailed(
             f"no time-optimal trajectory was found from the starts {lost} of seed {seed}; the "
-            f"first ended with {trajectories[lost[0]].status}."
+            f"first ended with {every[lost[0]].trajectory.status}."
         )
-    found = [
-        {sample.name: sample.values for sample in samples(episode(craft, task, timing, *pair))}
-        for pair in zip(each(starts), trajectories, strict=True)
-    ]
+    found = [{s.name: s.values for s in samples(one.flight)} for one in every if one.flight]
     return {name: np.concatenate([values[name] for values in found]) for name in found[0]}

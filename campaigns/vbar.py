@@ -4,11 +4,11 @@ Transfers and flights along axes are RANS's guidance; far transfers, ellipse and
 The network of `campaigns.vbar_agent` flies the scenarios that lead to a point or a port.
 
 V-BAR (J. Hammoudeh, "Verified Benchmark for Autonomous Rendezvous", 2026) needs Python 3.12 or later, and is no
-dependency of RANS. In an environment of its own::
+dependency of RANS::
 
-    python3.12 -m venv vbar
-    vbar/bin/pip install vbar==0.3.1 cattrs tyro onnxruntime
-    vbar/bin/python -m campaigns V-BAR --docs docs
+    make setup PYTHON=python3.12
+    .venv/bin/pip install vbar==0.3.1
+    .venv/bin/python -m campaigns V-BAR --docs docs
 
 V-BAR flies: its environments, starts, sensors and constraints, and its composite score. Guidance receives what
 V-BAR's interface gives to every agent: the public description of the scenario, and readings.
@@ -22,8 +22,10 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib.metadata import version
-from typing import Any
+from itertools import groupby, product
+from typing import Any, Literal
 
 import numpy as np
 from rans_missions.control.mission_guidance import MissionGuidance
@@ -34,11 +36,11 @@ from rans_missions.tasks.dock import Dock
 from rans_missions.tasks.hold import Hold
 from rans_missions.tasks.orbital import OrbitalMission
 
+from campaigns.parts import in_parts
 from rans.model.drift import ClohessyWiltshire
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec2, Vec3
 from rans.model.spacecraft_file import load_spacecraft
-from rans.processes import Workers
 from rans.tasks.shapes import Shape, SpeedLimit
 
 NAV1 = (1.0, 1e-3)
@@ -47,8 +49,6 @@ _FAR = 1000.0
 """Distance from a hold point from which coasts of most of an orbit are compared, m."""
 _PART_OF_TIME = 0.75
 """Part of an episode in which these coasts must end."""
-_CONTESTANTS = ("rans", "network", "pd")
-"""Guidance, the network of `campaigns.vbar_agent`, and V-BAR's own controller."""
 _JOB = 4
 """Number of episodes that a process flies together."""
 Array = np.ndarray
@@ -60,8 +60,12 @@ Route = Iterator[Any]
 class Scored:
     """Fly V-BAR's episodes, and keep what V-BAR says of them."""
 
+    split: Literal["validation", "train"] = "validation"
+    """Which of V-BAR's public lists of episodes."""
     episodes: int = 50
-    """Number of episodes of each scenario, the first ones of V-BAR's validation split. Its suites have 50."""
+    """Number of episodes of each scenario, the first ones of the list. V-BAR's suites have 50."""
+    contestants: tuple[str, ...] = ("rans", "network", "pd")
+    """Guidance, the network of `campaigns.vbar_agent`, and V-BAR's own controller."""
     workers: int | None = None
     """Number of processes; None: one per processor."""
     only: tuple[str, ...] = ()
@@ -74,52 +78,39 @@ class Scored:
             entry.scenario: suite.id for suite in suites.SUITES.values() for entry in suite.entries
         }
         entries["docking-afrl"] = "in no suite"
-        for name, suite in entries.items():
-            if not self.only or name in self.only:
-                yield {"scenario": name, "suite": suite, "vbar": version("vbar"), **self._row(name)}
-
-    def _row(self, name: str) -> dict[str, Any]:
-        """What V-BAR says of each contestant in one scenario."""
-        firsts = range(0, self.episodes, _JOB)
-        jobs = [(name, who, self.episodes, first, _JOB) for who in _CONTESTANTS for first in firsts]
-        parts = [*Workers(_with_vbar, (), self.workers, "flew scenarios").ordered(scored, jobs)]
-        row: dict[str, Any] = {"episodes": self.episodes}
-        for k, who in enumerate(_CONTESTANTS):
-            own = parts[k * len(firsts) : (k + 1) * len(firsts)]
+        names = [name for name in entries if not self.only or name in self.only]
+        together = dict.fromkeys(product(names, self.contestants), _JOB)
+        parts = in_parts(scored, together, self.episodes, self.workers, self.split)
+        for name, flown in groupby(parts, key=lambda one: one[0][0]):
             # None: it flies no such scenario.
-            row[who] = (
-                None
-                if None in own
-                else _together([episode for part in own for episode in part or ()])
-            )
-        return row
-
-
-def _with_vbar() -> None:
-    """Prepare a process for V-BAR's episodes."""
-    base: Any = importlib.import_module("vbar.scenarios.base")
-    base.segment_minimum = _decided(base.segment_minimum)
+            found = {
+                who: None if None in own else _together([one for part in own for one in part or ()])
+                for (_, who), own in flown
+            }
+            about = {"scenario": name, "suite": entries[name], "vbar": version("vbar")}
+            yield {**about, "episodes": self.episodes, **found}
 
 
 def scored(
-    _: None, name: str, who: str, count: int, first: int, number: int
+    _: None, row: tuple[str, str], first: int, number: int, split: str
 ) -> list[dict[str, Any]] | None:
-    """What V-BAR says of some episodes of a scenario, from the first one of ``count`` on; a job of a worker.
+    """What V-BAR says of so many episodes of a scenario by a contestant, from the first one on; a job of a worker.
 
     Returns:
         One of each episode; None: the network or V-BAR's controller does not fly this scenario.
     """
+    name, who = row
     metrics: Any = importlib.import_module("vbar.metrics")
     composite: Any = importlib.import_module("vbar.metrics.composite")
     scenarios: Any = importlib.import_module("vbar.scenarios")
     seeds: Any = importlib.import_module("vbar.scenarios.seeds")
     agents: Any = importlib.import_module("vbar.agents")
     ours: Any = importlib.import_module("campaigns.vbar_agent")
+    _search_less()
     agent = {"rans": Guidance, "network": ours.Agent, "pd": agents.PDAgent}[who]()
     environment = scenarios.make(name)
     episodes = []
-    pairs = [*seeds.SeedSplit(name, "validation", count).pairs()]
-    for seed, own in pairs[first : first + number]:
+    for seed, own in seeds.SeedSplit(name, split, first + number).pairs()[first:]:
         try:
             episode = metrics.record_episode(environment, agent, seed, own)
         except ValueError:
@@ -162,11 +153,14 @@ def _together(episodes: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _decided(whole: Callable[..., Any]) -> Callable[..., Any]:
-    """V-BAR's least margin over a segment, without its search where V-BAR's own bound is above zero already.
+@cache
+def _search_less() -> None:
+    """Leave out V-BAR's search for the least margin over a segment where V-BAR's own bound is above zero already.
 
     The search takes nine tenths of the time. Whether a limit is broken is the same.
     """
+    base: Any = importlib.import_module("vbar.scenarios.base")
+    whole = base.segment_minimum
 
     class Coarse:
         """A constraint whose bound is never refined."""
@@ -183,7 +177,7 @@ def _decided(whole: Callable[..., Any]) -> Callable[..., Any]:
         result = whole(Coarse(constraint), *segment)
         return result if result.lower_bound > 0.0 else whole(constraint, *segment)
 
-    return least
+    base.segment_minimum = least
 
 
 def cells(evidence: Any) -> Iterator[dict[str, Any]]:

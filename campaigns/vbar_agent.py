@@ -20,6 +20,9 @@ import numpy as np
 import torch
 
 from campaigns.vbar import Array, Coast, Guidance, Leg, Port, Route, gate
+from rans.deploy.onnx_file import write_onnx
+from rans.deploy.program import Ports
+from rans.policy.program import Program
 
 FILE = Path(__file__).with_suffix(".onnx")
 ACCELERATION = 0.02
@@ -149,60 +152,23 @@ def imitated(steps: int = 12000, batch: int = 4096) -> Network:
 
 
 def export(network: Network, file: Path) -> None:
-    """Write a network as ONNX: ``obs`` (N, 5) to ``action`` (N, 1)."""
-    import onnx
-    from onnx import TensorProto, helper, numpy_helper
+    """Write a network as ONNX: ``observation`` (N, 5) to ``command`` (N, 1)."""
+    program = Program()
 
-    def constant(name: str, value: Any) -> Any:
-        return numpy_helper.from_array(np.asarray(value), name)
+    def table(value: Any) -> str:
+        return program.constant(value, dtype=np.float32)
 
-    linear = [one for one in network.layers if isinstance(one, torch.nn.Linear)]
-    constants = [
-        constant("which", network.which.numpy().astype(np.int64)),
-        constant("scale", network.scale.numpy()),
-        constant("low", np.float32(-1.0)),
-        constant("high", np.float32(1.0)),
-    ]
-    nodes = [
-        helper.make_node("Gather", ["obs", "which"], ["chosen"], axis=1),
-        helper.make_node("Div", ["chosen", "scale"], ["scaled"]),
-        helper.make_node("Asinh", ["scaled"], ["hidden_0"]),
-    ]
-    for k, one in enumerate(linear):
-        constants += [
-            constant(f"weight_{k}", one.weight.detach().numpy()),
-            constant(f"bias_{k}", one.bias.detach().numpy()),
-        ]
-        names = [f"hidden_{k}", f"weight_{k}", f"bias_{k}"]
-        nodes.append(helper.make_node("Gemm", names, [f"sum_{k}"], transB=1))
-        if k < len(linear) - 1:
-            nodes.append(helper.make_node("Tanh", [f"sum_{k}"], [f"hidden_{k + 1}"]))
-    last = f"sum_{len(linear) - 1}"
-    nodes.append(helper.make_node("Clip", [last, "low", "high"], ["action"]))
-    graph = helper.make_graph(
-        nodes,
-        "vbar_agent",
-        [helper.make_tensor_value_info("obs", TensorProto.FLOAT, ["n", INPUTS])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["n", 1])],
-        constants,
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    onnx.checker.check_model(model)
-    file.write_bytes(model.SerializeToString())
-
-
-def read(file: Path) -> Network:
-    """The network of a file that `export` wrote."""
-    import onnx
-    from onnx import numpy_helper
-
-    values = {one.name: one for one in onnx.load(file).graph.initializer}
-    network = Network()
-    linear = [one for one in network.layers if isinstance(one, torch.nn.Linear)]
-    for k, one in enumerate(linear):
-        for name, parameter in (("weight", one.weight), ("bias", one.bias)):
-            parameter.data = torch.tensor(numpy_helper.to_array(values[f"{name}_{k}"]))
-    return network
+    which = program.constant(network.which.numpy(), dtype=np.int64)
+    hidden = program.apply("Gather", "observation", which, axis=1)
+    hidden = program.apply("Asinh", program.apply("Div", hidden, table(network.scale.numpy())))
+    for layer in network.layers:
+        if isinstance(layer, torch.nn.Linear):
+            tables = [table(one.detach().numpy()) for one in (layer.weight, layer.bias)]
+            hidden = program.apply("Gemm", hidden, *tables, transB=1)
+        else:
+            hidden = program.apply("Tanh", hidden)
+    program.apply("Clip", hidden, table(-1.0), table(1.0), name="command")
+    write_onnx(file, program, Ports(INPUTS, 1), {"what": "V-BAR's legs, axis by axis"})
 
 
 class Agent(Guidance):
@@ -242,7 +208,9 @@ class Agent(Guidance):
 
     def _answer(self, inputs: Array) -> Array:
         """Commands along three axes, (3,), for what the network reads, (3, 5)."""
-        return self._session.run(None, {"obs": inputs.astype(np.float32)})[0][:, 0].astype(float)
+        return self._session.run(None, {"observation": inputs.astype(np.float32)})[0][:, 0].astype(
+            float
+        )
 
 
 class Learned(Leg):

@@ -34,8 +34,15 @@ def test_time_optimal_trajectories_are_at_their_goal_early() -> None:
 
 def test_starts_without_a_trajectory_are_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     """All of them by number, and why the first of them was lost."""
-    found = [SimpleNamespace(solved=k in (0, 3), status=f"Status_{k}") for k in range(4)]
-    monkeypatch.setattr(campaigns.time_optimal, "solve_all", lambda *_: [found])
+    found = [
+        SimpleNamespace(
+            start=k,
+            flight="flown" if k in (0, 3) else None,
+            trajectory=SimpleNamespace(status=f"Status_{k}"),
+        )
+        for k in range(4)
+    ]
+    monkeypatch.setattr(campaigns.time_optimal, "optima", lambda *_, **__: found)
     loaded = contestant("lqr:go-to-pose-2d", "paper")
     craft = loaded.craft
     task = loaded.task

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -37,15 +38,17 @@ def motion() -> tuple[np.ndarray, np.ndarray]:
     return whole[:6, :6], whole[:6, 6:]
 
 
-def test_onnx_runtime_and_torch_answer_alike() -> None:
-    network = vbar_agent.read(vbar_agent.FILE)
+def test_onnx_runtime_and_torch_answer_alike(tmp_path: Path) -> None:
+    torch.manual_seed(4)
+    network = vbar_agent.Network()
+    vbar_agent.export(network, tmp_path / "agent.onnx")
     rows = np.random.default_rng(1).normal(size=(500, vbar_agent.INPUTS)).astype(np.float32)
     rows *= np.array([100.0, 0.3, 1e-3, 100.0, 0.3], np.float32)
-    session = onnxruntime.InferenceSession(str(vbar_agent.FILE))
-    answers: Any = session.run(None, {"obs": rows})[0]
-    theirs = answers[:, 0]
+    session = onnxruntime.InferenceSession(str(tmp_path / "agent.onnx"))
     with torch.no_grad():
         ours = network(torch.tensor(rows)).numpy()
+    answers: Any = session.run(None, {"observation": rows})[0]
+    theirs = answers[:, 0]
     # Sums of some ten products in single precision.
     np.testing.assert_allclose(theirs, ours, atol=1e-5)
     assert np.abs(theirs).max() <= 1.0
