@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import queue
 import socket
 import sys
@@ -222,7 +223,9 @@ def _job(version: str, state: bytes, content: bytes) -> tuple[Any, Exception | N
     """
     torch = sys.modules.get("torch")
     threads = torch.get_num_threads() if torch else 0
+    variable = os.environ.get(_THREADS)
     try:
+        use_one_thread()
         own = package_version("rans")
         if own != version:
             raise RansError(
@@ -232,18 +235,20 @@ def _job(version: str, state: bytes, content: bytes) -> tuple[Any, Exception | N
         if state != _latest.content:
             _latest.content = b""
             make, arguments = _unpickled(state)
-            use_one_thread()
             _latest.value = make(*arguments)
             _latest.content = state
         function, arguments = _unpickled(content)
-        use_one_thread()  # torch may have been imported since
         return function(_latest.value, *arguments), None
     except Exception as error:
         error.add_note(f"on the worker {socket.gethostname()}:\n{traceback.format_exc()}")
         return None, error
-    finally:
-        if torch:  # an executor may run jobs in the process of the user
+    finally:  # an executor may run jobs in the process of the user
+        if torch:
             torch.set_num_threads(threads)
+        if variable is None:
+            os.environ.pop(_THREADS, None)
+        else:
+            os.environ[_THREADS] = variable
 
 
 def _unpickled(content: bytes) -> Any:
@@ -256,8 +261,13 @@ def _unpickled(content: bytes) -> Any:
         ) from error
 
 
+_THREADS = "OMP_NUM_THREADS"
+"""Environment variable that torch reads once, when it is imported."""
+
+
 def use_one_thread() -> None:
-    """Limit torch, if it is imported, to one thread, as there is a process for every processor."""
+    """Limit torch to one thread, also where it is imported later, as there is a process for every processor."""
+    os.environ[_THREADS] = "1"
     if torch := sys.modules.get("torch"):
         torch.set_num_threads(1)
 

@@ -213,7 +213,6 @@ _state: list[Any] = []
 def _make_state(make: Callable[..., object], arguments: tuple[Any, ...]) -> None:
     use_one_thread()
     _state[:] = [make(*arguments)]
-    use_one_thread()  # torch may have been imported by `make`
 
 
 def _with_state(function: Callable[..., Answer], *job: Any) -> Answer:

@@ -17,7 +17,8 @@ from pathlib import Path
 import pytest
 
 from rans.errors import RansError
-from rans.processes import Workers, beside, submitted
+from rans.executors import use_one_thread
+from rans.processes import Workers, beside, nothing, submitted
 from tests.support.processes import wait_until
 
 _made: list[str] = []
@@ -36,6 +37,11 @@ def waits(folder: Path, number: int) -> None:
     """Say that the job is at work, and end it when it may go on."""
     (folder / f"begun {number}").touch()
     wait_until((folder / "go on").exists)
+
+
+def threads_of(_: None) -> str | None:
+    """What torch reads when it is imported."""
+    return os.environ.get("OMP_NUM_THREADS")
 
 
 def half_answers(folder: Path) -> bytes:
@@ -67,6 +73,15 @@ def test_answers_come_in_the_order_of_the_jobs() -> None:
 
 
 @pytest.mark.slow
+def test_torch_has_one_thread_also_where_a_job_imports_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two threads of a small network cost 5 s of processor time beside a first training, which waited for them."""
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    with submitted(threads_of, [(None,)], 1, use_one_thread, ()) as (threads,):
+        assert threads.result() == "1"
+    assert list(Workers(nothing, count=2).ordered(threads_of, [(), ()])) == ["1", "1"]
+    assert os.environ["OMP_NUM_THREADS"] == "3"
+
+
 def test_a_script_needs_no_guard_and_its_own_classes_travel(tmp_path: Path) -> None:
     """By Python's default each worker runs it from the top again, and starts workers, or prints once more."""
     script = tmp_path / "script.py"
