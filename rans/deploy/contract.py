@@ -345,9 +345,7 @@ def _conditions_text(conditions: Conditions) -> str:
     names = ("position", "m"), ("attitude", "rad"), ("velocity", "m/s"), ("spin", "rad/s")
     for at, (name, unit) in enumerate(names):
         noise = max(largest(variant.sensors.each()[at].noise) for variant in every)
-        growth = max(largest(variant.sensors.each()[at].noise_per_m) for variant in every)
-        more = f" and {growth:g} {unit} per m of range" if growth else ""
-        parts.append(f"noise of {name} up to {noise:g} {unit}{more}")
+        parts.append(f"noise of {name} up to {noise:g} {unit}")
     return ", ".join(parts)
 
 

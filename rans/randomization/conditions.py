@@ -96,21 +96,14 @@ class ThrusterConditions(Settings):
     command_delay: Range = 0.0
     """Time from a decision until the command arrives, s; adds to the latency."""
     rise: Range = 0.0
-    """Time of a linear rise of the force after an opening valve begins to move, s."""
-    fall: Range | None = None
-    """Time of a linear fall of the force after a closing valve begins to move, s; None: the rise time of the
-    episode."""
+    """Time of a linear rise of the force after an opening valve begins to move, s; a closing one takes as long."""
     least_on: Range = 0.0
     """Shortest time for which an on/off valve stays open, s."""
-    least_off: Range = 0.0
-    """Shortest time for which an on/off valve stays shut, s."""
     noise: Range = 0.0
     """Standard deviation of the force of each thruster over that force, drawn anew in every control period. No
     force is negative, which raises the mean force from 0.4 on, by 8 % at 1."""
     misalignment: Range = 0.0
     """Angle between the true and the designed direction of each thruster, to a random side, rad."""
-    position: Range = 0.0
-    """Distance between the true and the designed position of each thruster, in a random direction, m."""
 
 
 @dataclass(frozen=True)
@@ -142,16 +135,11 @@ class DisturbanceConditions(Settings):
     """Constant torque about z with a random sign (in space: about a random axis), N m."""
     slow_force: Range = 0.0
     """Amplitude of a sinusoidal force in a random direction, N."""
-    slow_torque: Range = 0.0
-    """Amplitude of a sinusoidal torque, N m."""
-    slow_period: Range = 25.0
-    """Period of the sinusoidal force and torque, s."""
-    kicks: int = 0
-    """Number of impulsive disturbances at random instants, at most eight."""
     kick: Range = 0.0
-    """Impulse of each, in a random direction, N s."""
-    kick_spin: Range = 0.0
-    """Angular impulse of each, N m s."""
+    """Impulsive disturbance at a random instant, in a random direction, N s."""
+
+    slow_period: ClassVar[tuple[float, float]] = (5.0, 25.0)
+    """Range of the period of the sinusoidal force, s: the paper's episode has one to five of them."""
 
 
 @dataclass(frozen=True)
@@ -164,12 +152,6 @@ class SensorConditions(Settings):
     """Magnitude of a constant error in a random direction."""
     dropout: Range = 0.0
     """Probability that a control period has no new reading and the last one is kept."""
-    noise_per_m: Range = 0.0
-    """Growth of the standard deviation with range, the distance to the origin of W, in the unit per m."""
-
-    def largest_deviation(self, distance: float) -> float:
-        """Largest standard deviation of the noise at a distance from the origin of W, m."""
-        return largest(self.noise) + largest(self.noise_per_m) * distance
 
 
 @dataclass(frozen=True)
@@ -185,9 +167,6 @@ class SensorsConditions(Settings):
     outage: Range = 0.0
     """Duration of an outage of all sensors, s, in which the last readings are kept, such as a motion capture that
     loses its markers. The first starts at a random instant, and one every 5 s from then on."""
-    field_of_view: Range = math.pi
-    """Half-angle of a cone about the axis x of the body, rad. While the origin of W, the target of the sensors, is
-    outside, all sensors keep their last readings. pi: they see it from everywhere."""
 
     outage_every: ClassVar[float] = 5.0
     """Time from the start of one outage to that of the next, s: a fifth of the paper's episodes, so that each
@@ -241,7 +220,6 @@ class Conditions(NamedArguments, Settings):
         name = "thrusters.latency and command_delay"
         _require(self.delay <= 30.0, name, self.delay, "together at most 30 s")
         _check_faults(self.faults)
-        _check_disturbances(self.disturbances, is_mixture=bool(self.others))
 
     def met(self, chance: Field) -> Conditions:
         """Conditions of an episode, selected from the mixture by a number in [0, 1).
@@ -258,7 +236,7 @@ class Conditions(NamedArguments, Settings):
         """Reject conditions that do not apply to a spacecraft.
 
         Raises:
-            ConfigError: there are shortest on or off times, but the thrusters are not on/off, more thrusters fail
+            ConfigError: there are shortest times open, but the thrusters are not on/off, more thrusters fail
                 than there are, there is no thruster of a number that is to fail, no mass is left beside its
                 propellant, or its further effectors refuse them.
         """
@@ -277,17 +255,12 @@ class Conditions(NamedArguments, Settings):
                 f"Conditions have faults of thrusters {[*named]}; those of {craft.name!r} have the numbers 0 to "
                 f"{count - 1}."
             )
-        for name in ("least_on", "least_off"):
-            longest = self._largest("thrusters", name)
-            if longest > 0 and craft.actuators.is_continuous:
-                raise ConfigError(
-                    f"Conditions have thrusters.{name} up to {longest:g} s, which is for on/off "
-                    f"valves; the thrusters of {craft.name!r} are {craft.actuators.kind}."
-                )
-
-    def _largest(self, section: str, name: str) -> float:
-        """Upper bound of a range in all conditions of the mixture."""
-        return max(largest(getattr(getattr(part, section), name)) for part in (self, *self.others))
+        longest = max(largest(part.thrusters.least_on) for part in (self, *self.others))
+        if longest > 0 and craft.actuators.is_continuous:
+            raise ConfigError(
+                f"Conditions have thrusters.least_on up to {longest:g} s, which is for on/off "
+                f"valves; the thrusters of {craft.name!r} are {craft.actuators.kind}."
+            )
 
     def _check_propellant(self, craft: Spacecraft) -> None:
         """Reject masses of which the propellant in a full tank is all, or more."""
@@ -340,9 +313,8 @@ class Conditions(NamedArguments, Settings):
 
     @property
     def steady_torque(self) -> float:
-        """Largest sum of constant and sinusoidal disturbance torque, N m."""
-        every = (part.disturbances for part in (self, *self.others))
-        return max(largest(part.torque) + largest(part.slow_torque) for part in every)
+        """Largest constant disturbance torque, N m."""
+        return max(largest(part.disturbances.torque) for part in (self, *self.others))
 
     @property
     def delay(self) -> float:
@@ -352,8 +324,7 @@ class Conditions(NamedArguments, Settings):
     @property
     def lasting(self) -> float:
         """Longest time for which a command still affects the thrust after the next one, s."""
-        thrusters = self.thrusters
-        return self.delay + max(largest(thrusters.rise), largest(thrusters.fall or 0.0))
+        return self.delay + largest(self.thrusters.rise)
 
 
 def _check(conditions: Any, section: str) -> None:
@@ -437,7 +408,7 @@ _BOUNDS: tuple[tuple[str, Callable[[Any], Any], str], ...] = (
         lambda x: largest(x) > 0,
         "above 0 at its upper bound, a factor",
     ),
-    ("thrusters.least_on thrusters.least_off", lambda x: largest(x) <= 30, "at most 30 s"),
+    ("thrusters.least_on", lambda x: largest(x) <= 30, "at most 30 s"),
     ("thrusters.noise", lambda x: largest(x) <= 1, "at most 1, all of the force"),
     ("thrusters.misalignment", lambda x: largest(x) <= math.pi / 2, "at most pi / 2 rad"),
     (
@@ -455,8 +426,6 @@ _BOUNDS: tuple[tuple[str, Callable[[Any], Any], str], ...] = (
         f"at most {MOST_FAULTS} different numbers of thrusters, from 0",
     ),
     ("faults.share", lambda x: largest(x) <= 1, "at most 1"),
-    ("disturbances.slow_period", lambda x: bounds(x)[0] > 0, "> 0 s"),
-    ("disturbances.kicks", lambda kicks: 0 <= kicks <= 8, "a whole number from 0 to 8"),
     (
         "sensors.delay",
         lambda x: largest(x) <= MOST_DELAY,
@@ -466,11 +435,6 @@ _BOUNDS: tuple[tuple[str, Callable[[Any], Any], str], ...] = (
         "sensors.position.dropout sensors.attitude.dropout sensors.velocity.dropout sensors.spin.dropout",
         lambda x: largest(x) < 1,
         "below 1",
-    ),
-    (
-        "sensors.field_of_view",
-        lambda x: bounds(x)[0] > 0 and largest(x) <= math.pi,
-        "above 0 and at most pi rad, half of the cone",
     ),
     (
         "sensors.outage",
@@ -493,15 +457,6 @@ def _check_faults(faults: FaultConditions) -> None:
         (faults.count, faults.among),
         "left out where faults.thrusters are named",
     )
-
-
-def _check_disturbances(disturbances: DisturbanceConditions, is_mixture: bool) -> None:
-    """Reject impulses without a number of them; in a mixture other conditions may have it."""
-    bound = "left out, or disturbances.kicks, the number of impulses, at least 1"
-    for name in ("kick", "kick_spin"):
-        value = getattr(disturbances, name)
-        possible = largest(value) == 0 or disturbances.kicks > 0 or is_mixture
-        _require(possible, f"disturbances.{name}", value, bound)
 
 
 def _require(holds: Any, name: str, value: object, bound: str) -> None:

@@ -26,6 +26,6 @@ class Memory(NamedTuple):
         widest = conditions.met(
             0.0
         )  # the bounds of its ranges are those of all that an episode may meet
-        least = max(largest(widest.thrusters.least_on), largest(widest.thrusters.least_off))
+        least = largest(widest.thrusters.least_on)
         felt, obeyed = (math.ceil(seconds / period - 1e-9) for seconds in (widest.lasting, least))
         return cls(felt, obeyed, int(largest(widest.sensors.delay)))

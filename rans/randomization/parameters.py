@@ -21,7 +21,7 @@ from rans.model.dynamics import Piece, Wrench, undelayed
 from rans.model.fields import Field, Vec3, at_least, cos, floor, map_leaves, sin, where
 from rans.model.random import Draws, Random
 from rans.model.spacecraft import Spacecraft
-from rans.randomization.conditions import Conditions, Range, largest
+from rans.randomization.conditions import Conditions, DisturbanceConditions, Range, largest
 from rans.randomization.fault_draws import Fault, draw_fault
 from rans.randomization.sensors import Sensors, draw_sensors
 from rans.randomization.valves import Lag, failing, pieces
@@ -29,17 +29,15 @@ from rans.randomization.valves import Lag, failing, pieces
 
 @dataclass(frozen=True)
 class MinimumDwell:
-    """Shortest times for which an on/off valve stays open and shut."""
+    """Shortest time for which an on/off valve stays open."""
 
     on: Field
     """Shortest time open, s."""
-    off: Field
-    """Shortest time shut, s."""
 
     def enforced(
         self, command: Sequence[Field], before: Sequence[Sequence[Field]], period: float
     ) -> tuple[Field, ...]:
-        """Commands that the valves carry out: a valve that has just moved keeps its position for its dwell time.
+        """Commands that the valves carry out: a valve that has just opened stays open for its dwell time.
 
         Args:
             command: one field per valve, 0 or 1.
@@ -49,15 +47,8 @@ class MinimumDwell:
         result = []
         for commanded, *last in zip(command, *before, strict=True):
             opened = _age(last)
-            shut = _age([1.0 - x for x in last])
             must_open = (opened > 0.0) & (opened * period < self.on - 1e-6)
-            # A valve that was shut over the whole history may have been shut for longer.
-            must_shut = (shut > 0.0) & (shut < float(len(last))) & (shut * period < self.off - 1e-6)
-            result.append(
-                where(
-                    must_open, commanded * 0.0 + 1.0, where(must_shut, commanded * 0.0, commanded)
-                )
-            )
+            result.append(where(must_open, commanded * 0.0 + 1.0, commanded))
         return tuple(result)
 
 
@@ -147,7 +138,7 @@ class EpisodeParameters:
     push: Wrench | None
     """Constant disturbance wrench in W."""
     swing: SinusoidalWrench | None
-    kicks: tuple[ImpulsiveWrench, ...]
+    kick: ImpulsiveWrench | None
     sensors: Sensors | None
     noise: Field | None = None
     """Standard deviation of each thrust over its force, drawn anew in every control period."""
@@ -217,9 +208,10 @@ class EpisodeParameters:
         if self.swing is not None:
             s = sin(self.swing.rate * ((step + 0.5) * period) + self.swing.phase)
             parts.append(map_leaves(lambda x: x * s, self.swing.amplitude))
-        for kick in self.kicks:
-            now = where(kick.step == step, kick.step * 0.0 + 1.0 / period, kick.step * 0.0)
-            parts.append(map_leaves(lambda x, now=now: x * now, kick.impulse))
+        if self.kick is not None:
+            at = self.kick.step
+            now = where(at == step, at * 0.0 + 1.0 / period, at * 0.0)
+            parts.append(map_leaves(lambda x: x * now, self.kick.impulse))
         return reduce(lambda a, b: map_leaves(operator.add, a, b), parts) if parts else None
 
 
@@ -263,15 +255,15 @@ _STREAMS = {
     "hold": 5,
     "push": 6,
     "swing": 7,
-    "kicks": 8,
+    "kick": 8,
     "sensors": 16,
     "mixture": 17,
     "noise": 18,
     "mountings": 19,
     "effectors": 22,
 }
-"""Random streams of the effects, of 256 blocks of random numbers each. Start and goal have stream 0, kicks have
-eight streams. These numbers must not change: every seed would then have other episodes."""
+"""Random streams of the effects, of 256 blocks of random numbers each. Start and goal have stream 0.
+These numbers must not change: every seed would then have other episodes."""
 THRUST_PER_STEP = 2**26
 """First block of the random numbers of thrusts in a step, above those of sensors (`PER_STEP`). The largest
 number of thrusters takes 251 blocks in each of 2^20 steps, which ends below 2^31."""
@@ -300,14 +292,14 @@ def draw(
         draws: seed of the random numbers.
     """
 
-    def random(stream: str, k: int = 0) -> Random:
-        return draws.random(craft.dimension, number, (_STREAMS[stream] + k) * 256)
+    def random(stream: str) -> Random:
+        return draws.random(craft.dimension, number, _STREAMS[stream] * 256)
 
     if conditions.others:
         conditions = conditions.met(random("mixture").unit())
     body = _body(conditions, base, random("body"), random("thrusters"))
     thrusters = conditions.thrusters
-    mountings = _mountings(thrusters.misalignment, thrusters.position, craft, random("mountings"))
+    mountings = _mountings(thrusters.misalignment, craft, random("mountings"))
     # A base with true positions keeps them unless the conditions have errors.
     body = replace(body, mountings=mountings or base.mountings)
     if conditions.effectors:
@@ -322,8 +314,8 @@ def draw(
         lag=_lag(conditions, random("lag")),
         dwell=_dwell(conditions, random("hold")),
         push=_push(pushes.force, pushes.torque, random("push")),
-        swing=_swing(conditions, random("swing")),
-        kicks=tuple(_kick(conditions, steps, random("kicks", k)) for k in range(pushes.kicks)),
+        swing=_swing(pushes.slow_force, random("swing")),
+        kick=_kick(pushes.kick, steps, random("kick")),
         sensors=draw_sensors(conditions.sensors, random("sensors")),
         noise=_noise(conditions.thrusters.noise, random("noise")),
     )
@@ -333,11 +325,9 @@ def _noise(noise: Range, random: Random) -> Field | None:
     return random.within(noise) if largest(noise) > 0.0 else None
 
 
-def _mountings(
-    misalignment: Range, position: Range, craft: Spacecraft, random: Random
-) -> tuple[Mounting, ...]:
-    """True positions and directions of thrusters; empty if they are as designed."""
-    if largest(misalignment) == 0.0 and largest(position) == 0.0:
+def _mountings(misalignment: Range, craft: Spacecraft, random: Random) -> tuple[Mounting, ...]:
+    """True directions of thrusters at their designed positions; empty if they are as designed."""
+    if largest(misalignment) == 0.0:
         return ()
     mountings = []
     for thruster in craft.thrusters:
@@ -359,7 +349,7 @@ def _mountings(
             )
             for axis, x in enumerate(designed)
         ]
-        mountings.append(Mounting(random.vector(position).columns(), tuple(direction)))
+        mountings.append(Mounting((0.0,) * craft.dimension, tuple(direction)))
     return tuple(mountings)
 
 
@@ -407,20 +397,13 @@ def _lag(conditions: Conditions, random: Random) -> Lag | None:
     if conditions.lasting == 0.0:
         return None
     latency = random.within(thrusters.latency) + random.within(thrusters.command_delay)
-    ramps = largest(thrusters.rise) > 0.0 or largest(thrusters.fall or 0.0) > 0.0
-    rise = random.within(thrusters.rise) if ramps else None
-    fall = None if thrusters.fall is None else random.within(thrusters.fall)
-    return Lag(latency, rise, fall, conditions.delay, conditions.lasting - conditions.delay)
+    rise = random.within(thrusters.rise) if largest(thrusters.rise) > 0.0 else None
+    return Lag(latency, rise, conditions.delay, conditions.lasting - conditions.delay)
 
 
 def _dwell(conditions: Conditions, random: Random) -> MinimumDwell | None:
     on = conditions.thrusters.least_on
-    off = conditions.thrusters.least_off
-    return (
-        MinimumDwell(random.within(on), random.within(off))
-        if largest(on) > 0 or largest(off) > 0
-        else None
-    )
+    return MinimumDwell(random.within(on)) if largest(on) > 0 else None
 
 
 def _push(force: Range, torque: Range, random: Random) -> Wrench | None:
@@ -429,19 +412,15 @@ def _push(force: Range, torque: Range, random: Random) -> Wrench | None:
     return Wrench(random.vector(force), random.turn(torque))
 
 
-def _swing(conditions: Conditions, random: Random) -> SinusoidalWrench | None:
-    disturbances = conditions.disturbances
-    amplitude = _push(disturbances.slow_force, disturbances.slow_torque, random)
+def _swing(force: Range, random: Random) -> SinusoidalWrench | None:
+    amplitude = _push(force, 0.0, random)
     if amplitude is None:
         return None
-    return SinusoidalWrench(
-        amplitude, math.tau / random.within(disturbances.slow_period), random.uniform(0.0, math.tau)
-    )
+    rate = math.tau / random.within(DisturbanceConditions.slow_period)
+    return SinusoidalWrench(amplitude, rate, random.uniform(0.0, math.tau))
 
 
-def _kick(conditions: Conditions, steps: int, random: Random) -> ImpulsiveWrench:
-    disturbances = conditions.disturbances
-    return ImpulsiveWrench(
-        floor(random.unit() * float(steps)),
-        Wrench(random.vector(disturbances.kick), random.turn(disturbances.kick_spin)),
-    )
+def _kick(size: Range, steps: int, random: Random) -> ImpulsiveWrench | None:
+    step = floor(random.unit() * float(steps))
+    impulse = _push(size, 0.0, random)
+    return None if impulse is None else ImpulsiveWrench(step, impulse)

@@ -31,12 +31,9 @@ _EDGES: tuple[tuple[str, float, str, str], ...] = (
     ("thrusters.latency", 5.0, "s", "a time in ms"),
     ("thrusters.command_delay", 5.0, "s", "a time in ms"),
     ("thrusters.rise", 5.0, "s", "a time in ms"),
-    ("thrusters.fall", 5.0, "s", "a time in ms"),
     ("thrusters.least_on", 10.0, "s", "a time in ms"),
-    ("thrusters.least_off", 10.0, "s", "a time in ms"),
     ("thrusters.noise", 0.5, "of the force", "a share in percent, or a force in N"),
     ("thrusters.misalignment", 0.35, "rad (20 degrees)", "an angle in degrees"),
-    ("thrusters.position", 0.2, "m", "a distance in mm or cm"),
     ("sensors.position.noise", 1.0, "m", "a distance in mm or cm"),
     ("sensors.position.bias", 2.0, "m", "a distance in mm or cm"),
     ("sensors.attitude.noise", 0.35, "rad (20 degrees)", "an angle in degrees"),
@@ -45,10 +42,6 @@ _EDGES: tuple[tuple[str, float, str, str], ...] = (
     ("sensors.velocity.bias", 1.0, "m/s", "a velocity in mm/s or cm/s"),
     ("sensors.spin.noise", 1.0, "rad/s (57 degrees/s)", "a rate in degrees/s"),
     ("sensors.spin.bias", 1.0, "rad/s (57 degrees/s)", "a rate in degrees/s"),
-    ("sensors.position.noise_per_m", 0.5, "m per m of range", "a share in percent"),
-    ("sensors.attitude.noise_per_m", 0.1, "rad per m of range", "an angle in degrees"),
-    ("sensors.velocity.noise_per_m", 0.5, "m/s per m of range", "a velocity in mm/s or cm/s"),
-    ("sensors.spin.noise_per_m", 0.5, "rad/s per m of range", "a rate in degrees/s"),
     ("sensors.delay", 25.0, "control periods", "a time in ms"),
 )
 """Setting, size beyond which it is hardly meant, unit, and the usual cause. All conditions that come with RANS, all
@@ -85,7 +78,7 @@ def _pushes(every: Sequence[Conditions], craft: Spacecraft) -> Iterator[str]:
     pushes = [part.disturbances for part in every]
     for names, unit, limit, cause in (
         (("force", "slow_force"), "N", force, "a force in mN"),
-        (("torque", "slow_torque"), "N m", torque, "a torque in N mm, or a craft that cannot turn"),
+        (("torque",), "N m", torque, "a torque in N mm, or a craft that cannot turn"),
     ):
         size = max(sum(largest(getattr(push, name)) for name in names) for push in pushes)
         if size > limit:
@@ -93,7 +86,7 @@ def _pushes(every: Sequence[Conditions], craft: Spacecraft) -> Iterator[str]:
                 f"conditions have a disturbance {names[0]} up to {size:g} {unit}, and all effectors of "
                 f"{craft.name!r} together give {limit:.3g}: no controller holds it; the usual cause is {cause}"
             )
-    kick = max(largest(push.kick) if push.kicks else 0.0 for push in pushes)
+    kick = max(largest(push.kick) for push in pushes)
     if kick > _FASTEST_KICK * craft.mass:
         yield (
             f"conditions have disturbances.kick up to {kick:g} N s, which moves {craft.name!r} at "

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from operator import add
 from typing import Any
 
 from rans.model.dynamics import State
-from rans.model.fields import Field, Heading, cos, floor, leaves, map_leaves, where
+from rans.model.fields import Field, Heading, floor, leaves, map_leaves, where
 from rans.model.random import Random
 from rans.model.rotation import exponential
 from rans.randomization.conditions import (
     Range,
     SensorConditions,
     SensorsConditions,
-    bounds,
     largest,
 )
 
@@ -52,15 +49,11 @@ class Sensors:
     """Probability that the last reading is kept."""
     outage: Outage | None
     """Outages of all sensors."""
-    noise_per_m: tuple[Field, ...] | None = None
-    """Growth of the standard deviation with the distance to the origin of W, per m."""
-    view: Field | None = None
-    """Cosine of the half-angle of the field of view about the axis x of B; None: everything is in view."""
 
     @property
     def repeats(self) -> bool:
         """Whether a reading may be kept for longer than one control period."""
-        return self.dropout is not None or self.outage is not None or self.view is not None
+        return self.dropout is not None or self.outage is not None
 
 
 def draw_sensors(conditions: SensorsConditions, random: Random) -> Sensors | None:
@@ -79,11 +72,6 @@ def draw_sensors(conditions: SensorsConditions, random: Random) -> Sensors | Non
         drawn("bias", lambda k, values: (random.vector if k in (0, 2) else random.turn)(values)),
         drawn("dropout", lambda _, values: random.within(values)),
         _draw_outage(conditions, random),
-        drawn("noise_per_m", lambda _, values: random.within(values)),
-        # Last, so that what is added does not change what was drawn before it.
-        cos(random.within(conditions.field_of_view))
-        if bounds(conditions.field_of_view)[0] < math.pi
-        else None,
     )
     return result if largest(conditions.delay) >= 1 or len(leaves(result)) > 1 else None
 
@@ -127,7 +115,7 @@ def reading(
     attitude = state.attitude
     v = state.v
     w = state.w
-    for errors in (sensors.bias, _noise(state, sensors, streams)):
+    for errors in (sensors.bias, _noise(state, sensors.noise, streams)):
         if errors is not None:
             p = p + errors[0]
             attitude = _turned(attitude, errors[1])
@@ -137,9 +125,6 @@ def reading(
     if last is None or not sensors.repeats:
         return measured
     stopped = None if sensors.outage is None else sensors.outage.at(time)
-    if sensors.view is not None:
-        hidden = _out_of_view(state, sensors.view)
-        stopped = hidden if stopped is None else stopped | hidden
     if sensors.dropout is None:
         lost = [stopped] * 4
     else:
@@ -160,13 +145,10 @@ def reading(
     )
 
 
-def _noise(state: State, sensors: Sensors, streams: Sequence[Random]) -> list[Any] | None:
+def _noise(
+    state: State, sigmas: tuple[Field, ...] | None, streams: Sequence[Random]
+) -> list[Any] | None:
     """Noise of each quantity: a vector, or a scalar for planar rotations; None without noise."""
-    sigmas = sensors.noise
-    if sensors.noise_per_m is not None:
-        far = state.p.norm()
-        grown = [growth * far for growth in sensors.noise_per_m]
-        sigmas = tuple(grown if sigmas is None else map(add, sigmas, grown))
     if sigmas is None:
         return None
     alike = state.p, state.w, state.v, state.w
@@ -174,14 +156,6 @@ def _noise(state: State, sensors: Sensors, streams: Sequence[Random]) -> list[An
         map_leaves(lambda _, sigma=sigma, r=stream: sigma * r.normal(), like)
         for like, sigma, stream in zip(alike, sigmas, streams, strict=True)
     ]
-
-
-def _out_of_view(state: State, view: Field) -> Field:
-    """Whether the origin of W is outside the cone about the axis x of B with this cosine of its half-angle."""
-    p = state.p
-    attitude: Any = state.attitude
-    axis = type(p)(1.0, *[0.0] * (len(p.columns()) - 1))
-    return -attitude.rotate(axis).dot(p) < view * p.norm()
 
 
 def _turned(attitude: Any, turn: Any) -> Any:

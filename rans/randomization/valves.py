@@ -1,8 +1,8 @@
 """Delayed valves and failing thrusters: the thrust of a control period as pieces that are linear in time.
 
 A command takes effect ``latency`` after it was given. The thrust then changes linearly from that of the last
-command to that of the new one, up within ``rise`` and down within ``fall``. Wrenches are sums over nozzles, so
-whole wrenches are ramped instead of nozzles.
+command to that of the new one within ``rise``. Wrenches are sums over nozzles, so whole wrenches are ramped
+instead of nozzles.
 
 A thruster may fail at any instant of a period. At that instant its force jumps from that of a healthy thruster
 to that of a failed one.
@@ -25,17 +25,15 @@ from rans.model.spacecraft import Spacecraft
 
 @dataclass(frozen=True)
 class Lag:
-    """Latency and ramp times of all valves, s."""
+    """Latency and ramp time of all valves, s."""
 
     latency: Field
     rise: Field | None
-    """Rise time; None: the thrust changes at once."""
-    fall: Field | None
-    """Fall time; None: the rise time."""
+    """Rise and fall time; None: the thrust changes at once."""
     latest: float = math.inf
     """Upper bound on the latency, s."""
     slowest: float = math.inf
-    """Upper bound on the ramp times, s."""
+    """Upper bound on the ramp time, s."""
 
 
 class Jump(NamedTuple):
@@ -43,10 +41,7 @@ class Jump(NamedTuple):
 
     time: Field
     """Time of the command from the start of the control period, s."""
-    up: Wrench
-    """Change by opening thrusters."""
-    down: Wrench | None
-    """Change by closing thrusters; None: it is part of ``up``."""
+    change: Wrench
 
 
 def pieces(
@@ -62,12 +57,12 @@ def pieces(
         period: control period, s.
     """
     # Changes of the commanded wrench. A single one that is completed in the period has a closed form.
-    before, jumps = _commanded(craft, body, commands, period, lag.fall is not None)
+    before, jumps = _commanded(craft, body, commands, period)
     if len(jumps) == 1 and lag.latest + lag.slowest <= period + 1e-9:
         yield from _once(before, jumps[0], lag, period)
         return
     # The thrust is linear between the instants at which a change begins to take effect, or has taken effect.
-    ramps = [] if lag.rise is None else [lag.rise] if lag.fall is None else [lag.rise, lag.fall]
+    ramps = [] if lag.rise is None else [lag.rise]
     edges = [jump.time + lag.latency + ramp for jump in jumps for ramp in (0.0, *ramps)]
     edges = ascending([_within(edge, period) for edge in edges])
     for begin, end in zip([0.0, *edges], [*edges, period], strict=True):
@@ -155,35 +150,21 @@ def _either(condition: Field, first: Piece, second: Piece) -> Piece:
 
 def _once(before: Wrench, jump: Jump, lag: Lag, period: float) -> Iterator[Piece]:
     """Pieces of a period whose own command is the only change and is completed within the period."""
-    after = map_leaves(operator.add, before, jump.up)
-    if jump.down is not None:
-        after = map_leaves(operator.add, after, jump.down)
-    # The latency, then a ramp, or two of different lengths, and the rest of the period.
+    after = map_leaves(operator.add, before, jump.change)
+    # The latency, then a ramp, and the rest of the period.
     if lag.latest > 0.0:
         yield lag.latency, before, None, lag.latest
     gone = lag.latency
-    if lag.rise is not None and lag.fall is None:
+    if lag.rise is not None:
         yield lag.rise, before, after, lag.slowest
         gone = gone + lag.rise
-    elif lag.rise is not None and lag.fall is not None and jump.down is not None:
-        first = where(lag.rise < lag.fall, lag.rise, lag.fall)
-        up = _completed_part(lag.fall, lag.rise)
-        down = _completed_part(lag.rise, lag.fall)
-        middle = map_leaves(lambda x, y, z: x + y * up + z * down, before, jump.up, jump.down)
-        rest = lag.rise + lag.fall - first - first
-        yield first, before, middle, lag.slowest
-        yield rest, middle, after, lag.slowest
-        gone = gone + first + rest
     yield period - gone, after, None, period
 
 
 def _commanded(
-    craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], period: float, apart: bool
+    craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], period: float
 ) -> tuple[Wrench, list[Jump]]:
-    """Wrench at the start of the oldest command, and every later change.
-
-    Changes by opening and by closing thrusters are separate if ``apart``, for different ramp times.
-    """
+    """Wrench at the start of the oldest command, and every later change."""
     when = []
     thrusts = []
     # Every thrust that was commanded, from the oldest on; a pulse is two changes.
@@ -196,24 +177,15 @@ def _commanded(
     jumps = []
     for time, (old, new) in zip(when[1:], pairwise(thrusts), strict=True):
         change = [b - a for a, b in zip(old, new, strict=True)]
-        if not apart:
-            jumps.append(Jump(time, wrench_of(craft, change, body), None))
-            continue
-        up = [at_least(x, 0.0) for x in change]
-        down = [-at_least(-x, 0.0) for x in change]
-        jumps.append(Jump(time, wrench_of(craft, up, body), wrench_of(craft, down, body)))
+        jumps.append(Jump(time, wrench_of(craft, change, body)))
     return wrench_of(craft, thrusts[0], body), jumps
 
 
 def _at(time: Field, before: Wrench, jumps: Sequence[Jump], lag: Lag) -> Wrench:
     """Wrench at a time from the start of the period (s)."""
     for jump in jumps:
-        gone = time - jump.time - lag.latency
-        up = _completed_part(gone, lag.rise)
-        down = _completed_part(gone, lag.rise if lag.fall is None else lag.fall)
-        before = map_leaves(lambda x, y, fraction=up: x + y * fraction, before, jump.up)
-        if jump.down is not None:
-            before = map_leaves(lambda x, y, fraction=down: x + y * fraction, before, jump.down)
+        part = _completed_part(time - jump.time - lag.latency, lag.rise)
+        before = map_leaves(lambda x, y, part=part: x + y * part, before, jump.change)
     return before
 
 

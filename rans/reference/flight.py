@@ -169,12 +169,11 @@ class DrakeEnv(Environment):
         return DrakeMover(self.craft, self.timing, self.task.drift)
 
 
-def _lateness(lag: Lag | None) -> tuple[Any, Any, Any]:
-    """Latency, rise and fall, s."""
+def _lateness(lag: Lag | None) -> tuple[Any, Any]:
+    """Latency and rise, s."""
     if lag is None:
-        return 0.0, 0.0, 0.0
-    rise = 0.0 if lag.rise is None else lag.rise
-    return lag.latency, rise, rise if lag.fall is None else lag.fall
+        return 0.0, 0.0
+    return lag.latency, 0.0 if lag.rise is None else lag.rise
 
 
 def _columns(fields: Sequence[Any], count: int) -> np.ndarray:

@@ -42,9 +42,7 @@ class Nozzles:
     latency: np.ndarray
     """(N, 1): from a command until valves begin to move, s."""
     rise: np.ndarray
-    """(N, 1): from then until a thrust that grows is there, s."""
-    fall: np.ndarray
-    """(N, 1): the same of one that shrinks."""
+    """(N, 1): from then until a thrust has changed, s."""
     same_supply: np.ndarray
     """(t, t): 1 where one supply feeds both nozzles, otherwise 0."""
 
@@ -56,7 +54,6 @@ class Nozzles:
         count: int,
         latency: Any = 0.0,
         rise: Any = 0.0,
-        fall: Any = 0.0,
     ) -> Self:
         """Of so many spacecraft with this body; each value is one number or (N,)."""
 
@@ -71,10 +68,7 @@ class Nozzles:
         return cls(
             columns(body.gain or (1.0,) * craft.thruster_count),
             columns(body.leak or (0.0,) * craft.thruster_count),
-            *(
-                columns([x])
-                for x in (usual if body.droop is None else body.droop, latency, rise, fall)
-            ),
+            *(columns([x]) for x in (usual if body.droop is None else body.droop, latency, rise)),
             same_supply=(supply[:, None] == supply).astype(float),
         )
 
@@ -127,8 +121,7 @@ class Nozzles:
         """Changes of thrust of the nozzles: row, column, amount, begin and duration (s)."""
         row, column = np.nonzero(new - old)
         size = (new - old)[row, column]
-        ramp = np.where(size > 0.0, self.rise[row, 0], self.fall[row, 0])
-        return row, column, size, time + self.latency[row, 0], ramp
+        return row, column, size, time + self.latency[row, 0], self.rise[row, 0]
 
 
 @dataclass(frozen=True)

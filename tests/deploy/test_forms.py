@@ -116,7 +116,7 @@ KINDS: list[dict[str, Any]] = [
         "symmetric": True,
     },
     {
-        "filters": FilterSettings((0.01,), gate=5.0),
+        "filters": FilterSettings((0.01,)),
         "symmetric": True,
         "memory": MemorySettings("history", 2),
     },

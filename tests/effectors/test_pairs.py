@@ -38,7 +38,7 @@ def within(apart: Apart, force: float = 0.5) -> None:
     [
         (("tank", "push"), 2, 0.5),
         (("wheels", "faults"), 3, 0.2),
-        (("orbit", "kicks"), 2, 0.5),
+        (("orbit", "kick"), 2, 0.5),
         (("throttle", "latency"), 2, 0.2),
     ],
 )
@@ -110,7 +110,7 @@ def test_all_effects_together_agree_with_scipy(
     agrees(tuple(one for one in EFFECTS if one not in alone), dimension, period, seed, seconds=10.0)
 
 
-@pytest.mark.parametrize(("pair", "dimension"), [(("tank", "push"), 2), (("orbit", "kicks"), 2)])
+@pytest.mark.parametrize(("pair", "dimension"), [(("tank", "push"), 2), (("orbit", "kick"), 2)])
 def test_a_pair_of_effects_agrees_with_drake(
     pair: tuple[str, str], dimension: Literal[2, 3]
 ) -> None:

@@ -183,7 +183,7 @@ def test_a_torque_that_stays_in_the_world_takes_more() -> None:
     for torque, number in ((0.0, 1), (0.03, 1), (0.5, 4)):
         assert chosen(FLYER, timing, torque=torque).substeps == number
     assert chosen(load_spacecraft("floating-platform"), timing, torque=0.5).substeps == 1
-    pushed = Conditions(disturbances=DisturbanceConditions(torque=(0.0, 0.2), slow_torque=0.3))
+    pushed = Conditions(disturbances=DisturbanceConditions(torque=(0.0, 0.5)))
     for conditions in (pushed, replace(Conditions(), others=(pushed,))):
         assert World(Setup(FLYER, GoToPose(), timing, conditions)).timing.substeps == 4
 

@@ -30,14 +30,14 @@ from tests.support.training import tiny_learner
 
 COUNT = 32
 SEED = 5
-GATE = 5.0
+GATE = FilterSettings.gate
 TASK = GoToPose()
 TIMING = Timing()
 
 
 def policy(craft: Spacecraft) -> Architecture:
     """One filter that trusts the craft as designed, behind a gate."""
-    return tiny_learner(craft, filters=FilterSettings((0.1,), gate=GATE)).network.architecture
+    return tiny_learner(craft, filters=FilterSettings((0.1,))).network.architecture
 
 
 def columns_of(craft: Spacecraft, kind: type) -> slice:

@@ -26,7 +26,6 @@ from rans.randomization.conditions import (
     ThrusterConditions,
 )
 from rans.randomization.conditions import BodyConditions as Body
-from rans.randomization.conditions import DisturbanceConditions as Disturbances
 from rans.randomization.conditions import FaultConditions as Faults
 from rans.randomization.conditions import ThrusterConditions as Thrusters
 from rans.randomization.parameters import EpisodeParameters
@@ -93,14 +92,6 @@ from rans.tasks import GoToPose
         ),
         (lambda: Conditions(faults=Faults(kinds=())), r"faults\.kinds must be among dead, "),
         (
-            lambda: Conditions(disturbances=Disturbances(slow_period=0.0)),
-            r"slow_period must be > 0 s",
-        ),
-        (
-            lambda: Conditions(disturbances=Disturbances(kicks=9)),
-            r"kicks must be a whole number .*8, got 9",
-        ),
-        (
             lambda: Conditions(sensors=SensorsConditions(velocity=SensorConditions(dropout=1.0))),
             r"sensors\.velocity\.dropout must be below 1, got 1\.0",
         ),
@@ -133,8 +124,8 @@ def test_the_defaults_are_a_perfect_world() -> None:
 
 
 def test_how_long_a_command_is_felt() -> None:
-    """Until the slower of both ramps is over, begun after both delays."""
-    lag = Thrusters(latency=(0.0, 0.1), command_delay=0.2, rise=(0.0, 0.05), fall=0.08)
+    """Until its ramp is over, begun after both delays."""
+    lag = Thrusters(latency=(0.0, 0.1), command_delay=0.2, rise=(0.0, 0.08))
     assert Conditions(thrusters=lag).delay == pytest.approx(0.3)
     assert Conditions(thrusters=lag).lasting == pytest.approx(0.38)
     assert Conditions(thrusters=Thrusters(rise=0.05)).lasting == 0.05
@@ -174,9 +165,9 @@ def test_more_faults_than_thrusters_are_refused() -> None:
 def test_valves_that_are_not_on_off_have_no_least_time(others: bool) -> None:
     """Refused where a world is made of both, also when only one of several conditions asks for it."""
     craft = replace(load_spacecraft("floating-platform"), actuators=Throttle())
-    asked = Conditions(thrusters=Thrusters(least_off=(0.0, 0.4)))
+    asked = Conditions(thrusters=Thrusters(least_on=(0.0, 0.4)))
     conditions = Conditions(others=(asked,)) if others else asked
-    sentence = r"thrusters\.least_off up to 0\.4 s.*'floating-platform' are throttle"
+    sentence = r"thrusters\.least_on up to 0\.4 s.*'floating-platform' are throttle"
     with pytest.raises(ConfigError, match=sentence):
         World(Setup(craft, GoToPose(), conditions=conditions))
     World(Setup(load_spacecraft("floating-platform"), GoToPose(), conditions=conditions))
@@ -253,7 +244,7 @@ def test_what_cannot_be_mixed() -> None:
         Conditions(others=(MIXED,))
     with pytest.raises(ConfigError, match=r"others: faults\.kinds must be as in the first"):
         Conditions(others=(Conditions(faults=FaultConditions(1.0, ("weak",))),))
-    with pytest.raises(ConfigError, match=r"others: thrusters\.fall must be as in the first"):
-        Conditions(others=(Conditions(thrusters=ThrusterConditions(fall=0.1)),))
+    with pytest.raises(ConfigError, match=r"others: thrusters\.droop must be as in the first"):
+        Conditions(others=(Conditions(thrusters=ThrusterConditions(droop=0.1)),))
     with pytest.raises(ConfigError, match="weight must be a finite number > 0, got 0"):
         Conditions(weight=0.0)

@@ -15,8 +15,8 @@ from tests.support.worlds import EFFECTS
 MIXED = Conditions(
     description='Fälle, "quoted" and \x7f',
     weight=0.5,
-    thrusters=ThrusterConditions(fall=0.0, latency=(1e-7, 0.1)),
-    others=(Conditions(thrusters=ThrusterConditions(fall=0.1), weight=3.0),),
+    thrusters=ThrusterConditions(droop=0.0, latency=(1e-7, 0.1)),
+    others=(Conditions(thrusters=ThrusterConditions(droop=0.1), weight=3.0),),
 )
 CASES = {
     "mixed": MIXED,

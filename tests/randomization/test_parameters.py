@@ -100,9 +100,9 @@ UNIFORM: dict[str, tuple[Conditions, Callable[[EpisodeParameters], Any], float, 
         0.02,
         0.1,
     ),
-    "fall": (
-        Conditions(thrusters=ThrusterConditions(fall=(0.02, 0.1))),
-        lambda c: c.lag and c.lag.fall,
+    "rise": (
+        Conditions(thrusters=ThrusterConditions(rise=(0.02, 0.1))),
+        lambda c: c.lag and c.lag.rise,
         0.02,
         0.1,
     ),
@@ -137,8 +137,8 @@ UNIFORM: dict[str, tuple[Conditions, Callable[[EpisodeParameters], Any], float, 
         math.pi,
     ),
     "kick": (
-        Conditions(disturbances=DisturbanceConditions(kicks=2, kick=(0.1, 0.3))),
-        lambda c: c.kicks[1].impulse.force.norm(),
+        Conditions(disturbances=DisturbanceConditions(kick=(0.1, 0.3))),
+        lambda c: c.kick and c.kick.impulse.force.norm(),
         0.1,
         0.3,
     ),
@@ -153,12 +153,6 @@ UNIFORM: dict[str, tuple[Conditions, Callable[[EpisodeParameters], Any], float, 
         lambda c: abs(np.arctan2(*turned(c, 3))),
         0.02,
         0.1,
-    ),
-    "position of a thruster": (
-        Conditions(thrusters=ThrusterConditions(position=(0.01, 0.02))),
-        lambda c: np.hypot(*c.body.mountings[4].offset),
-        0.01,
-        0.02,
     ),
     "bias": (
         Conditions(sensors=SensorsConditions(velocity=SensorConditions(bias=(0.01, 0.02)))),
@@ -222,7 +216,7 @@ def test_a_thrust_never_pulls() -> None:
 
 def test_misaligned_thrusters_in_space_point_to_all_sides() -> None:
     """The angle is that of the conditions, and its bearing about the designed direction is uniform."""
-    wrong = Conditions(thrusters=ThrusterConditions(misalignment=0.1, position=0.02))
+    wrong = Conditions(thrusters=ThrusterConditions(misalignment=0.1))
     mountings = parameters(wrong, 3).body.mountings
     for thruster, mounting in zip(FLYER.thrusters, mountings, strict=True):
         true = np.array([np.broadcast_to(x, COUNT) for x in mounting.direction])
@@ -231,17 +225,17 @@ def test_misaligned_thrusters_in_space_point_to_all_sides() -> None:
         # Any frame across the thrust serves to measure the bearing.
         one, two = np.linalg.svd(designed[None])[2][1:] @ true
         assert_uniform(np.arctan2(two, one), -math.pi, math.pi)
-        np.testing.assert_allclose(np.linalg.norm(mounting.offset, axis=0), 0.02, rtol=1e-12)
 
 
 @BOTH
 def test_the_wrench_of_misaligned_thrusters_is_that_of_their_geometry(dimension: int) -> None:
     """As NumPy has it from arms and forces, about the true centre of mass."""
-    conditions = Conditions(
-        BodyConditions(centre=0.02), ThrusterConditions(misalignment=0.1, position=0.03)
-    )
+    conditions = Conditions(BodyConditions(centre=0.02), ThrusterConditions(misalignment=0.1))
     craft = CRAFTS[dimension]
     body = parameters(conditions, dimension, 5).body
+    # A layout may have thrusters elsewhere too.
+    offset = tuple(np.array([0.03, -0.02, 0.01])[:dimension])
+    body = replace(body, mountings=tuple(replace(x, offset=offset) for x in body.mountings))
     found = leaves(wrench(craft, (1.0,) * craft.thruster_count, body))
     centre = np.zeros((5, 3))
     centre[:, :dimension] = np.array(body.centre).T
@@ -249,7 +243,7 @@ def test_the_wrench_of_misaligned_thrusters_is_that_of_their_geometry(dimension:
     torque = np.zeros((5, 3))
     for thruster, mounting in zip(craft.thrusters, body.mountings, strict=True):
         moved, direction = np.zeros((2, 5, 3))
-        moved[:, :dimension] = np.array(mounting.offset).T
+        moved[:, :dimension] = mounting.offset
         direction[:, :dimension] = np.array(mounting.direction).T
         arm = np.array(thruster.position) - craft.centre_of_mass + moved - centre
         force += thruster.force * direction
@@ -272,7 +266,7 @@ PARTS: dict[str, Callable[[Any], Any]] = {
     "hold": lambda c: c.dwell,
     "push": lambda c: c.push,
     "swing": lambda c: c.swing,
-    "kicks": lambda c: c.kicks,
+    "kick": lambda c: c.kick,
     "faults": lambda c: c.fault.begins,
     "mountings": lambda c: (c.noise, c.body.mountings),
 }
@@ -305,35 +299,35 @@ def disturbances(found: EpisodeParameters, steps: int, period: float = 0.2) -> n
 
 @pytest.mark.parametrize("period", [0.2, 0.05, 0.5])
 @BOTH
-def test_kicks_give_their_impulse_in_one_period(dimension: int, period: float) -> None:
-    kicked = DisturbanceConditions(kicks=1, kick=0.5, kick_spin=0.1)
+def test_a_kick_gives_its_impulse_in_one_period(dimension: int, period: float) -> None:
+    kicked = DisturbanceConditions(kick=0.5)
     found = parameters(Conditions(disturbances=kicked), dimension, 40)
     pushed = disturbances(found, 125, period)
     assert ((pushed != 0.0).any(axis=1).sum(axis=0) == 1).all()
     total = pushed.sum(axis=0) * period
     np.testing.assert_allclose(np.linalg.norm(total[:dimension], axis=0), 0.5, rtol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(total[dimension:], axis=0), 0.1, rtol=1e-12)
+    assert not total[dimension:].any()
 
 
 def test_a_kicked_spacecraft_is_faster_by_impulse_over_mass() -> None:
-    kicked = DisturbanceConditions(kicks=2, kick=(0.1, 0.5))
+    kicked = DisturbanceConditions(kick=(0.1, 0.5))
     world, own, now = begun(Conditions(disturbances=kicked), count=10)
     first = now.state
     for _ in range(125):
         now = step(world, now, tuple(np.zeros((8, 10))), own).episode
     gained = now.state.v - first.v
-    both: Any = [kick.impulse.force for kick in now.parameters.kicks]  # type: ignore[union-attr]
+    force: Any = now.parameters.kick.impulse.force  # type: ignore[union-attr]
     for axis in ("x", "y"):
-        expected = sum(getattr(force, axis) for force in both) / PLATFORM.mass
+        expected = getattr(force, axis) / PLATFORM.mass
         np.testing.assert_allclose(getattr(gained, axis), expected, rtol=0, atol=1e-13)
 
 
 @BOTH
 def test_a_kick_is_felt_in_the_period_that_was_drawn(dimension: int) -> None:
     """That of the first one too: it is the velocity after it that has changed."""
-    kicked = Conditions(disturbances=DisturbanceConditions(kicks=1, kick=0.5))
+    kicked = Conditions(disturbances=DisturbanceConditions(kick=0.5))
     world, own, now = begun(kicked, dimension, 1000)
-    drawn = np.asarray(now.parameters.kicks[0].step)  # type: ignore[union-attr]
+    drawn = np.asarray(now.parameters.kick.step)  # type: ignore[union-attr]
     shut = tuple(np.zeros((len(world.craft.thrusters), 1000)))
     still = np.zeros(1000)
     for _ in range(125):
@@ -345,22 +339,23 @@ def test_a_kick_is_felt_in_the_period_that_was_drawn(dimension: int) -> None:
 
 @pytest.mark.parametrize("periods", [1, 5])
 def test_a_swing_is_felt_from_the_first_period_on(periods: int) -> None:
-    """By hand: after t the momentum is A (cos(phase) - cos(rate t + phase)) / rate, here of 10 s."""
-    swinging = Conditions(disturbances=DisturbanceConditions(slow_force=0.4, slow_period=10.0))
+    """By hand: after t the momentum is A (cos(phase) - cos(rate t + phase)) / rate, of 5 s or longer."""
+    swinging = Conditions(disturbances=DisturbanceConditions(slow_force=0.4))
     world, own, now = begun(swinging, count=50)
     swing: Any = now.parameters.swing  # type: ignore[union-attr]
     for _ in range(periods):
         now = step(world, now, tuple(np.zeros((8, 50))), own).episode
-    rate = math.tau / 10.0
+    rate = swing.rate
+    assert math.tau / 25.0 <= rate.min() < rate.max() <= math.tau / 5.0
     time = 0.2 * periods
     waves = (np.cos(swing.phase) - np.cos(rate * time + swing.phase)) / rate
     for axis in ("x", "y"):
-        # The sine is taken at the middle of 0.2 s: (rate 0.2 s)^2 / 24 = 7e-4 of 0.08 N s a period.
+        # The sine is taken at the middle of 0.2 s: (rate 0.2 s)^2 / 24 = 2.6e-3 of 0.08 N s a period.
         np.testing.assert_allclose(
             PLATFORM.mass * getattr(now.state.v, axis),
             getattr(swing.amplitude.force, axis) * waves,
             rtol=0,
-            atol=1e-4 * periods,
+            atol=3e-4 * periods,
         )
 
 
@@ -380,38 +375,31 @@ def test_a_fault_is_felt_from_its_moment_on() -> None:
     assert (np.diff(speeds[5:], axis=0) > 0.0).all()
 
 
-def test_moments_of_kicks_are_any_period_of_the_episode() -> None:
-    found = parameters(Conditions(disturbances=DisturbanceConditions(kicks=1, kick=1.0)))
-    seen = np.bincount(found.kicks[0].step.astype(int))
+def test_the_moment_of_a_kick_is_any_period_of_the_episode() -> None:
+    found = parameters(Conditions(disturbances=DisturbanceConditions(kick=1.0)))
+    seen = np.bincount(found.kick.step.astype(int))
     assert len(seen) == 125
     assert stats.chisquare(seen).pvalue > LIKELY
 
 
 @pytest.mark.parametrize("period", [0.2, 0.05])
 def test_a_swing_has_its_value_in_the_middle_of_each_period(period: float) -> None:
-    """One of 8 s: a sine through the middles, fitted by least squares, has the phase that was drawn."""
-    slow = DisturbanceConditions(slow_force=0.3, slow_torque=0.1, slow_period=8.0)
+    """A sine through the middles, fitted by least squares, has the phase and amplitude that were drawn."""
+    slow = DisturbanceConditions(slow_force=0.3)
     found = parameters(Conditions(disturbances=slow), count=30)
     count = round(16.0 / period)
     pushed = disturbances(found, count, period)
+    assert not pushed[:, 2].any()
     t = (np.arange(count) + 0.5) * period
-    wave = np.column_stack([np.sin(math.pi / 4 * t), np.cos(math.pi / 4 * t)])
-    (a, b), left, *_ = np.linalg.lstsq(wave, pushed[:, 2], rcond=None)
-    assert left.max() < 1e-25
-    phase = np.arctan2(b, a)  # of a torque either way: half a turn on where it is negative
-    np.testing.assert_allclose(np.sin(phase - found.swing.phase), 0.0, atol=1e-12)
-    np.testing.assert_allclose(np.hypot(a, b), 0.1, rtol=1e-12)
-    np.testing.assert_allclose(
-        np.linalg.norm(pushed[:, :2], axis=1).max(axis=0), 0.3, rtol=0.005
-    )  # at best
+    for k, (rate, phase) in enumerate(zip(found.swing.rate, found.swing.phase, strict=True)):
+        wave = np.column_stack([np.sin(rate * t), np.cos(rate * t)])
+        (a, b), left, *_ = np.linalg.lstsq(wave, pushed[:, :2, k], rcond=None)
+        assert left.max() < 1e-25
+        # Along an axis it is half a turn on where the force is negative.
+        np.testing.assert_allclose(np.sin(np.arctan2(b, a) - phase), 0.0, atol=1e-10)
+        np.testing.assert_allclose(math.hypot(*a, *b), 0.3, rtol=1e-12)
 
 
 def test_every_effect_has_random_numbers_of_its_own() -> None:
-    """256 blocks each, eight times as many for kicks, and the first ones for start and goal."""
-    wide = {"kicks": 8}
-    blocks = [
-        number
-        for name, first in _STREAMS.items()
-        for number in range(first, first + wide.get(name, 1))
-    ]
-    assert len({0, *blocks}) == 1 + len(blocks)
+    """256 blocks each, and the first ones for start and goal."""
+    assert len({0, *_STREAMS.values()}) == 1 + len(_STREAMS)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from rans.episode import Episode, World, step
 from rans.errors import ConfigError
-from rans.model.fields import Heading, Quat, leaves
+from rans.model.fields import Quat, leaves
 from rans.model.random import Draws
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, SensorConditions, SensorsConditions
@@ -187,46 +187,3 @@ def test_where_a_reading_drops_out_the_last_one_stands() -> None:
     for gone in repeated:
         assert stats.binomtest(int(gone.sum()), COUNT, 0.3).pvalue > LIKELY
     assert abs(np.corrcoef(repeated[0], repeated[1])[0, 1]) < 5 / math.sqrt(COUNT)
-
-
-@BOTH
-def test_noise_grows_with_range(dimension: int) -> None:
-    """Its deviation is that without range, and so much more for every metre to the origin of W."""
-    sizes = (0.02, 0.01, 0.03, 0.04)
-    far = sensors("noise_per_m", sizes)
-    both = replace(far, position=replace(far.position, noise=0.1))
-    world, own, now = begun(Conditions(sensors=both), dimension)
-    distance = np.linalg.norm([np.broadcast_to(x, COUNT) for x in now.state.p.columns()], axis=0)
-    assert np.ptp(distance) > 1.0
-    for size, least, quantity in zip(
-        sizes, (0.1, 0.0, 0.0, 0.0), errors(world, own, now), strict=True
-    ):
-        for x in quantity:
-            assert stats.kstest(x / (least + size * distance), "norm").pvalue > LIKELY
-
-
-@BOTH
-def test_readings_stand_while_the_origin_is_out_of_view(dimension: int) -> None:
-    """A cone of 60 degrees either way about the axis x: at 0, 1.0 and 1.1 rad off the way to the origin."""
-    narrow = Conditions(sensors=SensorsConditions(field_of_view=math.radians(60.0)))
-    world, own, now = begun(narrow, dimension, 3)
-    off = np.array([0.0, 1.0, 1.1])
-    # The craft is 2 m along y from the origin, so that the axis x must point along -y.
-    heading = -0.5 * math.pi + off
-    state: Any = now.state
-    attitude: Any = Heading(heading)
-    place = [np.zeros(3), np.full(3, 2.0), np.zeros(3)][:dimension]
-    if dimension == 3:
-        attitude = Quat(np.cos(heading / 2), np.zeros(3), np.zeros(3), np.sin(heading / 2))
-    true = replace(state, p=type(state.p)(*place), attitude=attitude)
-    before: Any = now.reading
-    after: Any = world.read(replace(now, state=true), own, before)
-    np.testing.assert_array_equal(after.p.y[:2], [2.0, 2.0])
-    assert after.p.y[2] == before.p.y[2] != 2.0
-    assert leaves(after.attitude)[0][2] == leaves(before.attitude)[0][2]
-
-
-@pytest.mark.parametrize("wrong", [0.0, 3.2, (1.0, 4.0)])
-def test_a_field_of_view_is_half_of_a_cone(wrong: Any) -> None:
-    with pytest.raises(ConfigError, match=r"sensors\.field_of_view must be above 0 and at most pi"):
-        Conditions(sensors=SensorsConditions(field_of_view=wrong))

@@ -164,15 +164,21 @@ CASES: list[Any] = [
         0.07 * 0.175 / 2 + 0.4 * 0.13 * (0.175 + 0.5) / 2,
     ),
     # It falls within 0.1 s and is at 0.3 when it fails, or in the end of the pulse at 0.1 s is weak already.
-    (OnOff(), ThrusterConditions(fall=0.1), "dead", (1.0, 0.0), 0.07 * (1.0 + 0.3) / 2),
+    (OnOff(), ThrusterConditions(rise=0.1), "dead", (1.0, 0.0), 0.07 * (1.0 + 0.3) / 2),
     (
         OnOff(),
-        ThrusterConditions(rise=0.02, fall=0.1),
+        ThrusterConditions(rise=0.1),
         "weak",
         (1.0, 0.0),
         0.07 * (1.0 + 0.3) / 2 + 0.4 * 0.03 * 0.3 / 2,
     ),
-    (Pulsed(4), ThrusterConditions(fall=0.1), "weak", (0.0, 0.5), 0.07 + 0.4 * (0.03 + 0.1 / 2)),
+    (
+        Pulsed(4),
+        ThrusterConditions(rise=0.1),
+        "weak",
+        (0.0, 0.5),
+        0.07 * 0.7 / 2 + 0.4 * (0.03 * (0.7 + 1.0) / 2 + 0.1 / 2),
+    ),
 ]
 
 

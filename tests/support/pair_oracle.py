@@ -145,7 +145,7 @@ class Oracle:
             is_open = 0.0
             moved = -math.inf
             for k, wanted in enumerate(commands[:, valve]):
-                least = self.drawn.dwell.on if is_open else self.drawn.dwell.off
+                least = self.drawn.dwell.on if is_open else 0.0
                 if wanted != is_open and k * self.period - moved >= least - 1e-6:
                     is_open = wanted
                     moved = k * self.period
@@ -160,19 +160,18 @@ class Oracle:
         lag = None if self.drawn is None else self.drawn.lag
         late = 0.0 if lag is None else lag.latency
         rise = 0.0 if lag is None or lag.rise is None else lag.rise
-        fall = rise if lag is None or lag.fall is None else lag.fall
         end = len(commands) * self.period
         edges = {k * self.period for k in range(len(commands) + 1)} | {self.fails}
         for time, _ in told[1:]:
-            edges |= {time + late, time + late + rise, time + late + fall}
+            edges |= {time + late, time + late + rise}
         edges = sorted(edge for edge in edges if 0.0 <= edge <= end)
         edges = [0.0, *(b for a, b in itertools.pairwise(edges) if b - a > 1e-12)]
-        settled = late + max(rise, fall)
+        settled = late + rise
         for begin, until in itertools.pairwise(edges):
             health = self.failed if begin >= self.fails - 1e-13 else self.sound
             # Inside the piece nothing jumps.
             a, b = (
-                self._shares(told, begin + x * (until - begin), health, late, rise, fall, settled)
+                self._shares(told, begin + x * (until - begin), health, late, rise, settled)
                 for x in (0.25, 0.75)
             )
             yield begin, until, 1.5 * a - 0.5 * b, 1.5 * b - 0.5 * a
@@ -184,7 +183,6 @@ class Oracle:
         health: Health,
         late: float,
         rise: float,
-        fall: float,
         settled: float,
     ) -> np.ndarray:
         first = max(k for k, (when, _) in enumerate(told) if when + settled <= time)
@@ -194,10 +192,8 @@ class Oracle:
             if gone < 0.0:
                 break
             after = self.supplied(opened, health)
-            change = after - before
-            ramps = np.where(change > 0.0, rise, fall)
-            done = np.where(ramps > 0.0, np.minimum(gone / np.maximum(ramps, 1e-300), 1.0), 1.0)
-            shares = shares + change * done
+            done = min(gone / rise, 1.0) if rise > 0.0 else 1.0
+            shares = shares + (after - before) * done
             before = after
         return shares
 
@@ -214,9 +210,8 @@ class Oracle:
             middle = (step + 0.5) * self.period
             swing = self.drawn.swing
             parts.append((swing.amplitude, math.sin(swing.rate * middle + swing.phase)))
-        parts += [
-            (kick.impulse, float(kick.step == step) / self.period) for kick in self.drawn.kicks
-        ]
+        if (kick := self.drawn.kick) is not None:
+            parts.append((kick.impulse, float(kick.step == step) / self.period))
         for one, size in parts:
             if one is None:
                 continue

@@ -45,9 +45,9 @@ _CONDITIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "body": ("body", {"mass": (0.7, 1.4), "inertia": (0.7, 1.4), "centre": (0.0, 0.03)}),
     "thrust": ("thrusters", {"thrust": (0.7, 1.3), "pressure": (0.8, 1.0), "droop": (0.0, 0.3)}),
     "latency": ("thrusters", {"latency": (0.0, 0.1), "command_delay": (0.0, 0.2)}),
-    "ramps": ("thrusters", {"rise": (0.0, 0.1), "fall": (0.0, 0.1)}),
-    "mountings": ("thrusters", {"misalignment": (0.0, 0.1), "position": (0.0, 0.01)}),
-    "dwell": ("thrusters", {"least_on": (0.0, 0.6), "least_off": (0.0, 0.6)}),
+    "ramps": ("thrusters", {"rise": (0.0, 0.1)}),
+    "mountings": ("thrusters", {"misalignment": (0.0, 0.1)}),
+    "dwell": ("thrusters", {"least_on": (0.0, 0.6)}),
     "faults": (
         "faults",
         {
@@ -58,14 +58,11 @@ _CONDITIONS: dict[str, tuple[str, dict[str, Any]]] = {
         },
     ),
     "push": ("disturbances", {"force": (0.1, 0.3), "torque": (0.003, 0.01)}),
-    "swing": (
-        "disturbances",
-        {"slow_force": (0.1, 0.3), "slow_torque": (0.01, 0.03), "slow_period": (2.0, 20.0)},
-    ),
-    "kicks": ("disturbances", {"kicks": 3, "kick": (0.1, 1.0), "kick_spin": (0.01, 0.05)}),
+    "swing": ("disturbances", {"slow_force": (0.1, 0.3)}),
+    "kick": ("disturbances", {"kick": (0.1, 1.0)}),
 }
 """Ranges that a thruster of the craft below can balance, by effect."""
-_SCALED = ("force", "torque", "slow_force", "slow_torque", "kick", "kick_spin")
+_SCALED = ("force", "torque", "slow_force", "kick")
 _SLOSH = ("slosh",) if is_installed("missions") else ()
 EFFECTS = ("pulsed", "throttle", "wheels", "tank", *_SLOSH, "orbit", "gravity", *_CONDITIONS)
 _APART = (

@@ -13,10 +13,7 @@ from rans.randomization.conditions import (
 )
 
 _READING = SensorConditions(noise=(0.0, 0.01), bias=(0.0, 0.01))
-_LOST = SensorConditions(
-    noise=(0.0, 0.01), bias=(0.0, 0.01), dropout=(0.0, 0.3), noise_per_m=(0.0, 0.01)
-)
-_FAR = SensorConditions(noise_per_m=(0.0, 0.01))
+_LOST = SensorConditions(noise=(0.0, 0.01), bias=(0.0, 0.01), dropout=(0.0, 0.3))
 _KINDS = ("dead", "stuck-open", "stuck", "weak")
 _Thrusters = ThrusterConditions
 _Disturbances = DisturbanceConditions
@@ -28,31 +25,21 @@ EFFECTS = {
     ),
     "latency": Conditions(thrusters=_Thrusters(latency=(0.0, 0.1), command_delay=(0.0, 0.2))),
     "rise": Conditions(thrusters=_Thrusters(latency=(0.0, 0.1), rise=(0.0, 0.1))),
-    "fall": Conditions(thrusters=_Thrusters(rise=(0.0, 0.1), fall=(0.0, 0.1))),
-    "hold": Conditions(thrusters=_Thrusters(least_on=(0.0, 0.6), least_off=(0.0, 0.6))),
+    "hold": Conditions(thrusters=_Thrusters(least_on=(0.0, 0.6))),
     "faults": Conditions(faults=FaultConditions(count=(0.0, 2.0), kinds=_KINDS, time=(0.0, 2.0))),
     "named": Conditions(faults=FaultConditions(kinds=_KINDS, time=(0.0, 2.0), thrusters=(2, 0))),
     "recoverable": Conditions(
         faults=FaultConditions(1.0, _KINDS, time=(0.0, 2.0), among="recoverable")
     ),
     "push": Conditions(disturbances=_Disturbances(force=(0.0, 0.3), torque=(0.0, 0.1))),
-    "swing": Conditions(
-        disturbances=_Disturbances(
-            slow_force=(0.0, 0.3), slow_torque=(0.0, 0.1), slow_period=(2.0, 20.0)
-        )
-    ),
-    "kicks": Conditions(disturbances=_Disturbances(kicks=2, kick=(0.0, 1.0), kick_spin=(0.0, 0.1))),
+    "swing": Conditions(disturbances=_Disturbances(slow_force=(0.0, 0.3))),
+    "kick": Conditions(disturbances=_Disturbances(kick=(0.0, 1.0))),
     "sensors": Conditions(
         sensors=SensorsConditions(_READING, _READING, _READING, _READING, (0.0, 2.0))
     ),
     "dropout": Conditions(sensors=SensorsConditions(_LOST, SensorConditions(noise=0.01))),
     "outage": Conditions(sensors=SensorsConditions(_READING, outage=(2.0, 4.5))),
-    "mountings": Conditions(
-        thrusters=_Thrusters(noise=(0.0, 0.3), misalignment=(0.0, 0.1), position=(0.0, 0.05))
-    ),
-    "range": Conditions(
-        sensors=SensorsConditions(_FAR, _FAR, _FAR, _FAR, field_of_view=(0.8, 1.6))
-    ),
+    "mountings": Conditions(thrusters=_Thrusters(noise=(0.0, 0.3), misalignment=(0.0, 0.1))),
     "all": Conditions(
         BodyConditions(mass=(0.7, 1.4), inertia=(0.7, 1.4), centre=(0.0, 0.03)),
         _Thrusters(
@@ -62,18 +49,13 @@ EFFECTS = {
             (0.0, 0.1),
             (0.0, 0.2),
             (0.0, 0.1),
-            (0.0, 0.1),
-            (0.0, 0.6),
             (0.0, 0.6),
             (0.0, 0.3),
             (0.0, 0.1),
-            (0.0, 0.05),
         ),
         FaultConditions(count=(0.0, 2.0), kinds=_KINDS, time=(0.0, 2.0)),
-        _Disturbances(
-            (0.0, 0.3), (0.0, 0.1), (0.0, 0.3), (0.0, 0.1), (2.0, 20.0), 2, (0.0, 1.0), (0.0, 0.1)
-        ),
-        SensorsConditions(_LOST, _LOST, _LOST, _LOST, (0.0, 2.0), (2.0, 4.5), (0.8, 3.0)),
+        _Disturbances((0.0, 0.3), (0.0, 0.1), (0.0, 0.3), (0.0, 1.0)),
+        SensorsConditions(_LOST, _LOST, _LOST, _LOST, (0.0, 2.0), (2.0, 4.5)),
     ),
 }
 

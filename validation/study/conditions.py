@@ -27,13 +27,13 @@ from validation.study.sampling import Restless, gaps, growth, reach
 _GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     "body": ("body", ("mass", "inertia", "centre")),
     "thrust and supply": ("thrusters", ("thrust", "pressure", "droop")),
-    "late and gradual valves": ("thrusters", ("latency", "command_delay", "rise", "fall")),
-    "least on- and off-times": ("thrusters", ("least_on", "least_off")),
-    "errors of thrusters": ("thrusters", ("noise", "misalignment", "position")),
+    "late and gradual valves": ("thrusters", ("latency", "command_delay", "rise")),
+    "least on-times": ("thrusters", ("least_on",)),
+    "errors of thrusters": ("thrusters", ("noise", "misalignment")),
     "faults": ("faults", ("count", "kinds", "share", "time")),
     "steady pushes": ("disturbances", ("force", "torque")),
-    "swinging pushes": ("disturbances", ("slow_force", "slow_torque", "slow_period")),
-    "kicks": ("disturbances", ("kicks", "kick", "kick_spin")),
+    "swinging pushes": ("disturbances", ("slow_force",)),
+    "kicks": ("disturbances", ("kick",)),
     "readings": (
         "sensors",
         (
@@ -43,7 +43,6 @@ _GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
             "spin",
             "delay",
             "outage",
-            "field_of_view",
         ),
     ),
 }

@@ -67,7 +67,7 @@ def onset_checks(craft: Spacecraft, seed: int) -> Iterator[Check | Skipped]:
     yield _fault_check(craft, seed)
     yield _latency_check(craft, seed)
     if not craft.actuators.is_continuous:
-        yield from _least_time_checks(craft, seed)
+        yield _least_time_check(craft, seed)
 
 
 def _fault_check(craft: Spacecraft, seed: int) -> Check:
@@ -105,13 +105,12 @@ def _steady_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
 
 
 def _swing_check(craft: Spacecraft, seed: int) -> Check:
-    """Momentum is the integral of A sin(rate t + phase), of the phase and amplitude that were drawn."""
-    period = 8.0
+    """Momentum is the integral of A sin(rate t + phase), of the rate, phase and amplitude that were drawn."""
     force = 0.05 * craft.mass
-    swing = Conditions(disturbances=DisturbanceConditions(slow_force=force, slow_period=period))
+    swing = Conditions(disturbances=DisturbanceConditions(slow_force=force))
     drawn = _begun(craft, swing, seed, _FLIGHTS).parameters.swing
     flight = _flown(craft, swing, Told(craft), seed, 20)
-    rate = 2.0 * np.pi / period
+    rate = drawn.rate
     gained = (np.cos(drawn.phase) - np.cos(rate * flight.times[:, None] + drawn.phase)) / rate
     expected = np.stack([x * gained for x in drawn.amplitude.force.columns()], axis=-1)
     apart = np.linalg.norm(craft.mass * _velocity(flight) - expected, axis=-1) * rate / force
@@ -120,8 +119,8 @@ def _swing_check(craft: Spacecraft, seed: int) -> Check:
         apart,
         5e-3,
         "relative",
-        "A sine taken at the middle of each period: (rate * 0.2 s)^2 / 24 of twice the swing; "
-        "a period early or late is 0.16.",
+        "A sine taken at the middle of each period, of 5 s or longer: (rate * 0.2 s)^2 / 24 of twice the swing; "
+        "a period early or late is 0.05 or more.",
     )
 
 
@@ -129,7 +128,7 @@ def _kick_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
     """Each comes once, in any control period of the episode, and gives its impulse."""
     steps = 25
     count = 1024
-    kick = DisturbanceConditions(kicks=1, kick=(0.02 * craft.mass, 0.04 * craft.mass))
+    kick = DisturbanceConditions(kick=(0.02 * craft.mass, 0.04 * craft.mass))
     flight = _flown(craft, Conditions(disturbances=kick), Told(craft), seed, steps, count)
     gained = np.linalg.norm(np.diff(_velocity(flight), axis=0), axis=-1)
     yield _largest(
@@ -150,19 +149,13 @@ def _latency_check(craft: Spacecraft, seed: int) -> Check:
     return _pushed_check("onsets: a valve 0.3 s late", flight, (6, 7))
 
 
-def _least_time_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
-    """Of 0.2 s each: open for 0.5 s at least is three periods, shut for 0.3 s at least is two."""
+def _least_time_check(craft: Spacecraft, seed: int) -> Check:
+    """Of 0.2 s each: open for 0.5 s at least is three periods."""
     open_long = Conditions(thrusters=ThrusterConditions(least_on=0.5))
-    yield _pushed_check(
+    return _pushed_check(
         "onsets: open for 0.5 s at least",
         _flown(craft, open_long, Told(craft, 2), seed, 8),
         (2, 3, 4),
-    )
-    shut_long = Conditions(thrusters=ThrusterConditions(least_off=0.3))
-    yield _pushed_check(
-        "onsets: shut for 0.3 s at least",
-        _flown(craft, shut_long, Told(craft, 2, 4, 5, 7, 8), seed, 9),
-        (2, 5, 8),
     )
 
 

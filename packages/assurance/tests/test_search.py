@@ -18,7 +18,7 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_draws
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.randomization.conditions import Conditions, SensorsConditions, ThrusterConditions
+from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.randomization.conditions_file import load_conditions
 from rans.tasks import GoToPose
 from rans.verdict import Failure
@@ -57,15 +57,11 @@ def test_size_grows_from_where_there_is_no_trouble() -> None:
     assert not isinstance(lab.thrusters.pressure, Sized)
     # At 3.6 times (0.75, 1.25) a mass is down to 0.1.
     assert room(load_conditions("lab")) == pytest.approx(3.6)
-    # At 1.8 times the way from pi to pi / 2 a tenth of pi is in view.
-    view = Conditions(sensors=SensorsConditions(field_of_view=(math.pi / 2, math.pi)))
-    assert room(view) == pytest.approx(1.8)
 
 
-def test_errors_of_thrusters_and_the_field_of_view_are_described() -> None:
+def test_errors_of_thrusters_are_described() -> None:
     conditions = Conditions(
-        thrusters=ThrusterConditions(noise=0.2, misalignment=math.radians(3.0), position=0.04),
-        sensors=SensorsConditions(field_of_view=math.radians(50.0)),
+        thrusters=ThrusterConditions(noise=0.2, misalignment=math.radians(3.0)),
     )
     task = GoToPose()
     setup = Setup(load_spacecraft("free-flyer"), task, task.timing, conditions)
@@ -73,9 +69,8 @@ def test_errors_of_thrusters_and_the_field_of_view_are_described() -> None:
     uniform = np.full((len(chances.places), 1), 0.5)
     draws = chances.draws(uniform, np.zeros(1, dtype=np.int32), np.ones(1))
     said = drew(chances, draws)
-    assert said["thrusters"] == "up to 3 degrees and 4 cm off"
+    assert said["thrusters"] == "up to 3 degrees off"
     assert said["noise of thrusts"] == "20 %"
-    assert said["field of view"] == "50 degrees about the axis x of the body"
     assert "thrust" not in said
 
 

@@ -31,9 +31,6 @@ _NOMINAL = "nominal conditions"
 _TOGETHER = {
     "faults.count": ("faults.kinds", "faults.time", "faults.among", "faults.share"),
     "faults.thrusters": ("faults.kinds", "faults.time", "faults.share"),
-    "disturbances.slow_force": ("disturbances.slow_period",),
-    "disturbances.slow_torque": ("disturbances.slow_period",),
-    "disturbances.kicks": ("disturbances.kick", "disturbances.kick_spin"),
 }
 """Settings that mean something with others, so that they are stated with these, though they are the defaults."""
 _UNIT = re.compile(r", (N m s|N m|N s|rad/s|m/s|rad|N|m|s)(?=[;,.]| \(|$)")

@@ -118,10 +118,12 @@ class FilterSettings(Settings):
     """Variance of the thrusters' deviation from their design that each filter estimates, immediate and one control
     period late, in units of the noise of readings over the velocity change of the strongest thruster in a period. 0
     or empty: thrusters act as designed."""
-    gate: float = 0.0
+
+    gate: ClassVar[float] = 5.0
     """Gate of readings: the prediction of the filters is observed in place of readings that are missing or deviate
     by more than this, in units of the velocity change of all thrusters along one axis in a control period (for
-    poses the same number in m and rad). 0: all readings are used."""
+    poses the same number in m and rad). Every agent that ships with filters was trained and judged with it
+    (docs/decisions/robustness.md)."""
 
     def __post_init__(self) -> None:
         within = lambda x: 1e-6 <= x <= 1e6  # noqa: E731
@@ -138,7 +140,6 @@ class FilterSettings(Settings):
             "steady",
             "response",
         )
-        require_bounds(self, ">= 1e-6 and <= 1e6, or 0", lambda x: x == 0 or within(x), "gate")
         count = len(self.drift)
         for name in ("steady", "response"):
             values = getattr(self, name)
@@ -146,11 +147,6 @@ class FilterSettings(Settings):
                 raise ConfigError(
                     f"{name} has {len(values)} numbers for {count} filters: give one for each."
                 )
-        if self.gate and not self.drift:
-            raise ConfigError(
-                f"the gate is {self.gate:g}, but there are no filters whose "
-                "predictions it could use: give filters too, or a gate of 0."
-            )
 
 
 @dataclass(frozen=True)

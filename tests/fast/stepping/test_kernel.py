@@ -374,7 +374,7 @@ def test_members_with_seeds_of_their_own(on_host: Any) -> None:
 
 IN_ALL = {
     *("all", "body", "thrust", "latency", "rise", "hold", "named", "recoverable", "push", "swing"),
-    *("kicks", "sensors", "dropout", "range"),
+    *("kick", "sensors", "dropout"),
 }
 """Effects that are not flown alone: they show in "all", where every effect is."""
 
@@ -411,7 +411,7 @@ def test_every_condition_is_drawn_and_flown_as_on_numpy(
     "conditions",
     [
         Conditions(thrusters=ThrusterConditions(latency=0.2)),
-        Conditions(thrusters=ThrusterConditions(latency=0.33, rise=0.4, fall=0.1)),
+        Conditions(thrusters=ThrusterConditions(latency=0.33, rise=0.4)),
         Conditions(faults=FaultConditions(count=1.0, time=0.67)),
     ],
     ids=["late", "late and gradual", "fault"],

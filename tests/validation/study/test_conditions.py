@@ -42,7 +42,7 @@ def test_groups_leave_nothing_out() -> None:
     groups = effect_groups(EFFECTS["all"])
     assert len(groups) == 11
     assert list(effect_groups(Conditions())) == ["all together"]
-    kicks = DisturbanceConditions(kicks=2, kick=(0.0, 1.0), kick_spin=(0.0, 0.1))
+    kicks = DisturbanceConditions(kick=(0.0, 1.0))
     assert groups["kicks"].disturbances == kicks
 
 

@@ -92,7 +92,6 @@ SHARED = {
             "a fault at 2 s",
             "a valve 0.3 s late",
             "open for 0.5 s at least",
-            "shut for 0.3 s at least",
         )
     },
     "onsets: speed of a steady force": (1e-12, "m/s"),

@@ -27,8 +27,8 @@ from rans.structure import is_range
 
 Slot = tuple[int, int]
 """A uniform number, by its block and its index in the block."""
-_UNSIZED = ("count", "share", "time", "slow_period")
-"""Ranges of kinds and times of faults and disturbances, which have no size."""
+_UNSIZED = ("count", "share", "time")
+"""Ranges of numbers, kinds and times of faults, which have no size."""
 
 
 class Sized(tuple[float, float]):

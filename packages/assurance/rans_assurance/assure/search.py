@@ -23,7 +23,6 @@ from rans.extend import (
     Progress,
     Setup,
     World,
-    bounds,
     unseen,
 )
 from rans.model.random import generator
@@ -188,13 +187,12 @@ def searched(
 
 
 def room(conditions: Conditions) -> float:
-    """Largest size of a disturbance that leaves mass, inertia, thrust and field of view well above zero."""
+    """Largest size of a disturbance that leaves mass, inertia and thrust well above zero."""
     body = conditions.body
     thrusters = conditions.thrusters
     least = min(
         Sized.of(x, 1.0)[0] for x in (body.mass, body.inertia, thrusters.thrust, thrusters.pressure)
     )
-    least = min(least, bounds(conditions.sensors.field_of_view)[0] / math.pi)
     return 0.9 / (1.0 - least) if least < 1.0 else math.inf
 
 
@@ -304,8 +302,7 @@ def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
     if parameters.body.mountings:
         mountings = list(zip(parameters.body.mountings, craft.thrusters, strict=True))
         angle = max(_angle(true.direction, thruster.direction) for true, thruster in mountings)
-        offset = max(_size(true.offset) for true, _ in mountings)
-        parts["thrusters"] = f"up to {angle:.2g} degrees and {100.0 * offset:.2g} cm off"
+        parts["thrusters"] = f"up to {angle:.2g} degrees off"
     if parameters.noise is not None:
         parts["noise of thrusts"] = f"{100.0 * _one(parameters.noise):.2g} %"
     if parameters.lag is not None:
@@ -324,9 +321,6 @@ def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
         parts["noise"] = ", ".join(
             f"{_one(x):.2g} {unit}" for x, unit in zip(parameters.sensors.noise, units, strict=True)
         )
-    if parameters.sensors is not None and parameters.sensors.view is not None:
-        view = math.degrees(math.acos(_one(parameters.sensors.view)))
-        parts["field of view"] = f"{view:.3g} degrees about the axis x of the body"
     return parts
 
 

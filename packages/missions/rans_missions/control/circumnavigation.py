@@ -188,16 +188,13 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
             position = conditions.sensors.position
             velocity = conditions.sensors.velocity
             noise = largest(position.noise), largest(velocity.noise)
-            growth = largest(position.noise_per_m), largest(velocity.noise_per_m)
             weakest, strongest = bounds(conditions.thrusters.thrust)
             # The standard deviation of a uniform distribution, and that of every period.
             inexact = math.hypot(
                 (strongest - weakest) / math.sqrt(12.0), largest(conditions.thrusters.noise)
             )
-            if max(*noise, *growth, inexact) > 0.0:
-                result._filter = NavigationFilter(
-                    self.task.drift, 3, self._period, *noise, inexact, *growth
-                )
+            if max(*noise, inexact) > 0.0:
+                result._filter = NavigationFilter(self.task.drift, 3, self._period, *noise, inexact)
         result.reset(0)
         return result
 

@@ -136,11 +136,10 @@ class MissionGuidance(ModelBased):
         )
         pushed = largest(conditions.disturbances.force) / (_PUSHES * self._craft.mass)
         position = largest(sensors.position.noise)
-        growths = [largest(x.noise_per_m) for x in (sensors.position, sensors.velocity)]
         self._early = 0.0
         """Time by which a craft that brakes arrives before the planned arrival, s."""
         self._filter: NavigationFilter | None = None
-        uncertain = max(position, noise, inexact, self._late, *growths) > 0.0
+        uncertain = max(position, noise, inexact, self._late) > 0.0
         if uncertain and self._given.brakes:
             self._early = _EARLY * self._period
         if uncertain or (pushed > 0.0 and self._given.drift.steady):
@@ -151,7 +150,6 @@ class MissionGuidance(ModelBased):
                 position,
                 noise,
                 inexact,
-                *growths,
                 acceleration=pushed,
             )
         pulse = 0.0 if self._counts is None else float(self._changes.max()) / self._counts

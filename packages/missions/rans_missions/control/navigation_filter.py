@@ -28,8 +28,6 @@ class NavigationFilter:
         position: standard deviation of the noise of every component of a measured position, m.
         velocity: the same of a measured velocity, m/s.
         burns: standard deviation of the change of velocity of a burn, as a share of it.
-        position_per_m: growth of the noise of positions with the distance to the origin of W, m per m.
-        velocity_per_m: the same of velocities, m/s per m.
         acceleration: standard deviation of every component of an unknown acceleration, m/s^2, which is estimated
             too. It is a Gauss-Markov process with a time constant of `STEADY_TIME`. With zero the filter trusts its
             equations more with every reading, and a constant force leads it astray.
@@ -43,8 +41,6 @@ class NavigationFilter:
         position: float,
         velocity: float,
         burns: float,
-        position_per_m: float = 0.0,
-        velocity_per_m: float = 0.0,
         acceleration: float = 0.0,
     ) -> None:
         # The drift is linear: its transition is what becomes of the unit vectors.
@@ -67,7 +63,7 @@ class NavigationFilter:
         self._whole = self._half @ self._half
         # Exact readings have a little noise too, so that no matrix is singular.
         self._deviations = np.repeat((max(position, 1e-6), max(velocity, 1e-9)), d)
-        self._growth = np.repeat((position_per_m, velocity_per_m), d)
+        self._noise = np.diag(self._deviations**2)
         self._burns = burns
         self._pushes = np.zeros((3 * d, 3 * d))
         """Covariance of what a period adds, (3 d, 3 d): changes of the acceleration."""
@@ -88,19 +84,18 @@ class NavigationFilter:
         if self._mean is None:
             self._mean = np.pad(reading, ((0, 0), (0, self._dimension)))
             self._covariance = np.zeros((len(reading), size, size))
-            self._covariance[:, :read, :read] = self._noise(reading)
+            self._covariance[:, :read, :read] = self._noise
             self._covariance[:, read:, read:] = np.diag(self._acceleration**2)
         else:
             before = self._covariance
-            noise = self._noise(self._mean)
             # All are symmetric, so that the transposed gain solves this system.
-            seen = before[:, :read, :read] + noise
+            seen = before[:, :read, :read] + self._noise
             gain = np.linalg.solve(seen, before[:, :read]).transpose(0, 2, 1)
             missed = reading - self._mean[:, :read]
             self._mean = self._mean + (gain @ missed[:, :, None])[:, :, 0]
             complement = np.eye(size) - np.pad(gain, ((0, 0), (0, 0), (0, self._dimension)))
             of_before = complement @ before @ complement.transpose(0, 2, 1)
-            of_reading = gain @ noise @ gain.transpose(0, 2, 1)
+            of_reading = gain @ self._noise @ gain.transpose(0, 2, 1)
             self._covariance = of_before + of_reading
         return self._mean[:, :read], self._covariance[:, :read, :read]
 
@@ -108,12 +103,6 @@ class NavigationFilter:
         """Estimated acceleration (N, d), m/s^2, after a reading."""
         assert self._mean is not None
         return self._mean[:, 2 * self._dimension :]
-
-    def _noise(self, estimate: np.ndarray) -> np.ndarray:
-        """Covariances (N, 2 d, 2 d) of readings where craft are by an estimate (N, 2 d)."""
-        distances = np.linalg.norm(estimate[:, : self._dimension], axis=1)
-        deviations = self._deviations + self._growth * distances[:, None]
-        return np.eye(len(self._deviations)) * (deviations**2)[:, None]
 
     def burn(self, change: np.ndarray) -> None:
         """Carry the estimate to the next reading, with a burn (N, d) in m/s spread evenly over the period."""

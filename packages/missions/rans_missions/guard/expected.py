@@ -40,7 +40,7 @@ class Expected:
         """Errors under a setup's conditions.
 
         The reserve of a constraint is what its margin changes by over z standard deviations of the noise of
-        position and velocity; noise that grows with range is that of the farthest of 64 starts. Of a normal
+        position and velocity. Of a normal
         distribution one reading in all of twenty episodes is off by more than z of them to one side: 3.4 in 150
         control periods. Nothing is guaranteed beyond. An error of the velocity also moves the positions that are
         predicted until the craft has stopped: it counts over one control period and the time in which the weakest
@@ -58,11 +58,9 @@ class Expected:
         soonest = min(least for least, _ in delays)
         latest = max(greatest for _, greatest in delays)
         starts = scenarios(setup.task, setup.craft, seed=0, count=_STARTS)
-        # Noise that grows with range is largest at a start.
-        distance = float(np.max(starts.start.p.norm()))
         deviations = NormalDist().inv_cdf(1.0 - _RARE / setup.timing.episode_steps)
         velocity, position = (
-            deviations * max(sensor.largest_deviation(distance) for sensor in sensors)
+            deviations * max(bounds(sensor.noise)[1] for sensor in sensors)
             for sensors in zip(
                 *((part.sensors.velocity, part.sensors.position) for part in parts), strict=True
             )

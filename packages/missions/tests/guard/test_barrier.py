@@ -187,20 +187,6 @@ def noisy_flights(task: Any, guard: Any, conditions: Conditions) -> int:
     return int(flight.violated().sum())
 
 
-def test_noise_that_grows_with_range_is_that_of_the_farthest_start() -> None:
-    """At 100 m a millimetre a metre is 0.1 m."""
-    task = Dock(spawn_distance=(100.0, 100.0))
-
-    def expected(sensor: SensorConditions) -> Expected:
-        conditions = Conditions(sensors=SensorsConditions(position=sensor, velocity=sensor))
-        return Expected.of(Setup(DEPUTY, task, task.timing, conditions))
-
-    growing = dict(expected(SensorConditions(noise_per_m=0.001)).reserve)
-    # A start is on the sphere up to rounding.
-    assert growing == pytest.approx(dict(expected(SensorConditions(noise=0.1)).reserve), rel=1e-5)
-    assert min(growing.values()) > 0.1
-
-
 def test_the_reserve_is_what_rare_readings_are_off_by() -> None:
     """Hold, whose ball has a slope of 1: of 260 periods a one-sided error of one in 20 x 260 is 3.55 deviations.
 
