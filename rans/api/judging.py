@@ -15,7 +15,7 @@ from rans.api.names import (
     load_conditions,
     load_spacecraft,
 )
-from rans.api.states import WrittenEndpoints
+from rans.api.states import WrittenEndpoints, is_written
 from rans.choices import EngineName, ProtocolName
 from rans.errors import ConfigError, RansWarning, brief, one_of, whole
 from rans.files import inside, made_by, ready_folder
@@ -103,11 +103,8 @@ def own_endpoints(
     balls: Any = zones
     if begin is end is None and not len(balls):
         return None
-    is_written = any(
-        isinstance(words, list | tuple) and all(isinstance(word, str) for word in words)
-        for words in (begin, end, (*balls,) or None)
-    )
-    return (WrittenEndpoints if is_written else Endpoints)(begin, end, balls)
+    written = any(map(is_written, (begin, end, balls)))
+    return (WrittenEndpoints if written else Endpoints)(begin, end, balls)
 
 
 @settled_alone

@@ -84,7 +84,7 @@ def read_zones(words: Sequence[str], dimension: int, option: str) -> list[tuple[
 
 
 class WrittenEndpoints(Endpoints):
-    """Start, goal and zones as a user writes them: words, in place of states and of numbers.
+    """Start, goal and zones as a user writes them: words, each in place of a state or of numbers.
 
     With a start alone the goal is the origin, at rest; with a goal alone the starts are sampled.
     """
@@ -99,16 +99,25 @@ class WrittenEndpoints(Endpoints):
 
         example = next(each(sampled))
         dimension = len(example.start.p.columns())
-        start: Any = self.start or ()
-        goal: Any = self.goal or ()
+        start: Any = self.start
+        goal: Any = self.goal
         zones: Any = self.zones
-        arrival = departure = None
-        if start or goal:
-            arrival = endpoint(_by_key(goal, dimension, "--goal"), example.goal)
-        if start:
-            departure = endpoint(_by_key(start, dimension, "--start"), example.start)
-        balls = tuple(read_zones(zones, dimension, "--zones"))
-        return Endpoints(departure, arrival, balls).applied(sampled)
+        # What is no word is a state or numbers already.
+        if is_written(start):
+            start = endpoint(_by_key(start, dimension, "--start"), example.start)
+            goal = () if goal is None else goal
+        if goal == () or is_written(goal):
+            goal = endpoint(_by_key(goal, dimension, "--goal"), example.goal)
+        if is_written(zones):
+            zones = tuple(read_zones(zones, dimension, "--zones"))
+        return Endpoints(start, goal, zones).applied(sampled)
+
+
+def is_written(value: object) -> bool:
+    """Whether a value is a list of words, of which there is at least one."""
+    return (
+        isinstance(value, list | tuple) and bool(value) and all(isinstance(x, str) for x in value)
+    )
 
 
 def _by_key(words: Sequence[str], dimension: int, option: str) -> list[str]:

@@ -178,6 +178,7 @@ class Init(Options):
         """Print control authority, recoverable faults, and the next commands."""
         from rans.api.drafting import AUTHORITY_COLUMNS
         from rans.cli.details import prospects
+        from rans.cli.next_commands import training
         from rans.model.spacecraft import is_steerable
         from rans.pretrained import FOR_ANY_CRAFT
         from rans.table import Table
@@ -200,13 +201,14 @@ class Init(Options):
         # What the agent for any craft makes of it, and the next commands.
         agent = FOR_ANY_CRAFT[craft.dimension]
         flown = _fly(console, craft, agent)
+        file = shlex.quote(str(self.file))
         console.suggest(
-            *([f"rans compare {self.file}"] if flown else []),
-            *([f"rans view {agent}@{self.file}"] if flown else []),
-            f"rans list {self.file}",
+            *([f"rans compare {file}"] if flown else []),
+            *([f"rans view {agent}@{file}"] if flown else []),
+            f"rans list {file}",
             # What cannot be steered is not worth a training.
-            *([f"rans validate {self.file} --quick"] if steerable else []),
-            *([f"rans train go-to-pose --spacecraft {self.file}"] if steerable else []),
+            *([f"rans validate {file} --quick"] if steerable else []),
+            *(training(craft, str(self.file)) if steerable else []),
         )
 
 

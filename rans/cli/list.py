@@ -17,7 +17,7 @@ from rans.errors import ConfigError, brief
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import plain, read_text
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
-from rans.pretrained import FOR_ANY_CRAFT, missing_agents, pretrained_names
+from rans.pretrained import missing_agents, pretrained_names
 from rans.randomization.conditions_file import CONDITIONS
 from rans.registry import typed
 from rans.structure import LARGEST_TOML, kind_of_file, read_toml
@@ -52,10 +52,11 @@ class List:
         kind = self._kind()
         if self.json or kind == "conditions":
             return ()
-        name = shlex.quote(self._named)
         if kind == "spacecraft":
-            agent = FOR_ANY_CRAFT[load_spacecraft(typed(self._named)).dimension]
-            return (f"rans evaluate {agent}@{name}", f"rans train go-to-pose --spacecraft {name}")
+            from rans.cli.next_commands import with_spacecraft
+
+            return with_spacecraft(load_spacecraft(typed(self._named)), self._named)
+        name = shlex.quote(self._named)
         if kind == "agent":
             return (f"rans evaluate {name}",)
         if kind == "task":

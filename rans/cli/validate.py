@@ -12,8 +12,11 @@ from tyro.conf import arg
 from rans.api import laboratory
 from rans.api.judging import validate
 from rans.cli.door import Options, command_of, word
+from rans.cli.next_commands import training
 from rans.errors import ConfigError, require
 from rans.files import ready_folder, write_json
+from rans.model.spacecraft_file import load_spacecraft
+from rans.registry import typed
 from rans.terminal import Terminal, verdict
 
 if TYPE_CHECKING:
@@ -43,7 +46,7 @@ class Validate(Options):
         """See `rans.cli.commands.Command`."""
         if self.judges is not None:
             return (shlex.join(["rans", "validate", self.spacecraft]),)
-        return (shlex.join(["rans", "train", "go-to-pose", "--spacecraft", self.spacecraft]),)
+        return training(load_spacecraft(typed(self.spacecraft)), self.spacecraft)
 
     def run(self) -> int:
         """Print a table of layers or checks."""

@@ -469,8 +469,8 @@ def check_spacecraft(craft: Spacecraft) -> None:
         _require(isinstance(getattr(craft, key), tuple), craft, key, getattr(craft, key), "a tuple")
     if not craft.command_count:
         raise ConfigError(
-            f"spacecraft {craft.name!r} has nothing that takes commands: it needs at least one thruster or "
-            "reaction wheel."
+            f"spacecraft {craft.name!r} has nothing that takes commands: it needs a thruster, a reaction "
+            "wheel, or another effector that takes commands."
         )
     for key, parts, most in (
         ("thruster", craft.thrusters, MOST_THRUSTERS),

@@ -6,9 +6,12 @@ import warnings
 
 from rans.errors import RansWarning
 from rans.model.pace import seconds_for_a_metre, seconds_for_half_a_turn
-from rans.model.spacecraft import Spacecraft, can_turn
+from rans.model.spacecraft import Spacecraft, can_turn, is_steerable
 from rans.model.timing import Timing
-from rans.tasks.base import Task
+from rans.tasks.base import SingleTask, Task
+from rans.tasks.go_to_attitude import GoToAttitude
+from rans.tasks.go_to_pose import GoToPose
+from rans.tasks.go_to_position import GoToPosition
 
 
 def obstacles(craft: Spacecraft, task: Task, timing: Timing) -> list[str]:
@@ -52,6 +55,21 @@ def obstacles(craft: Spacecraft, task: Task, timing: Timing) -> list[str]:
             "and N"
         )
     return result
+
+
+def fitting_task(craft: Spacecraft) -> str | None:
+    """Name of the first of go-to-pose, go-to-position and go-to-attitude without `obstacles`; None: there is none.
+
+    A craft that cannot be steered, such as a lander that only pushes downwards, has none.
+    """
+    if not is_steerable(craft):
+        return None
+    tasks: dict[str, SingleTask] = {
+        "go-to-pose": GoToPose(),
+        "go-to-position": GoToPosition(),
+        "go-to-attitude": GoToAttitude(),
+    }
+    return next((name for name, x in tasks.items() if not obstacles(craft, x, x.timing)), None)
 
 
 def warn_of_obstacles(craft: Spacecraft, task: Task, timing: Timing) -> None:

@@ -83,6 +83,16 @@ def test_words_and_states_are_the_same_start_and_goal() -> None:
     first, second = words.applied(sampled), states.applied(sampled)
     for a, b in zip(leaves(first), leaves(second), strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-15)
+    # Each may be words or a state, whatever the others are.
+    for mixed in (
+        own_endpoints(start, ("0", "0", "0"), ()),
+        own_endpoints(("3", "1", "40deg", "v.x=0.1"), state((0.0, 0.0)), ()),
+    ):
+        assert mixed is not None
+        for a, b in zip(leaves(mixed.applied(sampled)), leaves(second), strict=True):
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-15)
+    with pytest.raises(ConfigError, match=r"the start must be a state .* got \(3, 1, 0\.7\)"):
+        own_endpoints((3, 1, 0.7), ("0", "0", "0"), ()).applied(sampled)  # type: ignore[arg-type,union-attr]
     assert own_endpoints((), None, ()) is None
     with pytest.raises(ConfigError, match="--start takes x, y and heading"):
         own_endpoints(("3",), (), ()).applied(sampled)  # type: ignore[union-attr]

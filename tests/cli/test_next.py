@@ -10,7 +10,14 @@ import pytest
 
 from rans import cli
 from rans.cli import COMMANDS
+from rans.cli.list import List
+from rans.cli.next_commands import with_spacecraft
+from rans.cli.train import Train
+from rans.cli.validate import Validate
 from rans.errors import EXTRAS
+from rans.evaluation.fly.contestants import contestant
+from rans.model.spacecraft_file import load_spacecraft
+from rans.tasks import TASKS
 from rans.terminal import Terminal, lacking
 
 
@@ -20,8 +27,10 @@ def test_every_command_has_a_next_one(name: str) -> None:
     for example in COMMANDS[name].examples:
         words = shlex.split(example)
         command = cli._parse(words[words.index("rans") + 1 :])
-        if name == "list":  # it reads the file
+        if name == "list":  # it reads the file, as the next one
             command = replace(command, name=command.name and "floating-platform")
+        if name == "validate":
+            command = replace(command, spacecraft="floating-platform")
         following = command.following()
         assert following
         for line in following:
@@ -29,6 +38,38 @@ def test_every_command_has_a_next_one(name: str) -> None:
             assert program == "rans"
             assert arguments[0] in COMMANDS
             cli._parse(arguments)  # whose refusal or warning would be an error
+
+
+@pytest.mark.parametrize(
+    ("name", "task"),
+    [
+        ("floating-platform", "go-to-pose"),
+        # All of its thrusters push through its centre of mass.
+        ("afrl-deputy", "go-to-position"),
+        # It has wheels alone.
+        ("innocube", "go-to-attitude"),
+        # Its engines cannot be shut.
+        ("mars-lander-steered", None),
+    ],
+)
+def test_a_spacecraft_can_do_what_comes_next(name: str, task: str | None) -> None:
+    lines = {*List(name).following(), *Validate(name).following()}
+    if task is None:
+        assert lines == {"rans list TASKS"}
+        return
+    for line in lines:
+        command = cli._parse(shlex.split(line)[1:])
+        if isinstance(command, Train):
+            assert (command.task, command.spacecraft) == (task, name)
+            continue
+        run = contestant(command.agent)  # whose refusal would be an error
+        assert run.craft.name == name
+        assert isinstance(run.task, TASKS[task])
+
+
+def test_the_names_of_files_are_quoted() -> None:
+    craft = load_spacecraft("innocube")
+    assert shlex.split(with_spacecraft(craft, "my craft.toml")[1])[-1] == "my craft.toml"
 
 
 class Working:

@@ -199,7 +199,7 @@ inertia = 0.001
     assert (craft.thruster_count, craft.wheel_count) == (0, 1)
     assert craft.wrenches.shape == (0, 6)
     nothing = text[: text.index("[[wheel]]")]
-    assert "it needs at least one thruster or reaction wheel" in refusal(nothing)
+    assert "it needs a thruster, a reaction wheel, or another" in refusal(nothing)
 
 
 def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:

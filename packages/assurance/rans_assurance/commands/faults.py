@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import arg
 
 from rans.cli.door import Options, command_of, word
+from rans.cli.next_commands import training
 from rans.extend import Table, Terminal
 from rans_assurance.functions import FAULT_COLUMNS, faults
 
@@ -30,11 +30,7 @@ class Faults(Options):
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        return (self._training(),)
-
-    def _training(self) -> str:
-        words = ["rans", "train", "go-to-pose", "--spacecraft", self.spacecraft]
-        return shlex.join([*words, "--conditions", "faults"])
+        return ("rans list CONDITIONS",)
 
     def run(self) -> int:
         """Print the table; the exit code is 0."""
@@ -63,5 +59,5 @@ class Faults(Options):
             any(fault_set.recoverable for fault_set in sets) for sets in result.sets.values()
         )
         if written and craft.thruster_count > 2:
-            Terminal().suggest(self._training())
+            Terminal().suggest(*training(craft, self.spacecraft, "--conditions", "faults"))
         return 0
