@@ -172,8 +172,8 @@ def view(
     endpoints = own_endpoints(start, goal, zones)
     count = whole("episodes", episodes)
     first = whole("episode", episode, least=0)
-    folders = [each for each in contestants if _is_optimum(each)]
-    others = tuple(each for each in contestants if not _is_optimum(each))
+    folders = [each for each in contestants if is_optimum(each)]
+    others = tuple(each for each in contestants if not is_optimum(each))
     runs = flyers(others, conditions, trust, guard, guard_slack)
     if folders and endpoints is not None:
         raise ConfigError(
@@ -189,7 +189,8 @@ def view(
     return replay
 
 
-def _is_optimum(contestant: object) -> bool:
+def is_optimum(contestant: object) -> bool:
+    """Whether a contestant is a folder of `rans optimal`, which has trajectories and nobody who flies."""
     return isinstance(contestant, str | Path) and (Path(contestant) / "optimal.npz").is_file()
 
 

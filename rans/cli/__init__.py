@@ -186,10 +186,19 @@ def _followed(command: Any) -> int:
 
     Terminal.has_suggested = False
     code = command.run()
-    following = command.following() if code == 0 and not Terminal.has_suggested else ()
-    if following:
+    if code == 0 and not Terminal.has_suggested and (following := next_of(command)):
         Terminal().suggest(*following)
     return code
+
+
+def next_of(command: Any) -> list[str]:
+    """Commands that follow a command; code that it trusts, those that ask trust too."""
+    following = [*command.following()]
+    if getattr(command, "trust", False):
+        for k, line in enumerate(following):
+            if hasattr(COMMANDS[line.split()[1]], "trust"):
+                following[k] = f"{line} --trust"
+    return following
 
 
 def _warn_of_repeated_options(arguments: list[str]) -> None:

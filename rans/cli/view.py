@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rans.api.pages import flyers, view
+from rans.api.pages import flyers, is_optimum, view
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.errors import ConfigError
@@ -42,9 +42,10 @@ class View(Options):
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        first = self.contestants[
-            0
-        ]  # others may fly another task or craft, which a comparison refuses
+        # Others may fly another task or craft, which a comparison refuses; trajectories are no contestants.
+        first = self.contestants[0]
+        if is_optimum(first):
+            return ("rans list CONTROLLERS",)
         return (shlex.join(["rans", "compare", first]),)
 
     def run(self) -> int:
