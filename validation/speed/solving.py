@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
-from rans.scenario import EVALUATION_SEED, scenarios
+from rans.scenario import EVALUATION_SEED, each, scenarios
 from rans.tasks import Task
 from validation.speed.measurement import Measurement
 
@@ -23,7 +23,6 @@ def solver_rate(craft: Spacecraft, task: Task, starts: int) -> Iterator[Measurem
     name = f"least time, {craft.name}"
     try:
         from rans.optimal.trajectory.objectives import MinimumTime
-        from rans.optimal.trajectory.pool import each
         from rans.optimal.trajectory.transcription import Transcription
 
         begun = time.perf_counter()

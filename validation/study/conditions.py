@@ -20,9 +20,8 @@ from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
-from rans.tasks import GoToPose
 from validation.study.checks import Check, Curve
-from validation.study.sampling import Restless, gaps, growth, reach
+from validation.study.sampling import ENDLESS, Restless, gaps, growth, reach
 
 _GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     "body": ("body", ("mass", "inertia", "centre")),
@@ -104,16 +103,17 @@ def condition_checks(
         ConfigError: this spacecraft's valves cannot do what the conditions ask for.
     """
     conditions.check_craft(craft)
-    task = GoToPose(fail_distance=1e6, fail_spin=1e6)
-    starts = scenarios(task, craft, seed, count)
+    starts = scenarios(ENDLESS, craft, seed, count)
     timing = _TIMING[craft.dimension]
     for name, part in effect_groups(conditions).items():
         ours = Watching(craft, seed)
         drakes = Watching(craft, seed)
-        flight = fly(craft, task, ours, starts, timing, conditions=part, draws=draws(seed, count))
+        flight = fly(
+            craft, ENDLESS, ours, starts, timing, conditions=part, draws=draws(seed, count)
+        )
         judged = fly_in_drake(
             craft,
-            task,
+            ENDLESS,
             drakes,
             starts,
             timing,

@@ -16,22 +16,19 @@ from rans.model.fields import leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenarios
-from rans.tasks import GoToPose
 from validation.study.checks import Check, Curve, Skipped
-from validation.study.sampling import Restless, any_spin, gap_checks, growth, reach
+from validation.study.sampling import ENDLESS, Restless, any_spin, gap_checks, growth, reach
 
-_ENDLESS = GoToPose(fail_distance=1e6, fail_spin=1e6)
-"""No flight is started anew, wherever it goes."""
 _TIMING = Timing()
 _LONGER = Timing(episode_steps=_TIMING.episode_steps + 1)
-"""Nor when its time is up."""
+"""No flight is started anew when its time is up."""
 
 
 def engine_checks(craft: Spacecraft, seed: int, count: int) -> Sequence[Check | Curve]:
     """Eager paths over 25 s: NumPy and torch in float64, and float32, in which agents train."""
-    starts = scenarios(_ENDLESS, craft, seed, count)
+    starts = scenarios(ENDLESS, craft, seed, count)
     with any_spin():
-        flight = fly(craft, _ENDLESS, Restless(craft, seed), starts, _TIMING)
+        flight = fly(craft, ENDLESS, Restless(craft, seed), starts, _TIMING)
     numpy = _fly_engine(_engine(craft, seed, count, torch.float64), flight.commands)
     with torch.compiler.set_stance("force_eager"):
         eager = _fly_engine(
@@ -92,9 +89,9 @@ def graph_checks(craft: Spacecraft, seed: int, count: int) -> Sequence[Check | S
 
 
 def _commands(craft: Spacecraft, seed: int, count: int) -> np.ndarray:
-    starts = scenarios(_ENDLESS, craft, seed, count)
+    starts = scenarios(ENDLESS, craft, seed, count)
     with any_spin():
-        return fly(craft, _ENDLESS, Restless(craft, seed), starts, _TIMING).commands
+        return fly(craft, ENDLESS, Restless(craft, seed), starts, _TIMING).commands
 
 
 def _engine(
@@ -106,7 +103,7 @@ def _engine(
     compiled: bool | None = None,
 ) -> Engine:
     return Engine(
-        craft, _ENDLESS, count, _LONGER, seed=seed, device=device, dtype=dtype, compiled=compiled
+        craft, ENDLESS, count, _LONGER, seed=seed, device=device, dtype=dtype, compiled=compiled
     )
 
 

@@ -5,7 +5,7 @@ Thousands of periods add up what one period hides, and they show how accurate th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,12 +14,12 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.flight import fly
 from rans.model.accuracy import chosen
-from rans.model.fields import leaves, map_leaves
+from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
-from rans.scenario import Scenario, scenarios
+from rans.scenario import each, scenarios
 from rans.tasks import GoToPose
 from validation.study.checks import Check, Curve, Skipped
 from validation.study.dynamics import VALIDATION_SUBSTEPS
@@ -70,7 +70,7 @@ def optimal_checks(craft: Spacecraft, seed: int) -> Sequence[Check | Curve | Ski
     starts = scenarios(GoToPose().for_evaluation(), craft, seed, _OPTIMAL_STARTS)
     try:
         solver = Transcription(craft, GoToPose(), objective)
-        found = [solver.solve(s.start, s.goal) for s in _each(starts)]
+        found = [solver.solve(s.start, s.goal) for s in each(starts)]
     except ConfigError as error:
         return [Skipped(name, str(error))]
     solved = np.array([trajectory.solved for trajectory in found])
@@ -136,9 +136,3 @@ def _accuracy(
 def _agreement(states: Any) -> float:
     """How closely a flight must agree with Drake where the step size plays no part."""
     return (1e-9 if len(states.p.columns()) == 2 else 1e-6) * reach(states)
-
-
-def _each(starts: Scenario) -> Iterator[Scenario]:
-    """The scenarios of a batch, of floats."""
-    for k in range(len(leaves(starts.start)[0])):
-        yield map_leaves(lambda field, k=k: float(field[k]), starts)

@@ -22,15 +22,13 @@ from rans.randomization.conditions import (
     ThrusterConditions,
 )
 from rans.scenario import draws, scenarios
-from rans.tasks import GoToPose
 from validation.study.chance import even_check, uniform_check
 from validation.study.checks import NO_THRUSTERS, Check, Skipped
-from validation.study.sampling import any_spin
+from validation.study.sampling import ENDLESS, any_spin, moments
 
 _FLIGHTS = 16
 _PERIOD = 0.2
 """Control period, s."""
-_TASK = GoToPose(fail_distance=1e6, fail_spin=1e6)
 _EXACT = "Nothing else pushes: rounding of sums."
 
 
@@ -86,13 +84,13 @@ def _steady_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
     The force gives 0.02 m/s^2, the torque at most 0.01 rad/s^2.
     """
     force = 0.02 * craft.mass
-    torque = 0.01 * float(np.linalg.eigvalsh(_moments(craft)).min())
+    torque = 0.01 * float(np.linalg.eigvalsh(moments(craft)).min())
     push = DisturbanceConditions(force=force, torque=torque)
     flight = _flown(craft, Conditions(disturbances=push), Told(craft), seed, 20)
     time = flight.times[:, None]
     speed = np.linalg.norm(_velocity(flight), axis=-1)
     way = np.linalg.norm(_columns(flight.states.p) - _columns(flight.states.p)[:1], axis=-1)
-    turning = np.linalg.norm(np.stack(flight.states.spin(), axis=-1) @ _moments(craft), axis=-1)
+    turning = np.linalg.norm(np.stack(flight.states.spin(), axis=-1) @ moments(craft), axis=-1)
     yield _largest("onsets: speed of a steady force", speed - 0.02 * time, 1e-12, "m/s", _EXACT)
     yield _largest("onsets: way of a steady force", way - 0.5 * 0.02 * time**2, 1e-12, "m", _EXACT)
     yield _largest(
@@ -180,8 +178,8 @@ def _largest(name: str, values: Any, tolerance: float, unit: str, reason: str) -
 
 
 def _begun(craft: Spacecraft, conditions: Conditions, seed: int, count: int) -> Any:
-    starts = scenarios(_TASK, craft, seed, count)
-    return World(Setup(craft, _TASK, conditions=conditions)).begin(
+    starts = scenarios(ENDLESS, craft, seed, count)
+    return World(Setup(craft, ENDLESS, conditions=conditions)).begin(
         starts.start, starts.goal, 0, draws(seed, count)
     )
 
@@ -199,9 +197,9 @@ def _flown(
     with any_spin():
         return fly(
             craft,
-            _TASK,
+            ENDLESS,
             pilot,
-            scenarios(_TASK, craft, seed, count),
+            scenarios(ENDLESS, craft, seed, count),
             timing,
             conditions=conditions,
             draws=draws(seed, count),
@@ -215,8 +213,3 @@ def _columns(vector: Any) -> np.ndarray:
 def _velocity(flight: Flight) -> np.ndarray:
     """(T + 1, N, 2 or 3) m/s."""
     return _columns(flight.states.v)
-
-
-def _moments(craft: Spacecraft) -> np.ndarray:
-    """About the axes in which it can turn, kg m^2."""
-    return np.array(craft.inertia) if craft.dimension == 3 else np.array([[craft.inertia[2][2]]])

@@ -16,7 +16,7 @@ from rans.show.pages.page import Page, Picture, Section, header
 from rans.show.pages.report import validation_section
 from rans.show.palette import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY
 from rans.table import Table
-from validation.study.checks import Check, Curve, Study
+from validation.study.checks import Curve, Study
 
 _COLOURS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, GREY, INK)
 _SMALLEST = 1e-17
@@ -109,24 +109,16 @@ def _command(study: Study, spacecraft: str, conditions: str | None, layer: str =
 def _worst_table(study: Study, spacecraft: str, conditions: str | None) -> Table:
     rows = []
     for layer, checks in groupby(study.checks, key=lambda check: check.layer):
-        worst = max(checks, key=_margin)
+        worst = max(checks, key=lambda check: check.share)
         rows.append(
             (
                 worst.name,
-                f"{_margin(worst):.1e}",
+                f"{worst.share:.1e}",
                 worst.worst,
                 _command(study, spacecraft, conditions, layer),
             )
         )
     return Table(("check", "share of tolerance", "found at", "repeat with"), rows)
-
-
-def _margin(check: Check) -> float:
-    """Share of the tolerance that is used up; a NaN uses all of it, as does a fault where none is allowed."""
-    if check.tolerance == 0.0:
-        return 0.0 if check.value == 0.0 else np.inf
-    share = abs(check.value) / check.tolerance
-    return share if share == share else np.inf
 
 
 def _figures(study: Study, title: str, names: Iterable[str], text: str) -> Section | None:

@@ -17,8 +17,8 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.scenario import draws, scenarios
-from rans.tasks import GoToPose
 from validation.study.chance import (
+    all_pairs,
     even_check,
     independence_check,
     normal_check,
@@ -26,7 +26,7 @@ from validation.study.chance import (
     uniform_check,
 )
 from validation.study.checks import Check
-from validation.study.sampling import Restless, any_spin
+from validation.study.sampling import ENDLESS, Restless, any_spin
 
 _FLIGHTS = 64
 _PERIODS = 40
@@ -71,24 +71,18 @@ def _noise_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
         for name, error in zip(_QUANTITIES, errors, strict=True)
         for k in range(error.shape[2])
     }
-    names = list(columns)
-    at_once = {
-        f"{one} and {other}": (columns[one], columns[other])
-        for k, one in enumerate(names)
-        for other in names[k + 1 :]
-    }
-    yield independence_check("readings: noise of different components", at_once)
+    yield independence_check("readings: noise of different components", all_pairs(columns))
     later = {
         f"{one}, {lag} periods before {other}": (columns[one][:-lag], columns[other][lag:])
         for lag in _LAGS
-        for one in names
-        for other in names
+        for one in columns
+        for other in columns
     }
     yield independence_check("readings: noise of different periods", later)
     beside = {
         f"{one}, the episode before {other}": (columns[one][:, :-1], columns[other][:, 1:])
-        for one in names
-        for other in names
+        for one in columns
+        for other in columns
     }
     yield independence_check("readings: noise of different episodes", beside)
 
@@ -134,13 +128,7 @@ def _dropout_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
         for one in lost
         for other in lost
     }
-    pairs |= {
-        f"{one} and {other}": (lost[one], lost[other])
-        for one in lost
-        for other in lost
-        if one < other
-    }
-    yield independence_check("readings: dropouts of different periods", pairs)
+    yield independence_check("readings: dropouts of different periods", pairs | all_pairs(lost))
 
 
 def _outage_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
@@ -195,13 +183,12 @@ def _told(
     craft: Spacecraft, sensors: SensorsConditions, seed: int, periods: int = _PERIODS
 ) -> Told:
     """Flights that move and turn, told through these sensors."""
-    task = GoToPose(fail_distance=1e6, fail_spin=1e6)
-    starts = scenarios(task, craft, seed, _FLIGHTS)
+    starts = scenarios(ENDLESS, craft, seed, _FLIGHTS)
     pilot = _Listening(craft, seed)
     with any_spin():
         flight = fly(
             craft,
-            task,
+            ENDLESS,
             pilot,
             starts,
             Timing(episode_steps=periods),

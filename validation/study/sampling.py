@@ -18,9 +18,12 @@ from rans.model.fields import Heading, Quat, leaves, unflatten, wrap
 from rans.model.random import Random, generator, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.tasks import GoToPose
 from rans.tasks.quantities import QUANTITIES
 from validation.study.checks import Check, Curve
 
+ENDLESS = GoToPose(fail_distance=1e6, fail_spin=1e6)
+"""No flight ends, wherever it goes."""
 FASTEST = 1.0
 """Largest sampled speed (m/s) and spin (rad/s): twice what the paper's tasks ask for."""
 
@@ -55,6 +58,12 @@ def stocked(craft: Spacecraft, states: Any) -> Any:
     return replace(states, stores=tuple(like + store.initial for store in craft.stores))
 
 
+def moments(craft: Spacecraft) -> np.ndarray:
+    """Moments of inertia about the axes in which a craft can turn, (1, 1) or (3, 3) kg m^2."""
+    first = 2 if craft.dimension == 2 else 0
+    return np.array(craft.inertia)[first:, first:]
+
+
 def gentle_commands(craft: Spacecraft, seed: int, count: int) -> np.ndarray:
     """Random commands (N, commands): on/off in the even rows, anywhere between in the odd ones.
 
@@ -66,8 +75,7 @@ def gentle_commands(craft: Spacecraft, seed: int, count: int) -> np.ndarray:
     commands = generator(seed).random((count, len(craft.commands)))
     commands[::2] = commands[::2] > 0.5
     size = craft.dimension
-    moments = np.array([[craft.inertia[2][2]]]) if size == 2 else np.array(craft.inertia)
-    spin_ups = np.linalg.solve(moments, craft.wrenches[:, size:].T)
+    spin_ups = np.linalg.solve(moments(craft), craft.wrenches[:, size:].T)
     most = np.linalg.norm(
         np.maximum(spin_ups.clip(min=0).sum(axis=1), -spin_ups.clip(max=0).sum(axis=1))
     )
@@ -123,8 +131,7 @@ class Restless:
         )
         if self._craft.wheels:
             # A craft that is to turn one way turns its wheels the other way.
-            moments = np.array(self._craft.inertia)[-len(turn) :, -len(turn) :]
-            torque = np.stack(angular, axis=1) @ moments.T
+            torque = np.stack(angular, axis=1) @ moments(self._craft).T
             strongest = np.array(self._craft.wheel_map)
             share = np.clip(torque @ strongest.T / (strongest**2).sum(axis=1), -1.0, 1.0)
             share *= np.where(self._random.random(share.shape) < 0.05, -1.0, 1.0)
