@@ -27,7 +27,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED, scenarios
 
-_ECCENTRICITIES = (0.1, 0.3, 0.5, 0.7)
+ECCENTRICITIES = (0.1, 0.3, 0.5, 0.7)
 """The last is about that of a transfer to geostationary orbit."""
 _PERIGEE = 6378.137 + 400.0
 """km from the Earth's centre."""
@@ -54,14 +54,14 @@ class Elliptic:
 
     def measured(self) -> dict[str, Any]:
         """Rows of flights, and errors of coasts."""
-        asked = _ECCENTRICITIES if self.only is None else (self.only,)
+        asked = ECCENTRICITIES if self.only is None else (self.only,)
         rows = [row for e in asked for row in self._flown(e)]
-        return {"rows": rows, "errors": [self._errors(e) for e in _ECCENTRICITIES]}
+        return {"rows": rows, "errors": [self._errors(e) for e in ECCENTRICITIES]}
 
     def _flown(self, eccentricity: float) -> Iterator[dict[str, Any]]:
         craft = load_spacecraft("afrl-deputy")
         timing = replace(Dock.timing, episode_steps=round(_DEADLINE / Dock.timing.control_period))
-        task = Dock(deadline=(_DEADLINE, _DEADLINE), orbit=_orbit(eccentricity)).for_evaluation()
+        task = Dock(deadline=(_DEADLINE, _DEADLINE), orbit=orbit_of(eccentricity)).for_evaluation()
         assert isinstance(task, Dock)
         starts = scenarios(task, craft, self.seed, self.episodes)
         few = scenarios(task, craft, self.seed, self.bounded)
@@ -108,7 +108,7 @@ class Elliptic:
 
     def _errors(self, eccentricity: float) -> dict[str, Any]:
         """Median and largest error of both equations after coasts of `_DEADLINE`, m."""
-        n = _orbit(eccentricity).mean_motion(0.0)
+        n = orbit_of(eccentricity).mean_motion(0.0)
         random = np.random.default_rng(self.seed)
         p, v = (directions(random, self.coasts) for _ in range(2))
         p = p * _COAST
@@ -150,7 +150,8 @@ def gaps(
     return found
 
 
-def _orbit(eccentricity: float) -> TargetOrbit:
+def orbit_of(eccentricity: float) -> TargetOrbit:
+    """Orbit of this eccentricity with the campaign's perigee."""
     return TargetOrbit(eccentricity, round(_PERIGEE / (1.0 - eccentricity), 3))
 
 

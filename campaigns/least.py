@@ -11,16 +11,21 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from rans_missions.improve.judging import Burns
 from rans_missions.improve.search import improve
 from rans_missions.tasks import Avoid, Dock, DockPort, Hold, Inspect, Rendezvous
 from rans_missions.tasks.orbital import OrbitalMission
 
+from campaigns.elliptic import ECCENTRICITIES, orbit_of
 from campaigns.missions import least_impulses, row
 from campaigns.parts import in_parts
+from campaigns.perturbed import around_the_earth
 from rans.episode import Setup
 from rans.evaluation.fly.contestants import contestant
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import EVALUATION_SEED, scenarios
+from rans.optimal.trajectory.objectives import objective_of
+from rans.optimal.trajectory.pool import solve_all
+from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import Task
 
 
@@ -36,6 +41,12 @@ class Search:
     """Rounds of the search: more where the beginning is far from the bound; 0: programs of inspections alone."""
     condition: str = ""
     """What the table of the page calls it."""
+    horizon: float | None = None
+    """Length of optimal trajectories of throttled thrusters from which it begins too, s; None: there are none."""
+    starts: int = 64
+    """Number of starts."""
+    together: int = 4
+    """Starts that a process searches together."""
 
 
 def _by(deadline: float, task: OrbitalMission) -> dict[str, Any]:
@@ -47,16 +58,29 @@ def _by(deadline: float, task: OrbitalMission) -> dict[str, Any]:
 
 
 SEARCHES: dict[str, Search] = {
+    "inspect": Search(Inspect(), ("circumnavigation",), 0, together=1),
+    "hold": Search(**_by(1900.0, Hold()), rounds=2),
     "dock": Search(**_by(1000.0, Dock()), rounds=3),
-    "hold": Search(**_by(1900.0, Hold()), rounds=1),
-    "rendezvous": Search(**_by(5000.0, Rendezvous()), rounds=2),
-    "inspect": Search(Inspect(), ("circumnavigation",), 0),
-    "avoid": Search(Avoid(), ("pretrained:avoid-2d",), 60, "default zones"),
-    "dock-port": Search(DockPort(), ("pretrained:dock-port-2d",), 60, "default rates"),
+    "rendezvous": Search(**_by(5000.0, Rendezvous()), rounds=3),
+    "avoid": Search(Avoid(), ("pretrained:avoid-2d",), 200, "default zones", 20.2),
+    "dock-port": Search(DockPort(), ("pretrained:dock-port-2d",), 200, "default rates", 30.0),
+    **{
+        f"dock, eccentricity {e:g}": Search(
+            **_by(1000.0, Dock(orbit=orbit_of(e))), rounds=1, starts=16, together=1
+        )
+        for e in ECCENTRICITIES
+    },
+    "hold, J2 and drag": Search(
+        **_by(1000.0, around_the_earth()[1]), rounds=60, starts=16, together=1
+    ),
 }
 """All searches; a lander is steered by torques, which `rans improve` does not change."""
-_TOGETHER = 4
-"""Starts that a process searches together."""
+_GAIN = 1e-3
+"""Part of the impulse by which a search gains at least where a flight counts as improved."""
+_GUESSES = 4
+"""Guesses of each optimal trajectory."""
+_NOTHING = 1e-6
+"""Impulse of flights that need none, N s."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +89,8 @@ class Least:
 
     only: tuple[str, ...] = ()
     """Search these missions alone, and keep the rows of others as they are in the evidence."""
-    starts: int = 4
-    """Number of starts."""
+    starts: int | None = None
+    """Number of starts; None: that of each search."""
     workers: int | None = None
     """Number of processes; None: one per processor."""
     seed: int = EVALUATION_SEED
@@ -74,34 +98,59 @@ class Least:
 
     def measured(self) -> Iterator[dict[str, Any]]:
         """A row of each mission."""
-        together = {one: _TOGETHER for one in SEARCHES if not self.only or one in self.only}
-        for name, parts in in_parts(searched, together, self.starts, self.workers, self.seed):
-            yield row_of_search(name, np.concatenate(parts))
+        asked = {k: one for k, one in SEARCHES.items() if not self.only or k in self.only}
+        for most in sorted({one.starts for one in asked.values()}, reverse=True):
+            together = {k: one.together for k, one in asked.items() if one.starts == most}
+            count = min(most, self.starts or most)
+            for name, parts in in_parts(searched, together, count, self.workers, self.seed):
+                yield row_of_search(name, np.concatenate(parts))
 
 
 def row_of_search(name: str, found: np.ndarray) -> dict[str, Any]:
-    """What the flights (N, 3) of one search are, see `searched`."""
+    """What the flights of one search are, (N, contestants + 2), see `searched`."""
     search = SEARCHES[name]
-    before, after, lower = found.T
+    spent, after, lower = found[:, :-2], found[:, -2], found[:, -1]
     won = np.isfinite(after)
     who = " and ".join(search.contestants)
+    if search.horizon is not None:
+        who += f" and optimal trajectories by {search.horizon:g} s"
     result = row(search.condition, f"from {who}", won, ~won & False, after, (after / lower)[won])
     if isinstance(search.task, Inspect):
         # Bounds of single starts may be zero.
         result["ratio"] = float(after[won].sum() / lower[won].sum())
-    # What the beginnings spent from the same starts, N s, and the mean of what was found over it.
-    began = before[won]
+    # The cheapest contestant of each start, and the search beside it.
+    began = np.nan_to_num(spent, nan=np.inf).min(axis=1)
+    begun = np.isfinite(began)
+    gained = after < (1.0 - _GAIN) * began
     return {
         "mission": name,
         **result,
         "rounds": search.rounds,
-        "before": float(began.mean()),
-        "saved": float((after[won] / np.maximum(began, 1e-9)).mean()),
+        "before": float(began[begun].mean()),
+        "improved": int(gained.sum()),
+        "over": [_over(one, after) for one in spent.T],
+        "impulses": found.tolist(),
+    }
+
+
+def _over(spent: np.ndarray, found: np.ndarray) -> dict[str, float | None]:
+    """What a contestant spends, (N,) N s, over what was found: ratio of the means, and the worst start."""
+    both = np.isfinite(spent) & np.isfinite(found)
+    if not both.any():
+        return {"mean": None, "worst": None}
+    # Some inspections need no burn.
+    needs = both & (found > _NOTHING)
+    return {
+        "mean": float(spent[both].sum() / found[both].sum()),
+        "worst": float((spent[needs] / found[needs]).max()),
     }
 
 
 def searched(_: None, name: str, first: int, count: int, seed: int) -> np.ndarray:
-    """Impulse before and after a search, and its bound, N s, of so many starts, (N, 3); a job of a worker."""
+    """Impulse of contestants, of what a search from them found, and its bound, N s, (N, contestants + 2).
+
+    A job of a worker: so many starts from the first one.
+    """
     search = SEARCHES[name]
     task: Any = search.task.for_evaluation()
     agents = [contestant(who) for who in search.contestants if ":" in who]
@@ -112,5 +161,19 @@ def searched(_: None, name: str, first: int, count: int, seed: int) -> np.ndarra
         setup = Setup(load_spacecraft(task.spacecraft), task, task.timing)
         seeds = [contestant(who, default_setup=setup).controller for who in search.contestants]
     starts = scenarios(task, setup.craft, seed, count, first)
+    if search.horizon is not None:
+        seeds.append(_optima(setup, starts, search.horizon))
     found = improve(setup, starts, seeds, search.rounds)
-    return np.stack([found.before, found.after, least_impulses(setup, starts)], axis=1)
+    return np.stack([*found.spent, found.after, least_impulses(setup, starts)], axis=1)
+
+
+def _optima(setup: Setup, starts: Scenario, horizon: float) -> Burns:
+    """Optimal trajectories of throttled thrusters, the best of some guesses each; where there is none, a coast."""
+    craft, task, timing = setup[:3]
+    aim = objective_of("fuel", horizon, timing.control_period)
+    [found] = solve_all(craft, task, [aim], starts, workers=1, guesses=_GUESSES)
+    commands = np.zeros((timing.episode_steps, len(found), craft.thruster_count))
+    for k, one in enumerate(found):
+        if one.solved:
+            commands[: len(one.commands), k] = one.commands
+    return Burns(commands, np.eye(craft.thruster_count))

@@ -66,7 +66,7 @@ class Perturbed:
     def _known(self) -> dict[str, Any]:
         """Bounds with J2 and drag, N s, beside what mission guidance spends from the same starts."""
         craft = load_spacecraft("vbar-chaser")
-        _, perturbed, timing = _missions()
+        _, perturbed, timing = around_the_earth()
         starts = scenarios(perturbed, craft, self.seed, self.bounded)
         answers = transfer_bounds(craft, perturbed, starts, _DEADLINE)
         flight = fly(craft, perturbed, MissionGuidance(craft, perturbed), starts, timing)
@@ -79,7 +79,7 @@ class Perturbed:
 
     def _flown(self) -> list[dict[str, Any]]:
         craft = load_spacecraft("vbar-chaser")
-        sphere, perturbed, timing = _missions()
+        sphere, perturbed, timing = around_the_earth()
         gravity = TwoBodyMover(craft, timing, sphere.mean_motion, perturbations=_air(np.zeros(1)))
         calm = np.zeros(0)
         rows = []
@@ -120,7 +120,7 @@ class Perturbed:
         return rows
 
 
-def _missions() -> tuple[Hold, Hold, Timing]:
+def around_the_earth() -> tuple[Hold, Hold, Timing]:
     """Hold around a sphere and with J2 and drag, and the timing of a whole flight."""
     sphere = Hold(deadline=(_DEADLINE, _DEADLINE))
     orbit = TargetOrbit(

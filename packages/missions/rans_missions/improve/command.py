@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import shlex
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,6 +25,7 @@ from rans.extend import (
 from rans.terminal import stages
 
 if TYPE_CHECKING:
+    from rans.extend import Task
     from rans_missions.improve.search import Improved
 
 
@@ -40,16 +44,18 @@ def improve(
         task: mission, such as inspect, hold, dock, rendezvous or avoid, of a craft with thrusters alone.
         *contestants: what the search begins from: FILE.csv with flights, names of controllers, run folders or
             pretrained:NAME. For each start the cheapest flight that solves the task counts.
-        spacecraft: name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task.
+        spacecraft: name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task,
+            or of the agent.
         episodes: number of starts.
         seed: seed of the starts.
         rounds: rounds of the search, with 256 flights of each start: some seconds of processor time each.
         output: file of the flights.
 
     Raises:
-        ConfigError: one of these does not exist, or no contestant solves the task from any start.
+        ConfigError: one of these does not exist, or no flight solves the task from any start.
     """
     from rans.extend import TASKS, Setup, contestant, scenarios
+    from rans.model.actuators import Throttle
     from rans.registry import typed
     from rans_missions.improve import search
 
@@ -58,23 +64,63 @@ def improve(
     file = Path(output)
     if file.suffix != ".csv":
         raise ConfigError(f"--output must end in .csv, got {str(file)!r}.")
+    _check_order(task, contestants)
+    mission = TASKS[typed(task)]().for_evaluation()
     if not contestants:
         raise ConfigError(
-            f"rans improve {task} begins from flights: name a controller such as mission, or FILE.csv."
+            f"the search begins from flights: name a controller, an agent or FILE.csv, as in rans improve {task} "
+            f"{_controller_of(mission)}."
         )
-    mission = TASKS[typed(task)]().for_evaluation()
     name = spacecraft or mission.spacecraft
-    if name is None:
+    agents = [text for text in contestants if text.startswith("pretrained:")]
+    if name is not None:
+        craft = load_spacecraft(name)
+    elif agents:
+        craft = contestant(agents[0]).craft
+    else:
         raise ConfigError(f"{task} has no spacecraft of its own: add --spacecraft NAME.")
-    setup = Setup(load_spacecraft(name), mission, mission.timing)
+    setup = Setup(craft, mission, mission.timing)
     ready_folder(file.parent)
-    seeds = [contestant(text, default_setup=setup).controller for text in contestants]
+    # Flights of throttled thrusters, such as optimal trajectories, become pulses of thrusters that are on or off.
+    throttled = setup
+    if not craft.is_continuous:
+        throttled = setup._replace(craft=replace(craft, actuators=Throttle()))
+    seeds = [
+        contestant(text, default_setup=throttled if text.endswith(".csv") else setup).controller
+        for text in contestants
+    ]
     starts = scenarios(mission, setup.craft, seed, episodes)
     with progress() as bars:
         step = stages(bars)("search", rounds)
         found = search.improve(setup, starts, seeds, rounds, report=lambda *_: step(1))
     found.write(file)
     return found
+
+
+def _check_order(task: str, contestants: Sequence[str]) -> None:
+    """Refuse (`ConfigError`) flights or a controller where the mission stands, with what to type."""
+    from rans.extend import CONTROLLERS, TASKS
+
+    if task in TASKS or (":" in task and not task.startswith("pretrained:")):
+        return
+    if task.endswith(".csv") or task.startswith("pretrained:") or task in CONTROLLERS:
+        named = next((word for word in contestants if word in TASKS), "TASK")
+        others = [task, *(word for word in contestants if word != named)]
+        mission = "the mission" if named == "TASK" else named
+        raise ConfigError(
+            f"{task} is what the search begins from, and {mission} stands before it: "
+            f"rans improve {named} {' '.join(others)}."
+        )
+
+
+def _controller_of(mission: Task) -> str:
+    """Name of a controller that flies a mission, if it is one of RANS."""
+    from rans_missions.tasks import Inspect
+    from rans_missions.tasks.orbital import OrbitalMission
+
+    if isinstance(mission, OrbitalMission):
+        return "mission"
+    return "circumnavigation" if isinstance(mission, Inspect) else "lqr"
 
 
 @command_of(
@@ -94,6 +140,7 @@ class Improve(Options):
     examples = (
         "rans improve inspect circumnavigation --episodes 4",
         "rans improve dock least.csv mission convex --rounds 400",
+        "rans improve avoid pretrained:avoid-2d optimal.csv",
     )
 
     def following(self) -> tuple[str, ...]:
@@ -101,12 +148,14 @@ class Improve(Options):
         from rans.extend import TASKS
         from rans.registry import typed
 
-        first = self.contestants[0]
+        # An agent says what it flies.
+        agents = (text for text in self.contestants if ":" in text)
+        first = next(agents, self.contestants[0])
         if ":" not in first:
             mission = TASKS[typed(self.task)]()
             name = self.spacecraft or mission.spacecraft
             dimension = load_spacecraft(name).dimension if name is not None else 3
-            who = "mission" if first.endswith(".csv") else first
+            who = _controller_of(mission) if first.endswith(".csv") else first
             first = f"{who}:{self.task}-{dimension}d"
         words = ["rans", "compare", first, str(self.output), "--episodes", str(self.episodes)]
         return (shlex.join(words),)
@@ -119,9 +168,15 @@ class Improve(Options):
             f"Impulse from {counted(self.episodes, 'start')} of {self.task}",
             ("start", "before, N s", "after, N s", "ratio"),
             [
-                (str(k), f"{a:.4f}", f"{b:.4f}", f"{b / a:.3f}")
+                (str(k), *(_cell(x, 4) for x in (a, b, b / a if a != 0.0 else 1.0)))
                 for k, (a, b) in enumerate(zip(found.before, found.after, strict=True))
             ],
         )
         console.print(f"{found.flown:,} flights were judged. Written to {self.output}.")
+        if found.rounds < self.rounds:
+            raise KeyboardInterrupt
         return 0
+
+
+def _cell(value: float, digits: int) -> str:
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"

@@ -4,7 +4,8 @@ A flight of a mission is its burns, one a control period: changes of velocity of
 and the commands of all thrusters of any other craft. Each round tries many changed copies of the best flight
 of every start: a burn weaker, gone, turned, earlier or later, divided, or exchanged among thrusters or times.
 The copies are flown by the engine; the cheapest that solves its task without a violation is the next best
-one. Nothing is proved: the result is a flight, which others may beat.
+one. On/off thrusters have a search of their own (`rans_missions.improve.pulses`). Nothing is proved: the result is
+a flight, which others may beat.
 """
 
 from __future__ import annotations
@@ -14,12 +15,11 @@ import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from rans.effectors.commands import per_velocity
-from rans.evaluation.measure.metrics import impulses
+from rans.evaluation.fly.tuned import task_name
 from rans.extend import (
     ConfigError,
     Controller,
@@ -32,12 +32,12 @@ from rans.extend import (
     map_leaves,
     write_text,
 )
+from rans.verdict import Failure
 from rans_missions.control.circumnavigation import Circumnavigation
+from rans_missions.improve.judging import COPIES, Best, Burns, judged
+from rans_missions.improve.pulses import rounded, search_pulses
 from rans_missions.tasks.inspect import Inspect
 
-_COPIES = 256
-"""Changed copies of the best flight of each start in a round: a step of one flight takes as long as that of some
-hundred."""
 _SLACK = 1.25
 """How much longer than the best flights the copies may last, of missions that end with a success."""
 _SMALLEST = 1e-7
@@ -50,16 +50,24 @@ class Improved:
 
     changes: np.ndarray
     """Changes of velocity in W, (T, N, 3) m/s, or commands, (T, N, thrusters)."""
-    before: np.ndarray
-    """Impulse of the cheapest flight at the beginning of the search, (N,) N s; NaN: none solved its task."""
+    spent: np.ndarray
+    """Impulse of each contestant, (contestants, N) N s; NaN: it did not solve its task."""
     after: np.ndarray
-    """Impulse at its end, (N,) N s."""
+    """Impulse at the end of the search, (N,) N s; NaN: no flight solves its task."""
     flown: int
     """Flights that were judged."""
+    rounds: int
+    """Rounds of the search; fewer than asked after Ctrl-C."""
     period: float
     """Control period, s."""
     columns: tuple[str, ...]
     """Columns of a file of flights that hold the changes."""
+
+    @property
+    def before(self) -> np.ndarray:
+        """Impulse of the cheapest contestant, (N,) N s; NaN: none solved its task."""
+        least = np.nan_to_num(self.spent, nan=np.inf).min(axis=0)
+        return np.where(np.isfinite(least), least, np.nan)
 
     def __repr__(self) -> str:
         return (
@@ -93,8 +101,6 @@ class _Form:
     """Least value of a change."""
     high: float
     """Greatest value of a change."""
-    whole: bool
-    """Whether only the least and the greatest value are possible: on and off."""
     columns: tuple[str, ...]
     """Columns of a file of flights."""
 
@@ -115,35 +121,9 @@ class _Form:
         if levers is None:
             count = craft.command_count
             columns = tuple(f"command.{k}" for k in range(count))
-            return _Form(np.eye(count), 0.0, 1.0, not craft.is_continuous, columns)
+            return _Form(np.eye(count), 0.0, 1.0, columns)
         most = 1.0 / float(np.abs(levers).max())
-        return _Form(levers, -most, most, False, ("dv.x", "dv.y", "dv.z"))
-
-
-class _Burns:
-    """Controller that gives burns, whatever the state is.
-
-    Args:
-        changes: (T, N, K).
-        levers: command of each thruster for a change of 1, (thrusters, K).
-    """
-
-    name = "burns"
-    observes = False
-
-    def __init__(self, changes: np.ndarray, levers: np.ndarray) -> None:
-        self._commands = np.clip(changes @ levers.T, 0.0, 1.0)
-        self._step = 0
-
-    def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`."""
-        self._step = 0
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`."""
-        commands = self._commands[self._step]
-        self._step += 1
-        return commands
+        return _Form(levers, -most, most, ("dv.x", "dv.y", "dv.z"))
 
 
 def improve(
@@ -163,84 +143,106 @@ def improve(
             (`rans_missions.control.circumnavigation.Circumnavigation.thorough`).
         rounds: rounds of the search.
         seed: of its random numbers.
-        report: called after each round with the number of rounds done and the impulses, (N,) N s.
+        report: called after each round with the number of rounds done and the impulses, (N,) N s; infinite where no
+            flight solves its task.
+
+    Ctrl-C in a round ends the search, and what was found until then is its result.
 
     Raises:
-        ConfigError: the craft has other effectors, or no seed solves its task from any start.
+        ConfigError: the craft has other effectors, or no flight solves its task from any start.
     """
     craft, task, timing = setup.craft, setup.task, setup.timing
     form = _Form.of(setup)
-    levers = form.levers
     random = np.random.default_rng([seed, 1027])
 
-    # The cheapest flight of the seeds, and of what a mission has of its own, from each start.
-    if isinstance(task, Inspect):
-        seeds = [*seeds, Circumnavigation.thorough(craft, task, timing)]
+    # The cheapest flight of the seeds, and of the search that inspections have of their own, from each start.
+    own = [Circumnavigation.thorough(craft, task, timing)] if isinstance(task, Inspect) else []
     count = len(np.ravel(starts.start.p.x))
-    best = np.zeros((timing.episode_steps, count, len(form.columns)))
-    cost = np.full(best.shape[1], np.inf)
-    length = np.full(best.shape[1], timing.episode_steps)
-    flown = 0
-    for controller in seeds:
+    best = Best.coasts(timing.episode_steps, count, len(form.columns))
+    spent_by = []
+    begun = []
+    why: list[np.ndarray] = []
+    for controller in (*seeds, *own):
         flight = fly(craft, task, controller, starts, timing)
-        changes = _changes(flight, levers)
+        changes = _changes(flight, form.levers)
+        begun.append(changes)
+        if not craft.is_continuous:
+            changes = rounded(changes)
         # What was flown may have been another split of thrusters: the changes alone are judged.
-        again = fly(craft, task, _Burns(changes, levers), starts, timing)
-        flown += 2 * len(cost)
-        spent = _judged(again)
-        cheaper = spent < cost
-        best[:, cheaper] = changes[:, cheaper]
-        cost = np.where(cheaper, spent, cost)
-        if again.lengths is not None:
-            length = np.where(cheaper, again.lengths, length)
-    solved = np.flatnonzero(np.isfinite(cost))
-    if not len(solved):
-        raise ConfigError(
-            f"none of {', '.join(one.name for one in seeds)} solves {type(task).__name__} from any of "
-            f"{counted(len(cost), 'start')}: the search begins from a flight that does."
-        )
-    before = np.where(np.isfinite(cost), cost, np.nan)
+        again = fly(craft, task, Burns(changes, form.levers), starts, timing)
+        best.flown += 2 * count
+        spent = judged(again)
+        spent_by.append(np.where(np.isfinite(spent), spent, np.nan))
+        why.append(np.broadcast_to(again.verdict.failure(), count))
+        for row in np.flatnonzero(spent < best.cost):
+            best.take(int(row), changes[:, row], spent[row], again, int(row))
 
-    # Rounds over the starts with a flight.
-    size = np.full(len(cost), 0.5)
+    # Rounds.
+    if craft.is_continuous:
+        if np.isfinite(best.cost).any():
+            _search(setup, starts, form, best, rounds, random, report)
+    else:
+        search_pulses(setup, starts, begun, best, rounds, random, report)
+    if not np.isfinite(best.cost).any():
+        kinds = {int(kind) for kind in np.concatenate(why[: len(seeds)])} - {0}
+        reasons = "; ".join(Failure(kind).meaning for kind in sorted(kinds))
+        raise ConfigError(
+            f"the search begins from a flight that solves {task_name(task)}, and none of "
+            f"{', '.join(one.name for one in seeds)} does, from {counted(count, 'start')}: {reasons}."
+        )
+    after = np.where(np.isfinite(best.cost), best.cost, np.nan)
+    return Improved(
+        best.changes,
+        np.array(spent_by[: len(seeds)]),
+        after,
+        best.flown,
+        best.rounds,
+        timing.control_period,
+        form.columns,
+    )
+
+
+def _search(
+    setup: Setup,
+    starts: Scenario,
+    form: _Form,
+    best: Best,
+    rounds: int,
+    random: np.random.Generator,
+    report: Callable[[int, np.ndarray], object],
+) -> None:
+    """Rounds over the starts that have a flight, of thrusters that are throttled or give pulses of any length."""
+    craft, task, timing = setup.craft, setup.task, setup.timing
+    solved = np.flatnonzero(np.isfinite(best.cost))
+    size = np.full(len(best.cost), 0.5)
     ends = type(task).done is not Task.done
     for done in range(1, rounds + 1):
         steps = timing.episode_steps
         if ends:
-            steps = min(steps, int(np.ceil(_SLACK * length[solved].max())) + 1)
-        copies = np.repeat(best[:steps, solved], _COPIES, axis=1)
+            steps = min(steps, int(np.ceil(_SLACK * best.length[solved].max())) + 1)
+        copies = np.repeat(best.changes[:steps, solved], COPIES, axis=1)
         for number in range(copies.shape[1]):
-            _change(copies[:, number], float(size[solved[number // _COPIES]]), form, random)
+            _change(copies[:, number], float(size[solved[number // COPIES]]), form, random)
         many = map_leaves(
-            lambda x: np.repeat(np.broadcast_to(x, cost.shape)[solved], _COPIES), starts
+            lambda x: np.repeat(np.broadcast_to(x, best.cost.shape)[solved], COPIES), starts
         )
         shorter = replace(timing, episode_steps=steps)
-        flight = fly(craft, task, _Burns(copies, levers), many, shorter)
-        flown += copies.shape[1]
-        spent = _judged(flight).reshape(len(solved), _COPIES)
+        try:
+            flight = fly(craft, task, Burns(copies, form.levers), many, shorter)
+        except KeyboardInterrupt:
+            break
+        best.flown += copies.shape[1]
+        spent = judged(flight).reshape(len(solved), COPIES)
         for row, start in enumerate(solved):
             winner = int(np.argmin(spent[row]))
-            if spent[row, winner] < cost[start]:
-                number = row * _COPIES + winner
-                best[:, start] = 0.0
-                best[:steps, start] = copies[:, number]
-                cost[start] = spent[row, winner]
-                if ends and flight.lengths is not None:
-                    length[start] = flight.lengths[number]
-                    best[length[start] :, start] = 0.0
+            if spent[row, winner] < best.cost[start]:
+                number = row * COPIES + winner
+                best.take(int(start), copies[:, number], spent[row, winner], flight, number)
                 size[start] = min(1.0, 1.5 * size[start])
             else:
                 size[start] = max(1e-3, 0.93 * size[start])
-        report(done, np.where(np.isfinite(cost), cost, np.nan))
-    after = np.where(np.isfinite(cost), cost, np.nan)
-    return Improved(best, before, after, flown, timing.control_period, form.columns)
-
-
-def _judged(flight: Flight) -> np.ndarray:
-    """Impulse of each flight, (N,) N s; infinite where it does not solve its task, by the engine's own checks."""
-    verdict = flight.verdict
-    solved = np.asarray(verdict.solved) & ~flight.violated() & ~flight.failed()
-    return np.where(solved, impulses(flight), np.inf)
+        best.rounds = done
+        report(done, best.cost)
 
 
 def _changes(flight: Flight, levers: np.ndarray) -> np.ndarray:
@@ -285,6 +287,4 @@ def _change(flight: np.ndarray, size: float, form: _Form, random: np.random.Gene
             flight[at] -= part
             flight[to] += part
     flight[:] = np.clip(flight, form.low, form.high)
-    if form.whole:
-        flight[:] = flight > 0.5
     flight[np.abs(flight) < _SMALLEST] = 0.0

@@ -1,0 +1,83 @@
+"""Burns that are flown whatever the state is, and what a flight of them is worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rans.evaluation.measure.metrics import impulses
+from rans.extend import Flight
+
+COPIES = 256
+"""Changed copies of the flights of each start in a round: a step of one flight takes as long as that of some
+hundred."""
+
+
+@dataclass
+class Best:
+    """The cheapest flights that solve their task, from each start."""
+
+    changes: np.ndarray
+    """Changes of velocity or commands, (T, N, K)."""
+    cost: np.ndarray
+    """(N,) N s; infinite: there is none."""
+    length: np.ndarray
+    """Control periods until their end, (N,)."""
+    flown: int = 0
+    """Flights that were judged."""
+    rounds: int = 0
+    """Rounds of the search."""
+
+    @staticmethod
+    def coasts(steps: int, count: int, columns: int) -> Best:
+        """Before any flight solves its task."""
+        return Best(
+            np.zeros((steps, count, columns)), np.full(count, np.inf), np.full(count, steps)
+        )
+
+    def take(
+        self, start: int, changes: np.ndarray, cost: float, flight: Flight, number: int
+    ) -> None:
+        """Take a cheaper flight from a start, (T, K), which is one of those that were flown; T may be shorter."""
+        steps = len(changes)
+        if flight.lengths is not None:
+            steps = int(flight.lengths[number])
+            self.length[start] = steps
+        self.changes[:, start] = 0.0
+        self.changes[:steps, start] = changes[:steps]
+        self.cost[start] = cost
+
+
+class Burns:
+    """Controller that gives burns, whatever the state is.
+
+    Args:
+        changes: (T, N, K).
+        levers: command of each thruster for a change of 1, (thrusters, K).
+    """
+
+    name = "burns"
+    observes = False
+
+    def __init__(self, changes: np.ndarray, levers: np.ndarray) -> None:
+        self._commands = np.clip(changes @ levers.T, 0.0, 1.0)
+        self._step = 0
+
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`."""
+        self._step = 0
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller`."""
+        commands = self._commands[self._step]
+        self._step += 1
+        return commands
+
+
+def judged(flight: Flight) -> np.ndarray:
+    """Impulse of each flight, (N,) N s; infinite where it does not solve its task, by the engine's own checks."""
+    verdict = flight.verdict
+    solved = np.asarray(verdict.solved) & ~flight.violated() & ~flight.failed()
+    return np.where(solved, impulses(flight), np.inf)
