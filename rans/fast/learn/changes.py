@@ -35,8 +35,6 @@ OTHERS_NAMES = {
     "num_epochs": "ppo.n_epochs",
     "epochs": "ppo.n_epochs",
     "lam": "ppo.gae_lambda",
-    "target_kl": "ppo.schedule.desired_kl",
-    "kl_threshold": "ppo.schedule.desired_kl",
     "net_arch": "ppo.layers",
     "hidden_sizes": "ppo.layers",
     "total_steps": "total_timesteps",

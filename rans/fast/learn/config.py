@@ -157,18 +157,17 @@ class ScheduleSettings(Settings):
         ConfigError: a value is out of its range.
     """
 
-    desired_kl: float | None = 0.016
-    """Target KL divergence of an update, to which the step size adapts. None: constant step size."""
     max_learning_rate: float = 1e-2
     """Upper bound of the adapted step size."""
     anneal: float = 0.0
     """Final share of all steps over which the bound of the step size decreases to zero, for the precision of agents
     that are trained to the end."""
 
+    desired_kl: ClassVar[float] = 0.016
+    """Target KL divergence of an update, to which the step size adapts. All agents that ship have it, and half as
+    much trains as well (docs/decisions/house.md)."""
+
     def __post_init__(self) -> None:
-        require_bounds(
-            self, "finite and > 0, or null", lambda x: x is None or 0 < x < math.inf, "desired_kl"
-        )
         require_bounds(self, "finite and > 0", lambda x: 0 < x < math.inf, "max_learning_rate")
         require_bounds(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
 
@@ -322,11 +321,10 @@ class PPOSettings:
 class Coefficients(NamedTuple):
     """Hyper-parameters of the members' updates, by their last names in `PPOSettings`.
 
-    Each is (K,), with NaN for None.
+    Each is (K,).
     """
 
     learning_rate: Tensor
-    desired_kl: Tensor
     max_learning_rate: Tensor
     anneal: Tensor
     gamma: Tensor
@@ -350,12 +348,7 @@ class Coefficients(NamedTuple):
             [attrgetter(cls.entry(name))(settings_of_member) for settings_of_member in settings]
             for name in cls._fields
         )
-        return cls(
-            *(
-                like.new_tensor([float("nan") if x is None else x for x in column])
-                for column in table
-            )
-        )
+        return cls(*map(like.new_tensor, table))
 
 
 MOST_ENVS = 2**24

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
-from rans.fast.learn.config import Coefficients, PPOSettings
+from rans.fast.learn.config import Coefficients, PPOSettings, ScheduleSettings
 from rans.fast.learn.fused_gradient import FusedGradient, GradientBackend
 from rans.fast.learn.graph import fused, graphed
 from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
@@ -261,11 +261,10 @@ class PPOLearner:
 
     def _adapt(self, divergence: Tensor) -> None:
         rate = self.adam.rate
-        desired = self.coefficients.desired_kl
+        desired = ScheduleSettings.desired_kl
         longer = torch.where(divergence < 0.5 * desired, 1.5, 1.0)
         factor = torch.where(divergence > 2.0 * desired, 1 / 1.5, longer)
-        bounded = torch.minimum((rate * factor).clamp(min=MIN_LEARNING_RATE), self._ceiling)
-        rate.copy_(torch.where(desired.isnan(), rate, bounded))
+        rate.copy_(torch.minimum((rate * factor).clamp(min=MIN_LEARNING_RATE), self._ceiling))
 
 
 def act(

@@ -9,17 +9,17 @@ Lengths are in units of the spacecraft's radius, in the body frame B.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.common import MemoryFile
-from pydrake.geometry import Box, Cylinder, InMemoryMesh, Mesh, Rgba, Shape, Sphere
+from pydrake.geometry import Box, Cylinder, Rgba, Shape, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
 from rans.model.solids import Solid, triangles
 from rans.model.spacecraft import Spacecraft
 from rans.outline import BELL, Outline
+from rans.show.scene.shapes import SIDES, frustum, mesh, rod
 
 FLOOR = -0.62
 """Where a platform's air pads end, in radii from its centre of mass along z."""
@@ -33,8 +33,6 @@ _PANEL = Rgba(0.10, 0.18, 0.42)
 _GLASS = Rgba(0.05, 0.07, 0.10)
 _CORE = Rgba(1.0, 0.62, 0.10)
 _HALO = Rgba(1.0, 0.50, 0.05, 0.30)
-_SIDES = 20
-"""Of the polygon that stands for a circle."""
 
 
 class Part(NamedTuple):
@@ -121,7 +119,7 @@ def _flyer(r: float, shape: str, body: Rgba) -> Iterator[Part]:
     eighth_turn = RotationMatrix.MakeZRotation(math.pi / 8.0)
     yield Part(
         "bus",
-        frustum(0.74 * r, 0.74 * r, 0.84 * r, sides=8 if shape == "sphere" else _SIDES),
+        frustum(0.74 * r, 0.74 * r, 0.84 * r, sides=8 if shape == "sphere" else SIDES),
         body,
         RigidTransform(eighth_turn, [0.0, 0.0, -0.42 * r]),
     )
@@ -186,60 +184,3 @@ def triad(craft: Spacecraft, length: float, width: float, colour: Rgba | None = 
         Part(f"{name} axis", *rod(np.zeros(3), end, width * craft.radius, colour or own))
         for name, end, own in zip("xyz", ends, AXES, strict=False)
     ]
-
-
-def rod(
-    start: np.ndarray, end: np.ndarray, radius: float, colour: Rgba
-) -> tuple[Shape, Rgba, RigidTransform]:
-    """A thin cylinder from one point to another, m."""
-    axis = end - start
-    pose = RigidTransform(RotationMatrix.MakeFromOneVector(axis, 2), (start + end) / 2.0)
-    return Cylinder(radius, float(np.linalg.norm(axis))), colour, pose
-
-
-def frustum(
-    bottom: float, top: float, height: float, scale: float = 1.0, sides: int = _SIDES
-) -> Mesh:
-    """A closed cone, cut off, along z: radii at z = 0 and z = height, m, all of them times a scale.
-
-    Few sides have edges, many look round.
-    """
-    n = sides
-    angles = np.linspace(0.0, math.tau, sides, endpoint=False)
-    around = np.stack((np.cos(angles), np.sin(angles)), axis=1)
-    points = [*((*(bottom * a), 0.0) for a in around), *((*(top * a), height) for a in around)]
-    points += [(0.0, 0.0, 0.0), (0.0, 0.0, height)]
-    quads = [(i, (i + 1) % n) for i in range(n)]
-    walls = [face for i, j in quads for face in ((i, j, n + j), (i, n + j, n + i))]
-    caps = [face for i, j in quads for face in ((2 * n, j, i), (2 * n + 1, n + i, n + j))]
-    if sides < _SIDES:
-        return mesh(points, [*walls, *caps], scale)
-    return mesh(points, caps, scale, walls, [(*a, (bottom - top) / height) for a in around])
-
-
-def mesh(
-    points: Sequence[Sequence[float]],
-    flat: Sequence[tuple[int, int, int]],
-    scale: float,
-    curved: Sequence[tuple[int, int, int]] = (),
-    normals: Sequence[Sequence[float]] = (),
-) -> Mesh:
-    """Triangles as a text in the format OBJ: points (v), normals (vn), faces (f) of "point//normal" from 1.
-
-    Flat ones have normals of their own; at corner k of a curved one stands normal k modulo their number.
-    """
-    corners = np.array(points)
-    n = len(normals)
-    lines = [f"f {' '.join(f'{i + 1}//{i % n + 1}' for i in face)}" for face in curved]
-    around: list[Sequence[float]] = [*normals]
-    for face in flat:
-        a, b, c = corners[[*face]]
-        normal = np.cross(b - a, c - a)
-        around.append(normal / max(float(np.linalg.norm(normal)), 1e-30))
-        lines.append(f"f {' '.join(f'{i + 1}//{len(around)}' for i in face)}")
-    text = [
-        *("v {:.5g} {:.5g} {:.5g}".format(*point) for point in points),
-        *("vn {:.4g} {:.4g} {:.4g}".format(*normal) for normal in around),
-        *lines,
-    ]
-    return Mesh(InMemoryMesh(mesh_file=MemoryFile("\n".join(text), ".obj", "mesh.obj")), scale)

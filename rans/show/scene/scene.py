@@ -21,7 +21,8 @@ from rans.drawing import columns, outlines, rotations
 from rans.flight import Flight
 from rans.model.fields import Vec2, map_leaves
 from rans.model.spacecraft import Spacecraft
-from rans.show.scene.craft import FLOOR, Part, frustum, hull_parts, mesh, rod, triad
+from rans.show.scene.craft import FLOOR, Part, hull_parts, triad
+from rans.show.scene.shapes import frustum, mesh, rod
 from rans.tasks.quantities import QUANTITIES
 from rans.tasks.shapes import Ball, Cone, GlideSlope, Shape
 

@@ -37,7 +37,7 @@ settings = st.builds(
     n_steps=st.integers(1, 9),
     batch_size=st.integers(2, 9),
     learning_rate=positive,
-    schedule=st.builds(ScheduleSettings, desired_kl=st.none() | positive),
+    schedule=st.builds(ScheduleSettings, max_learning_rate=positive),
     gamma=st.floats(0.1, 1.0),
     layers=st.lists(st.integers(1, 9), min_size=1, max_size=4).map(tuple),
 )
@@ -181,7 +181,6 @@ def test_numbers_out_of_range(name: str, value: float) -> None:
 @pytest.mark.parametrize(
     ("kind", "name", "value"),
     [
-        (ScheduleSettings, "desired_kl", 0.0),
         (ScheduleSettings, "max_learning_rate", math.inf),
         (ScheduleSettings, "anneal", 1.5),
         (ExplorationSettings, "initial_duty", 1.0),

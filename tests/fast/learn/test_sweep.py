@@ -35,7 +35,7 @@ CHOICES: list[dict[str, Any]] = [
     },
     {
         "learning_rate": 2.0**-8,
-        "schedule": ScheduleSettings(desired_kl=None),
+        "schedule": ScheduleSettings(anneal=0.3),
         "gae_lambda": 0.8,
     },
 ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Literal
 
@@ -18,22 +17,16 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.show.scene.craft import (
     FLOOR,
     PLUME,
-    Part,
     craft_parts,
-    frustum,
     hull_parts,
     plume_parts,
     plumes,
 )
-from tests.support.drawings import corners, lines
+from tests.support.drawings import corners, volume
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")
 PYRAMID = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
-
-
-def as_part(shape: object) -> Part:
-    return Part("one", shape, Rgba(), None)  # type: ignore[arg-type]
 
 
 def test_plumes_leave_against_the_thrust(shipped: Spacecraft) -> None:
@@ -117,27 +110,3 @@ def test_a_ghost_is_of_one_colour_and_a_little_larger() -> None:
     for large, part in zip(ghost, hull, strict=True):
         grown = np.multiply(1.04, part.pose.translation())
         np.testing.assert_allclose(large.pose.translation(), grown, atol=1e-12)
-
-
-def volume(part: Part) -> float:
-    """Volume of a closed mesh whose faces and normals point outwards, by the divergence theorem."""
-    points = corners(part)
-    normals = np.array(lines(part, "vn"), dtype=float)
-    # Corner and normal of each corner of each triangle.
-    faces = np.array(
-        [[[int(x) - 1 for x in corner.split("//")] for corner in face] for face in lines(part, "f")]
-    )
-    a, b, c = (points[faces[:, k, 0]] for k in range(3))
-    edges = {(face[k], face[k - 2]) for face in faces[..., 0].tolist() for k in range(3)}
-    assert {(end, start) for start, end in edges} == edges  # each edge has two sides
-    outwards = np.cross(b - a, c - a)
-    assert (np.sum(normals[faces[..., 1]] * outwards[:, None], axis=-1) > 0.0).all()
-    return float(np.sum(a * np.cross(b, c)) / 6.0)
-
-
-@pytest.mark.parametrize("sides", [8, 20])
-def test_a_frustum_is_closed_and_looks_outwards(sides: int) -> None:
-    """Its volume is that of a pyramid cut off; numbers in a mesh have five digits."""
-    area = 0.5 * sides * math.sin(2.0 * math.pi / sides)  # of a polygon in a circle of radius 1
-    whole = area * 0.6 / 3.0 * (0.09 + 0.03 + 0.01)
-    assert volume(as_part(frustum(0.3, 0.1, 0.6, sides=sides))) == pytest.approx(whole, rel=1e-4)
