@@ -129,42 +129,6 @@ def test_a_reward_may_be_a_plain_number() -> None:
     np.testing.assert_allclose(returns(with_it) - returns(without), 4 * 0.5, rtol=1e-13)
 
 
-def test_constant_thrust_gives_half_a_t_squared() -> None:
-    """Thrusters 0 and 5: 2 N along (1, -1)/sqrt(2) of B on 5.32 kg, no torque; 0.37594 m/s^2."""
-    craft = load_spacecraft("floating-platform")
-    task = GoToPose()
-    flight = fly(craft, task, Recorded(8, (0, 5)), scenarios(task, craft, 4, 7), Timing())
-    s = flight.states
-    t = flight.times[:, None]
-    bearing = s.attitude.angle[0] - math.pi / 4
-    # 125 sums of lengths up to 120 m (eps 1.4e-14 each)
-    np.testing.assert_allclose(
-        s.p.x - s.p.x[0], 0.5 * (2 / 5.32) * t**2 * np.cos(bearing), atol=1e-11
-    )
-    np.testing.assert_allclose(
-        s.p.y - s.p.y[0], 0.5 * (2 / 5.32) * t**2 * np.sin(bearing), atol=1e-11
-    )
-    np.testing.assert_allclose(np.hypot(s.v.x, s.v.y)[-1], 2 / 5.32 * 25, rtol=1e-13)
-    np.testing.assert_allclose(s.w, 0.0, atol=1e-14)
-    assert flight.failed().all()  # it left the 8 m circle
-
-
-def test_constant_torque_turns_quadratically_and_the_heading_stays_wrapped() -> None:
-    """Thrusters 1, 3, 5, 7: 1.24 N m on 0.2045008 kg m^2 about a mass that stays where it is."""
-    craft = load_spacecraft("floating-platform")
-    task = GoToPose()
-    timing = Timing(episode_steps=20)
-    flight = fly(craft, task, Recorded(8, (1, 3, 5, 7)), scenarios(task, craft, 4, 7), timing)
-    s = flight.states
-    t = flight.times[:, None]
-    turned = s.attitude.angle[0] + 0.5 * (1.24 / 0.2045008) * t**2
-    assert np.abs(s.attitude.angle).max() <= math.pi + 1e-14
-    # 48 rad in all, 20 sums
-    np.testing.assert_allclose(np.exp(1j * s.attitude.angle), np.exp(1j * turned), atol=1e-12)
-    np.testing.assert_allclose(s.p.x, np.broadcast_to(s.p.x[0], s.p.x.shape), atol=1e-14)
-    assert not flight.failed().any()
-
-
 @pytest.mark.parametrize("index", [0, 4])
 def test_an_episode_does_not_depend_on_its_neighbours(shipped: Spacecraft, index: int) -> None:
     task = GoToPose()

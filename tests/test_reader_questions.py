@@ -69,7 +69,6 @@ def opm(old: str, new: str) -> Any:
 
 
 PLATFORM = (ROOT / "rans/data/spacecraft/floating-platform.toml").read_text()
-LAB = (ROOT / "rans/data/conditions/lab.toml").read_text()
 CRAFT = load_spacecraft("floating-platform")
 
 

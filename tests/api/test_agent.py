@@ -12,8 +12,6 @@ import torch
 import rans
 from rans.errors import ConfigError
 
-PLATFORM = "floating-platform"
-
 
 def open_loop(agent: rans.Agent, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Commands of an agent in a Gymnasium loop, and those of its own first flight of the same seed."""

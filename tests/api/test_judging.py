@@ -15,8 +15,6 @@ from rans.cli import main
 from rans.errors import ConfigError
 from tests.support.packages import needs
 
-TASK = "go-to-pose-2d"
-
 
 def shut(observation: np.ndarray) -> np.ndarray:
     """Never fires."""

@@ -16,7 +16,7 @@ from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.model.accuracy import MOST, chosen, fastest, spin_up
 from rans.model.body import Body
-from rans.model.fields import Vec3, map_leaves
+from rans.model.fields import Vec3
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -27,7 +27,7 @@ from rans.randomization.conditions import (
     ThrusterConditions,
 )
 from rans.randomization.parameters import StepInputs
-from rans.scenario import Scenario, scenarios
+from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from tests.support.crafts import nasty_planar, nasty_spatial
 
@@ -204,12 +204,6 @@ def test_worlds_and_engines_know_the_number() -> None:
         body=replace(Body.of(craft), inertia=tuple(4 * x for x in Body.of(craft).inertia)),
     )
     assert (heavy._world.timing.substeps or 9) < number
-
-
-def tumbling(craft: Spacecraft, spin: float) -> Scenario:
-    starts = scenarios(GoToPose(), craft, 0, 2)
-    still = map_leaves(lambda x: 0.0 * x, starts.start.w)
-    return replace(starts, start=replace(starts.start, w=replace(still, y=still.y + spin)))
 
 
 def test_a_stiff_craft_is_moved_as_by_many_steps() -> None:

@@ -32,7 +32,6 @@ TIMING = {2: Timing(), 3: Timing(substeps=8)}
 period leave 1e-9, eight 2e-10 and twelve 5e-11, whatever Drake's step is."""
 DRAKE_STEP = {2: 0.01, 3: 0.005}
 """s; in space 0.01 s leaves some 1e-9 of its own."""
-LAGS = ("latency", "rise", "all")
 
 
 every_effect = pytest.mark.parametrize("effect", EFFECTS)

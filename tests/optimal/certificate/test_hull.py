@@ -15,19 +15,16 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from rans.errors import ConfigError
-from rans.flight import fly
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, advance, thrust, wrench
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.optimal.certificate import hull
 from rans.optimal.certificate.goal_set import GoalSet
-from rans.optimal.control.lqr import LQR
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
 from rans.optimal.trajectory.transcription import Transcription
-from rans.scenario import scenario, scenarios
+from rans.scenario import scenario
 from rans.tasks import GoToPose, GoToPosition, Task, TrackTwist, TrackVelocity, TrackVelocityHeading
 from rans.tasks.goal_set import aims
 from tests.support.crafts import nasty_planar, nasty_spatial, random_states, spacecraft
@@ -349,23 +346,6 @@ def test_no_flight_beats_its_bounds(
     common = (craft, POSE, state, now)
     assert hull.least_time(*common, loose) <= steps * h * (1 + 1e-9)
     assert hull.least_fuel(*common, steps * h, loose) <= spent * (1 + 1e-9) + 1e-12
-
-
-@pytest.mark.slow
-def test_no_lqr_flight_beats_its_bounds() -> None:
-    for craft in (PLATFORM, SHARED, FLYER):
-        task = GoToPose().for_evaluation()
-        timing = Timing(episode_steps=60)
-        flight = fly(craft, task, LQR(craft, task, timing), scenarios(task, craft, 7, 3), timing)
-        for k in range(3):
-            start, goal = (
-                map_leaves(lambda x, i=i, k=k: float(x[i, k]), flight.states) for i in (0, -1)
-            )
-            shares = np.array(thrust(craft, tuple(flight.commands[:, k].T)))
-            spent = float(shares.sum(axis=1) @ [t.force for t in craft.thrusters]) * 0.2
-            loose = GoalSet(1e-3, 1e-3, 1e-3, 1e-3)
-            assert 0 < hull.least_fuel(craft, POSE, start, goal, 12.0, loose) <= spent
-            assert 0 < hull.least_time(craft, POSE, start, goal, loose) <= 12.0
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import cycle, product
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
-from rans.evaluation.measure.metrics import final_errors, impulses, settling_times
+from rans.evaluation.measure.metrics import impulses, settling_times
 from rans.flight import fly
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
@@ -24,33 +24,14 @@ from rans.optimal.control.lqr import LQR
 from rans.optimal.control.regulator import Deadband
 from rans.optimal.control.switching import Curve, Switching, time_to_rest
 from rans.optimal.trajectory.allocation import ThrusterPatterns
-from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, scenarios
 from rans.tasks import TASKS, GoToPose
-from tests.support.crafts import nasty_spatial
-from tests.support.settling import NAMES, SLOWEST
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")
 SHARED = load_spacecraft("floating-platform-shared")
 TASK = GoToPose().for_evaluation()
 TIMING = Timing()
-
-
-@pytest.mark.parametrize(
-    ("name", "craft"),
-    [
-        ("go-to-pose", SHARED),
-        *zip(NAMES, cycle((PLATFORM, FLYER)), strict=False),
-    ],
-    ids=lambda x: getattr(x, "name", x),
-)
-def test_settles_from_every_start(name: str, craft: Spacecraft) -> None:
-    task = TASKS[name]().for_evaluation()
-    starts = scenarios(task, craft, 41, 4)
-    settled = settling_times(fly(craft, task, Switching(craft, task, TIMING), starts, TIMING))
-    assert np.isfinite(settled).all()
-    assert np.median(settled) < SLOWEST[name] * (2.5 if craft is SHARED else 1.0)  # as for the LQR
 
 
 @pytest.mark.slow
@@ -120,54 +101,6 @@ def test_no_neighbour_of_the_pattern_is_better(craft: Spacecraft) -> None:
     assert (ours[:39] <= np.where(near, costs, np.inf).min(axis=1)[:39] + 1e-12).all()
     assert (ours[:39] <= costs.min(axis=1)[:39] + 1e-12).mean() > 0.7
     assert not found[39].any()  # was not free to change
-
-
-@pytest.mark.parametrize(
-    "craft",
-    [PLATFORM, pytest.param(FLYER, marks=pytest.mark.slow)],
-    ids=lambda craft: craft.name,
-)
-def test_drake_agrees(craft: Spacecraft) -> None:
-    """The same decisions in the judge: in space three Runge-Kutta steps are off by 0.03 mm."""
-    timing = Timing(episode_steps=40)
-    starts = scenarios(TASK, craft, 43, 2)
-    ours, drake = (
-        engine(craft, TASK, Switching(craft, TASK, timing), starts, timing)
-        for engine in (fly, fly_in_drake)
-    )
-    assert np.array_equal(ours.commands, drake.commands)
-    assert (ours.states.p - drake.states.p).norm().max() < (1e-9 if craft is PLATFORM else 1e-4)
-
-
-def test_batch_equals_loop() -> None:
-    timing = Timing(episode_steps=40)
-    starts = scenarios(TASK, PLATFORM, 44, 3)
-    together = fly(PLATFORM, TASK, Switching(PLATFORM, TASK, timing), starts, timing).commands
-    for k in range(3):
-        one = Scenario(
-            *(map_leaves(lambda x, k=k: x[k : k + 1], s) for s in (starts.start, starts.goal))
-        )
-        alone = fly(PLATFORM, TASK, Switching(PLATFORM, TASK, timing), one, timing).commands
-        assert np.array_equal(alone[:, 0], together[:, k])
-
-
-def test_shared_thrust_spends_no_more_than_the_supply_gives() -> None:
-    flight = fly(
-        SHARED, TASK, Switching(SHARED, TASK, TIMING), scenarios(TASK, SHARED, 45, 8), TIMING
-    )
-    assert impulses(flight).max() <= 25.0 + 1e-9  # 1 N for 25 s
-    assert np.isfinite(settling_times(flight)).all()
-
-
-@pytest.mark.slow
-def test_brings_an_awkward_spacecraft_home() -> None:
-    """An off-centre body with three different moments of inertia and unequal thrusters."""
-    craft = nasty_spatial()
-    timing = Timing(episode_steps=150)
-    controller = Switching(craft, TASK, timing, Curve(thrust_time_weight=0.01))
-    errors = final_errors(fly(craft, TASK, controller, scenarios(TASK, craft, 22, 2), timing))
-    for name, bound in TASK.tolerances().items():
-        assert errors[name].max() < 2.0 * bound  # its pulses are up to 1.5 times the free flyer's
 
 
 def planar(x: float, turn: float, v: float, w: float) -> PlanarState:

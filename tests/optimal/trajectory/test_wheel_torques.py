@@ -31,8 +31,6 @@ from tests.support.effector_crafts import BURNING, CUBESAT, UNEVEN, platform
 PERIOD = 0.1
 THROTTLED = platform(actuators=Throttle(), wheels=(Wheel((0.0, 0.0, 1.0), 0.1, 0.7, 1e-3),))
 """Eight thrusters of 1 N at 0.31 m, and a wheel of 0.1 N m and 0.7 N m s."""
-WHEELED = "pingu", "roboran-platform", "afrl-12kg", "cubesat-3u", "cubesat-6u"
-"""Real craft with wheels, which fly in the task, period and conditions of `campaigns.craft`."""
 
 
 def split(craft: Spacecraft, wrench: list[float], *momenta: float) -> np.ndarray:

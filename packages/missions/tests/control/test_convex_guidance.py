@@ -18,7 +18,6 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 
 DEPUTY = load_spacecraft("afrl-deputy")
-CHASER = load_spacecraft("arpod-chaser")
 
 
 @pytest.mark.slow

@@ -11,18 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rans.errors import NonFiniteState
-from rans.flight import fly
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
-from rans.model.timing import Timing
 from rans.optimal.certificate.flight import fuel, state_after
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.plane.ascent import ascend, scale, towards_goal
 from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
-from rans.optimal.control.lqr import LQR
-from rans.scenario import scenarios
-from rans.tasks import GoToPose
 from tests.support.tiny_lattice import CRAFTS, PERIOD, PLATFORM, SNUG, Flown, instance
 
 multipliers = st.lists(st.floats(-30.0, 30.0, allow_subnormal=False), min_size=4, max_size=4)
@@ -95,24 +90,6 @@ def test_no_flight_beats_any_costate(seed: int, duty: float, costate: list[float
     assert best.value <= paid
     assert lattice.next_fuel(best.value, relaxation.net) <= paid + 1e-9
     assert relaxation.inside(path, relaxation.shrunk(best.costate, everything, paid))
-
-
-@pytest.mark.slow
-def test_no_lqr_flight_beats_its_certificate() -> None:
-    timing = Timing(episode_steps=30)
-    lattice = Lattice(PLATFORM, PERIOD)
-    starts = scenarios(GoToPose().for_evaluation(), PLATFORM, 7, 4)
-    flight = fly(PLATFORM, GoToPose(), LQR(PLATFORM, GoToPose(), timing), starts, timing)
-    for k in range(4):
-        start, goal = (
-            map_leaves(lambda x, i=i, k=k: float(x[i, k]), flight.states) for i in (0, -1)
-        )
-        paid = fuel(PLATFORM, flight.commands[:, k], PERIOD)
-        relaxation = Relaxation(lattice, start, goal, GoalSet(), 30, paid)
-        found = ascend(
-            relaxation, relaxation.reachable(), towards_goal(relaxation), [], np.inf, 1e-2, 0.5, 25
-        )
-        assert 0 < found.best.value <= paid
 
 
 def test_gradient_is_that_of_the_bound() -> None:

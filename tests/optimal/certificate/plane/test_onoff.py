@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.flight import fuel, state_after
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.plane.ascent import scale, towards_goal
@@ -14,7 +13,6 @@ from rans.optimal.certificate.plane.lattice import Lattice
 from rans.optimal.certificate.plane.onoff import nozzles, replayed_within_cost
 from tests.support.tiny_lattice import PERIOD, instance, lopsided
 
-PLATFORM = load_spacecraft("floating-platform")
 SNUG = GoalSet(0.01, 0.01, 0.03)
 NAMES = ("position", "velocity", "heading", "spin")
 
