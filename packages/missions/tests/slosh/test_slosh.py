@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from scipy.special import jnp_zeros
 
 import rans
-from rans.effectors.motion import effectors_of, held
+from rans.effectors.motion import held
 from rans.errors import ConfigError
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import enlisted
@@ -22,12 +21,11 @@ from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.scope import conditions_texts
 from rans.evaluation.stress.effects import applicable_effects
 from rans.fast.flights import Flights
-from rans.flight import Setup, fly
+from rans.flight import Setup
 from rans.model.actuators import Propellant, Wheel
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire
 from rans.model.fields import leaves
-from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import EFFECTORS, parse_spacecraft, to_toml
 from rans.model.timing import Timing
@@ -36,33 +34,26 @@ from rans.optimal.trajectory.allocation import check_relaxation
 from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
-    DisturbanceConditions,
     EffectorConditions,
 )
 from rans.randomization.conditions_file import conditions_text
 from rans.randomization.parameters import draw
-from rans.reference.flight import fly_in_drake
 from rans.reference.plant import Plant
 from rans.registry import Registry
-from rans.scenario import draws, scenarios
+from rans.scenario import draws
 from rans.show.tables.listing import conditions_listing
 from rans.structure import Range, read_toml, structure
 from tests.support.effector_crafts import commands, states
-from tests.support.effector_flights import Scripted, untrained_policy
+from tests.support.effector_flights import untrained_policy
 from tests.support.host_kernels import (
-    needs_compiler,
     on_host,  # noqa: F401  (a fixture)
 )
-from tests.support.pairs import FallingInThePlane, InOrbit
-from tests.support.slosh import IN_SPACE, SLOSH, SLOSHING, sums
+from tests.support.pairs import InOrbit
+from tests.support.slosh import IN_SPACE, SLOSH, SLOSHING
 from validation.study.checks import Check, Skipped
 from validation.study.study import LAYERS, Scope
 
 WHEELED = replace(SLOSHING, wheels=(Wheel((0.0, 0.0, 1.0), 0.05, 0.08, 1e-3),))
-UNEVEN = Conditions(
-    body=BodyConditions(mass=(0.8, 1.2), inertia=(0.9, 1.2), centre=(0.0, 0.02)),
-    disturbances=DisturbanceConditions(force=(0.1, 0.3), torque=(0.003, 0.01)),
-)
 
 
 def liquids(mass: Range = 1.0, damping: Range = 1.0) -> Conditions:
@@ -83,38 +74,6 @@ def moving(count: int = 4, **changes: Any) -> Any:
     random = np.random.default_rng(4)
     angle, rate = random.uniform(-2.0, 2.0, (2, count))
     return replace(states(SLOSHING, count), stores=(angle, rate), **changes)
-
-
-def coasted(craft: Any, seconds: float, start: Any, steps: int = 20) -> list[Any]:
-    """States of a coast, the start first."""
-    still = (0.0,) * craft.command_count
-    results = [start]
-    for _ in range(steps):
-        timing = Timing(control_period=seconds / steps, substeps=4)
-        results.append(held(results[-1], craft, Body.of(craft), still, timing))
-    return results
-
-
-def test_its_states_are_those_of_its_effectors() -> None:
-    stores = [store.name for store in WHEELED.stores]
-    assert stores == ["momentum of wheel 0", "slosh angle", "slosh rate"]
-    assert tuple(x for e in effectors_of(WHEELED) for x in e.stores) == WHEELED.stores
-    assert WHEELED.commands == tuple(x for e in effectors_of(WHEELED) for x in e.commands)
-
-
-def test_a_coast_conserves_momentum_and_angular_momentum_and_friction_takes_energy() -> None:
-    path = [sums(SLOSHING, state) for state in coasted(SLOSHING, 4.0, moving())]
-    for one in path[1:]:
-        np.testing.assert_allclose(one.momentum, path[0].momentum, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(one.angular, path[0].angular, rtol=0, atol=2e-6)
-    energies = np.array([one.energy for one in path])
-    assert (np.diff(energies, axis=0) < 0.0).all()
-
-
-def test_without_friction_energy_stays() -> None:
-    craft = replace(SLOSHING, further_effectors=(replace(SLOSH, damping=0.0),))
-    path = [sums(craft, state) for state in coasted(craft, 4.0, moving())]
-    np.testing.assert_allclose(path[-1].energy, path[0].energy, rtol=1e-5)
 
 
 def test_small_swings_have_the_frequency_of_a_pendulum() -> None:
@@ -138,22 +97,6 @@ def test_small_swings_have_the_frequency_of_a_pendulum() -> None:
     np.testing.assert_allclose(state.stores[1], 0.0, atol=1e-5)
 
 
-def test_a_rod_that_friction_holds_moves_as_the_rigid_craft() -> None:
-    """At rest the mass is a part of the craft's mass, inertia and centre of mass."""
-    held_rod = replace(SLOSHING, further_effectors=(replace(SLOSH, damping=0.5),))
-    rigid = replace(SLOSHING, further_effectors=())
-    still = states(held_rod, 3, spin=0.0)
-    start = replace(still, stores=(np.zeros(3), np.zeros(3)))
-    command = tuple(commands(rigid, 3, seed=2).T)
-    timing = Timing(control_period=0.2, substeps=60)
-    one = held(start, held_rod, Body.of(held_rod), command, timing)
-    other = held(replace(start, stores=()), rigid, Body.of(rigid), command, timing)
-    loose = held(start, SLOSHING, Body.of(SLOSHING), command, timing)
-    for a, b in zip(leaves(replace(one, stores=())), leaves(other), strict=True):
-        np.testing.assert_allclose(a, b, rtol=0, atol=2e-3)
-    assert np.abs(loose.w - other.w).max() > 0.01
-
-
 @pytest.mark.parametrize("craft", [WHEELED, IN_SPACE], ids=lambda craft: craft.name)
 def test_a_validation_compares_moments_and_periods_with_the_mass_that_moves(
     craft: Spacecraft,
@@ -170,43 +113,6 @@ def test_a_validation_compares_moments_and_periods_with_the_mass_that_moves(
         assert isinstance(skipped, Skipped)
 
 
-@pytest.mark.parametrize(
-    ("craft", "task", "conditions"),
-    [
-        (SLOSHING, rans.GoToPose(), None),
-        (WHEELED, FallingInThePlane(), None),
-        (SLOSHING, rans.GoToPose(), UNEVEN),
-        (SLOSHING, rans.GoToPose(), LIQUIDS),
-    ],
-    ids=["free", "wheel and gravity", "drawn bodies and disturbances", "drawn liquids"],
-)
-def test_drake_flies_it_alike(craft: Any, task: Any, conditions: Any) -> None:
-    """A point mass on a revolute joint with friction, in Drake's own multibody equations."""
-    timing = Timing(episode_steps=15, checks=2)
-    starts = scenarios(task, craft, 5, 3)
-    seeds: Draws | None = None if conditions is None else draws(5, 3)
-    how: Any = {"conditions": conditions, "draws": seeds}
-    ours = fly(craft, task, Scripted(craft), starts, timing, **how)
-    drake = fly_in_drake(craft, task, Scripted(craft), starts, timing, **how)
-    for one, other in zip(leaves(ours.states), leaves(drake.states), strict=True):
-        gap = np.abs(np.asarray(one) - np.asarray(other))
-        np.testing.assert_array_less(np.minimum(gap, abs(gap - 2.0 * np.pi)), 1e-5)
-    assert np.ptp(ours.states.stores[-2]) > 0.3
-
-
-def test_engines_step_alike() -> None:
-    found = {}
-    for kind in ("program", "plain", "double"):
-        dtype = torch.float64 if kind == "double" else torch.float32
-        engine = rans.Engine(SLOSHING, "go-to-pose", 16, seed=3, plain=kind == "plain", dtype=dtype)
-        for k in range(6):
-            engine.step(torch.from_numpy(commands(SLOSHING, 16, seed=k)).to(dtype))
-        found[kind] = np.array([np.asarray(x, dtype=np.float64) for x in leaves(engine.state)])
-    assert np.abs(found["double"][-1]).max() > 0.1
-    np.testing.assert_allclose(found["program"], found["double"], rtol=0, atol=2e-4)
-    np.testing.assert_allclose(found["plain"], found["program"], rtol=0, atol=2e-4)
-
-
 @pytest.mark.slow
 def test_flights_as_machine_code_are_those_of_numpy() -> None:
     policy = untrained_policy(SLOSHING)
@@ -214,23 +120,6 @@ def test_flights_as_machine_code_are_those_of_numpy() -> None:
     one, other = (Flights(policy, setup, plain=plain).fly(0, 64, 1) for plain in (True, False))
     assert one.flights == other.flights == 64
     assert one.sums["impulse"].mean == pytest.approx(other.sums["impulse"].mean, rel=2e-3)
-
-
-@needs_compiler
-@pytest.mark.slow
-def test_a_kernel_steps_as_numpy(on_host: Any) -> None:  # noqa: F811
-    """The source of the GPU's kernel, compiled for a CPU."""
-    made: Any = (SLOSHING, "go-to-pose", 16, Timing(episode_steps=5))
-    how: Any = {"seed": 3, "dtype": torch.float64}
-    ours = rans.Engine(*made, **how)
-    theirs = on_host(*made, **how)
-    for k in range(7):
-        action = torch.from_numpy(commands(SLOSHING, 16, seed=k))
-        expected = ours.step(action)
-        found = theirs.step(action)
-        torch.testing.assert_close(found.observation, expected.observation, rtol=0, atol=1e-9)
-    for one, other in zip(leaves(theirs.state), leaves(ours.state), strict=True):
-        np.testing.assert_allclose(np.asarray(one), np.asarray(other), rtol=0, atol=1e-9)
 
 
 def test_its_file_says_what_it_is() -> None:

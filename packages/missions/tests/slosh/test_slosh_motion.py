@@ -1,0 +1,205 @@
+"""Sloshing liquid moves as in Drake, by what a free pair conserves, and alike in every engine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+import torch
+
+import rans
+from rans.effectors.motion import effectors_of, held
+from rans.flight import fly
+from rans.model.actuators import Wheel
+from rans.model.body import Body
+from rans.model.fields import leaves
+from rans.model.random import Draws
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import parse_spacecraft, to_toml
+from rans.model.timing import Timing
+from rans.randomization.conditions import (
+    BodyConditions,
+    Conditions,
+    DisturbanceConditions,
+    EffectorConditions,
+)
+from rans.reference.flight import fly_in_drake
+from rans.scenario import draws, scenarios
+from tests.support.effector_crafts import commands, states
+from tests.support.effector_flights import Scripted
+from tests.support.host_kernels import (
+    needs_compiler,
+    on_host,  # noqa: F401  (a fixture)
+)
+from tests.support.pairs import FallingInSpace, FallingInThePlane
+from tests.support.slosh import IN_SPACE, SLOSHING, Sums, slosh_of, sums, sums_in_space
+
+
+class Liquid(NamedTuple):
+    """A craft with liquid, and what differs between the plane and space."""
+
+    craft: Spacecraft
+    wheels: tuple[Wheel, ...]
+    stores: tuple[str, ...]
+    """Names of the liquid's states."""
+    sums: Callable[[Spacecraft, Any], Sums]
+    falling: Any
+    """Task with gravity."""
+    period: float
+    """Control period that the engine flies in single precision, s."""
+
+    def moving(self, craft: Spacecraft, count: int = 4) -> Any:
+        """States with spins, rods in any direction, and rates across them."""
+        random = np.random.default_rng(4)
+        stores = random.uniform(-2.0, 2.0, (2, count))
+        if craft.dimension == 3:
+            rod, slip = random.normal(size=(2, 3, count))
+            rod /= np.linalg.norm(rod, axis=0)
+            stores = np.concatenate((rod, slip - rod * (rod * slip).sum(axis=0)))
+        return replace(states(craft, count), stores=tuple(stores))
+
+
+PLANE = Liquid(
+    SLOSHING,
+    (Wheel((0.0, 0.0, 1.0), 0.05, 0.08, 1e-3),),
+    ("slosh angle", "slosh rate"),
+    sums,
+    FallingInThePlane(),
+    0.2,
+)
+SPACE = Liquid(
+    IN_SPACE,
+    (Wheel((1.0, 0.0, 0.0), 0.02, 0.1, 4e-4), Wheel((0.0, 0.6, 0.8), 0.03, 0.2, 5e-4)),
+    tuple(f"slosh {what} {axis}" for what in ("direction", "rate") for axis in "xyz"),
+    sums_in_space,
+    FallingInSpace(),
+    0.05,
+)
+UNEVEN = Conditions(
+    body=BodyConditions(mass=(0.8, 1.1), inertia=(0.9, 1.2), centre=(0.0, 0.01)),
+    effectors=(
+        EffectorConditions("slosh mass", (0.5, 1.0)),
+        EffectorConditions("slosh damping", (0.0, 2.0)),
+    ),
+    disturbances=DisturbanceConditions(force=(0.1, 0.3), torque=(0.003, 0.01)),
+)
+
+both = pytest.mark.parametrize("liquid", [PLANE, SPACE], ids=["plane", "space"])
+
+
+def damped(craft: Spacecraft, damping: float) -> Spacecraft:
+    return replace(craft, further_effectors=(replace(slosh_of(craft), damping=damping),))
+
+
+@both
+def test_its_states_are_those_of_its_effectors(liquid: Liquid) -> None:
+    craft = replace(liquid.craft, wheels=liquid.wheels)
+    momenta = [f"momentum of wheel {k}" for k in range(len(liquid.wheels))]
+    assert [store.name for store in craft.stores] == [*momenta, *liquid.stores]
+    assert tuple(x for e in effectors_of(craft) for x in e.stores) == craft.stores
+    assert craft.commands == tuple(x for e in effectors_of(craft) for x in e.commands)
+    file = parse_spacecraft(to_toml(craft), "a file")
+    assert file.further_effectors == craft.further_effectors
+
+
+@both
+@pytest.mark.parametrize("has_friction", [True, False])
+def test_a_coast_conserves_momentum_and_angular_momentum_and_friction_takes_energy(
+    liquid: Liquid, has_friction: bool
+) -> None:
+    craft = liquid.craft if has_friction else damped(liquid.craft, 0.0)
+    path = [liquid.moving(craft)]
+    still = (0.0,) * craft.command_count
+    for _ in range(10):
+        path.append(held(path[-1], craft, Body.of(craft), still, Timing(substeps=8)))
+    found = [liquid.sums(craft, state) for state in path]
+    for one in found[1:]:
+        np.testing.assert_allclose(one.momentum, found[0].momentum, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(one.angular, found[0].angular, rtol=0, atol=2e-6)
+    energies = np.array([one.energy for one in found])
+    if has_friction:
+        assert (np.diff(energies, axis=0) < 0.0).all()
+    else:
+        np.testing.assert_allclose(energies[-1], energies[0], rtol=1e-5)
+    if craft.dimension == 3:
+        # The rod has the length 1 and turns only.
+        rod, slip = np.array(path[-1].stores[:3]), np.array(path[-1].stores[3:])
+        np.testing.assert_allclose((rod * rod).sum(axis=0), 1.0, rtol=1e-14)
+        np.testing.assert_allclose((rod * slip).sum(axis=0), 0.0, atol=1e-14)
+
+
+@both
+def test_a_rod_that_friction_holds_moves_as_the_rigid_craft(liquid: Liquid) -> None:
+    """At rest the mass is a part of the craft's mass, inertia and centre of mass."""
+    craft = liquid.craft
+    rigid = replace(craft, further_effectors=())
+    still = states(rigid, 3, spin=0.0)
+    rest = tuple(np.full(3, store.initial) for store in craft.stores)
+    command = tuple(commands(rigid, 3, seed=2).T)
+
+    def moved(flown: Spacecraft, stores: Any) -> Any:
+        timing = Timing(control_period=0.2, substeps=60)
+        return held(replace(still, stores=stores), flown, Body.of(flown), command, timing)
+
+    held_rod, alone, loose = moved(damped(craft, 0.5), rest), moved(rigid, ()), moved(craft, rest)
+    for a, b in zip(leaves(replace(held_rod, stores=())), leaves(alone), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=2e-3)
+    assert np.abs(np.array(leaves(loose.w)) - np.array(leaves(alone.w))).max() > 0.01
+
+
+@both
+@pytest.mark.parametrize("how", ["free", "wheels and gravity", "drawn"])
+def test_drake_flies_it_alike(liquid: Liquid, how: str) -> None:
+    """A point mass on a revolute or universal joint with friction, in Drake's own multibody equations."""
+    is_falling = how == "wheels and gravity"
+    craft = replace(liquid.craft, wheels=liquid.wheels if is_falling else ())
+    task = liquid.falling if is_falling else rans.GoToPose()
+    timing = Timing(episode_steps=12, checks=2)
+    starts = scenarios(task, craft, 5, 3)
+    seeds: Draws | None = draws(5, 3) if how == "drawn" else None
+    given: Any = {"conditions": UNEVEN if how == "drawn" else None, "draws": seeds}
+    ours = fly(craft, task, Scripted(craft), starts, timing, **given)
+    drake = fly_in_drake(craft, task, Scripted(craft), starts, timing, **given)
+    pairs = [*zip(leaves(ours.states), leaves(drake.states), strict=True)]
+    for number, (one, other) in enumerate(pairs):
+        gap = np.abs(np.asarray(one) - np.asarray(other))
+        # Rates of a liquid in space turn at some 9 rad/s.
+        is_rate = craft.dimension == 3 and number >= len(pairs) - 3
+        np.testing.assert_array_less(
+            np.minimum(gap, abs(gap - 2.0 * np.pi)), 1e-4 if is_rate else 1e-5
+        )
+    assert np.ptp(ours.states.stores[-2 if craft.dimension == 2 else -4]) > 0.3
+
+
+@both
+def test_engines_step_alike(liquid: Liquid) -> None:
+    found = {}
+    for kind, dtype in (("program", torch.float32), ("plain", torch.float64)):
+        how: Any = {"seed": 3, "plain": kind == "plain", "dtype": dtype}
+        engine = rans.Engine(liquid.craft, "go-to-pose", 16, Timing(liquid.period), **how)
+        for k in range(6):
+            engine.step(torch.from_numpy(commands(liquid.craft, 16, seed=k)).to(dtype))
+        found[kind] = np.array([np.asarray(x, dtype=np.float64) for x in leaves(engine.state)])
+    assert np.abs(found["plain"][-1]).max() > 0.1
+    np.testing.assert_allclose(found["plain"], found["program"], rtol=0, atol=2e-4)
+
+
+@both
+@needs_compiler
+@pytest.mark.slow
+def test_a_kernel_steps_as_numpy(liquid: Liquid, on_host: Any) -> None:  # noqa: F811
+    """The source of the GPU's kernel, compiled for a CPU."""
+    made: Any = (liquid.craft, "go-to-pose", 16, Timing(liquid.period, episode_steps=5))
+    how: Any = {"seed": 3, "dtype": torch.float64}
+    ours = rans.Engine(*made, **how)
+    theirs = on_host(*made, **how)
+    for k in range(7):
+        action = torch.from_numpy(commands(liquid.craft, 16, seed=k))
+        expected = ours.step(action)
+        found = theirs.step(action)
+        torch.testing.assert_close(found.observation, expected.observation, rtol=0, atol=1e-9)
+    for one, other in zip(leaves(theirs.state), leaves(ours.state), strict=True):
+        np.testing.assert_allclose(np.asarray(one), np.asarray(other), rtol=0, atol=1e-9)
