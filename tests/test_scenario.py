@@ -212,20 +212,6 @@ def test_bearings_and_headings_cover_the_full_circle() -> None:
     assert stats.kstest(np.arctan2(heading[1], heading[0]), circle).pvalue > FALSE_ALARM
 
 
-def test_attitudes_are_uniform_over_all_rotations() -> None:
-    """Haar measure: the angle between two is (theta - sin theta) / pi distributed, and each of the
-    four components of the quaternion has the marginal of a point on the 3-sphere."""
-    random = Random(3, *seed_words(3), np.arange(20_000, dtype=np.int32), np.float64)
-    first = random.attitude()
-    second = random.attitude()
-    parts = np.stack(leaves(first))
-    np.testing.assert_allclose(np.linalg.norm(parts, axis=0), 1.0, rtol=0, atol=1e-15)
-    for part in parts:  # a coordinate c of a uniform point on S^3: (c + 1) / 2 is Beta(3/2, 3/2)
-        assert stats.kstest((part + 1) / 2, stats.beta(1.5, 1.5).cdf).pvalue > FALSE_ALARM / 5
-    angle = first.to(second).magnitude()  # type: ignore[arg-type]
-    assert stats.kstest(angle, lambda t: (t - np.sin(t)) / math.pi).pvalue > FALSE_ALARM / 5
-
-
 def test_own_endpoints_replace_the_motion_and_keep_what_a_mission_adds() -> None:
     """A mission's deadline is a note of its goal: it is sampled, whatever start and goal are."""
     craft = load_spacecraft("afrl-12kg")

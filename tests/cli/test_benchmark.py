@@ -14,7 +14,6 @@ from rans.tasks import TASKS
 from rans.terminal import Terminal
 from validation.peers.runner import Peer, PeerResult
 from validation.speed.measurement import Measurement
-from validation.speed.ratios import Ratio
 
 
 @pytest.fixture(autouse=True)
@@ -140,27 +139,6 @@ def test_interrupted_it_shows_and_writes_what_was_measured(
     assert "interrupted; what was written is kept" in said.err
     assert [row["value"] for row in json.loads(file.read_text())["measurements"]] == [12.5, 3.0]
     assert "7 environments" in file.with_suffix(".svg").read_text()
-
-
-def test_interrupted_among_peers_it_keeps_those_before(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def compared(*_: object) -> Iterator[tuple[PeerResult, list[Ratio]]]:
-        yield (
-            PeerResult("brax", "python brax.py", reason="no wheel"),
-            [Ratio("steps/s, over brax", 8.0)],
-        )
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(
-        "validation.speed.suite.measurements",
-        lambda *_: [Measurement("engine", "7 environments", 3.0, "M steps/s")],
-    )
-    monkeypatch.setattr("validation.speed.ratios.compare_peers", compared)
-    assert main(["benchmark", *QUICK, "--peers"]) == 130
-    out = capsys.readouterr().out
-    assert "no wheel" in out
-    assert "steps/s, over brax" in out
 
 
 def test_interrupted_before_anything_was_measured_it_writes_nothing(

@@ -56,29 +56,6 @@ def test_writes_page_and_numbers(
     assert {"compare.svg", "compare.pdf"} <= {file.name for file in tmp_path.iterdir()}
 
 
-def test_who_is_not_there_is_told_before_anybody_flies(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("rans.evaluation.compare.run.Comparison.fly", None)
-    assert (
-        main(
-            [
-                "compare",
-                "lqr:go-to-pose-2d",
-                "sb3:nofile.zip",
-                "runs/nobody",
-                "--output",
-                str(tmp_path / "x"),
-            ]
-        )
-        == 2
-    )
-    said = capsys.readouterr().err
-    assert "nofile.zip" in said
-    assert "runs/nobody is not a run folder" in said
-    assert not (tmp_path / "x").exists()
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_failure_is_told_and_the_rest_written(
@@ -280,23 +257,6 @@ def test_front_of_an_agent_with_a_trade_off(
     assert "turned does not dominate LQR: " in capsys.readouterr().out
     assert main(["compare", "lqr:go-to-pose-2d", str(run)]) == 2
     assert f"{run} has a trade-off: fix it, as in {run}#0.5" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_an_interrupted_page_says_how_far_it_got(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    from rans.evaluation.compare import entrants
-
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(entrants, "simple_controller", interrupted)
-    command = ["compare", "lqr:go-to-pose-2d", "--episodes", "2", "--output", str(tmp_path)]
-    assert main([*command, "--with", "switching"]) == 130
-    page = (tmp_path / "compare.html").read_text("utf-8")
-    assert "Interrupted" in page
-    assert "1 contestant had flown" in page
 
 
 @pytest.mark.slow

@@ -216,24 +216,6 @@ def test_an_own_start_is_flown_once_and_has_files_of_its_own(run_folder: Path) -
     assert json.loads(named.read_text())["conditions"]["start"] == "1 -0.5 90deg v.x=0.1"
 
 
-def test_next_commands_have_the_options_of_the_last_one(capsys: pytest.CaptureFixture[str]) -> None:
-    Evaluate("runs/a", conditions="lab", episodes=7, seed=3, engine="drake")._suggest()
-    same = "--conditions lab --seed 3"
-    assert capsys.readouterr().out.splitlines()[1:] == [
-        f"  rans evaluate runs/a {same} --episodes 7 --engine drake --full   # all metrics",
-        f"  rans compare runs/a {same} --engine drake",
-        f"  rans view runs/a {same} --engine drake",
-    ]
-    Evaluate("runs/a", trust=True)._suggest()
-    trusting = capsys.readouterr().out.splitlines()[1:]
-    assert ["--trust" in line.split() for line in trusting] == [True] * 3
-    Evaluate("runs/a", protocol="paper", full=True)._suggest()
-    assert (
-        capsys.readouterr().out.splitlines()[1]
-        == "  rans evaluate runs/a --protocol paper --engine drake"
-    )
-
-
 @needs("missions")
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.filterwarnings("default")

@@ -69,15 +69,6 @@ def test_spacecraft_details(capsys: pytest.CaptureFixture[str], name: str) -> No
         assert f"│ {index} " in text
 
 
-def test_torques_about_the_centre_of_mass(capsys: pytest.CaptureFixture[str]) -> None:
-    # 1 N tangential at 0.31 m; and 1 N upwards at (0.2192, 0.2192): torque (0.219, -0.219, 0).
-    rows = (("floating-platform", 0, "-0.31"), ("free-flyer", 2, "0.219 -0.219 0"))
-    for name, index, torque in rows:
-        lines = listed(capsys, name).splitlines()
-        row = next(line for line in lines if line.startswith(f"│ {index} "))
-        assert row.split("│")[-2].strip() == torque
-
-
 def test_own_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     shipped = resources.files("rans") / "data" / "spacecraft" / "floating-platform.toml"
     file = tmp_path / "mine.toml"
@@ -108,11 +99,6 @@ def test_unknown_name(capsys: pytest.CaptureFixture[str]) -> None:
         ".toml",
     ):
         assert part in text
-
-
-def test_what_a_slip_meant(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "named 'labb' (did you mean lab?)" in refused(capsys, "labb")
-    assert "named 'mppl' (did you mean mppi?)" in refused(capsys, "mppl")
 
 
 def test_names_as_contestants_have_them(capsys: pytest.CaptureFixture[str]) -> None:
@@ -147,16 +133,6 @@ WINDY = Conditions(description="windy")
 )
 def test_whatever_a_module_has(capsys: pytest.CaptureFixture[str], name: str, told: str) -> None:
     assert told in listed(capsys, name)
-
-
-def test_what_no_module_has(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "nowhere_at_all:x cannot be shown: ModuleNotFoundError" in refused(
-        capsys, "nowhere_at_all:x"
-    )
-
-
-def test_missing_file(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "nowhere.toml" in refused(capsys, "nowhere.toml")
 
 
 @pytest.mark.parametrize(

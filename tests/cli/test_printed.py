@@ -25,7 +25,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import objective_of
 from rans.randomization.conditions import Conditions, ThrusterConditions
-from rans.show.progress import TrainingProgress, describe, describe_terms
+from rans.show.progress import describe, describe_terms
 from rans.show.tables.layout_text import layout_text
 from rans.table import Table
 from rans.tasks import GoToPose
@@ -187,28 +187,6 @@ def test_progress_of_a_sweep() -> None:
     )
 
 
-def test_spacecraft_are_listed_with_their_values(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "160")
-    assert main(["list"]) == 0
-    lines = split(capsys.readouterr().out)
-    assert ["floating-platform", "plane", "5.32 kg", "8 x 1 N", "none"] in lines
-    assert ["free-flyer", "space", "5.32 kg", "16 x 1 N", "none"] in lines
-    assert main(["list", "floating-platform"]) == 0
-    lines = split(capsys.readouterr().out)
-    craft = load_spacecraft("floating-platform")
-    assert ["outer radius", f"{craft.radius:g} m"] in lines
-    assert ["moves in", "plane, 3DoF"] in lines
-    # A thruster at the rim that pushes along it turns the platform by its radius times 1 N.
-    turns = [line[-1] for line in lines if line and line[0].isdigit()]
-    expected = [
-        t.position[0] * t.direction[1] - t.position[1] * t.direction[0] for t in craft.thrusters
-    ]
-    assert [float(turn) for turn in turns] == pytest.approx(expected, abs=5e-4)
-    assert len(set(turns)) == 2  # of both senses, so that their order shows
-
-
 def test_an_agent_in_detail(monkeypatch: pytest.MonkeyPatch) -> None:
     card = {
         "task": "go-to-pose",
@@ -350,17 +328,6 @@ def test_counts_beyond_31_bits_are_a_sentence(
     assert capsys.readouterr().err == (
         f"rans: {arguments[-1]} must be >= 1 and < 2^31, got {count}.\n"
     )
-
-
-def test_the_last_line_of_a_training_is_always_told(capsys: pytest.CaptureFixture[str]) -> None:
-    """Others only every five seconds, which these take no part of."""
-    row = {"success": 0.5, "steps_per_s": 1e6, "return/position": 1.0}
-    with TrainingProgress(300) as progress:
-        for steps in (100, 200, 300):
-            progress.show(row | {"steps": steps})
-    told = capsys.readouterr().err.splitlines()
-    assert [line.rpartition(", ")[2] for line in told] == ["0:00:00 left", "0:00:00 left"]
-    assert told[0].startswith("training: 0.00 M steps, solved 50.0%, return 1, ")
 
 
 STYLES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")

@@ -236,13 +236,6 @@ def test_a_wrong_wiring_in_space_is_found(error: str, folder: Callable[[str], Pa
 
 
 @pytest.mark.slow
-def test_golden_pairs_keep_what_they_are_observations_of(folder: Callable[[str], Path]) -> None:
-    pairs = json.loads((folder("go-to-pose-2d-robust") / "golden.json").read_text("utf-8"))
-    rows = [planar(*one) for one in zip(pairs["state"], pairs["goal"], strict=True)]
-    np.testing.assert_allclose(rows, pairs["observation"], rtol=0, atol=1e-6)
-
-
-@pytest.mark.slow
 def test_a_contract_says_what_an_engineer_asks_first(folder: Callable[[str], Path]) -> None:
     perfect = contract_of(folder("go-to-pose-2d"))
     robust = contract_of(folder("go-to-pose-2d-robust"))

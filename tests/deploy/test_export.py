@@ -137,20 +137,6 @@ def test_what_comes_with_the_package_is_exported_already(
         assert "go-to-pose-2d comes with RANS in this format already" in told
 
 
-def test_what_comes_with_the_package_leaves_for_sb3(tmp_path: Path) -> None:
-    """A shipped agent is no file of Stable-Baselines3; its export is, and the same agent."""
-    folder = tmp_path / "go-to-pose-2d"
-    options = ["--format", "sb3", "--output", str(folder), "--episodes", "8"]
-    assert main(["export", "go-to-pose-2d", *options]) == 0
-    observations = np.random.default_rng(1).normal(size=(200, 10)).astype(np.float32)
-    expected = contestant("pretrained:go-to-pose-2d").controller.act(None, None, observations)
-    again = load_policy(folder).controller.act(None, None, observations)
-    np.testing.assert_array_equal(again, expected)
-    model = stable_baselines3.PPO.load(folder / "policy.zip", device="cpu")
-    np.testing.assert_array_equal(model.predict(observations, deterministic=True)[0], expected)
-    assert 0.02 < expected.mean() < 0.98
-
-
 def test_without_its_critic_it_is_the_same_agent_in_half(
     run: Path, shipped: Path, tmp_path: Path
 ) -> None:

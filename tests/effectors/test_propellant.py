@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from scipy.integrate import solve_ivp
 
 import rans
 from rans.effectors.motion import held, states_at_checks
@@ -62,41 +61,6 @@ def test_thrust_ends_when_the_tank_is_empty() -> None:
     assert state.p.x[0] == pytest.approx(speed * (1.0 - 0.5 * ends), rel=1e-5)
     after = held(state, craft, Body.of(craft), (1.0,), Timing(control_period=1.0))
     assert (after.v.x[0], after.stores[0][0]) == (state.v.x[0], 0.0)
-
-
-def test_flight_agrees_with_an_independent_integration() -> None:
-    """Ten periods of a platform that loses a tenth of its mass, by DOP853 with mass as a state."""
-    craft = BURNING
-    full = craft.propellant
-    assert full is not None
-    start = replace(states(craft, 4, spin=0.2), stores=(np.full(4, full.mass),))
-    given = commands(craft, 4)
-    timing = Timing(control_period=0.2)
-    state = start
-    for _ in range(10):
-        state = held(state, craft, Body.of(craft), tuple(given.T), timing)
-    table = np.array(craft.wrench_map)
-    for k in range(4):
-        force, torque = given[k] @ table[:, :2], given[k] @ table[:, 2]
-        flow = given[k].sum() * craft.thrusters[0].force / (full.specific_impulse * G0)
-
-        def rate(
-            _: float,
-            y: np.ndarray,
-            force: np.ndarray = force,
-            torque: float = torque,
-            flow: float = flow,
-        ) -> list[float]:
-            mass = craft.mass - (full.mass - y[6])
-            moment = craft.inertia[2][2] * mass / craft.mass
-            turn = np.exp(1j * y[2]) * complex(*force) / mass
-            return [y[3], y[4], y[5], turn.real, turn.imag, torque / moment, -flow]
-
-        begin = [x[k] for x in leaves(start)]
-        end = solve_ivp(rate, (0.0, 2.0), begin, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-        found = np.array([x[k] for x in leaves(state)])
-        found[2] += 2 * np.pi * np.round((end[2] - found[2]) / (2 * np.pi))
-        np.testing.assert_allclose(found, end, rtol=0, atol=3e-9)
 
 
 @pytest.mark.parametrize(

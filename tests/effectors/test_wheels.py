@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
-from rans.effectors.motion import held, states_at_checks
+from rans.effectors.motion import held
 from rans.errors import ConfigError
 from rans.model.actuators import Wheel
 from rans.model.body import Body
-from rans.model.dynamics import Wrench
-from rans.model.fields import Vec3, leaves
+from rans.model.fields import Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -43,48 +41,6 @@ def test_motors_change_no_angular_momentum_of_craft_and_wheels(craft: Spacecraft
     np.testing.assert_allclose(
         total_momentum(craft, after), total_momentum(craft, before), rtol=0, atol=1e-12
     )
-
-
-def test_spin_agrees_with_an_independent_integration() -> None:
-    """Euler's equation with wheels, written with matrices and solved by DOP853."""
-    inertia = np.array(UNEVEN.inertia)
-    axes = np.array([wheel.axis for wheel in UNEVEN.wheels]).T
-    before = states(UNEVEN, 5)
-    given = commands(UNEVEN, 5)
-    after = held(before, UNEVEN, Body.of(UNEVEN), tuple(given.T), FINE)
-    for k in range(5):
-        motor = given[k, -3:] * [wheel.max_torque for wheel in UNEVEN.wheels]
-
-        def rate(_: float, y: np.ndarray, motor: np.ndarray = motor) -> np.ndarray:
-            w, h = y[:3], y[3:]
-            torque = -axes @ motor - np.cross(w, inertia @ w + axes @ h)
-            return np.concatenate([np.linalg.solve(inertia, torque), motor])
-
-        start = [x[k] for x in (*before.w.columns(), *before.stores)]
-        end = solve_ivp(rate, (0.0, 1.0), start, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-        found = [x[k] for x in (*after.w.columns(), *after.stores)]
-        np.testing.assert_allclose(found, end, rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("craft", [CUBESAT, UNEVEN, WHEELED], ids=lambda craft: craft.name)
-def test_drake_moves_a_body_on_a_revolute_joint_alike(craft: Spacecraft) -> None:
-    before = states(craft, 6)
-    given = commands(craft, 6)
-    timing = replace(FINE, checks=2)
-    push = Wrench(
-        *(
-            (before.p.scale(0.01), before.w * 0.001)
-            if craft.dimension == 2
-            else (before.p.scale(0.01), before.w.scale(0.001))
-        )
-    )
-    ours = states_at_checks(before, craft, Body.of(craft), tuple(given.T), timing, disturbance=push)
-    plant = Plant(craft, 6)
-    pushes = np.stack(leaves(push), axis=1)
-    drake = plant.states_at_checks(rows_from_states(before), given, 1.0, pushes, checks=2)
-    for one, rows in zip(ours, drake, strict=True):
-        other = states_from_rows(rows, before).normalised()
-        np.testing.assert_allclose(np.stack(leaves(one)), np.stack(leaves(other)), atol=2e-9)
 
 
 def test_wheels_of_a_craft_that_burns_propellant_agree_with_drake() -> None:

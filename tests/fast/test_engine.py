@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import replace
 from typing import Any
@@ -126,51 +125,12 @@ def test_observation_is_final_observation_until_the_end(backend: Any, craft: Spa
         torch.testing.assert_close(step.observation, engine.observe(), rtol=0, atol=0)
 
 
-def test_spinning_too_fast_fails_in_space(backend: Any) -> None:
-    engine = backend(FLYER, GoToPose(fail_distance=1e6), 4, seed=1)
-    torque = max(range(16), key=lambda i: np.linalg.norm(FLYER.wrench_map[i][3:]))
-    action = torch.zeros(4, 16)
-    action[:, torque] = 1.0
-    step = next(step for step in (engine.step(action) for _ in range(125)) if step.terminated.any())
-    assert (spin(FLYER, step.final_observation) > GoToPose.fail_spin).all()
-    assert (spin(FLYER, step.observation) == 0).all()
-
-
 @by_turns
 def test_reward_is_the_sum_of_its_terms(backend: Any, craft: Spacecraft) -> None:
     engine = backend(craft, NEAR, 16, SHORT, seed=1)
     for step in run(engine, 25):
         # Four float32 numbers below 1 added in another order.
         torch.testing.assert_close(step.reward, step.terms.sum(dim=0), rtol=0, atol=5e-7)
-
-
-@by_turns
-def test_price_of_thrust_counts_open_valves_however_they_share(
-    backend: Any, craft: Spacecraft
-) -> None:
-    for sharing in ("none", "split"):
-        shared = dataclasses.replace(craft, thrust_sharing=sharing)
-        engine = backend(shared, GoToPose(thrust_weight=0.5), 2, seed=1)
-        step = engine.step(torch.ones(2, len(craft.thrusters), dtype=torch.int64))
-        paid = step.terms[engine.term_names.index("thrust")]
-        torch.testing.assert_close(paid, torch.full((2,), -0.5 * len(craft.thrusters)))
-
-
-def test_one_thruster_for_one_period(backend: Any) -> None:
-    """From rest at heading h, v = F h_t / m turned by h plus half the turn, to first order in it."""
-    craft = dataclasses.replace(
-        PLATFORM, inertia=((1e6, 0.0, 0.0), (0.0, 1e6, 0.0), (0.0, 0.0, 1e6))
-    )
-    engine = backend(craft, GoToPose(), 8, seed=4, dtype=torch.float64)
-    before = engine.observe()
-    after = engine.step(torch.eye(8)).final_observation
-    for i, thruster in enumerate(craft.thrusters):
-        c, s = before[i, :2].tolist()
-        x, y, _ = thruster.direction
-        push = np.array([c * x - s * y, s * x + c * y]) * thruster.force / craft.mass
-        # The huge inertia leaves a turn below 1e-8 rad, so that the push is straight.
-        np.testing.assert_allclose(after[i, 2:4], push * 0.2, atol=1e-8)
-        np.testing.assert_allclose(before[i, 6:8] - after[i, 6:8], push * 0.5 * 0.2**2, atol=1e-8)
 
 
 @by_turns

@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
 from rans.model.body import Body
 from rans.model.drift import FREE, ClohessyWiltshire, Drift, FreeFlight, UniformGravity, step_goal
-from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance
-from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves
+from rans.model.dynamics import PlanarState, Wrench, advance
+from rans.model.fields import Heading, Vec2, Vec3, leaves
 from tests.support.crafts import random_states
 
 EXACT = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}
@@ -69,17 +67,6 @@ def test_free_points_move_by_their_equation(dimension: int, index: int, duration
     )
 
 
-def test_a_relative_orbit_closes() -> None:
-    """v_y = -2 n x is an ellipse of 2 to 1: after one revolution the spacecraft is where it was."""
-    drift = ClohessyWiltshire(LOW_ORBIT)
-    p, v = drift.carry(Vec2(50.0, 10.0), Vec2(0.0, -100.0 * LOW_ORBIT), 0.5 * math.pi / LOW_ORBIT)
-    assert p.columns() == pytest.approx((0.0, 10.0 - 100.0), abs=1e-11)
-    p, v = drift.carry(p, v, 1.5 * math.pi / LOW_ORBIT)
-    assert (*p.columns(), *v.columns()) == pytest.approx(
-        (50.0, 10.0, 0.0, -100.0 * LOW_ORBIT), abs=1e-10
-    )
-
-
 @pytest.mark.parametrize("drift", drifts(2)[1:], ids=str)
 @pytest.mark.parametrize("disturbed", [False, True])
 def test_a_pushed_and_turning_craft_moves_by_its_equation(drift: Drift, disturbed: bool) -> None:
@@ -103,25 +90,6 @@ def test_a_pushed_and_turning_craft_moves_by_its_equation(drift: Drift, disturbe
     np.testing.assert_allclose(leaves(found), expected, rtol=0, atol=1e-12)
 
 
-@given(seed=st.integers(0, 99))
-def test_thrust_adds_up_in_free_flight_and_in_an_orbit(seed: int) -> None:
-    """What two forces do together is the sum of what each does alone; and free flight keeps momentum."""
-    body = Body(5.0, (0.2,))
-    state: Any = random_states(2, 1, seed)
-    x = Vec2(1.0, 0.0)
-    y = Vec2(0.0, -2.0)
-    turn = 0.1
-    zero = Vec2(0.0, 0.0)
-    for drift in (FREE, ClohessyWiltshire(0.2)):
-        none, one, two, both = (
-            np.array(leaves(advance(state, Wrench(f, turn), body, 0.2, drift=drift)))
-            for f in (zero, x, y, x + y)
-        )
-        np.testing.assert_allclose(both - none, one - none + two - none, rtol=0, atol=1e-14)
-    coasting: Any = advance(state, Wrench(zero, 0.0), body, 0.2)
-    assert leaves(coasting.v) == leaves(state.v)
-
-
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_goals_drift_and_spin(dimension: Any) -> None:
     goal: Any = random_states(dimension, 1, 5)
@@ -140,12 +108,6 @@ def test_goals_drift_and_spin(dimension: Any) -> None:
     )
     w, x, y, z = (q[0] for q in leaves(later.attitude))
     assert (expected.inv() * Rotation.from_quat([x, y, z, w])).magnitude() < 1e-14
-
-
-def test_a_goal_at_rest_stays() -> None:
-    zero = Vec3(0.0, 0.0, 0.0)
-    rest = SpatialState(Vec3(1.0, 2.0, 3.0), Quat(1.0, 0.0, 0.0, 0.0), zero, zero)
-    assert leaves(step_goal(rest, FREE, 5.0)) == leaves(rest)
 
 
 @pytest.mark.parametrize(

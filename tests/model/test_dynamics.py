@@ -18,7 +18,7 @@ from rans.model.body import Body
 from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance, thrust, wrench
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, Thruster
-from tests.support.crafts import inertias, nasty_spatial, random_states, spacecraft
+from tests.support.crafts import nasty_spatial, random_states
 
 FINE = 64
 """Substeps of a spatial control period at which truncation is below 1e-10 for spins of some rad/s."""
@@ -99,29 +99,7 @@ def test_nozzles_take_pressure_from_their_own_supply_only(planar_craft: Spacecra
     assert thrust(planar_craft, (1.0, 1.0, 0.0, 1.0, 0.5), single)[0] == pytest.approx(1 / 2.25)
 
 
-@pytest.mark.filterwarnings("ignore:spacecraft 'random'.*cannot push and turn")
-@given(craft=st.one_of(spacecraft(2), spacecraft(3)), seed=seeds)
-def test_thrusters_superpose(craft: Spacecraft, seed: int) -> None:
-    """Without sharing the wrench is linear in the commands."""
-    craft = replace(craft, thrust_sharing="none")
-    a, b = np.random.default_rng(seed).random((2, len(craft.thrusters)))
-    together, first, second = (
-        np.array(leaves(wrench(craft, tuple(command)))) for command in (0.5 * a + 0.25 * b, a, b)
-    )
-    assert together == pytest.approx(0.5 * first + 0.25 * second, abs=1e-13)  # ten terms of 5 N
-
-
 # The plane
-
-
-def test_push_and_turn_by_hand() -> None:
-    """4 N along B's x, which is W's y, on 2 kg: 2 m/s^2; 0.5 N m on 0.25 kg m^2: 2 rad/s^2."""
-    body = Body(2.0, (0.25,))
-    start = PlanarState(Vec2(1.0, 2.0), Heading(math.pi / 2), Vec2(0.5, 0.0), 0.0)
-    pushed = advance(start, Wrench(Vec2(4.0, 0.0), 0.0), body, 0.5)
-    assert leaves(pushed) == pytest.approx((1.25, 2.25, math.pi / 2, 0.5, 1.0, 0.0), abs=1e-15)
-    turned = advance(start, Wrench(Vec2(0.0, 0.0), 0.5), body, 3.0)
-    assert leaves(turned) == pytest.approx((2.5, 2.0, math.pi / 2 + 9.0, 0.5, 0.0, 6.0), abs=1e-14)
 
 
 @pytest.mark.parametrize("spin", [0.0, 1.5, -3.0])
@@ -233,24 +211,6 @@ def test_space_agrees_with_scipy(seed: int) -> None:
     assert found == pytest.approx(expected, abs=1e-10)  # truncation at 3 ms, spins up to 3 rad/s
 
 
-@settings(max_examples=10)
-@given(moments=inertias(), seed=seeds)
-def test_coasting_conserves_momentum_and_energy(moments: Any, seed: int) -> None:
-    """Angular momentum in W, by SciPy's rotations, over 0.2 s without thrust."""
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = moments
-    body = Body(5.32, (xx, xy, xz, yy, yz, zz))
-    inertia = np.array(moments)
-    start = random_states(3, 32, seed)
-    zero = Vec3(0.0, 0.0, 0.0)
-    end = advance(start, Wrench(zero, zero), body, 0.2, FINE)
-    momentum = [rotation(s.attitude).apply(rows(s.w) @ inertia) for s in (start, end)]
-    energy = [np.einsum("ni,ij,nj->n", rows(s.w), inertia, rows(s.w)) for s in (start, end)]
-    # Truncation at 3 ms, up to 1.7 rad/s; velocity does not change by a bit.
-    assert momentum[1] == pytest.approx(momentum[0], abs=1e-9)
-    assert energy[1] == pytest.approx(energy[0], abs=1e-9)
-    assert np.array_equal(rows(end.v), rows(start.v))
-
-
 def test_order_of_accuracy_is_six() -> None:
     state = random_states(3, 64, 1)
     applied = random_wrench(3, 64, 1)
@@ -261,23 +221,6 @@ def test_order_of_accuracy_is_six() -> None:
 
 
 # Symmetries
-
-
-@given(angle=st.floats(-3.0, 3.0), seed=seeds)
-def test_turning_the_plane_turns_the_motion(angle: float, seed: int) -> None:
-    body = Body(5.32, (0.2045,))
-    state = random_states(2, 8, seed)
-    applied = random_wrench(2, 8, seed)
-    turn = Heading(angle)
-
-    def turned(s: PlanarState) -> PlanarState:
-        return PlanarState(
-            turn.rotate(s.p), Heading(s.attitude.angle + angle), turn.rotate(s.v), s.w
-        )
-
-    first = advance(turned(state), applied, body, 0.2)
-    last = turned(advance(state, applied, body, 0.2))
-    assert np.array(leaves(first)) == pytest.approx(np.array(leaves(last)), abs=1e-13)  # rounding
 
 
 @given(turn=turns, seed=seeds)

@@ -15,7 +15,6 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
-from rans.errors import ConfigError
 from rans.flight import fly
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire, Drift
@@ -268,12 +267,6 @@ def test_several_side_by_side() -> None:
     seen, _ = envs.reset(seed=1)
     assert seen.shape == (2, 22)
     assert envs.step(envs.action_space.sample())[1].shape == (2,)
-
-
-def test_an_inertia_only_drake_refuses_is_a_sentence() -> None:
-    flat = ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.2 * (1 + 5e-10)))
-    with pytest.raises(ConfigError, match="Drake refuses its inertia"):
-        drake("rans/GoToPose3D-v0", spacecraft=replace(nasty_spatial(), inertia=flat))
 
 
 def test_registering_it_loads_no_drake() -> None:

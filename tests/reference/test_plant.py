@@ -188,13 +188,6 @@ def test_an_inertia_only_drake_refuses_is_a_sentence() -> None:
         Plant(replace(flyer, inertia=flat))
 
 
-@pytest.mark.parametrize("sharing", ["none", "split"])
-def test_nasty_spacecraft_agree_layer_by_layer(planar_craft, spatial_craft, sharing) -> None:
-    for craft in (planar_craft, spatial_craft):
-        shared = replace(craft, thrust_sharing=sharing)
-        assert_none_failed([*exact_layers(shared, 3), *period_checks(shared, 3, 32)])
-
-
 def test_shipped_spacecraft_agree_layer_by_layer(shipped: Spacecraft) -> None:
     shipped = replace(shipped, actuators=ON_OFF)  # layers below pulses, which test_worlds compares
     assert_none_failed([*exact_layers(shipped, 4), *period_checks(shipped, 4, 32)])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from rans_proof.problem import problem_of
 from rans_proof.prove import prove
 
 from rans.cli import main
-from tests.support.small_networks import damping, layers, written
+from tests.support.small_networks import damping, written
 
 onnx = pytest.importorskip("onnx")
 DOCKING = """
@@ -35,19 +34,6 @@ position = [0, 1]
 velocity = [2, 3]
 base = 0.2
 slope = 0.002
-"""
-HOLDING = """
-name = "hold outside of a ball"
-period = 5.0
-steps = 12
-commands = 2
-derivative = ["x2", "x3", "0.002 * x3 + 0.02 * u0", "-0.002 * x2 + 0.02 * u1"]
-[start]
-lower = [-20.0, -90.0, -0.3, 0.1]
-upper = [20.0, -80.0, 0.3, 0.3]
-[keep.keep_out]
-position = [0, 1]
-radius = 50.0
 """
 SETTLING = """
 name = "a mass on a line comes to rest"
@@ -189,102 +175,6 @@ def test_a_certificate_of_another_problem_is_refused(
         assert text in " ".join(printed.split())
 
 
-def test_the_command_judges_a_certificate_without_cells(
-    certificate: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("flint")
-    network, file = certificate
-    table = {**json.loads(file.read_bytes()), "cells": []}
-    (tmp_path / "empty.json").write_text(json.dumps(table))
-    check = ["--check", str(tmp_path / "empty.json")]
-    assert main(["prove", str(network), *check]) == 1
-    assert capsys.readouterr().out.startswith("Refused: ")
-
-
-def _changed_network(content: bytes, table: dict[str, Any]) -> bytes:
-    model = onnx.load_model_from_string(content)
-    for one in model.graph.initializer:
-        if one.name == "b0":
-            values = onnx.numpy_helper.to_array(one).copy()
-            values[0] += 1e-6
-            one.CopyFrom(onnx.numpy_helper.from_array(values, "b0"))
-    return model.SerializeToString()
-
-
-@pytest.mark.parametrize(
-    "error",
-    [
-        "bias",
-        "missing",
-        "no cells",
-        "falling limit",
-        "smaller",
-        "larger start",
-        "false",
-        "faster",
-        "infinite",
-        "huge",
-        "no time",
-    ],
-)
-def test_planted_errors_are_refused(error: str, certificate: tuple[Path, Path]) -> None:
-    pytest.importorskip("flint")
-    from rans_proof.balls import Refused
-
-    network, file = certificate
-    content = network.read_bytes()
-    table = json.loads(file.read_bytes())
-    match error:
-        case "bias":
-            content = _changed_network(content, table)
-        case "missing":
-            del table["cells"][3]
-        case "no cells":
-            table["cells"] = []
-        case "falling limit":  # distances are bounded from below, which serves limits that grow
-            table["problem"] = table["problem"].replace(
-                "base = 0.2\nslope = 0.002", "base = 10.0\nslope = -0.002"
-            )
-            assert "-0.002\n" in table["problem"]
-        case "smaller":
-            table["cells"][0][1][2] = float(np.nextafter(table["cells"][0][1][2], -1.0))
-        case "larger start":
-            table["problem"] = table["problem"].replace("upper = [90.0,", "upper = [90.000001,")
-        case "false":  # a property that does not hold
-            table["problem"] = table["problem"].replace("base = 0.2", "base = -0.2")
-        case (
-            "infinite" | "huge"
-        ):  # one cell that covers everything; sums of infinities are no numbers
-            size = float("inf") if error == "infinite" else 1e200
-            table["cells"] = [[[-size] * 4, [size] * 4]]
-        case "no time":
-            table["problem"] = table["problem"].replace("steps = 8", "steps = 0")
-        case "faster":  # a set that is too large for its margin
-            table["problem"] = table["problem"].replace("0.1, 0.1]", "0.9, 0.9]")
-            table["cells"] = [[low, [*high[:2], 0.9, 0.9]] for low, high in table["cells"]]
-    with pytest.raises(Refused):
-        verdict(json.dumps(table).encode(), content)
-
-
-@pytest.mark.parametrize(("radius", "passes"), [(75.0, True), (79.0, False)])
-def test_the_checker_knows_the_ball(radius: float, passes: bool, tmp_path: Path) -> None:
-    """Flights brake from 0.3 m/s, 80 m away: at the nearest they come to 77 m."""
-    network = written(damping(4, (2, 3), 3), tmp_path / "net.onnx")
-    problem = problem_of(HOLDING.replace("50.0", "70.0"))
-    write_certificate(
-        prove(problem, read_network(network)), network.read_bytes(), tmp_path / "ball.json"
-    )
-    table = json.loads((tmp_path / "ball.json").read_text())
-    content = json.dumps(table).replace("radius = 70.0", f"radius = {radius}").encode()
-    if passes:
-        assert verdict(content, network.read_bytes()) > 0.0
-        return
-    from rans_proof.balls import Refused
-
-    with pytest.raises(Refused, match="margin"):
-        verdict(content, network.read_bytes())
-
-
 def test_a_flight_that_refutes_is_flown_again(
     certificate: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -341,19 +231,6 @@ def test_a_flight_that_refutes_may_differ_by_rounding(
 
     with pytest.raises(Refused, match="another one in period 0"):
         verdict(content, network.read_bytes())
-
-
-def test_the_checker_agrees_about_rectifiers(tmp_path: Path) -> None:
-    """Rectifiers below a last layer of tanh, whose commands push a craft at the limit of its speed."""
-    hidden, last = layers([4, 8, 2], 5, scale=0.05)
-    both = [Layer(hidden.weight, hidden.bias, "relu"), last]
-    network = written(both, tmp_path / "net.onnx")
-    proof = prove(problem_of(HOLDING), read_network(network))
-    assert proof.is_whole
-    write_certificate(proof, network.read_bytes(), tmp_path / "ball.json")
-    found = verdict((tmp_path / "ball.json").read_bytes(), network.read_bytes())
-    # They bound the way between control instants each in its own way.
-    assert found == pytest.approx(proof.margins.min(), rel=0.01)
 
 
 def test_turns_of_many_periods_do_not_widen_balls(tmp_path: Path) -> None:

@@ -308,34 +308,6 @@ def test_a_refusal_of_the_command_is_one_sentence(
     assert text.endswith(".")
 
 
-@pytest.mark.parametrize(
-    ("start", "keep", "layers"),
-    [
-        ((0.0, 0.05), (0.0001, SPIN), 2),
-        ((0.049, 0.0), (LIMIT, 0.06), 1),
-        ((0, 0), (LIMIT, SPIN), 2),
-    ],
-)
-def test_a_start_without_speed_or_spin_needs_cells(
-    start: tuple[float, float],
-    keep: tuple[float, float],
-    layers: int,
-    table: dict[str, Any],
-    files: dict[str, bytes],
-) -> None:
-    """Rest is one of its starts; sets that hold only fast states, or only those that turn, do not contain it."""
-    pytest.importorskip("flint")
-    from rans_proof.balls import Refused
-
-    away = [[11, 12, 0, 16, layers - 1, layers], [11, 12, 16, 32, -layers, 1 - layers]]
-    table["start"] = dict(zip(("speed", "spin"), start, strict=True))
-    table["keep"] = dict(zip(("speed", "spin"), keep, strict=True))
-    table["grid"]["layers"] = layers
-    table["cells"] = away
-    with pytest.raises(Refused, match=r"do not contain all starts|beyond the limit"):
-        check(table, files)
-
-
 def test_what_is_false_ends_with_a_flight(loop: Loop) -> None:
     """A limit below what a pulse leaves: 2 N for 0.2 s on 5.32 kg are 7.5 cm/s."""
     trap = trapping_set(loop, 0.07, SPIN, grid=Grid(8, 32, 4))

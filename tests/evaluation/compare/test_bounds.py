@@ -19,7 +19,6 @@ from rans.evaluation.compare.bounds import (
     bound,
     bounds_in_parallel,
     bounds_table,
-    count_of_periods,
     goal_set,
     no_certificate,
     no_tube,
@@ -229,11 +228,6 @@ def test_what_settling_asks_for(craft: Spacecraft, task: Task, wanted: tuple[str
     )
 
 
-def test_settling_has_a_time_only() -> None:
-    with pytest.raises(ConfigError, match="bounded for arrival only, not for settling"):
-        question(PLATFORM, TASK, 0.2, Event("settling", 10.0), SearchEffort(), one_start().scenario)
-
-
 def test_no_sequence_settles_before_its_bound() -> None:
     """All 59,049 of ten periods of 1 N pairs ahead, back and none, 25 cm from the goal, by the exact sums."""
     steps = 10
@@ -320,12 +314,6 @@ def test_horizons_are_whole_periods(periods: int, monkeypatch: pytest.MonkeyPatc
 def test_times_that_bound_nothing(changes: dict[str, float], sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         list(bounds_in_parallel([one_start(**changes)], [0], 1))
-
-
-@pytest.mark.parametrize("period", [0.0, math.nan, -0.2])
-def test_periods_that_no_horizon_is_made_of(period: float) -> None:
-    with pytest.raises(ConfigError, match="control period > 0 s"):
-        count_of_periods(1.0, period)
 
 
 @pytest.mark.parametrize("horizon", [None, 4.0])
@@ -438,11 +426,3 @@ def test_a_start_far_away_has_the_bound_of_the_hull(distance: float) -> None:
     push = 4.0 / math.sqrt(2.0) / PLATFORM.mass
     assert answer.upper == math.inf
     assert answer.best == pytest.approx(2.0 * math.sqrt(distance / push), rel=0.02)
-
-
-def test_a_horizon_too_long_for_a_certificate_has_the_bound_of_the_hull() -> None:
-    (one,) = each(scenarios(TASK, PLATFORM, 2023, 1))
-    far = replace(one, start=replace(one.start, p=Vec2(30.0, 0.0)))
-    answer = bound(0, question(PLATFORM, TASK, 0.2, Event(horizon=400.0), SearchEffort(1.0), far))
-    assert answer.lower is None
-    assert 0.0 < answer.best < math.inf

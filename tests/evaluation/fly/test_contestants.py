@@ -235,18 +235,6 @@ def test_a_protocol_has_a_rate_of_its_own() -> None:
     assert under_protocol("own", own) is own
 
 
-def test_an_lqr_under_a_protocol_knows_its_spacecraft() -> None:
-    """Sharing costs an LQR nothing it does not know of: it still arrives."""
-    loaded = contestant("lqr:go-to-pose-2d", "original")
-    controller = loaded.controller
-    craft = loaded.craft
-    task = loaded.task
-    timing = loaded.timing
-    assert craft == load_spacecraft("floating-platform-shared")
-    flight = fly(craft, task, controller, scenarios(task, craft, 1, 16), timing)
-    assert (flight.errors()["position"][-1] < 0.2).all()
-
-
 def test_a_multi_task_agent_is_judged_on_each_of_its_tasks(multi: Path) -> None:
     parts = [f"{multi}#go-to-position", f"{multi}#track-velocity"]
     assert [*map(str, judged_separately(str(multi)))] == parts
@@ -273,22 +261,6 @@ def test_slow_controllers_fly_in_shares() -> None:
     np.testing.assert_allclose(
         together.states.p.x, alone.states.p.x, atol=1e-12
     )  # batches round alike
-
-
-def test_drake_flies_contestants_by_name() -> None:
-    """Both engines are at rounding level: the decisions are the same, the ways equal to a micrometre."""
-    spec = "lqr:go-to-pose-2d"
-    loaded = contestant(spec)
-    controller = loaded.controller
-    craft = loaded.craft
-    task = loaded.task
-    timing = loaded.timing
-    task = task.for_evaluation()
-    ours = fly(craft, task, controller, scenarios(task, craft, 1, 3), timing)
-    judged, _ = fly_episodes(controller, Setup(craft, task, timing), 1, 3, "drake")
-    assert judged.engine == "drake"
-    np.testing.assert_array_equal(judged.commands, ours.commands)
-    np.testing.assert_allclose(judged.states.p.x, ours.states.p.x, atol=1e-6)
 
 
 def test_the_network_of_a_contestant_is_that_of_an_agent() -> None:

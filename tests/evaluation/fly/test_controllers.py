@@ -6,7 +6,7 @@ import pickle
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -100,14 +100,6 @@ def test_a_controller_of_any_module_flies_what_its_name_says() -> None:
     flight, failures = fly_episodes(made, SETUP, 1, 4)
     np.testing.assert_array_equal(flight.commands, np.tile([1.0, 0.0] * 4, (3, 4, 1)))
     assert failures == 5
-
-
-def test_only_controllers_are_controllers() -> None:
-    assert ContestantName.parse("lqr:go-to-pose-2d").controller == "lqr"
-    assert not any(
-        ContestantName.parse(text).controller
-        for text in ("runs/first", "pretrained:go-to-pose-2d", "python:lqr:act")
-    )
 
 
 @pytest.mark.parametrize(
@@ -277,47 +269,6 @@ def test_onnx_needs_its_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     with pytest.raises(MissingPackage, match=r"onnxruntime.*pip install 'rans\[onnx\]'"):
         user_policy(f"onnx:{tmp_path / 'policy.onnx'}", CRAFT, GoToPose())
-
-
-class Session:
-    """Stands in for onnxruntime's: opens every thruster whose observation is positive."""
-
-    def __init__(self, name: str, providers: list[str]) -> None:
-        if "damaged" in name:
-            raise ValueError("bad magic\nbytes")
-        self.inputs = ["a", "b"] if "two" in name else ["seen"]
-        self.width: int | str = 22 if "wide" in name else "width"
-
-    def get_inputs(self) -> list[SimpleNamespace]:
-        return [SimpleNamespace(name=name, shape=["N", self.width]) for name in self.inputs]
-
-    def get_outputs(self) -> list[SimpleNamespace]:
-        return [SimpleNamespace(name="command", shape=["N", 8])]
-
-    def run(self, outputs: None, feed: dict[str, np.ndarray]) -> list[np.ndarray]:
-        return [(feed["seen"][:, :8] > 0).astype(np.int64)]
-
-
-def test_onnx_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    runtime = ModuleType("onnxruntime")
-    runtime.InferenceSession = Session  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "onnxruntime", runtime)
-    for name in ("policy", "damaged", "two", "wide"):
-        (tmp_path / name).write_bytes(b"")
-    policy = user_policy(f"onnx:{tmp_path / 'policy'}", CRAFT, GoToPose())
-    np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), OBSERVATIONS[:, :8] > 0)
-    with pytest.raises(ConfigError, match="damaged is no ONNX network: bad magic"):
-        user_policy(f"onnx:{tmp_path / 'damaged'}", CRAFT, GoToPose())
-    with pytest.raises(
-        ConfigError, match=r"must have one input, the observation, and .* the inputs b and 0 such"
-    ):
-        user_policy(f"onnx:{tmp_path / 'two'}", CRAFT, GoToPose())
-    with pytest.raises(ConfigError, match="wide observes 22 numbers, but floating-platform has 10"):
-        user_policy(f"onnx:{tmp_path / 'wide'}", CRAFT, GoToPose())
-
-
-def test_others_are_no_user_policies() -> None:
-    assert not any(map(is_user_policy, ("runs/sb3", "lqr:go-to-pose-2d", "sb3", "")))
 
 
 class _Answers:

@@ -83,22 +83,6 @@ def test_share_has_a_width_even_where_all_succeed() -> None:
     assert estimate.low == pytest.approx(0.839, abs=5e-4)
 
 
-@pytest.mark.parametrize(
-    ("successes", "count", "low", "high"), [(81, 263, 0.2553, 0.3662), (0, 20, 0.0, 0.1611)]
-)
-def test_wilsons_interval_by_hand(successes: int, count: int, low: float, high: float) -> None:
-    """Newcombe, Statistics in Medicine 17, 1998, table I, which has four digits."""
-    estimate = share(np.arange(count) < successes)
-    assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=5e-5)
-
-
-def test_shares_of_none_and_of_all_end_exactly() -> None:
-    """Rounding left 2e-17 of 1,411 of these counts; the ends are SciPy's, which are 0 and 1 there."""
-    for count in range(1, 5001):
-        none, all_of_them = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
-        assert (share(none).low, share(all_of_them).high) == (0.0, 1.0)
-
-
 @settings(deadline=None)  # SciPy's search for a p-value takes longer in its first call
 @given(st.integers(1, 10_000), st.floats(0.0, 1.0))
 def test_wilsons_interval_is_that_of_scipy(count: int, part: float) -> None:

@@ -18,7 +18,6 @@ from rans.evaluation.fly.make_controller import guard_of
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.distributed import Processes
 from rans.fast.learn.config import (
-    ExplorationSettings,
     MemorySettings,
     PPOSettings,
     ScheduleSettings,
@@ -128,29 +127,6 @@ def test_the_bound_of_the_step_size_falls_towards_the_end(tmp_path: Path) -> Non
     rates = [row["train/learning_rate"] for row in rows]
     # Every update wants longer steps, so the bound is what is taken.
     assert rates == pytest.approx([1e-3 * (16 - n) / 16 for n in range(16)], rel=1e-6)
-
-
-def test_thrusters_open_at_first_as_often_as_the_config_says(tmp_path: Path) -> None:
-    """Judged by the deterministic agent, which opens what is likelier open than shut: none, and all."""
-    for duty, expected in ((0.01, 0.0), (0.99, 1.0)):
-        trainer = tiny_trainer(
-            tmp_path / str(duty),
-            replace(CONFIG, ppo=replace(TINY, exploration=ExplorationSettings(duty))),
-        )
-        assert trainer.selection.judge()[0]["duty"] == pytest.approx(expected, abs=1e-6)
-        trainer.learner.learn()
-        # 1,024 throws: within five standard deviations of their mean.
-        assert float(trainer.learner.rollout.all.action.mean()) == pytest.approx(duty, abs=0.016)
-
-
-def test_a_warm_up_that_takes_all_steps_is_reported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As where few steps are wanted of a GPU, which compiles and records in the first iterations."""
-    trainer = tiny_trainer(tmp_path / "run", replace(CONFIG, total_timesteps=384))
-    monkeypatch.setattr(trainer, "_warm_up", lambda: [trainer._iterate() for _ in range(3)])
-    trainer.train(ignore)
-    assert [row["steps"] for row in trainer.run.metrics()] == [384]
 
 
 def test_episodes_to_learn_in_may_be_shorter_than_those_to_be_judged_in(tmp_path: Path) -> None:

@@ -204,29 +204,6 @@ def test_turning_may_take_more_thrust_than_pushing() -> None:
     assert hull.least_fuel(shared, {"spin"}, planar(), planar(w=6.1), 2.0, EXACT) == math.inf
 
 
-@pytest.mark.parametrize(
-    ("bad", "name"),
-    [
-        (planar(x=math.nan), "start"),
-        (planar(v=(math.inf, 0.0)), "start"),
-        (planar(heading=math.nan), "goal"),
-        (planar(w=math.inf), "goal"),
-    ],
-)
-def test_no_bound_from_numbers_that_are_none(bad: PlanarState, name: str) -> None:
-    start, goal = (bad, planar()) if name == "start" else (planar(), bad)
-    with pytest.raises(ConfigError, match=f"a bound needs a finite {name}"):
-        hull.least_time(PLATFORM, POSE, start, goal, EXACT)
-    with pytest.raises(ConfigError, match=f"a bound needs a finite {name}"):
-        hull.least_fuel(PLATFORM, POSE, start, goal, 10.0, EXACT)
-
-
-@pytest.mark.parametrize("horizon", [0.0, -1.0, math.nan, math.inf])
-def test_horizons_that_are_none(horizon: float) -> None:
-    with pytest.raises(ConfigError, match="horizon > 0 s"):
-        hull.least_fuel(PLATFORM, POSE, planar(), planar(), horizon, EXACT)
-
-
 def test_tolerances_are_granted() -> None:
     """By hand, with a = 2.828 N / 5.32 kg = 0.5317 m/s^2 and 1.24 N m / 0.2045 kg m^2 for the turn."""
     push = 2 * math.sqrt(2) / PLATFORM.mass

@@ -11,7 +11,7 @@ import pytest
 import torch
 from rans_missions.orbits.earth import EARTH, EARTH_RADIUS, J2
 from rans_missions.orbits.perturbed import PerturbedOrbit
-from rans_missions.two_body import Perturbations, density, perturbed_motion
+from rans_missions.two_body import Perturbations, perturbed_motion
 from scipy.integrate import solve_ivp
 
 from rans.errors import ConfigError
@@ -80,21 +80,6 @@ def test_the_target_is_on_the_orbit_nearest_to_a_circle() -> None:
     # 1 km of swing; the second order is k n t, 0.009, of k a, which is 9.6 km.
     assert np.ptp(expected) > 1500.0
     np.testing.assert_allclose(np.linalg.norm(flown, axis=0), expected, atol=100.0)
-
-
-def test_drag_pulls_as_in_axes_that_do_not_turn() -> None:
-    """The density of the air and the speed in it are those at the target; its swing is left out, and is 2 %."""
-    p, _, latitude = starts(1.0)
-    zero = 0.0 * p
-    perturbed = Perturbations(0.9, latitude, target_drag=0.02, craft_drag=0.05)
-    wind = N * RADIUS - 7.292115e-5 * RADIUS * math.cos(0.9)
-    drag = 0.5 * 0.03 * float(density(np.array([RADIUS - 6_378_137.0]))[0]) * wind**2
-    drift = PerturbedOrbit.around_earth(N, 0.9, drag, latitude)
-    truth, speeds = perturbed_motion(N, zero, zero, [2000.0], perturbed)
-    np.testing.assert_allclose(carried(drift, zero, zero, 2000.0), truth[0], atol=0.05)
-    assert np.abs(truth[0]).max() > 0.5
-    _, v_1 = drift.carry(Vec3(*zero.T), Vec3(*zero.T), 2000.0)
-    np.testing.assert_allclose(np.stack(v_1.columns(), 1), speeds[0], atol=1e-4)
 
 
 def test_motions_follow_one_another() -> None:

@@ -183,19 +183,6 @@ def test_nozzles_along_lines_through_the_centre_have_one_spin(turn: float, scale
         lattice.net_spins(GoalSet(spin=0.1), dataclasses.replace(rest, w=0.11), rest)
 
 
-def test_thrusters_in_the_centre_have_one_spin() -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that it cannot be controlled is the point
-        straight = dataclasses.replace(
-            PLATFORM,
-            name="straight",
-            thrusters=tuple(
-                dataclasses.replace(t, position=(0.0, 0.0, 0.0)) for t in PLATFORM.thrusters
-            ),
-        )
-    assert (Lattice(straight, PERIOD).multiples == 0).all()
-
-
 def test_spin_off_the_lattice() -> None:
     lattice = Lattice(PLATFORM, PERIOD)
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
