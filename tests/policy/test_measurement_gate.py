@@ -30,7 +30,6 @@ from tests.support.training import tiny_learner
 
 COUNT = 32
 SEED = 5
-GATE = FilterSettings.gate
 TASK = GoToPose()
 TIMING = Timing()
 
