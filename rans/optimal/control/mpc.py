@@ -422,11 +422,16 @@ class _Program:
         )
 
     def _curvature(self, craft: Spacecraft, regulator: Regulator) -> ca.DM:
-        """Full thrust along an axis costs 1, as it does for the regulator."""
+        """Full thrust along the axis that takes it costs 1, as it does for the regulator.
+
+        The force is the same along every axis, either way. Along a strong one it takes a small part of what the
+        thrusters can: at the price of that part, thrust along the weak ones would not pay.
+        """
         allocation = Allocation(craft)
         force, _ = allocation.authority()
-        full = allocation.commands(np.eye(craft.degrees_of_freedom)[:1] * force)
-        effort = 1.0 / float((full * full).sum())
+        axes = np.eye(craft.degrees_of_freedom)[: craft.dimension] * force
+        full = allocation.commands(np.vstack([axes, -axes]))
+        effort = 1.0 / float((full * full).sum(axis=1).max())
         # Of an error's entries: positions, angles, velocities and spins, in this order.
         size = craft.degrees_of_freedom
         entries = np.arange(2 * size).reshape(2, size)
