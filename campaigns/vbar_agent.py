@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from campaigns.vbar import Array, Coast, Guidance, Leg, Port, Route, gate
+from campaigns.vbar import AVERAGED, Array, Coast, Guidance, Leg, Port, Route, gate
 from rans.deploy.onnx_file import write_onnx
 from rans.deploy.program import Ports
 from rans.policy.program import Program
@@ -282,8 +282,7 @@ def _to_hold(view: Any, answer: Callable[[Array], Array], limits: Any, start: Ar
 def _to_port(view: Any, answer: Callable[[Array], Array], limits: Any, start: Array) -> Route:
     """To a point on the axis of a port outside its corridor, and along the axis into the port."""
     port = Port(view, limits)
-    # With noise the filter averages first: the port asks for 0.1 m.
-    earliest = 4000.0 if ":nav1" in view.scenario_id else 0.0
+    earliest = AVERAGED if ":nav1" in view.scenario_id else 0.0
     # Without the gates, which the speed of a port keeps: the mechanism asks for more than the last one allows.
     without_gates = {name: one for name, one in limits.items() if name != "gate_table"}
 

@@ -47,6 +47,10 @@ class Coasts:
         for ball in limits.balls:
             for _ in range(self.pushes):
                 velocity = velocity + self._around(ball, state, velocity, time)
+        return self.slowed(limits, state, velocity)
+
+    def slowed(self, limits: Limits, state: Any, velocity: Any) -> Any:
+        """A velocity in W, m/s, scaled down to the largest speed that is allowed where the craft is."""
         largest: Field = self.largest_speed
         for limit in limits.speeds:
             allowed = self.allowed_speed(limit, state.p, state.v)

@@ -269,7 +269,9 @@ class FewBurns(OrbitalGuidance):
         waits = (small & (time_left > _CORRECTION_PERIODS * period)) | (time_left < 0.5 * period)
         for ball in limits.balls:
             waits = waits | self._passes(ball, state, aimed, time)
-        coasting = map_leaves(partial(where, waits), state.v, velocity)
+        # Who waits keeps its velocity, but for a speed limit that falls on the way.
+        waiting = self.coasts.slowed(limits, state, state.v) if limits.speeds else state.v
+        coasting = map_leaves(partial(where, waits), waiting, velocity)
         braked = self._braked(state, goal, coasting, time_left, deadline)
         return map_leaves(partial(where, late), velocity, braked)
 

@@ -147,6 +147,21 @@ def test_a_craft_that_comes_too_late_keeps_the_speed_limit_and_the_ball() -> Non
     raise AssertionError("it did not come to the goal within 800 s")
 
 
+def test_nobody_beside_a_ball_is_faster_than_is_allowed_while_it_waits_to_pass() -> None:
+    """From 2,000 states near a ball, at 0.3 to 0.4 m/s where 0.32 to 0.36 m/s are allowed; a goal is behind it."""
+    law = guidance(FewBurns, brakes=True, pushes=3)
+    limits = Limits(balls=(Ball(REST, REST, 53.0),), speeds=(SpeedLimit(REST, 0.2, 0.0022),))
+    random = np.random.default_rng(0)
+    directions = random.normal(size=(2, 3, 2000))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    p = Vec3(*(directions[0] * random.uniform(54.0, 75.0, 2000)))
+    v = Vec3(*(directions[1] * random.uniform(0.3, 0.4, 2000)))
+    goal: Any = SimpleNamespace(p=vector(0.0, -62.6, 0.0), v=REST)
+    left = np.full(2000, 900.0)
+    flown = law.velocity(SimpleNamespace(p=p, v=v), goal, left, left + 300.0, limits)
+    assert (flown.norm() < 0.2 + 0.0022 * p.norm()).all()
+
+
 @pytest.mark.parametrize(("kind", "brakes"), [(SingleImpulse, False), (FewBurns, True)])
 def test_the_plan_is_no_dearer_than_the_latest_arrival(
     kind: type[OrbitalGuidance], brakes: bool
