@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from campaigns.figures import checks_of
 from campaigns.standings import MISSIONS, rows
 from rans.files import read_json, read_text
 from rans.show.figures.figures import styled
@@ -165,17 +166,15 @@ def perturbations() -> Figure:
 @styled
 def margins() -> Figure:
     """Every check of a spacecraft's validation, as a share of its tolerance."""
-    checks = _record("floating-platform")["checks"]
-    layers = [*dict.fromkeys(check["layer"] for check in checks)]
+    checks = checks_of(_record("floating-platform"))
+    layers = [*dict.fromkeys(check.layer for check in checks)]
     figure = Figure(figsize=(7.4, 0.24 * len(layers) + 1.0), layout="constrained")
     axes = figure.add_subplot()
     least = 1e-8
     for check in checks:
-        tolerance = check["tolerance"]
-        share = abs(check["value"]) / tolerance if tolerance else 0.0
-        row = layers.index(check["layer"])
-        colour, marker = (BLUE, "o") if share > least else (GREY, "<")
-        axes.plot(max(share, least), row, marker, color=colour, markersize=5, alpha=0.7)
+        row = layers.index(check.layer)
+        colour, marker = (BLUE, "o") if check.share > least else (GREY, "<")
+        axes.plot(max(check.share, least), row, marker, color=colour, markersize=5, alpha=0.7)
     axes.axvline(1.0, color=RED, linewidth=1.6)
     axes.text(1.1, -0.9, "tolerance", color=RED, fontsize=8, va="center")
     axes.set_xscale("log")

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from campaigns.table import PAGES, table
-from rans.files import read_json
+from rans.files import number, read_json
 from rans.model.spacecraft_file import spacecraft_names
+from validation.study.checks import Check
 
 Rows = tuple[Sequence[str], Sequence[Sequence[str]]]
 """Headings and rows of text."""
@@ -37,7 +38,7 @@ def validations(docs: Path) -> Rows:
     """The first table of validation.md: how many checks of every spacecraft passed."""
     rows = []
     for name, found in _studies(docs).items():
-        passed = sum(check["passed"] for check in found["checks"])
+        passed = sum(check.passed for check in checks_of(found))
         rows.append(
             (
                 name,
@@ -72,7 +73,7 @@ def judges(docs: Path) -> Rows:
 
 def values(docs: Path) -> Rows:
     """The second: how near the largest difference of every group of checks comes to its tolerance."""
-    found = {name: _shares(study["checks"]) for name, study in _studies(docs).items()}
+    found = {name: _shares(checks_of(study)) for name, study in _studies(docs).items()}
     rows = []
     for group in dict.fromkeys(group for groups in found.values() for group in groups):
         same = [groups.get(group, {}) for groups in found.values()]
@@ -82,13 +83,27 @@ def values(docs: Path) -> Rows:
     return ("check", "tolerance", *found), rows
 
 
-def _shares(checks: Sequence[dict[str, Any]]) -> dict[str, dict[str, tuple[str, float]]]:
+def checks_of(study: dict[str, Any]) -> list[Check]:
+    """Checks of the evidence of a validation."""
+    return [
+        Check(
+            one["name"],
+            number(one["value"]),
+            one["tolerance"],
+            one["unit"],
+            one["reason"],
+            layer=one["layer"],
+        )
+        for one in study["checks"]
+    ]
+
+
+def _shares(checks: Sequence[Check]) -> dict[str, dict[str, tuple[str, float]]]:
     """Tolerance, and difference over it, of parts such as "position" in groups of checks such as "25 s"."""
     groups: dict[str, dict[str, tuple[str, float]]] = {}
     for one in checks:
-        group, _, part = one["name"].partition(": ")
-        share = abs(one["value"]) / one["tolerance"]
-        groups.setdefault(group, {})[part] = f"{one['tolerance']:.0e}", share
+        group, _, part = one.name.partition(": ")
+        groups.setdefault(group, {})[part] = f"{one.tolerance:.0e}", one.share
     return groups
 
 

@@ -175,7 +175,7 @@ def reproduced(name: str, source: Campaign, quick: bool, output: Path) -> Result
     for table in source.tables:
         try:
             found = source.table(folder / "docs", table)
-        except (OSError, RansError, LookupError) as error:
+        except (OSError, RansError, LookupError, ArithmeticError, TypeError, ValueError) as error:
             result.failed = f"no evidence of {table}, see {log}: {type(error).__name__}: {error}"
             return result
         published = source.table(ROOT / "docs", table)

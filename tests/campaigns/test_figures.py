@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from campaigns.figures import validations, values
 from campaigns.table import PAGES, table
 
 ROOT = Path(__file__).parents[2]
@@ -74,3 +75,20 @@ def test_sentences_say_what_their_files_say() -> None:
     for page, sentence in sentences():
         text = " ".join((DOCS / f"{page}.md").read_text("utf-8").split())
         assert sentence in text, f"docs/{page}.md should say: {sentence}"
+
+
+def test_a_check_that_allows_nothing_has_a_share_of_its_tolerance(tmp_path: Path) -> None:
+    """As many checks of a validation allow nothing: 0 of 0 is kept, and more is beyond every tolerance."""
+    (tmp_path / "validation").mkdir()
+    about = {"unit": "-", "reason": "", "worst": "", "layer": "onsets", "passed": True}
+    checks = [
+        {"name": "kicks: of an episode", "value": 0.0, "tolerance": 0.0, **about},
+        {"name": "faults: a period late", "value": 1.0, "tolerance": 0.0, **about},
+    ]
+    study = {"checks": checks, "settings": {"seconds": 1.0}}
+    file = tmp_path / "validation" / "floating-platform.json"
+    file.write_text(json.dumps(study), "utf-8")
+    _, rows = values(tmp_path)
+    assert [row[-1] for row in rows] == ["0e+00", "inf"]
+    _, ((*_, passed, _, _),) = validations(tmp_path)
+    assert passed == "1 of 2"
