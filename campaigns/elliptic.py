@@ -19,6 +19,7 @@ from rans_missions.tasks import Dock, TargetOrbit
 from rans_missions.two_body import TwoBodyMover, relative_motion
 
 from campaigns.missions import row, row_of
+from campaigns.satellites import directions
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import Flight, fly
 from rans.model.drift import ClohessyWiltshire, Drift
@@ -122,12 +123,6 @@ class Elliptic:
             "ellipse": EllipticOrbit(n, eccentricity, mean_anomaly(anomalies, eccentricity)),
         }
         return {"eccentricity": eccentricity, **gaps(drifts, p, v, _DEADLINE, exact[0])}
-
-
-def directions(random: np.random.Generator, count: int, size: int = 3) -> np.ndarray:
-    """Uniform unit vectors (count, size); of size 4 they are attitudes."""
-    vectors = random.normal(size=(count, size))
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def gaps(

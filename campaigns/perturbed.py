@@ -19,7 +19,8 @@ from rans_missions.tasks import TargetOrbit
 from rans_missions.tasks.hold import Hold
 from rans_missions.two_body import Perturbations, TwoBodyMover, perturbed_motion
 
-from campaigns.elliptic import directions, gaps
+from campaigns.elliptic import gaps
+from campaigns.satellites import directions
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import fly
 from rans.model.drift import ClohessyWiltshire, Drift

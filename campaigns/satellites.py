@@ -19,7 +19,6 @@ from rans_robot.identify.log import FlightLog
 from rans_robot.identify.momentum import Source
 from rans_robot.identify.result import SPREAD
 
-from campaigns.elliptic import directions
 from campaigns.identification import row_of
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
@@ -219,6 +218,12 @@ def _at(path: np.ndarray, times: np.ndarray) -> np.ndarray:
     q = _product(before[:, :4], np.concatenate([np.ones((len(times), 1)), half], axis=1))
     result[:, :4] = q / np.linalg.norm(q, axis=1, keepdims=True)
     return result
+
+
+def directions(random: np.random.Generator, count: int, size: int = 3) -> np.ndarray:
+    """Uniform unit vectors (count, size); of size 4 they are attitudes."""
+    vectors = random.normal(size=(count, size))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -172,7 +172,12 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
     parts["wheel_speeds"] = speeds[inside]
     _check_readings(what, parts)
     _check_rates(what, parts)
-    return replace(log, **parts)
+    result = replace(log, **parts)
+    if craft.dimension == 3:
+        together = np.isfinite(np.column_stack([result.attitude, result.spin])).all(axis=1)
+        if together.sum() >= _FEWEST_TOGETHER:
+            _check_turns(what, result, together, is_sure=False)
+    return result
 
 
 def checked_satellite_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
@@ -390,10 +395,16 @@ _SMALL_TURN = 2.0
 """rad: turns between two rows above it are not compared, since one of more than half a turn seems a smaller one."""
 
 
-def _check_turns(what: str, log: FlightLog, together: Any) -> None:
+def _check_turns(what: str, log: FlightLog, together: Any, is_sure: bool = True) -> None:
     """Refuse attitudes and rates that are not of one motion, and say which reading of them would be.
 
     Between two rows the attitude turns by the mean of the rates, whatever drives the craft.
+
+    Args:
+        what: the log, for messages.
+        log: attitudes as quaternions, and rates.
+        together: (M,), which rows have both.
+        is_sure: refuse what no other reading explains, too; a fit by commands judges that itself.
     """
     step = np.diff(log.times[together])
     spin = log.spin[together]
@@ -431,7 +442,7 @@ def _check_turns(what: str, log: FlightLog, together: Any) -> None:
         for text, value in differences.items()
         if value < _TURNING and (np.isnan(own) or value < _BETTER * own)
     ]
-    if not near and not own > _APART:
+    if not near and not (is_sure and own > _APART):
         return
     # A slow turn is lost in errors of attitudes and of whole seconds between two rows, and seen over more.
     slow = (difference(first, 1.0, 1.0, rows) for rows in _ROWS)

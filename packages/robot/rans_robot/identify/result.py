@@ -45,6 +45,9 @@ _ALIKE = 3.0
 3.4 and more where the order of its wheels is exchanged."""
 _AT_LIMIT = 0.99
 """Part of a wheel's largest speed from which it counts as at its limit."""
+_LARGEST_FACTOR = 4.0
+"""Times the inertia of the file, and its inverse, beyond which the speeds of a wheel were in other units: a
+revolution a minute is 0.105 rad/s, and an estimate from a catalogue is off by a half."""
 SPREAD = 1.96
 """Standard deviations of a two-sided interval of 95 %."""
 UNITS = {
@@ -321,17 +324,6 @@ class Identification:
         Raises:
             ConfigError: the model predicts a channel no better than a coast does, and leaves more than noise.
         """
-        wrong = [channel for channel in self.channels() if not channel.is_explained]
-        if wrong:
-            names = ", ".join(
-                f"{channel.name} (error {channel.after:.3g} {UNITS[channel.name]})"
-                for channel in wrong
-            )
-            raise ConfigError(
-                f"the commands of the logs do not explain {names}: that is no noise of a sensor, and nothing is "
-                "written. The usual cause is a column in other units, such as a heading in degrees, or in another "
-                "frame or order, a filter that lags, or another spacecraft."
-            )
         if self.fit.momentum is not None and self.fit.momentum.inflation > _ALIKE:
             raise ConfigError(
                 f"successive residuals of {self.fit.craft.name!r} are alike, as if only one of "
@@ -344,6 +336,30 @@ class Identification:
                 f"{100.0 * self.fit.momentum.outside:.0f} % of what the wheels exchange, and {100.0 * _OUTSIDE:g} "
                 "% is the most that external torques are: nothing is written. The usual cause is wheels in another "
                 "order, thrusters or torquers that fired, or another spacecraft."
+            )
+        self._check_wheels()
+        wrong = [channel for channel in self.channels() if not channel.is_explained]
+        if wrong:
+            names = ", ".join(
+                f"{channel.name} (error {channel.after:.3g} {UNITS[channel.name]})"
+                for channel in wrong
+            )
+            raise ConfigError(
+                f"the commands of the logs do not explain {names}: that is no noise of a sensor, and nothing is "
+                "written. The usual cause is a column in other units, such as a heading in degrees, or in another "
+                "frame or order, a filter that lags, or another spacecraft."
+            )
+
+    def _check_wheels(self) -> None:
+        """Refuse wheels whose speeds are in other units."""
+        for k, wheel in enumerate(self.fit.craft.wheels):
+            factor = self.fit.value(f"rotor of wheel {k}") / wheel.inertia
+            if 1.0 / _LARGEST_FACTOR < factor < _LARGEST_FACTOR:
+                continue
+            raise ConfigError(
+                f"wheel {k} of {self.fit.craft.name!r} turns it as if it had {factor:.3g} times the inertia of the "
+                f"file, and {1.0 / _LARGEST_FACTOR:g} to {_LARGEST_FACTOR:g} times are read: nothing is written. "
+                "The usual cause is speeds in revolutions a minute or in degrees/s."
             )
 
     def notes(self) -> list[str]:

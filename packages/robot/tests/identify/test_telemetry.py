@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -152,6 +153,16 @@ def test_other_orders_signs_and_units_are_named(folder: Path) -> None:
     for sentence, change in wrong.items():
         with pytest.raises(ConfigError, match=sentence):
             rans.identify(FlightLog(**{**vars(log), **change}), INNOCUBE)
+
+
+def test_speeds_in_revolutions_a_minute_are_named(folder: Path, tmp_path: Path) -> None:
+    """Numbers of a CSV file have no units; wheels of a tenth of the inertia turn a satellite alike."""
+    log = read_telemetry(folder, INNOCUBE)
+    assert log.wheel_speeds is not None
+    wrong = replace(log, wheel_speeds=log.wheel_speeds * 60.0 / (2.0 * np.pi))
+    found = rans.identify(wrong, INNOCUBE)
+    with pytest.raises(ConfigError, match="revolutions a minute"):
+        found.write(tmp_path / "out")
 
 
 def slow_turn(noise: float) -> FlightLog:
