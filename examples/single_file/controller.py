@@ -1,7 +1,8 @@
 """A controller of your own in one file: proportional and derivative gains, and valves that push the wanted way.
 
 ``python controller.py`` flies it beside LQR from the same 256 starts. Every command takes it by its name too,
-in the folder of this file: ``rans compare controller:PD:go-to-pose-2d --with lqr switching``.
+in the folder of this file: ``rans compare controller:PD:go-to-pose-2d --with lqr switching``, and
+``rans view controller:PD:go-to-pose-2d --play --save fly.html`` writes a page in which it flies.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 import rans
+from rans.model.fields import sqrt, where, within
 from rans.tasks import Task
 
 
@@ -34,29 +36,34 @@ class PD:
         # What one valve changes in a control period when it is open: velocity in B, m/s, and spin, rad/s.
         wrenches = np.array(craft.wrench_map)
         inertia = np.array((craft.mass, craft.mass, craft.inertia[2][2]))
-        self._changes = wrenches / inertia * timing.control_period
-        self._sizes = np.abs(self._changes).max(axis=0)
+        changes = wrenches / inertia * timing.control_period
+        # A valve opens if half of its effect or more is wanted, in units of the largest effects.
+        self._gains = (changes / np.abs(changes).max(axis=0) ** 2).tolist()
 
     def reset(self, count: int) -> None:
         """Forget what belongs to the last episodes; this controller remembers nothing."""
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """Commands (N, 8), 0 or 1, to states and goals of N spacecraft in W."""
-        # Where the goal is and how fast it comes nearer, in W.
-        away = np.stack((goal.p.x - state.p.x, goal.p.y - state.p.y))
-        closing = np.stack((goal.v.x - state.v.x, goal.v.y - state.v.y))
-        turn = goal.attitude.angle - state.attitude.angle
-        turn = np.arctan2(np.sin(turn), np.cos(turn))
+        return np.stack(np.broadcast_arrays(*self.command(state, goal)), axis=1)
+
+    def command(self, state: Any, goal: Any) -> tuple[Any, ...]:
+        """A command of each valve, as arithmetic on fields alone: NumPy's arrays, or what a page prints.
+
+        A controller without this method flies in every command as well, but not in a page.
+        """
         # The velocity that is wanted: towards the goal, and slow enough to brake.
-        speed = np.minimum(0.35, 0.5 * np.hypot(*away))
-        velocity = away * speed / np.maximum(np.hypot(*away), 1e-9) + closing
-        spin = np.clip(0.7 * turn, -0.5, 0.5) - state.w
-        # In the body frame, and in what one valve does; a valve opens if half of its effect or more is wanted.
-        cosine, sine = np.cos(state.attitude.angle), np.sin(state.attitude.angle)
-        ahead = cosine * velocity[0] + sine * velocity[1]
-        left = cosine * velocity[1] - sine * velocity[0]
-        wanted = np.stack((ahead, left, spin)) / self._sizes[:, None]
-        return ((self._changes / self._sizes) @ wanted).T > 1.0
+        way = goal.p - state.p
+        distance = sqrt(way.dot(way) + 1e-18)
+        velocity = way.scale(within(0.5 * distance, 0.0, 0.35) / distance) + goal.v
+        turn = state.attitude.to(goal.attitude).normalised().angle
+        spin = within(0.7 * turn, -0.5, 0.5) - state.w
+        # In the body frame, and in what each valve does.
+        along = state.attitude.inverse().rotate(velocity - state.v)
+        wanted = (
+            ahead * along.x + left * along.y + about * spin for ahead, left, about in self._gains
+        )
+        return tuple(where(x > 1.0, 0.0 * x + 1.0, 0.0 * x) for x in wanted)
 
 
 if __name__ == "__main__":

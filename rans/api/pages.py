@@ -360,6 +360,10 @@ def exported(
         folder = default if output is None else Path(text_of_name("output", output, Path))
         return folder, write_craft(str(source), folder, format, count)
     name = ContestantName.parse(str(source))
+    if name.kind == "controller" and name.kind in EXPORTERS:
+        folder = Path("runs/exports") / name.output_folder.name
+        folder = folder if output is None else Path(text_of_name("output", output, Path))
+        return folder, EXPORTERS[name.kind](name.text, folder, format, count)
     is_foreign = name.kind == "policy"
     source = name.policy_file if is_foreign else name.folder
     if source is None and name.name.startswith("onnx:"):

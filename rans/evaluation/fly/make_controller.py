@@ -14,6 +14,7 @@ from rans.evaluation.fly.tuned import arguments, tuned
 from rans.evaluation.fly.user_policy import answered
 from rans.files import first_line
 from rans.flight import Controller, informed
+from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft
 from rans.safety_filters import safety_filter
 
@@ -81,7 +82,7 @@ class CheckedController:
             f" of the package {package}" if package else ""
         )
         try:
-            self._made = maker(*setup[:3])
+            self._made: Any = maker(*setup[:3])
             self.name, self.slow = self._made.name, getattr(self._made, "slow", False)
             self.observes = getattr(self._made, "observes", True)
         except RansError:
@@ -92,6 +93,20 @@ class CheckedController:
                 f"{first_line(error)}{where_raised(error)}."
             ) from error
         _check_methods(self._who, self._made)
+        if hasattr(self._made, "command"):  # a page computes it: `rans.show.pages.playground.Law`
+            self.command = self._command
+
+    def _command(self, state: Any, goal: Any) -> tuple[Field, ...]:
+        """Commands as arithmetic on fields."""
+        try:
+            return tuple(self._made.command(state, goal))
+        except RansError:
+            raise
+        except Exception as error:
+            raise ConfigError(
+                f"`command` of {self._who} is no arithmetic on fields, as functions of tasks are "
+                f"(docs/own_task.md): {type(error).__name__}: {first_line(error)}{where_raised(error)}."
+            ) from error
 
     @property
     def failures(self) -> int:

@@ -25,6 +25,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.tuned import task_name
 from rans.files import write_text
+from rans.flight import Controller, informed
 from rans.model.body import Body
 from rans.model.coordinates import around
 from rans.model.drift import FREE
@@ -55,17 +56,11 @@ from rans.tasks.shapes import Ball, Cone, GlideSlope, Shape
 
 
 @runtime_checkable
-class Law(Protocol):
+class Law(Controller, Protocol):
     """A controller whose commands are arithmetic on fields, as of mission guidance: a page computes them."""
 
-    name: str
-
-    def expecting(self, conditions: Conditions | None) -> Law:
-        """The law that expects the errors of these conditions; None: a world as designed."""
-        ...
-
     def command(self, state: Any, goal: Any) -> tuple[Field, ...]:
-        """Commands for an exact state and a goal."""
+        """Commands, from 0 to 1 of each thruster, for an exact state and a goal."""
         ...
 
 
@@ -140,8 +135,8 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
     if not isinstance(controller, Agent):
         raise ConfigError(
             f"{controller.name} is no trained agent: a page flies the network of a run folder or of an agent that "
-            "comes with RANS, or mission guidance, such as mission:dock-3d. `rans view --play` flies every "
-            "controller."
+            "comes with RANS, mission guidance, such as mission:dock-3d, or a controller with `command` "
+            "(examples/single_file/controller.py). `rans view --play` flies every controller."
         )
     architecture = controller.network.architecture
     if missing := JAVASCRIPT.missing(architecture):
@@ -209,11 +204,11 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
 
 
 def _guided(guidance: Law, run: LoadedRun, seed: int, episode: int) -> Playground:
-    """The page of mission guidance, which knows its state and a world as designed."""
-    guidance = guidance.expecting(None)
+    """The page of mission guidance or of a user's law, which knows its state and a world as designed."""
+    nominal: Any = informed(guidance, None)
     setup = run.judged
     traced = _Traced(interactive_world(setup, FRAME * pace(setup)))
-    text = [traced.begin(), traced.describe(), traced.guided(guidance), traced.advance()]
+    text = [traced.begin(), traced.describe(), traced.guided(nominal), traced.advance()]
     data = page_data(traced.world, traced.episode.state, traced.episode.goal, run, seed, episode, 0)
     return Playground(title_of(run), _script(data, {}, text), data, "guidance")
 

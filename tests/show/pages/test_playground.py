@@ -18,6 +18,7 @@ from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.tasks import Dock, TargetOrbit
 
 import rans
+from examples.single_file.controller import PD
 from rans.api.pages import flyers
 from rans.compile.javascript import activations, function
 from rans.deploy.contract import flights_of_training, golden
@@ -38,6 +39,7 @@ from rans.policy.activations import ACTIVATIONS
 from rans.policy.any_craft import authority
 from rans.policy.timing import timing_for
 from rans.randomization.conditions import Conditions, ThrusterConditions
+from rans.registry import typed
 from rans.scenario import scenarios
 from rans.show.pages.interactive import InteractiveFlight, interactive_world
 from rans.show.pages.playground import Playground, _Traced, playground
@@ -376,6 +378,38 @@ def test_others_are_refused_in_a_sentence(who: str, why: str) -> None:
     (run,) = flyers((who,), None, False)
     with pytest.raises(ConfigError, match=why):
         playground(run)
+
+
+@needs_node
+def test_a_controller_of_ones_own_flies_in_a_page_as_in_python(tmp_path: Path) -> None:
+    """That of the example that readers copy, by the name that a user types."""
+    run = contestant(typed("examples.single_file.controller:PD:go-to-pose-2d"))
+    script = f"""{playground(run, SEED).script}
+const flight = new Flight(5), told = [];
+for (let k = 0; k < 40; ++k) {{
+  flight.step();
+  told.push({{command: flight.command, state: flight.carried.slice(0, DATA.goal)}});
+}}
+console.log(JSON.stringify(told));"""
+    flight = InteractiveFlight([run], SEED, 5)
+    for row in answer(script, tmp_path):
+        flight.step()
+        np.testing.assert_array_equal(row["command"], flight.command)
+        # Rounding of 40 steps.
+        np.testing.assert_allclose(row["state"], np.ravel(leaves(flight.state)), rtol=0, atol=1e-9)
+
+
+def test_what_no_page_computes_is_refused() -> None:
+    run = contestant(typed(f"{__name__}:Branching:go-to-pose-2d"))
+    with pytest.raises(ConfigError, match=r"`command` of .*Branching.* is no arithmetic on fields"):
+        playground(run, SEED)
+
+
+class Branching(PD):
+    """A page knows no numbers to branch on."""
+
+    def command(self, state: Any, goal: Any) -> tuple[Any, ...]:
+        return (1.0,) * 8 if state.p.x > 0.0 else (0.0,) * 8
 
 
 def test_its_title_is_text() -> None:
