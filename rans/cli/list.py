@@ -61,7 +61,7 @@ class List:
             return (f"rans evaluate {name}",)
         if kind == "task":
             return (f"rans train {name}",)
-        return ("rans evaluate go-to-pose-2d", "rans train go-to-pose")
+        return ("rans evaluate go-to-pose-2d-trade-off#0.5", "rans train go-to-pose")
 
     def run(self) -> int:
         """Print the list or the details.
