@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Literal, NamedTuple, get_args
@@ -373,6 +374,9 @@ def wheels_message(speeds: Sequence[float], now: int) -> Message:
 def read_wheels(data: bytes, count: int) -> tuple[int, np.ndarray]:
     """Time stamp, ns, and speeds of so many wheels, rad/s, in a message of `WHEELS_TOPIC`.
 
+    A publisher of joints may have them in any order: where each name ends with a number of its own, as wheel_0
+    does, they are in the order of these numbers.
+
     Raises:
         ValueError: it has another number of joints.
     """
@@ -383,6 +387,9 @@ def read_wheels(data: bytes, count: int) -> tuple[int, np.ndarray]:
             f"the message must have {count} finite velocities, one a wheel in the order of the spacecraft, got "
             f"{brief(speeds.tolist())}"
         )
+    numbers = [match[0] for name in message.name if (match := re.search(r"[0-9]{1,9}$", name))]
+    if len({*map(int, numbers)}) == count == len(message.name):
+        speeds = speeds[np.argsort([int(number) for number in numbers])]
     return measured_at(message), speeds
 
 

@@ -203,16 +203,21 @@ def checked_satellite_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
         "spin": log.spin,
         "wheel_speeds": speeds,
     }
-    _check_bounds(what, parts)
     together = np.all(np.isfinite(np.column_stack([log.attitude, log.spin, speeds])), axis=1)
     if together.sum() < _FEWEST_TOGETHER:
         raise ConfigError(
             f"{what} has {counted(int(together.sum()), 'row')} with attitude, rates and speeds of all wheels; at "
             f"least {_FEWEST_TOGETHER} are needed."
         )
+    _check_bounds(what, parts)
     if len(log.times) > MOST_READINGS:
         raise ConfigError(
             f"{what} has {len(log.times):,} readings; at most {MOST_READINGS:,} are fitted: cut it, or thin it out."
+        )
+    if not np.ptp(speeds[together], axis=0).any():
+        raise ConfigError(
+            f"{what}: the speeds of its wheels never change, and only where wheels turn the craft its inertia "
+            "shows; is it a log of a satellite at rest?"
         )
     _check_turns(what, log, together)
     if log.frames is not None:

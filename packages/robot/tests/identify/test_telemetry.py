@@ -165,6 +165,26 @@ def test_speeds_in_revolutions_a_minute_are_named(folder: Path, tmp_path: Path) 
         found.write(tmp_path / "out")
 
 
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (0, "0 rows with attitude, rates and speeds"),
+        (1, "1 row with attitude, rates and speeds"),
+        (60, "speeds of its wheels never change"),
+    ],
+)
+def test_a_satellite_at_rest_is_refused(rows: int, words: str, tmp_path: Path) -> None:
+    """Wheels at a constant speed, and no rows at all, which was an error without a sentence."""
+    lines = [
+        "time,qw,qx,qy,qz,wx,wy,wz,s0,s1,s2",
+        *[f"{2 * k},1{',0' * 6},9,9,9" for k in range(rows)],
+    ]
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join(lines) + "\n")
+    with pytest.raises(ConfigError, match=words):
+        rans.identify(file, INNOCUBE)
+
+
 def slow_turn(noise: float) -> FlightLog:
     """A turn about a tilted axis of the body at 0.012 rad/s, read every second with errors of the attitude, rad."""
     random = np.random.default_rng(3)
