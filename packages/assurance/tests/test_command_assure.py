@@ -75,8 +75,10 @@ def test_numbers_a_page_and_commands_that_show_failures_again(
     assert f"rans {' '.join(command)}" in page
     assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
     policy = Path(rans.__file__).parent / "data/pretrained/go-to-pose-2d/agent.safetensors"
-    told = subprocess.run(["sha256sum", policy], capture_output=True, text=True, check=True).stdout
-    assert found["about"]["hashes"]["weights (agent.safetensors)"] == told.split()[0]
+    listed = subprocess.run(
+        ["sha256sum", policy], capture_output=True, text=True, check=True
+    ).stdout
+    assert found["about"]["hashes"]["weights (agent.safetensors)"] == listed.split()[0]
     assert main(["report", str(folder)]) == 0
     report = (folder / "report.html").read_text("utf-8")
     tables = re.findall(r"<table>.*?</table>", page, re.DOTALL)
@@ -107,16 +109,16 @@ def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(
     command = ["assure", AGENT, "--episodes", "64", "--output", "here"]
     assert main(command) == 130
     assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 32
-    told = capsys.readouterr()
-    assert "Interrupted" in told.out
-    assert "interrupted; what was written is kept" in told.err
+    output = capsys.readouterr()
+    assert "Interrupted" in output.out
+    assert "interrupted; what was written is kept" in output.err
     before = Path("here/assurance.json").read_bytes()
     with monkeypatch.context() as other:
         other.setitem(DEFAULTS, "seed", 7)
         assert main([*command, "--episodes", "48"]) == 2  # flights that took long are not lost
-    told = capsys.readouterr()
-    assert "holds 32 of 64 flights of a campaign that was interrupted" in told.err
-    assert "another one (by its seed, looks)" in told.err
+    output = capsys.readouterr()
+    assert "holds 32 of 64 flights of a campaign that was interrupted" in output.err
+    assert "another one (by its seed, looks)" in output.err
     assert Path("here/assurance.json").read_bytes() == before
     assert (
         main(["assure", AGENT.removeprefix("pretrained:"), *command[2:]]) == 0
@@ -165,10 +167,10 @@ def test_wrong_input_is_refused_in_a_sentence(
     arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["assure", *arguments]) == 2
-    told = capsys.readouterr()
-    assert words in told.err
-    assert told.err.count("\n") == 1
-    assert told.out == ""  # before anything flies
+    output = capsys.readouterr()
+    assert words in output.err
+    assert output.err.count("\n") == 1
+    assert output.out == ""  # before anything flies
 
 
 @pytest.mark.slow

@@ -26,9 +26,9 @@ def test_tells_what_can_be_recovered_and_what_not(
 
 def test_refuses_what_is_no_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["faults", "atmos", "--picture", str(tmp_path / "faults.gif")]) == 2
-    told = capsys.readouterr()
-    assert "must end in .png, .svg or .pdf" in told.err
-    assert told.out == ""  # before anything is computed
+    output = capsys.readouterr()
+    assert "must end in .png, .svg or .pdf" in output.err
+    assert output.out == ""  # before anything is computed
 
 
 @pytest.mark.filterwarnings("ignore:spacecraft 'floating-platform'. its 1 thrusters cannot push")

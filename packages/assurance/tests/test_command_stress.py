@@ -54,7 +54,7 @@ def test_pages_numbers_and_commands_that_show_it_again(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_a_failure_is_told_and_the_rest_written(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_failure_is_printed_and_the_rest_written(capsys: pytest.CaptureFixture[str]) -> None:
     command = ["stress", "lqr:go-to-pose-2d", "python:tests.support.policies:broken", *QUICK]
     assert main([*command, "--output", "here"]) == 1
     assert "no such layer" in capsys.readouterr().out

@@ -33,7 +33,7 @@ def test_failures_of_a_flight_are_those_that_its_evaluation_does_not_find_solved
     assert 0 < (~right).sum() < 128  # four in five fail
 
 
-def test_each_way_to_fail_is_told_from_the_others(run: LoadedRun) -> None:
+def test_each_way_to_fail_differs_from_the_others(run: LoadedRun) -> None:
     flight = fly_draws(run.controller, run.judged, drawing(2026, [0] * 6))
     steps = len(flight.commands)
     tolerance = flight.task.tolerances()["position"]

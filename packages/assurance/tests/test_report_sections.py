@@ -154,11 +154,11 @@ def test_an_assurance_passes_if_what_was_wanted_is_shown(tmp_path: Path) -> None
         ("open", 4000, None, "Interrupted, to be gone on with by the same command. Not decided"),
     ):
         looks = {"looks": [[flights, 0.01, 0.01]]}
-        (told,) = assurance_section(
+        (line,) = assurance_section(
             file, wanted | {"about": wanted["about"] | looks, "decision": decision}
         ).findings
-        assert told.passed is passed
-        assert told.text.startswith(said)
+        assert line.passed is passed
+        assert line.text.startswith(said)
 
 
 def test_an_assurance_alone_says_its_bound_in_one_tile(tmp_path: Path) -> None:

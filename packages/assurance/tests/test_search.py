@@ -79,15 +79,15 @@ def test_a_search_finds_the_nearest_place_of_failure() -> None:
     def score(z: np.ndarray, _: np.ndarray, size: np.ndarray) -> np.ndarray:
         return np.minimum(z[0] / ndtri(0.9), size / 0.4)
 
-    told: list[int] = []
-    found = smallest(score, 6, 2.0, np.random.default_rng(0), told.append)
+    counts: list[int] = []
+    found = smallest(score, 6, 2.0, np.random.default_rng(0), counts.append)
     assert 0.4 <= found[0].size < 0.41
     assert found[0].z[0] >= ndtri(0.9)
-    assert sum(told) == 20 * 2048
+    assert sum(counts) == 20 * 2048
 
 
 @pytest.mark.slow
-def test_the_smallest_failure_found_is_flown_again_before_it_is_told(
+def test_the_smallest_failure_is_flown_again_before_it_is_printed(
     run: LoadedRun, setup: Setup, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # After 4 s everybody is still on the way, which is a failure at any size: the first is as good as any.

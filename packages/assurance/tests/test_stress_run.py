@@ -29,9 +29,9 @@ def test_flights_are_those_of_evaluations(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(run, "_SHARE", 3)
     stress = small(FIRST, conditions=("lab",))
     stress.effects = []
-    told = list[int]()
-    stress.fly(lambda *_: told.append, workers=1)
-    assert sum(told) == 4 * len(stress.levels)
+    counts = list[int]()
+    stress.fly(lambda *_: counts.append, workers=1)
+    assert sum(counts) == 4 * len(stress.levels)
     agent = contestant(FIRST).under(load_conditions("lab"))
     flight = fly_episodes(agent.controller, agent.judged, 7, 4).flight
     found = stress.outcomes["lab", "go-to-pose-2d"]

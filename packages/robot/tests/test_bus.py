@@ -87,7 +87,7 @@ def test_every_type_crosses_every_bus(name: str) -> None:
 
 
 @pytest.mark.parametrize("locator", ["bad", "listen/bad", "tcp/nowhere", 'tcp/"'])
-def test_what_is_no_locator_is_told(locator: str) -> None:
+def test_what_is_no_locator_is_refused(locator: str) -> None:
     pytest.importorskip("zenoh")
     with pytest.raises(ConfigError, match=re.escape(locator.removeprefix("listen/"))):
         open_bus("zenoh", 0, locator)

@@ -100,7 +100,7 @@ def test_a_bag_of_other_topics_is_refused(tmp_path: Path) -> None:
         read_bag(tmp_path / "flight.mcap", PLATFORM, "ros")
 
 
-def test_a_flight_without_its_robot_is_told_apart_from_other_topics(tmp_path: Path) -> None:
+def test_a_flight_without_its_robot_is_no_bag_of_other_topics(tmp_path: Path) -> None:
     bag = BagWriter(tmp_path / "flight.mcap")
     plan = text_message('{"robot": "ros"}')
     bag.write(BagMessage(0, FLIGHT_TOPIC, TEXT, plan))

@@ -191,7 +191,7 @@ def test_no_failing_disk_leaves_a_valve_open(robot: RobotName, quick: Path, tmp_
         assert any(command.any() for command in bus.commands)
         assert not bus.commands[-1].any()
         assert report.fault == ""  # it went on
-        # A disk that failed was told of, once.
+        # A disk that failed was said, once.
         failed = disk.writes >= at
         assert sum("the bag" in text for text in said) == failed
 
@@ -523,7 +523,7 @@ def announcement(node: str, topics: list[str]) -> bytes:
 
 
 def test_a_second_node_refuses(quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first is told; a node of another robot is none of its business."""
+    """The first is heard of; a node of another robot is none of its business."""
     monkeypatch.setattr("rans_robot.node._ANNOUNCED", 0.3)
     done = threading.Event()
     first, second = Robot(), Robot()

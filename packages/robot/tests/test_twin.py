@@ -83,18 +83,18 @@ def test_both_engines_are_the_same_robot(engine: Any) -> None:
     craft = load_spacecraft(PLATFORM)
     twin = Craft(TwinPlan(craft, 0.2, engine=engine, start=(0.0, 0.0, 0.0), rate=20.0))
     wrench = np.array(craft.wrench_map)
-    straight = next(
+    forward = next(
         (a, b)
         for a in range(8)
         for b in range(a)
         if np.allclose(wrench[a][:2], wrench[b][:2]) and abs(wrench[a][2] + wrench[b][2]) < 1e-9
     )
     command = np.zeros(8)
-    command[list(straight)] = 1.0
+    command[list(forward)] = 1.0
     twin.hold(command)
     for _ in range(4):
         twin.advance()
-    expected = 2.0 * wrench[straight[0]][:2] * 0.2 / craft.mass
+    expected = 2.0 * wrench[forward[0]][:2] * 0.2 / craft.mass
     assert twin.motion.velocity[:2] == pytest.approx(expected, rel=1e-6)
 
 

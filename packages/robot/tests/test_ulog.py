@@ -238,7 +238,7 @@ def test_a_log_that_ends_early_is_read_to_its_last_message(tmp_path: Path) -> No
     ],
     ids=["empty", "zip", "cut", "no poses", "times", "ring", "huge", "zeros"],
 )
-def test_damage_is_told_in_a_sentence(content: bytes, reason: str, tmp_path: Path) -> None:
+def test_damage_is_refused_in_a_sentence(content: bytes, reason: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=reason):
         read_ulog(written(content, tmp_path), PLATFORM)
 

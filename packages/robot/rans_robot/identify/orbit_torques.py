@@ -140,13 +140,13 @@ def _between(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times (K,) and attitudes (K, 3, 3) of `PARTS` of each gap; rates (N, 3) of the rows are in the body."""
     gaps = np.diff(times)
-    share = (np.arange(PARTS) / PARTS)[:, None]
+    part = (np.arange(PARTS) / PARTS)[:, None]
     turns = Rotation.from_matrix(rotation[:-1].mT @ rotation[1:]).as_rotvec()
     # With an even acceleration the turn is a parabola, whose slopes at both ends differ by the change of the rate.
     bend = 0.5 * (rates[:-1] - rates[1:]) * gaps[:, None]
-    vectors = share * turns[:, None] + share * (1.0 - share) * bend[:, None]
+    vectors = part * turns[:, None] + part * (1.0 - part) * bend[:, None]
     between = rotation[:-1, None] @ turn(vectors.reshape(-1, 3)).reshape(*vectors.shape, 3)
-    instants = times[:-1, None] + share[:, 0] * gaps[:, None]
+    instants = times[:-1, None] + part[:, 0] * gaps[:, None]
     return (
         np.append(instants.ravel(), times[-1]),
         np.concatenate([between.reshape(-1, 3, 3), rotation[-1:]]),

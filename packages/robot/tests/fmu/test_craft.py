@@ -71,9 +71,9 @@ def commands_of(craft: Spacecraft, steps: int) -> np.ndarray:
     """Random commands in their ranges; on/off thrusters have 0 and 1."""
     random = np.random.default_rng(1)
     low, high = (np.array([getattr(one, key) for one in craft.commands]) for key in ("low", "high"))
-    share = random.random((steps, len(low)))
+    drawn = random.random((steps, len(low)))
     switches = np.array([one.kind == "on-off" for one in craft.commands])
-    return low + (high - low) * np.where(switches, np.round(share), share)
+    return low + (high - low) * np.where(switches, np.round(drawn), drawn)
 
 
 def start_of(craft: Spacecraft) -> dict[str, float]:

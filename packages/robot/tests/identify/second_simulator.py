@@ -80,9 +80,9 @@ def flown_log(
     ) -> np.ndarray:
         turned = Rotation.from_quat(y[6:10])
         w, momenta = y[10:13], y[13:]
-        share = s0 + slope * (t - t0)
-        acceleration = (turned.apply(share @ pushes) + force) / craft.mass
-        outside = share @ turns + turned.inv().apply(torque) - g @ axes
+        opening = s0 + slope * (t - t0)
+        acceleration = (turned.apply(opening @ pushes) + force) / craft.mass
+        outside = opening @ turns + turned.inv().apply(torque) - g @ axes
         spin = np.linalg.solve(inertia, outside - np.cross(w, inertia @ w + momenta @ axes))
         x, v = y[6:9], y[9]
         quaternion = 0.5 * np.append(v * w + np.cross(x, w), -x @ w)

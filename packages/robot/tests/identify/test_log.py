@@ -149,7 +149,7 @@ def test_no_window_reaches_over_a_gap_longer_than_itself() -> None:
     assert covered.tolist() == [*range(50), *range(55, 100)]
 
 
-def turning(heading: float = 1.0, spin: float = 1.0, place: float = 1.0) -> list[str]:
+def turning(heading: float = 1.0, spin: float = 1.0, position: float = 1.0) -> list[str]:
     """Lines of a craft that swings in place and heading, by hand; factors make columns of other units."""
     random = np.random.default_rng(0)
     rows = []
@@ -157,7 +157,7 @@ def turning(heading: float = 1.0, spin: float = 1.0, place: float = 1.0) -> list
         t = 0.2 * k
         x, h = 0.3 * np.sin(0.9 * t), 2.0 * np.sin(0.7 * t)
         vx, w = 0.27 * np.cos(0.9 * t), 1.4 * np.cos(0.7 * t)
-        values = (place * x, 0.0, heading * h, vx, 0.0, spin * w)
+        values = (position * x, 0.0, heading * h, vx, 0.0, spin * w)
         noisy = ",".join(f"{value + random.normal(0.0, 0.005):.6f}" for value in values)
         rows.append(f"{t:.3f},{noisy}{',0' * 8}")
     return rows
@@ -169,8 +169,8 @@ def turning(heading: float = 1.0, spin: float = 1.0, place: float = 1.0) -> list
         ({"heading": 57.29578}, "attitude changes 57.* times .* heading in degrees"),
         ({"spin": 57.29578}, "spin in degrees"),
         ({"heading": -1.0}, "attitude changes -1 .* clockwise"),
-        ({"place": 1000.0}, "position changes 9.. times .* thousandths"),
-        ({"place": 3.28084}, "position changes 3.2. times .* other units"),
+        ({"position": 1000.0}, "position changes 9.. times .* thousandths"),
+        ({"position": 3.28084}, "position changes 3.2. times .* other units"),
     ],
 )
 def test_poses_and_rates_of_one_motion_are_in_the_same_units(

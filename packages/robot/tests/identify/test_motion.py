@@ -390,14 +390,14 @@ def test_a_motor_turns_wheel_and_craft_as_worked_by_hand() -> None:
 def test_readings_between_kinks_are_exact() -> None:
     """A thruster that opens at once in every second period: velocities have kinks at readings."""
     commands = np.zeros((9, 8))
-    straight = np.flatnonzero(np.array(PLATFORM.wrench_map)[:, 0] > 0.0)[:1]
-    commands[::2, straight] = 1.0
+    forward = np.flatnonzero(np.array(PLATFORM.wrench_map)[:, 0] > 0.0)[:1]
+    commands[::2, forward] = 1.0
     log = log_of(commands, 0.125)
     physics = physics_of(PLATFORM, np.array([one.nominal for one in parameters_of(PLATFORM)])[None])
     path = predicted(
         PLATFORM, Thrust.of(PLATFORM, log), physics, np.zeros((1, 6)), np.zeros(1), log.times[None]
     )
-    turned = PLATFORM.wrench_map[int(straight[0])][2] / PLATFORM.inertia[2][2] * 0.125
+    turned = PLATFORM.wrench_map[int(forward[0])][2] / PLATFORM.inertia[2][2] * 0.125
     assert path[0, :, 5] == pytest.approx(
         turned * (np.arange(10) // 2 + np.arange(10) % 2)[:9], abs=1e-9
     )

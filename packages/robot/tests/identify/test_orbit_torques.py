@@ -101,7 +101,7 @@ def log() -> FlightLog:
 
 
 @pytest.mark.slow
-def test_each_torque_is_told_from_the_others(log: FlightLog) -> None:
+def test_each_torque_is_separated_from_the_others(log: FlightLog) -> None:
     """Dipole and air within four standard deviations, which are a tenth of them, and the gradient within 1 %."""
     found = fit(INNOCUBE, [log]).momentum
     assert found is not None
