@@ -241,6 +241,7 @@ class Registry(Mapping[str, T]):
         return result
 
     def _load(self, name: str) -> T:
+        """Import and check the object of a name; for an unknown one the error has the nearest names."""
         if name not in self and ":" not in name:
             self.check_installed(name)
             near = self.meant(name) or (

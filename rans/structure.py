@@ -244,6 +244,7 @@ def _deeper(kind: Any, key: str) -> str:
 
 
 def _say(error: BaseException, kind: Any) -> str:
+    """Sentence for one error that cattrs found, without the path of its key."""
     if isinstance(error, RansError):
         return str(error).rstrip(".")
     if isinstance(error, cattrs.ForbiddenExtraKeysError):

@@ -127,6 +127,7 @@ def check_count(option: str, value: int | None) -> None:
 
 
 def _run(arguments: list[str]) -> int:
+    """Read the arguments, run the command here, on GPUs or on an executor, and return its exit code."""
     if arguments in (["--version"], ["-V"], ["-v"], ["version"]):
         from rans.files import package_version
 

@@ -57,6 +57,7 @@ def _all_tasks() -> Table:
 
 
 def _agent_details(name: str) -> Iterable[str | Table]:
+    """What a pretrained agent is, and the figures on its card."""
     from rans.evaluation.measure.statistics import interval, quantity
 
     card = pretrained_card(name)
@@ -156,6 +157,7 @@ def _environments(task: str) -> tuple[str, ...]:
 
 
 def _task_facts(name: str) -> dict[str, Any]:
+    """A task as data for other programs."""
     task: Any = load_task(name)
     parts = task.parts()
     works = dimensions(task)

@@ -134,6 +134,7 @@ class Evaluate(Options):
         return passed
 
     def _suggest(self) -> None:
+        """Print commands that a user may want to run next, with the options of this one."""
         more = [] if self.full else ["--full"]
         same = self.changed("guard", "guard_slack", "conditions", "start", "goal", "zones", "seed")
         same += ["--trust"] if self.trust else []

@@ -25,6 +25,7 @@ def registry() -> ConstructorRegistry:
 
 
 def _one(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+    """How tyro reads a single number; None for other types."""
     if get_origin(info.type) not in (None, Union, UnionType):
         return None
     types = set(get_args(info.type)) or {info.type}
@@ -77,6 +78,7 @@ def whole_number(word: str) -> int:
 
 
 def _read(kind: type, word: str) -> Any:
+    """A number of a word; the error is a sentence with what was probably meant."""
     if kind is int:
         with contextlib.suppress(ValueError, decimal.InvalidOperation):
             return whole_number(word)

@@ -581,6 +581,7 @@ def _check_inertia(craft: Spacecraft) -> None:
 
 
 def _check_thruster(craft: Spacecraft, index: int, thruster: Thruster) -> None:
+    """Reject (`ConfigError`) a thruster with a wrong number, or outside the plane of a planar craft."""
     key = f"thruster {index} "
     _require(_triple(thruster.position), craft, key + "position", thruster.position, f"{_TRIPLE} m")
     _check_unit(craft, key + "direction", thruster.direction)

@@ -267,6 +267,7 @@ def _lines(table: dict[str, Any]) -> str:
 
 def _build(table: dict[str, Any]) -> Spacecraft:
     # Tables with the name of a kind of effector.
+    """The spacecraft of a table whose keys are known; every value is read by its own reader."""
     for kind in EFFECTORS.extra_of:
         if kind in table:
             EFFECTORS.check_installed(kind)
@@ -363,6 +364,7 @@ def _effector(table: Any, key: str, kind: str, lengths: tuple[int, ...]) -> Any:
 
 
 def _further(tables: Any, key: str, lengths: tuple[int, ...]) -> tuple[Any, ...]:
+    """Effectors of the tables ``[[effector]]``."""
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigError(f"{key} must be [[effector]] tables, got {brief(tables)}.")
     parts = []
@@ -391,6 +393,7 @@ def _solids(tables: Any, key: str) -> tuple[Solid, ...]:
 
 
 def _actuators(table: Any, key: str) -> Actuators:
+    """The kind of valves of a file, with its numbers."""
     if not isinstance(table, dict) or "kind" not in table:
         raise ConfigError(f'{key} must be a table with the key "kind", got {brief(table)}.')
     kind = KINDS.get(_text(table["kind"], "kind"))

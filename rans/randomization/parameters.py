@@ -364,6 +364,7 @@ def _across(direction: Sequence[float]) -> list[Sequence[float]]:
 
 
 def _body(conditions: Conditions, base: Body, random: Random, thrusters: Random) -> Body:
+    """Mass properties and thrusts of the episode; ``thrusters`` draws the factor of each thruster."""
     body = conditions.body
     given = conditions.thrusters
     mass = random.within(body.mass)

@@ -210,6 +210,7 @@ class OrbitForces(LeafSystem):
         self.total = self.DeclareVectorOutputPort("total", count, self._pull)
 
     def _pull(self, context: Context, output: BasicVector) -> None:
+        """Output of the system: generalised forces that act in a frame that turns, added to those of others."""
         state = np.array(self.state.Eval(context))
         total = np.array(self.others.Eval(context))
         masses = np.array(self.masses.Eval(context))

@@ -112,6 +112,7 @@ def _text(symbol: Symbol, within: int = 0, divided: bool = False) -> str:
 
 
 def _text_and_strength(symbol: Symbol, divided: bool) -> tuple[str, int]:
+    """Text of a symbol, and how strongly it binds, which decides on parentheses."""
     if symbol.operation == "input":
         return str(symbol.value), _WHOLE
     if symbol.operation == "constant":

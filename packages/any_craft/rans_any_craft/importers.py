@@ -300,6 +300,7 @@ def _urdf(root: ET.Element, name: str) -> Foreign:
 
 
 def _urdf_link(link: ET.Element) -> _Link:
+    """Mass, centre and inertia of a link of URDF."""
     inertial = link.find("inertial")
     if inertial is None:
         return _Link(0.0, _AT_ORIGIN, np.zeros((3, 3)))
@@ -406,6 +407,7 @@ def _is_silent(link: ET.Element) -> bool:
 
 
 def _sdf_link(link: ET.Element) -> _Link:
+    """Mass, centre and inertia of a link of SDF."""
     inertial = link.find("inertial")
     name = link.get("name", "")
     if inertial is None:  # SDF's default
@@ -428,6 +430,7 @@ def _sdf_link(link: ET.Element) -> _Link:
 
 
 def _sdf_pose(pose: ET.Element | None, name: str) -> _Pose:
+    """The pose that an element of SDF states: a rotation and a position."""
     if pose is None:
         return _AT_ORIGIN
     what = f"the pose of {brief(name)}"

@@ -137,7 +137,7 @@ class _Cell:
     def _kept(
         self, a: Any, flow: Any, states: np.ndarray, rows: np.ndarray, box: Any, whole: float
     ) -> Tree:
-        """Tree of intervals of the time in a mode in which its functions are not negative."""
+        """Tree of parts of the interval ``box`` of the time in a mode, each with a bound by which rows @ x >= 0."""
         low, high = box
         ends = [flow(time) @ states for time in box]
         least = np.min([self._lowest(rows, x) for x in ends], axis=0)

@@ -279,6 +279,7 @@ class MessagePilot:
                 self._parts[topic].refused = (now, f"its messages are refused: {error}")
 
     def _take_state(self, topic: str, data: bytes, now: int) -> None:
+        """Take a message with a state: refuse what is old or implausible, else keep it as the reading."""
         part = self._parts[topic]
         reading = self.interface.read(topic, data)
         verdict = self._validator.state(topic, reading, now)

@@ -187,7 +187,7 @@ class ProgramMemory:
         return self._inputs[value] if value in self._inputs else self._place[value]
 
     def _call(self, operation: _Operation) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        """A function that writes its last argument."""
+        """The NumPy function of an operation and its arguments, of which the last is where it writes."""
         args = [self._value(arg) for arg in operation.args]
         to = self._place[operation.of]
         match operation.name:

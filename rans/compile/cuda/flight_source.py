@@ -142,6 +142,7 @@ class _Writer(Lines):
         yield f"float* const outputs = reinterpret_cast<float*>({own} + {design.inputs_bytes // 16});"
 
     def _flight(self) -> Iterator[str]:
+        """Lines of the kernel: start of a flight, then a loop over its control periods."""
         program = self._program
         recalled = self._architecture.rows
         yield "const unsigned index = group * 32 + lane();"
@@ -162,6 +163,7 @@ class _Writer(Lines):
         yield from self._verdict()
 
     def _step(self) -> Iterator[str]:
+        """Lines of one control period: observe, act, step, and fold the outcome."""
         program = self._program
         yield from self.values([program.policy.view])
         yield from self._shown()

@@ -66,6 +66,7 @@ class Observation:
         )
 
     def _body(self, members: bool) -> Iterator[str]:
+        """Lines of the kernel that computes the observation of every episode."""
         lines = Lines()
         seeds = "[i]" if members else "[0]"
         yield "const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;"

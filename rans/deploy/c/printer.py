@@ -103,6 +103,7 @@ class Printer:
         self._lines.append(f"for (int i = 0; i < {size}; ++i) {{ {target}[i] = {text}; }}")
 
     def _value(self, name: str) -> Value:
+        """The C text, shape and kind of an operand."""
         if name not in self._known:
             constant = self._constants[name]
             kind = "int" if constant.dtype.kind == "i" else "float"
@@ -198,6 +199,7 @@ class Printer:
         self._lines.append("}")
 
     def _print(self, step: Step) -> None:
+        """Print one step of the program: element-wise operations in a shared loop, others on their own."""
         if step.operation in ROWS and step.outputs[0] not in self._scores.parts:
             self._elementwise(step)
             return
@@ -285,6 +287,7 @@ class Printer:
         )
 
     def _split(self, step: Step, widths: Sequence[int]) -> None:
+        """Print the parts of a value along the last axis as values of their own."""
         value = self._value(step.inputs[0])
         rows = math.prod(value.shape[:-1])
         start = 0
@@ -302,6 +305,7 @@ class Printer:
             start += width
 
     def _concat(self, name: str, parts: Sequence[Value]) -> None:
+        """Set values side by side along the last axis."""
         width = sum(part.shape[-1] for part in parts)
         outer = parts[0].shape[:-1]
         rows = math.prod(outer)
@@ -323,6 +327,7 @@ class Printer:
             start += own
 
     def _gemm(self, name: str, x: Value, weight: Value, bias: Value) -> None:
+        """Print a product of rows with a matrix, weight times x plus bias."""
         outputs, inputs = weight.shape
         if x.shape[0] > 1:
             self._rows_through(name, x, weight, bias)

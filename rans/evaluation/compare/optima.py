@@ -396,6 +396,7 @@ def _multipliers(path: Trajectory) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _csv(answers: Sequence[Optimum]) -> str:
+    """Trajectories as a CSV file: a row for each state between control periods, with the command that follows."""
     path = answers[0].trajectory
     commands = [f"command.{k}" for k in range(path.commands.shape[1])]
     lines = [",".join(["start", "time", *_names(path.states), *commands])]

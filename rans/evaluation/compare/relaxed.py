@@ -114,6 +114,7 @@ def _too_early(objective: Objective, start: int, least: float) -> Relaxed:
 
 
 def _scored(contest: Contest, objective: Objective, optimum: Optimum) -> Relaxed:
+    """The scores of one relaxed optimum, of its flight in Drake."""
     trajectory = optimum.trajectory
     flight = optimum.flight
     head = (objective, optimum.start, optimum.sentence, optimum.good, trajectory.seconds)

@@ -332,6 +332,7 @@ def _entry(
     workers: int | None,
     is_timed: bool = True,
 ) -> Entry:
+    """Fly one contestant from all starts, as an entry of the comparison."""
     step = stages(f"flying {contestant.name}", comparison.contest.episodes)
     flight, stopped = comparison.contest.fly(contestant.controller, workers, step)
     if stopped:
@@ -363,6 +364,7 @@ def _bound_mission(comparison: Comparison, count: int, stages: Stages) -> None:
 def _find_relaxed(
     comparison: Comparison, stages: Stages, workers: int | None, returns: bool
 ) -> None:
+    """Add optima with partly open thrusters to a comparison, or the reason for which there are none."""
     contest = comparison.contest
     try:
         check_relaxation(contest.craft)
@@ -397,6 +399,7 @@ def _find_relaxed(
 def _find_certified(
     comparison: Comparison, count: int, cache: Path | None, stages: Stages, workers: int | None
 ) -> None:
+    """Add certified bounds of the first starts to a comparison, or the reason for which there are none."""
     contest = comparison.contest
     events = comparison.events()
     if reason := _uncertified(contest):

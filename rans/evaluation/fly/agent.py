@@ -162,6 +162,7 @@ def load_policy(path: Path) -> LoadedRun:
 
 
 def _check_fit(network: Network, craft: Spacecraft, expected: Layout, run: RunFolder) -> None:
+    """Reject (`ConfigError`) an agent whose observation or commands are not those of its task and spacecraft."""
     architecture = network.architecture
     observed = architecture.layout.width
     commands = architecture.thrusters

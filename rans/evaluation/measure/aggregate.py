@@ -174,6 +174,7 @@ def measure(flight: Flight) -> Metrics:
 
 
 def _line(rows: Sequence[Metric]) -> tuple[str, str, str, str]:
+    """Name, value, interval and meaning of metrics that share a line of the table, such as percentiles."""
     first = rows[0]
     name = " / ".join((first.name, *(re.sub(r"^\D*", "", row.name) for row in rows[1:])))
     unit = first.unit if math.isfinite(first.value) else ""

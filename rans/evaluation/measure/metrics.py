@@ -215,6 +215,7 @@ def last_fifth_of(instants: np.ndarray) -> np.ndarray:
 
 
 def _success(flight: Flight) -> Iterator[Sample]:
+    """Samples of success: solved, settled, failed, and the times of it."""
     means = final_errors(flight)
     settling = settling_times(flight)
     mean = np.all([means[name] < bound for name, bound in flight.task.tolerances().items()], axis=0)
@@ -315,6 +316,7 @@ def _motion(flight: Flight) -> Iterator[Sample]:
 
 
 def _effort(flight: Flight) -> Iterator[Sample]:
+    """Samples of what is spent: duty, openings, on-time, impulse, return and stores."""
     opened = _opened(flight)
     last = opened[-verdict.last_fifth(len(flight.commands)) :]
     thrusters = max(1, flight.craft.thruster_count)  # of a craft without thrusters the duty is 0

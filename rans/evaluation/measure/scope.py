@@ -145,6 +145,7 @@ def conditions_texts(conditions: Conditions) -> Iterator[str]:
 
 
 def _ranges(conditions: Conditions) -> Iterator[str]:
+    """Settings of conditions that are not nominal, each with its range and unit, in words."""
     values = dict(_settings(conditions))
     changed = [name for name, (value, _, is_default) in values.items() if not is_default]
     named = dict.fromkeys(

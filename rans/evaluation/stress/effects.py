@@ -100,6 +100,7 @@ def _only(part: str, name: str, unit: float = 1.0) -> Callable[[float], Conditio
 
 
 def _of_valves(craft: Spacecraft, timing: Timing) -> Iterator[Effect]:
+    """Effects on valves and thrusts: delays, least times and forces."""
     group = "Valves"
     yield Effect(
         group, "latency", "s", 0.0, (0.025, 0.05, 0.1, 0.2, 0.3), _only("thrusters", "latency")
@@ -138,6 +139,7 @@ def _of_body() -> Iterator[Effect]:
 
 
 def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
+    """Constant forces and torques, as parts of what the strongest effector gives."""
     wrenches = craft.wrenches
     size = craft.dimension
     force, torque = (
@@ -156,6 +158,7 @@ def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
 
 
 def _readings() -> Iterator[Effect]:
+    """Effects on the readings: delay, noise, missed readings and outages."""
     group = "Readings"
     late = _only("sensors", "delay")
     yield Effect(group, "readings late by", "periods", 0.0, (1.0, 2.0, 3.0), late)

@@ -201,6 +201,7 @@ class MatrixGradient(FusedGradient):
         self._losses = fused(self._output_gradients, self._device)
 
     def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
+        """Gradient of all weights and biases, and sums of losses, of a minibatch, laid out by `UpdateDesign`."""
         design = self.design
         first_weight, second_weight, head, head_remainder = design.matrices(weights)
         second_bias, head_bias = biases.tensor_split([len(second_weight)])

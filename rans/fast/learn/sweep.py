@@ -123,6 +123,7 @@ class Sweep:
     def _train_all(
         self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool]
     ) -> None:
+        """Train batch after batch until all are done or a stop is asked for."""
         for number, batch in self.processes.mine(list(enumerate(self._batches))):
             run = RunFolder(inside(self.path, "batches", str(number)))
             if not stop() or run.has_checkpoint:
@@ -155,6 +156,7 @@ class Sweep:
         report: Callable[[Sequence[Member]], object],
         stop: Callable[[], bool],
     ) -> None:
+        """Train a batch of members together, from where their run folder is."""
         configs = [self.members[number].config for number in batch]
         if "torch._dynamo" in sys.modules:
             torch.compiler.reset()  # what earlier batches compiled counts towards the compiler's limit

@@ -202,6 +202,7 @@ class Trainer:
     def _train(
         self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool]
     ) -> None:
+        """Imitate a teacher if there is one, train until the end or a stop, and save."""
         if self.processes.is_first and not self._events:
             folders = [inside_for_others(self.run.path, "tensorboard")]
             if len(self.members) > 1:
@@ -384,6 +385,7 @@ class Trainer:
             write_learner(self.run.trained_file, self.learner, self.config.ppo, self.steps)
 
     def _checkpoint(self) -> dict[str, Any]:
+        """What a training needs to go on as if it had not stopped."""
         cuda = torch.cuda.get_rng_state() if self.config.device.startswith("cuda") else None
         members = [
             {"in_a_row": member.in_a_row, "weights": member.weights if member.solved else {}}
@@ -427,6 +429,7 @@ class Trainer:
                 self.members[row.pop("member", 0)].rows.append(row)
 
     def _restore(self, saved: dict[str, Any]) -> None:
+        """Put weights, optimiser, engine and counts back as a checkpoint has them."""
         try:
             # Weights of equal shapes may belong to a different network.
             if (network := saved["network"]) != self._network():

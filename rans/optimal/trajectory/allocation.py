@@ -504,8 +504,10 @@ class WithWheels:
         self._thrusters = thrusters
         self._wheels = WheelTorques(craft, period)
         self._turns = slice(craft.dimension, None)
+        """Entries of a wrench that are torques."""
         basis = thruster_turns(craft)
         self._turned = basis @ basis.T
+        """Projection onto the torques that thrusters can give."""
 
     @property
     def owed(self) -> np.ndarray:

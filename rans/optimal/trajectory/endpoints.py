@@ -60,6 +60,7 @@ def endpoint(words: Sequence[str], like: State) -> State:
 
 
 def _pairs(words: Sequence[str]) -> list[tuple[str, Any]]:
+    """Keys and values of words such as "p.x=3", or of a TOML file."""
     if len(words) == 1 and "=" not in words[0]:
         try:
             table = read_toml(read_text(Path(words[0]), LARGEST_TOML))

@@ -402,6 +402,7 @@ class Transcription:
     def _trajectory(
         self, solution: dict[str, Any], start: State, goal: State, seconds: float
     ) -> Trajectory:
+        """The trajectory of a solution of the nonlinear program."""
         statistics = self._solver.stats()
         variables = np.array(solution["x"]).ravel()
         table = variables[:-1].reshape(self._objective.intervals, -1)

@@ -64,6 +64,7 @@ def settle(figure: Figure) -> None:
 
 
 def _settle_axis(axes: Any, name: str) -> None:
+    """Widen the limits of an axis as far as its numbers need, which are printed without an offset."""
     axis = getattr(axes, f"{name}axis", None)
     if axis is None or not axes.axison:
         return

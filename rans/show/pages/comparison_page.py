@@ -328,6 +328,7 @@ def _race(comparison: Comparison) -> Race | None:
 
 
 def _summary(comparison: Comparison) -> Section:
+    """Section with the outcome, the scores over all starts, and what each contestant knows."""
     board = tables.scoreboard(comparison)
     findings = [*comparison_section(tables.outcome(comparison, board)).findings]
     if comparison.certified_starts():
@@ -390,6 +391,7 @@ def _plane(comparison: Comparison) -> Iterator[Section]:
 
 
 def _gaps(comparison: Comparison) -> Iterator[Section]:
+    """Section with the certified bounds, and the multiples of them that contestants need."""
     gaps = tables.gaps(comparison)
     if not gaps:
         return
@@ -451,6 +453,7 @@ def _starts(comparison: Comparison) -> Section:
 
 
 def _flights(comparison: Comparison, k: int) -> Iterator[tuple[str, Flight, int]]:
+    """Flights from start number k: those of the contestants, then the best that certificates found."""
     contest = comparison.contest
     for entry in comparison.entries:
         yield entry.name, entry.flight, k
@@ -471,6 +474,7 @@ def _flights(comparison: Comparison, k: int) -> Iterator[tuple[str, Flight, int]
 
 
 def _returns(comparison: Comparison) -> Section:
+    """Section with the returns, as shares of the relaxed optimum, and the computing times."""
     text = (
         "Computing time is the processor time of one action for one observation, median and middle 90 % over "
         "the first fifth of a few flights."
@@ -490,6 +494,7 @@ def _returns(comparison: Comparison) -> Section:
 
 
 def _differences(comparison: Comparison) -> Iterator[Section]:
+    """Section with what each contestant takes less the first, start by start."""
     between = tables.differences(comparison)
     if not between:
         return

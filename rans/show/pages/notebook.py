@@ -75,6 +75,7 @@ def _(metrics: Metrics) -> str:
 
 
 def _comparison(comparison: Comparison) -> str:
+    """HTML of a comparison: its scores as a table, then notes and failures."""
     from rans.show.tables.comparison_tables import scoreboard
 
     board = scoreboard(comparison)

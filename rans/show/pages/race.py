@@ -95,6 +95,7 @@ def median_and_slowest(flight: Flight, name: str) -> Race | None:
 
 
 def _start(label: str, tracks: Sequence[Track], craft: Spacecraft) -> dict[str, Any]:
+    """Data of one start for the page: goal, scenery, and the motion and valves of every contestant."""
     first = tracks[0]
     period = first.flight.timing.control_period
     steps = max(len(track.flight.commands) for track in tracks)

@@ -92,6 +92,7 @@ def _factors(by_position: Mapping[Any, float]) -> str:
 
 
 def _reason(verdict: Verdict, rival: Point, quantity: str, factor: float, unit: str) -> str:
+    """What an agent reaches in the time of a rival, and with its impulse: the reason of a verdict."""
     thrifty, quick, _ = verdict
     if thrifty is None:
         return f"at no position is it there within {rival.time:.4g} s in the mean"

@@ -134,6 +134,7 @@ _UNREAD = ("not shown", "does more than arithmetic on fields: no formula, and no
 
 
 def _ends(task: Task) -> Table:
+    """Table of what ends an episode of a task: time, failure, limits and success."""
     near = ", ".join(
         f"{name} {value:.4g} {QUANTITIES[name].unit}" for name, value in task.tolerances().items()
     )
@@ -186,6 +187,7 @@ def conditions_listing(conditions: Conditions) -> Table:
 
 
 def _changed(settings: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Names and values of the settings that differ from their defaults."""
     for setting_field in dataclasses.fields(settings):
         value = getattr(settings, setting_field.name)
         if dataclasses.is_dataclass(value):

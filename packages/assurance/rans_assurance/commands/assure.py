@@ -63,6 +63,7 @@ class Assure(Options):
 
 
 def _show(assurance: Assurance) -> None:
+    """Print the counts, bounds and findings of an assurance."""
     from rans_assurance.pages.assure_counts import counts, decision_sentence
     from rans_assurance.pages.assure_page import findings
 

@@ -54,6 +54,7 @@ class Stress(Options):
 
 
 def _show(report: StressReport) -> None:
+    """Print tables, worst flights and files of a stress report."""
     console = Terminal()
     stress = report.stress
     if stress.outcomes:

@@ -28,6 +28,7 @@ def following_figure(following: Following, number: int = 0) -> Figure:
 
 
 def _ways(figure: SubFigure, following: Following, number: int) -> None:
+    """Draw the path and the ways of all flights along it."""
     path = following.planner.path
     axes: Any = figure.add_subplot(projection="3d" if path.dimension == 3 else None)
     axes.plot(
@@ -63,6 +64,7 @@ def _steps(following: Following) -> np.ndarray:
 
 
 def _velocity(axes: Axes, following: Following, number: int, axis: int) -> None:
+    """Draw the velocity of one flight beside that which it is to track."""
     times = following.flight.times
     steps = _steps(following)[number]
     axes.plot(
@@ -86,6 +88,7 @@ def _velocity(axes: Axes, following: Following, number: int, axis: int) -> None:
 
 
 def _distances(axes: Axes, following: Following, number: int) -> None:
+    """Draw the distance of every flight from the path over time."""
     times = following.flight.times
     distance = 100.0 * following.cross_track
     counts = following.measured

@@ -187,6 +187,7 @@ def _rare(assurance: Assurance) -> Iterator[Section]:
 
 
 def _worst_flight_section(assurance: Assurance, link: str) -> Iterator[Section]:
+    """Section with the smallest disturbance that breaks the agent, and whether its flight fails again."""
     result = assurance.searched
     if result is None:
         return
@@ -225,6 +226,7 @@ def _has_pictures() -> bool:
 
 
 def _replayed(assurance: Assurance, replayed: Replayed) -> list[str]:
+    """Row of a failure that was flown again: what each engine says, its errors and its ending."""
     again = [
         ("fails" if failure == replayed.kind else f"fails: {failure.meaning}")
         if failure

@@ -369,6 +369,7 @@ class StressReport:
         }
 
     def _outcome(self, level: Level, spec: str, name: str) -> dict[str, Any]:
+        """Data of one contestant under one level: how many held, and its worst episodes."""
         result = self.stress.outcomes[level.name, name]
         errors = {
             f"{quantity}, {QUANTITIES[quantity].unit}": error

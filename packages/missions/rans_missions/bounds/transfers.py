@@ -63,7 +63,7 @@ class Script:
             self._afterwards.reset(count)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`."""
+        """Commands of its file for this control period, and after an arrival those that stay there."""
         commands = self._commands[:, self._step]
         self._step += 1
         if self._afterwards is None:

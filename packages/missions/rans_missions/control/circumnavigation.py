@@ -530,6 +530,7 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         finish: float,
         via: np.ndarray | None = None,
     ) -> None:
+        """Write the plan of one craft: both burns, where it passes, and when it is done."""
         assert self._plans is not None
         self._plans.detours[row] = via is not None
         if via is not None:

@@ -144,6 +144,7 @@ class Ahead:
         return result.state, result.goal, tuple(tuple(x.values()) for x in result.margins)
 
     def _predicted(self, state: Any, goal: Any, command: tuple[Field, ...]) -> PredictedState:
+        """State at the end of a control period and the least margins on the way."""
         world = self.world
         task = world.task
         apart = world.timing.control_period / world.timing.checks
