@@ -66,19 +66,15 @@ class Line:
         pairs = zip(self.worst, self.targets, strict=True)
         return all(value >= bound if self.at_least else value <= bound for value, bound in pairs)
 
-    def cells(self) -> tuple[str, ...]:
+    def cells(self) -> dict[str, str]:
         """Texts of the table; says so where it is not the worst of three trainings."""
         target = f"{'≥' if self.at_least else '≤'} {joined(self.targets)} {self.unit}"
         few = "" if len(self.runs) == 3 else f" (of {len(self.runs)})"
-        return (
-            self.row,
-            self.what,
-            self.original,
-            target,
-            f"{joined(self.worst)} {self.unit}{few}",
-            "met" if self.passed else "missed",
-            f"`{self.command}`",
-        )
+        return {
+            "target": target,
+            "ours": f"{joined(self.worst)} {self.unit}{few}",
+            "verdict": "met" if self.passed else "missed",
+        }
 
 
 @dataclass(frozen=True)
@@ -199,14 +195,4 @@ def joined(values: Iterable[float]) -> str:
 def cells(evidence: Any) -> Iterator[dict[str, Any]]:
     """Rows of the table."""
     for line in evidence["lines"]:
-        found = Line(**{one.name: line[one.name] for one in fields(Line)})
-        yield {
-            **line,
-            **dict(
-                zip(
-                    ("row", "what", "original", "target", "ours", "verdict", "command"),
-                    found.cells(),
-                    strict=True,
-                )
-            ),
-        }
+        yield {**line, **Line(**{one.name: line[one.name] for one in fields(Line)}).cells()}

@@ -9,10 +9,10 @@ packages/any_craft/docs.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
-from itertools import chain, pairwise, product
+from itertools import pairwise, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +32,7 @@ from scipy.linalg import solve_discrete_are
 from torch import Tensor
 
 from campaigns.craft import CRAFTS, flown
+from campaigns.markdown import lines
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import LoadedRun
@@ -248,14 +249,6 @@ def _parts(contest: Contest, episodes: int) -> Iterator[tuple[int, int]]:
         yield first, min(size, end - first)
 
 
-def _lines(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> Iterator[str]:
-    """Lines of a table as Markdown."""
-    for k, row in enumerate(chain([headings], rows)):
-        yield f"| {' | '.join(map(str, row))} |"
-        if k == 0:
-            yield "|---" * len(row) + "|"
-
-
 def _cell(found: Figures, text: str) -> str:
     """Text with figures in braces."""
     return "refuses" if found is _REFUSED else text.format(**found._asdict())
@@ -283,7 +276,7 @@ def shipped(
     """Rows of the table of shipped craft, as Markdown, from the starts of a seed."""
     contests = [Contest(name, who) for name in names for who in by if _may_fly(who, name)]
     texts = _SETTLED, "{low:.1f} %", "{time:.1f}", "{impulse:.1f}"
-    return _lines(
+    return lines(
         ("craft", "flown by", "settled", "lower end", "settling time, s", "impulse, N s"),
         (
             (_label(contest), *(_cell(found, text) for text in texts))
@@ -312,7 +305,7 @@ def crossed(
         for row in rows
     }
     judged = _judged([one for row in contests.values() for one in row if one], episodes)
-    return _lines(
+    return lines(
         ("craft", "flown by", *columns),
         (
             (
@@ -373,7 +366,7 @@ def dead(episodes: int, names: Sequence[str], by: Sequence[str] = _STATED) -> It
 
     who = ", ".join(by)
     headings = f"in its file: {who}", f"not in its file: {who}"
-    return _lines(("craft", "thrusters that it can spare", *headings), map(row, names))
+    return lines(("craft", "thrusters that it can spare", *headings), map(row, names))
 
 
 def at_values(
@@ -405,7 +398,7 @@ def at_values(
                 yield _label(one), f"{settled:.1f} %", f"{time:.2f}", f"{impulse:.2f}", said
 
     headings = "settled", "settling time, s", "impulse, N s", "not beaten by it"
-    return _lines(("craft", "flown by", *headings), rows())
+    return lines(("craft", "flown by", *headings), rows())
 
 
 def _spare(craft: Spacecraft) -> list[int]:
@@ -442,7 +435,7 @@ def random_layouts(count: int, dimension: int) -> Iterator[str]:
         cells = (f"{100 * x[own].mean():.1f} %" if own.any() else "-" for x, own in inside)
         rows.append((bound, number, *cells))
     titles = [f"{'continuous' if continuous else 'on/off'}: {by}" for continuous, by in kinds]
-    return _lines(("authority margin", "layouts", *titles), rows)
+    return lines(("authority margin", "layouts", *titles), rows)
 
 
 def _law(layers: Layers, periods: float) -> Law:

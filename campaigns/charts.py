@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from campaigns.figures import checks_of
 from campaigns.standings import MISSIONS, rows
 from rans.files import read_json, read_text
 from rans.show.figures.figures import styled
-from rans.show.figures.plotting import Figure
+from rans.show.figures.plotting import Axes, Figure
 from rans.show.palette import BLUE, GREEN, GREY, INK, ORANGE, RED, series_style
 
 _DOCS = Path(__file__).parents[1] / "docs"
@@ -24,6 +24,18 @@ _DOCS = Path(__file__).parents[1] / "docs"
 
 def _record(name: str) -> Any:
     return read_json(_DOCS / "validation" / f"{name}.json")
+
+
+def _alone(width: float, height: float) -> tuple[Figure, Axes]:
+    """A figure of so many inches, and its only axes."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.add_subplot()
+
+
+def _name_rows(axes: Axes, names: Sequence[str], top: float = -0.6, **font: Any) -> None:
+    """Names of rows, the first one at the top, above which there is room."""
+    axes.set_yticks(range(len(names)), names, **font)
+    axes.set_ylim(len(names) - 0.4, top)
 
 
 @styled
@@ -35,15 +47,14 @@ def failure_probabilities() -> Figure:
         if "multi-task" not in file.stem and "trade-off" not in file.stem:
             found[file.stem] = (bound["at least"], bound["at most"])
     order = sorted(found, key=lambda name: found[name][1])
-    figure = Figure(figsize=(7.6, 0.2 * len(order) + 0.9), layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = _alone(7.6, 0.2 * len(order) + 0.9)
     for k, name in enumerate(order):
         low, high = found[name]
         colour = BLUE if high < 1e-4 else ORANGE if high < 1e-2 else RED
         axes.plot([max(low, 1e-9), high], [k, k], color=colour, linewidth=2.5)
     axes.set_xscale("log")
-    axes.set_yticks(range(len(order)), order, fontsize=7.5)
-    axes.set(xlim=(1e-8, 1.0), ylim=(len(order) - 0.4, -0.6), xlabel="failure probability, 99 %")
+    _name_rows(axes, order, fontsize=7.5)
+    axes.set(xlim=(1e-8, 1.0), xlabel="failure probability, 99 %")
     return figure
 
 
@@ -51,8 +62,7 @@ def failure_probabilities() -> Figure:
 def missions() -> Figure:
     """What the least known flight, guidance and agent of each mission spend over the proven bound."""
     kinds = (("least known", GREEN), ("guidance", ORANGE), ("agent", BLUE))
-    figure = Figure(figsize=(7.6, 3.0), layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = _alone(7.6, 3.0)
     names = []
     for mission in MISSIONS:
         # The best of each kind.
@@ -74,8 +84,8 @@ def missions() -> Figure:
     axes.set_xscale("log")
     axes.set_xticks([1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0], ["1", "1.5", "2", "3", "5", "10", "20"])
     axes.minorticks_off()
-    axes.set_yticks(range(len(names)), names)
-    axes.set(ylim=(len(names) - 0.4, -1.1), xlabel="spent / proven bound of the same start")
+    _name_rows(axes, names, -1.1)
+    axes.set(xlabel="spent / proven bound of the same start")
     axes.legend(loc="best")
     return figure
 
@@ -121,8 +131,8 @@ def any_craft_adaptive() -> Figure:
             points = [(float(text), names.index(name)) for name, text in texts if text != "-"]
             axes.plot(*np.transpose(points), marker, color=colour, markersize=5, label=label)
         axes.set_title(title, loc="left")
-        axes.set(xlabel="settled, %", xlim=(0.0, 102.0), ylim=(len(names) - 0.4, -0.6))
-    grid[0].set_yticks(range(len(names)), names, fontsize=7.5)
+        axes.set(xlabel="settled, %", xlim=(0.0, 102.0))
+    _name_rows(grid[0], names, fontsize=7.5)
     figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncol=2)
     return figure
 
@@ -135,8 +145,7 @@ def perturbations() -> Figure:
     )
     names = [name for name in plane if name in space]
     names.sort(key=lambda name: -plane[name]["held"]["value"])
-    figure = Figure(figsize=(7.6, 0.21 * len(names) + 0.9), layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = _alone(7.6, 0.21 * len(names) + 0.9)
     least = 45.0  # of the axis: one row is below, at 1 to 2 %
     for who, colour, shift, label in (
         (plane, BLUE, -0.15, "go-to-pose-2d-robust"),
@@ -157,8 +166,8 @@ def perturbations() -> Figure:
             markersize=5,
             clip_on=False,  # arrows stand on the axis
         )
-    axes.set_yticks(range(len(names)), names, fontsize=7.5)
-    axes.set(xlim=(least, 101.0), ylim=(len(names) - 0.4, -0.6), xlabel="solved, % of the flights")
+    _name_rows(axes, names, fontsize=7.5)
+    axes.set(xlim=(least, 101.0), xlabel="solved, % of the flights")
     axes.legend(loc="upper left")
     return figure
 
@@ -168,8 +177,7 @@ def margins() -> Figure:
     """Every check of a spacecraft's validation, as a share of its tolerance."""
     checks = checks_of(_record("floating-platform"))
     layers = [*dict.fromkeys(check.layer for check in checks)]
-    figure = Figure(figsize=(7.4, 0.24 * len(layers) + 1.0), layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = _alone(7.4, 0.24 * len(layers) + 1.0)
     least = 1e-8
     for check in checks:
         row = layers.index(check.layer)
@@ -178,8 +186,8 @@ def margins() -> Figure:
     axes.axvline(1.0, color=RED, linewidth=1.6)
     axes.text(1.1, -0.9, "tolerance", color=RED, fontsize=8, va="center")
     axes.set_xscale("log")
-    axes.set_yticks(range(len(layers)), layers)
-    axes.set(xlim=(0.5 * least, 30.0), ylim=(len(layers) - 0.4, -1.4), xlabel="value / tolerance")
+    _name_rows(axes, layers, -1.4)
+    axes.set(xlim=(0.5 * least, 30.0), xlabel="value / tolerance")
     return figure
 
 
@@ -188,16 +196,15 @@ def vbar_scores() -> Figure:
     """V-BAR's composite score of guidance of RANS and of V-BAR's own controller, by scenario."""
     scenarios = {row["scenario"]: row for row in _record("vbar")["rows"]}
     names = [name for name, row in scenarios.items() if row["pd"]]
-    figure = Figure(figsize=(7.4, 0.26 * len(names) + 1.1), layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = _alone(7.4, 0.26 * len(names) + 1.1)
     for who, colour, shift, label in (
         ("rans", BLUE, -0.2, "RANS"),
         ("pd", GREY, 0.2, "V-BAR's PD"),
     ):
         shares = [100.0 * scenarios[n][who]["succeeded"] / scenarios[n]["episodes"] for n in names]
         axes.barh(np.arange(len(names)) + shift, shares, 0.36, color=colour, label=label)
-    axes.set_yticks(range(len(names)), names)
-    axes.set(xlim=(0.0, 101.0), ylim=(len(names) - 0.4, -0.6), xlabel="episodes that succeeded, %")
+    _name_rows(axes, names)
+    axes.set(xlim=(0.0, 101.0), xlabel="episodes that succeeded, %")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncol=2)
     return figure
 
@@ -207,8 +214,7 @@ def multiples() -> Figure:
     """Time and impulse until the first rest over the certified bounds: the table of the page."""
     page = read_text(_DOCS / "measured.md")
     rows = re.findall(r"^\| `([a-z0-9-]+)` \|(.*)\|$", page, re.MULTILINE)
-    figure = Figure(figsize=(4.8, 3.6), layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = _alone(4.8, 3.6)
     for k, (name, rest) in enumerate(rows):
         cells = [cell.strip() for cell in rest.split("|")]
         colour, marker = series_style(k)

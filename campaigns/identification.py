@@ -8,9 +8,9 @@ lab's noise. `rans.identify` begins from the data sheet. The mass is weighed: mo
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from rans_robot.identify.fit import fit, parameters_of
@@ -30,6 +30,7 @@ from rans.scenario import draws
 from rans.tasks.go_to_pose import GoToPose
 from rans.terminal import progress, stages
 
+Found = TypeVar("Found")
 _OPEN = 0.25
 """Probability that a thruster is open."""
 _CHOICES = 8
@@ -207,13 +208,7 @@ class Hidden:
         """Fly, identify and compare."""
         craft = load_spacecraft(self.spacecraft)
         logs, truth = hidden_flights(craft, self.count, self.seconds, self.period, self.seed)
-        found = []
-        with progress() as bars:
-            stage = stages(bars)(f"{self.count} hidden craft", self.count)
-            jobs = [(craft, log) for log in logs]
-            for one in Workers(nothing, work="identified craft").ordered(_identified, jobs):
-                found.append(one)
-                stage(1)
+        found = identified(_identified, craft, logs)
         values, deviations, delays, spent = map(np.array, zip(*found, strict=True))
         return {
             "rows": [*self._rows(craft, values, deviations, delays, truth)],
@@ -258,6 +253,20 @@ class Hidden:
             return
         late = np.abs(delays[:, 0] - mean)
         yield row_of("mean delay", 1e3 * late, "ms", late <= SPREAD * delays[:, 1])
+
+
+def identified(
+    job: Callable[..., Found], craft: Spacecraft, logs: Sequence[FlightLog]
+) -> list[Found]:
+    """What a job of a worker, called with None, the data sheet and a log, finds in each log."""
+    found = []
+    with progress() as bars:
+        step = stages(bars)(f"{len(logs)} logs", len(logs))
+        jobs = [(craft, log) for log in logs]
+        for one in Workers(nothing, work="identified craft").ordered(job, jobs):
+            found.append(one)
+            step(1)
+    return found
 
 
 def row_of(title: str, errors: np.ndarray, unit: str, held: np.ndarray) -> list[str]:

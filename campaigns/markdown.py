@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rans.errors import ConfigError
 from rans.files import write_text
@@ -33,6 +34,12 @@ class Table(NamedTuple):
         write_text(docs / self.page, self.within(docs))
 
 
+def lines(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> Iterator[str]:
+    """Lines of a table, each as soon as its row is known."""
+    for cells in chain([headings, ["---"] * len(headings)], rows):
+        yield f"| {' | '.join(map(str, cells))} |"
+
+
 def with_table(
     page: str,
     command: str,
@@ -46,9 +53,7 @@ def with_table(
         ConfigError: the page has no place for it.
     """
     begin = f"<!-- table: {command} -->"
-    body = "\n".join(
-        f"| {' | '.join(cells)} |" for cells in (headings, ["---"] * len(headings), *rows)
-    )
+    body = "\n".join(lines(headings, rows))
     before, found, rest = page.partition(begin)
     _, end, after = rest.partition(_END)
     if not (found and end):

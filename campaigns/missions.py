@@ -42,7 +42,7 @@ from rans.optimal.control.lqr import LQR
 from rans.pretrained import pretrained_names
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
-from rans.tasks import TASKS, Task
+from rans.tasks import TASKS
 
 Mission = Literal["dock", "hold", "rendezvous", "land", "avoid", "dock-port"]
 
@@ -130,12 +130,13 @@ class Missions:
             starts = scenarios(task, craft, self.seed, self.episodes)
             few = scenarios(task, craft, self.seed, self.bounded)
             lower = np.full(self.episodes, np.nan)
-            lower[: self.bounded] = least_impulses(Setup(craft, task, task.timing), few)
+            setup = Setup(craft, task, task.timing)
+            lower[: self.bounded] = least_impulses(setup, few)
             with warnings.catch_warnings():
                 # That they do not know the limits is what the table shows.
                 warnings.filterwarnings("ignore", message=".* does not know the constraints .*")
                 for who, agent in agents.items():
-                    yield from self._flown(condition, who, craft, task, agent, starts, lower)
+                    yield from self._flown(condition, who, setup, agent, lower)
                 makers: dict[str, tuple[Callable[[], Controller], Scenario]] = {
                     "guidance": (
                         lambda task=task: VelocityToGain(craft, task, task.timing),
@@ -158,22 +159,18 @@ class Missions:
                     yield row_of(condition, who, flight, impulses(flight), lower)
 
     def _flown(
-        self,
-        condition: str,
-        who: str,
-        craft: Spacecraft,
-        task: Task,
-        agent: Controller,
-        starts: Scenario,
-        lower: np.ndarray,
+        self, condition: str, who: str, setup: Setup, agent: Controller, lower: np.ndarray
     ) -> Iterator[dict[str, Any]]:
         """An agent in our engine, and in Drake where that is asked for."""
-        flight = fly(craft, task, agent, starts, task.timing)
-        yield row_of(condition, who, flight, _spent(flight), lower)
-        if self.drake:
-            few = scenarios(task, craft, self.seed, self.drake)
-            flight = fly_in_drake(craft, task, agent, few, task.timing)
-            yield row_of(condition, f"{who}, in Drake", flight, _spent(flight), lower)
+        craft, task, timing = setup[:3]
+        for name, flying, count in (
+            (who, fly, self.episodes),
+            (f"{who}, in Drake", fly_in_drake, self.drake),
+        ):
+            if count:
+                starts = scenarios(task, craft, self.seed, count)
+                flight = flying(craft, task, agent, starts, timing)
+                yield row_of(condition, name, flight, _spent(flight), lower)
 
     def _others(self) -> Iterator[dict[str, Any]]:
         """Missions without a deadline: every variant of the task, every agent."""
@@ -192,13 +189,8 @@ class Missions:
                     lower[: self.bounded] = _least_impulse(
                         craft, varied, timing, self.seed, self.bounded
                     )
-                starts = scenarios(varied, craft, self.seed, self.episodes)
-                flight = fly(craft, varied, controller, starts, timing)
-                yield row_of(condition, spec, flight, _spent(flight), lower)
-                if self.drake:
-                    few = scenarios(varied, craft, self.seed, self.drake)
-                    flight = fly_in_drake(craft, varied, controller, few, timing)
-                    yield row_of(condition, f"{spec}, in Drake", flight, _spent(flight), lower)
+                setup = Setup(craft, varied, timing)
+                yield from self._flown(condition, spec, setup, controller, lower)
         if self.mission in _WITHOUT_TRAINING:
             yield from self._without_training()
         if self.mission == "land":

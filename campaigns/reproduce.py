@@ -24,11 +24,12 @@ from typing import Annotated, NamedTuple
 import tyro
 
 from campaigns.command import ended
-from campaigns.markdown import Table
+from campaigns.markdown import Table, lines
 from campaigns.runner import Campaign
 from campaigns.table import ROWS
 from rans.errors import ConfigError, RansError, counted, meant
 from rans.executors import answers, chosen_executor
+from rans.fast.agent_files.agent import AGENT
 from rans.files import environment, read_bytes, read_json, write_text
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.processes import nothing, processors
@@ -335,37 +336,41 @@ def _last_digit(text: str) -> float:
 
 def report(results: Sequence[Result], quick: bool, seconds: float) -> str:
     """The page of differences, in markdown."""
-    lines = ["# Differences", ""]
-    lines += ["Fewer flights than published, by `--quick`.", ""] if quick else []
-    lines += [
-        "| what | page | verdict | seconds | of processors | same processor and versions |",
-        "|---|---|---|---|---|---|",
-    ]
-    for one in results:
-        page = ROWS[one.name].page.removeprefix("../")
-        lines.append(
-            f"| {one.name} | {page} | {one.verdict()} | {one.seconds:.0f} | "
-            f"{one.processor_seconds:.0f} | "
-            f"{'yes' if one.same_machine else 'no'} |"
-        )
-    lines += ["", f"{seconds:.0f} s in all.", "", "## Cells that differ by more than accepted", ""]
-    beyond = [cell for one in results for cell in one.beyond]
-    lines += _cells(beyond) if beyond else ["None."]
-    lines += ["", "## Cells that agree, and are not equal", ""]
-    near = [cell for one in results for cell in one.differences if cell.agrees]
-    lines += _cells(near) if near else ["None."]
-    lines += ["", "## Versions and hardware", "", "| what | version |", "|---|---|"]
-    lines += [f"| {name} | {value} |" for name, value in environment().items()]
-    lines += ["", "## Agents", "", "| agent | SHA-256 of agent.safetensors |", "|---|---|"]
-    for name in pretrained_names():
-        weights = read_bytes(pretrained_folder(name) / "agent.safetensors", _LARGEST_AGENT)
-        lines.append(f"| {name} | {hashlib.sha256(weights).hexdigest()} |")
-    return "\n".join(lines) + "\n"
+    text = ["# Differences", ""]
+    text += ["Fewer flights than published, by `--quick`.", ""] if quick else []
+    headings = "what", "page", "verdict", "seconds", "of processors", "same processor and versions"
+    text += lines(
+        headings,
+        (
+            (
+                one.name,
+                ROWS[one.name].page,
+                one.verdict(),
+                f"{one.seconds:.0f}",
+                f"{one.processor_seconds:.0f}",
+                "yes" if one.same_machine else "no",
+            )
+            for one in results
+        ),
+    )
+    text += ["", f"{seconds:.0f} s in all.", "", "## Cells that differ by more than accepted", ""]
+    text += _cells([cell for one in results for cell in one.beyond])
+    text += ["", "## Cells that agree, and are not equal", ""]
+    text += _cells([cell for one in results for cell in one.differences if cell.agrees])
+    text += ["", "## Versions and hardware", ""]
+    text += lines(("what", "version"), environment().items())
+    text += ["", "## Agents", ""]
+    hashes = (
+        hashlib.sha256(read_bytes(pretrained_folder(name) / AGENT, _LARGEST_AGENT)).hexdigest()
+        for name in pretrained_names()
+    )
+    text += lines(("agent", f"SHA-256 of {AGENT}"), zip(pretrained_names(), hashes, strict=True))
+    return "\n".join(text) + "\n"
 
 
 def _cells(differences: Sequence[Difference]) -> list[str]:
-    lines = ["| table | row | column | published | found |", "|---|---|---|---|---|"]
-    return lines + [f"| {' | '.join(one[:5])} |" for one in differences]
+    headings = "table", "row", "column", "published", "found"
+    return [*lines(headings, (one[:5] for one in differences))] if differences else ["None."]
 
 
 if __name__ == "__main__":

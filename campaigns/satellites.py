@@ -19,12 +19,10 @@ from rans_robot.identify.log import FlightLog
 from rans_robot.identify.momentum import Source
 from rans_robot.identify.result import SPREAD
 
-from campaigns.identification import row_of
+from campaigns.identification import identified, row_of
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.processes import Workers, nothing
-from rans.terminal import progress, stages
 
 _STEP = 0.25
 """s: step of the integration (Runge and Kutta, fourth order)."""
@@ -277,14 +275,7 @@ class HiddenSatellites:
     def measured(self) -> dict[str, Any]:
         """Fly, identify and compare."""
         hidden = satellites(self.count, self.seed, self.seconds)
-        found = []
-        logs = (*hidden.logs, *hidden.with_orbit)
-        with progress() as bars:
-            stage = stages(bars)(f"{self.count} hidden satellites", len(logs))
-            jobs = [(hidden.sheet, log) for log in logs]
-            for one in Workers(nothing, work="identified satellites").ordered(_identified, jobs):
-                found.append(one)
-                stage(1)
+        found = identified(_identified, hidden.sheet, (*hidden.logs, *hidden.with_orbit))
         alone, with_orbit = found[: self.count], found[self.count :]
         return {
             "rows": [

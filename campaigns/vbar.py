@@ -188,20 +188,18 @@ def cells(evidence: Any) -> Iterator[dict[str, Any]]:
     for row in evidence["rows"]:
         own = row["rans"]
         soft = ", ".join(f"{one.replace('_', ' ')} {count}" for one, count in own["soft"].items())
-        others = {
-            name: "-"
-            if one is None
-            else f"{one['succeeded']}, {one['broken']}, {one['composite']:.2f}{spent(one)}"
-            for name, one, spent in (
-                ("peer", row.get("pd"), lambda one: ""),
-                (
-                    "agent",
-                    row["network"],
-                    lambda one: f", {one['spent']:.2f} of {one['episodes']}",
-                ),
-            )
+        yield {
+            **row,
+            "soft": soft or "-",
+            "peer": _told(row.get("pd"), ""),
+            "agent": _told(row["network"], ", {spent:.2f} of {episodes}"),
         }
-        yield {**row, "soft": soft or "-", **others}
+
+
+def _told(scores: dict[str, Any] | None, more: str) -> str:
+    """Cell of the scores of a contestant."""
+    text = "{succeeded}, {broken}, {composite:.2f}" + more
+    return "-" if scores is None else text.format(**scores)
 
 
 class Guidance:
@@ -231,7 +229,9 @@ class Guidance:
             self._leg = next(self._legs)
         change = self._leg.change(state, time)
         command = np.clip(change / (self._view.max_accel * self._view.dt), -1.0, 1.0)
-        if any(start - 1e-6 <= time < end - 1e-6 for start, end in inhibits(self._view)):
+        # Windows in which V-BAR shuts every thruster, s.
+        shut = self._view.goal.get("thrust_inhibit", ())
+        if any(start - 1e-6 <= time < end - 1e-6 for start, end in shut):
             command = np.zeros(3)
         if self._filter is not None:
             self._filter.burn(command[None] * self._view.max_accel * self._view.dt)
@@ -485,11 +485,6 @@ class Track(Leg):
             lambda far: np.array([self._speed(float(far[0]))]),
             self._waits if held else self._end,
         )[0]
-
-
-def inhibits(view: Any) -> tuple[tuple[float, float], ...]:
-    """Windows in which V-BAR shuts every thruster, s."""
-    return tuple(view.goal.get("thrust_inhibit", ()))
 
 
 def _to_hold(view: Any, limits: Any, start: Array) -> Route:
