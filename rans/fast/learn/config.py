@@ -165,7 +165,7 @@ class ScheduleSettings(Settings):
 
     desired_kl: ClassVar[float] = 0.016
     """Target KL divergence of an update, to which the step size adapts. All agents that ship have it, and half as
-    much trains as well (docs/decisions/house.md)."""
+    much trains as well (docs/decisions/commands.md)."""
 
     def __post_init__(self) -> None:
         require_bounds(self, "finite and > 0", lambda x: 0 < x < math.inf, "max_learning_rate")
