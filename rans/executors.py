@@ -252,6 +252,7 @@ def _job(version: str, state: bytes, content: bytes) -> tuple[Any, Exception | N
 
 
 def _unpickled(content: bytes) -> Any:
+    """An object that came from another machine."""
     try:
         return cloudpickle.loads(content)
     except ModuleNotFoundError as error:

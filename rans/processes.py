@@ -177,6 +177,7 @@ class Workers(Generic[State]):
         jobs: Sequence[tuple[Any, ...]],
         dead: Callable[..., Answer] | None = None,
     ) -> Generator[tuple[int, Answer]]:
+        """Answers of the jobs from a user's executor."""
         return answers(executor, self._make, self._arguments, function, jobs, dead, self._work)
 
     def _here(
@@ -189,6 +190,7 @@ class Workers(Generic[State]):
     def _submitted(
         self, function: Callable[..., Answer], jobs: Sequence[tuple[Any, ...]]
     ) -> contextlib.AbstractContextManager[list[Future[Answer]]]:
+        """Context of a pool whose processes work on all jobs."""
         return submitted(
             _with_state,
             [(function, *job) for job in jobs],

@@ -198,6 +198,7 @@ def _refusing_texts(kind: Any, converter: cattrs.Converter) -> Callable[[Any, An
 
 
 def _range(converter: cattrs.Converter, value: Any, kind: Any) -> Any:
+    """A number or a pair of numbers of a file."""
     if value is None and kind != Range:
         return None
     pair = isinstance(value, list | tuple)

@@ -190,6 +190,7 @@ class _Page(_Quiet):
         self._send("application/json", answer.encode())
 
     def _send(self, kind: str, content: bytes) -> None:
+        """Answer a request of the page."""
         self.send_response(200)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(content)))

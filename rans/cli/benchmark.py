@@ -69,6 +69,7 @@ class Benchmark(Options):
         return 0
 
     def _measure(self, console: Terminal, device: str, result: list[Measurement]) -> None:
+        """Add each measurement to the list as it ends, so that an interrupt keeps what there is."""
         from rans.api.speed import measured
 
         crafts = [load_spacecraft(name) for name in self.spacecraft]
@@ -147,6 +148,7 @@ class Benchmark(Options):
         peers: list[PeerResult],
         ratios: list[Ratio],
     ) -> None:
+        """Write figures, machine and peers as JSON, with a chart beside it."""
         from rans.show.figures.svg import svg
         from validation.peers.unmeasured import UNMEASURED
         from validation.speed.figure import speed_figure
@@ -187,6 +189,7 @@ def _digits(value: float) -> str:
 
 
 def _peer(p: PeerResult) -> tuple[str, ...]:
+    """Row of another simulator or trainer, or why it was not measured."""
     figures = p.figures
     rate = figures.get("steps_per_s") or figures.get("trained_steps_per_s")
     return (

@@ -39,6 +39,7 @@ def divides_work(command: object) -> bool:
 
 
 def _checked(command: Any) -> type[Command]:
+    """Refuse (`ConfigError`) a package's command that lacks what every command has."""
     if not isinstance(command, type) or not (
         hasattr(command, "run") and hasattr(command, "following")
     ):

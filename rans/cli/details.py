@@ -46,6 +46,8 @@ def kind_of_object(reference: str) -> str:
 
 
 def _all_tasks() -> Table:
+    """Table of all tasks with their Gymnasium names."""
+
     def row(name: str) -> tuple[str, ...]:
         return "\n".join(_environments(name)), _flag(TASKS[name]), _summary(TASKS[name])
 
@@ -85,6 +87,7 @@ def _agent_details(name: str) -> Iterable[str | Table]:
 
 
 def _spacecraft_details(name: str) -> Iterable[str | Table]:
+    """A spacecraft with its thrusters and drawing; of a file also whether it can settle."""
     craft = load_spacecraft(name)
     yield spacecraft_listing(craft)
     if not craft.thrusters:
@@ -110,6 +113,7 @@ def prospects(craft: Spacecraft) -> Iterator[str]:
 
 
 def _task_details(name: str) -> Iterable[str | Table]:
+    """A task with its observation, rewards, ends and settings."""
     task = load_task(name)
     yield f"{name}: {_summary(type(task))}"
     own = " or ".join(
@@ -175,6 +179,7 @@ def _task_facts(name: str) -> dict[str, Any]:
 
 
 def _spacecraft_facts(name: str) -> dict[str, Any]:
+    """A spacecraft as data for other programs."""
     craft = load_spacecraft(name)
     return asdict(craft) | {
         "actuators": {"kind": craft.actuators.kind, **asdict(craft.actuators)},

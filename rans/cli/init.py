@@ -357,6 +357,8 @@ def _dimension(text: str) -> int:
 
 
 def _member(kinds: Any) -> Callable[[str], str]:
+    """A function that reads an answer which must be one of these words."""
+
     def read(text: str) -> str:
         if text not in kinds:
             raise ConfigError(f"type one of {', '.join(kinds)}, got {text!r}.")

@@ -45,6 +45,7 @@ def _one(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
 
 
 def _many(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+    """How tyro reads several whole numbers; None for other types."""
     if info.type != tuple[int, ...]:
         return None
     return PrimitiveConstructorSpec(

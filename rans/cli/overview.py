@@ -24,6 +24,8 @@ def _everything() -> Iterable[str | Table]:
 
 
 def _all_spacecraft() -> Table:
+    """Table of all spacecraft."""
+
     def row(name: str) -> tuple[str, ...]:
         c = SPACECRAFT[name].craft
         return _PLACES[c.dimension], f"{c.mass:g} kg", c.thrust, c.thrust_sharing
@@ -40,6 +42,7 @@ _PLACES = {2: "plane", 3: "space"}
 
 
 def _tasks() -> Table:
+    """Table of all tasks."""
     return Table(
         ("name", "what"),
         [
@@ -51,6 +54,8 @@ def _tasks() -> Table:
 
 
 def _all_conditions() -> Table:
+    """Table of all sets of conditions."""
+
     def row(name: str) -> tuple[str, ...]:
         return (CONDITIONS[name].conditions.description,)
 
@@ -121,6 +126,7 @@ PARTS: dict[str, Callable[[], Iterable[str | Table]]] = {
 
 
 def _names() -> dict[str, list[str]]:
+    """Names of everything as data, by kind."""
     return {
         "spacecraft": list(SPACECRAFT),
         "tasks": list(TASKS),

@@ -210,6 +210,7 @@ class Train(Options):
             return self._train(curve)
 
     def _train(self, curve: Callable[[Rows], str] | None) -> int:
+        """Train in this process, with rivals that fly beside; other processes of the same training only train."""
         from rans.fast.learn.loggers import require_loggers
 
         require_loggers(self._elsewhere)
@@ -552,6 +553,7 @@ def _watched(run: Path) -> contextlib.AbstractContextManager[None]:
 
 
 def _watch(run: Path, port: int) -> None:
+    """Serve the live view of a training from a process of its own."""
     lower_priority()
     trust_files()  # the training has checked its files
     from rans.show.watch import watch
@@ -610,6 +612,7 @@ class StopGently:
             signal.signal(number, handler)
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
+        """Ask the training to stop at the first signal; at the second one end at once."""
         if not self.requested:
             self.requested = True
             self._number = number

@@ -128,6 +128,7 @@ class _Lines:
 
 
 def _number(symbol: Symbol) -> str:
+    """A constant as JavaScript writes it."""
     value = symbol.value
     if symbol.kind == "bool":
         return "true" if value else "false"

@@ -162,6 +162,7 @@ class CpuPreprocessor(ColumnExecutor):
         return run and run(observation)
 
     def _compiled_actor_critic(self, tensors: Mapping[str, Tensor]) -> CpuActorCritic | None:
+        """The whole network as machine code; None if it has parts that this lacks."""
         from rans.compile.cpu.actor_critic import CpuActorCritic  # LLVM, which a GPU does not need
 
         architecture = self._architecture
@@ -177,6 +178,7 @@ class CpuPreprocessor(ColumnExecutor):
 
     @cached_property
     def _programs(self) -> list[CompiledProgram] | None:
+        """Compiled programs of the preprocessing; None if it cannot be traced."""
         from rans.compile.cpu.program import CompiledProgram  # LLVM, which a GPU does not need
 
         compiled = []

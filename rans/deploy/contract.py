@@ -141,6 +141,7 @@ def recorded(
 def _recorded(
     controller: Controller, setup: Setup, seed: int, count: int
 ) -> tuple[RecordedFlights, np.ndarray]:
+    """What an agent observed and commanded in its first control periods, and which flights failed."""
     recorder = ActionRecorder(controller)
     timing = setup.timing
     short = replace(timing, episode_steps=min(timing.episode_steps, STEPS), substeps=None)

@@ -165,6 +165,7 @@ def is_identity(craft: Spacecraft) -> bool:
 
 
 def _command(command_range: CommandRange, output: Field) -> Field:
+    """A command in its range, from an output in [0, 1]."""
     if command_range.kind == "on-off":
         return where(output < 0.5, output * 0.0, output * 0.0 + 1.0)
     scaled = (

@@ -133,6 +133,7 @@ def leaves(tree: Any) -> tuple[Field, ...]:
 
 
 def _gather(tree: Any, leaves: list[Field]) -> None:
+    """Append the fields of a tree to a list, in the order of definition."""
     if tree is None:
         return
     if isinstance(tree, tuple):
@@ -158,6 +159,7 @@ def unflatten(tree: Tree, fields: Iterable[Field]) -> Tree:
 
 
 def _filled(tree: Any, fields: Iterator[Field]) -> Any:
+    """A tree like this one with the next fields in place of its own."""
     if tree is None:
         return None
     if isinstance(tree, tuple):

@@ -618,6 +618,7 @@ def _check_wheels(craft: Spacecraft) -> None:
 
 
 def _check_propellant(craft: Spacecraft) -> None:
+    """Reject (`ConfigError`) a tank that leaves the craft no mass, or has no specific impulse."""
     if craft.propellant is None:
         return
     tank = checked(f"spacecraft {craft.name!r}: propellant", craft.propellant, Propellant)

@@ -173,6 +173,7 @@ def spacecraft_text(name_or_file: str | Path) -> str:
 
 
 def _file_text(given: str) -> str:
+    """Text of a user's file with the meshes that it names."""
     file = Path(given)
     if not os.path.exists(file) and not meant_file(file):
         raise ConfigError(

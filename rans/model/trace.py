@@ -60,6 +60,7 @@ class Symbol:
     def _of(
         cls, operation: str, kind: Kind, args: tuple[Symbol, ...] = (), value: Any = None
     ) -> Symbol:
+        """The symbol of an operation; an equal one is the same object."""
         key = (operation, kind, tuple(map(id, args)), repr(value))
         if (existing := cls._interned.get(key)) is not None:
             return existing

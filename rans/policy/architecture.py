@@ -307,6 +307,7 @@ class Architecture:
         return modules | BACKBONES[self.backbone].modules(self)
 
     def _layers(self, width: int, layers: Sequence[int]) -> nn.Sequential:
+        """Dense layers with an activation after each."""
         return nn.Sequential(
             *(
                 module

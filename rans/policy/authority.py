@@ -304,6 +304,7 @@ def layout(observed: Layout) -> Layout:
 
 
 def _dimension(observed: Layout) -> int:
+    """Dimension of an observation of go-to-pose; `ConfigError` for other observations."""
     kinds = [(block.kind, block.width) for block in observed.blocks]
     for dimension, pose in _POSE.items():
         if kinds[: len(pose)] == pose and not any(width for _, width in kinds[len(pose) :]):

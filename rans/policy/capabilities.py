@@ -29,6 +29,7 @@ class Capabilities(NamedTuple):
         return " and ".join(self._missing(architecture))
 
     def _missing(self, architecture: Architecture) -> Iterator[str]:
+        """Names of the parts of an architecture that this executor lacks."""
         backbone = architecture.backbone
         if backbone not in (self.backbones or ()) and not (
             self.backbones is None and BACKBONES[backbone].is_traced

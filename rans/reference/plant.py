@@ -496,7 +496,7 @@ class Plant:
         return np.einsum("nji,nj->ni", self._rotations(), rates)
 
     def _set_angles(self, drift: Drift | None) -> None:
-        """Say where targets are on their orbits at time 0."""
+        """Set the input with the angles of the targets on their orbits at time 0."""
         if self._frame is None:
             return
         angle = self._frame.angle(self._drift if drift is None else drift)

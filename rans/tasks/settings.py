@@ -80,6 +80,7 @@ def map_settings(function: Callable[..., Any], *tasks: Tree, checked: bool = Fal
 
 
 def _mapped(function: Callable[..., Any], name: str, values: tuple[Any, ...], checked: bool) -> Any:
+    """A function applied to the numbers of several settings side by side, in tuples and dataclasses too."""
     first = values[0]
     if isinstance(first, tuple):
         return tuple(

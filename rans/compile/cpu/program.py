@@ -167,6 +167,7 @@ class ProgramMemory:
         return self._wanted[part]
 
     def _compile(self) -> None:
+        """Bind every operation to its function and its memory, once for all runs."""
         where = self._block.ctypes.data, self._length, self._length // LANES
         self._calls = [
             [

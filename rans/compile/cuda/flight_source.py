@@ -218,7 +218,7 @@ class _Writer(Lines):
                 yield f"const real {symbol.value} = {text.format(place)};"
 
     def _network(self) -> Iterator[str]:
-        """On tensor cores, for one or two tiles of 16 flights at a time."""
+        """Lines of the network on tensor cores, for one or two tiles of 16 flights at a time."""
         design = self._design
         activation = self._architecture.activation.capitalize()
         parts = design.parts

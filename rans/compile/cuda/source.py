@@ -138,6 +138,7 @@ class _Writer(Lines):
         self._shared = [s for s, place in self._places.items() if place == "[0]" and s in often]
 
     def body(self, thrusters: int, action: Action) -> Iterator[str]:
+        """Lines of the kernel of a step: fetch the episodes of a thread, step, reset those that end, and store."""
         program = self._program
         together = self._together
         pieces, commands = _commands(thrusters, action, together)

@@ -71,6 +71,7 @@ def frugal(run: LoadedRun, value: float) -> LoadedRun:
 
 
 def _frugal(network: Network, value: float, task: Task) -> Network:
+    """The network at a frugality from 0 to 1, for the distances at which the task starts."""
     if not is_for_any_craft(network.architecture):
         raise ConfigError(
             f"the agent has no frugality from 0 to 1, as #{value:g} would be: name {FOR_ANY_CRAFT[2]} or "

@@ -105,6 +105,7 @@ def load_exported(folder: Path) -> LoadedRun:
 
 
 def _controller(folder: Path, craft: Spacecraft, task: Task) -> Any:
+    """The controller of an exported folder, by the file of the agent that it has."""
     name = folder.resolve().name
     if (onnx := inside(folder, "agent.onnx")).is_file():
         policy = user_policy(f"onnx:{onnx}", craft, task)

@@ -284,6 +284,7 @@ def _ours(file: Path, craft: Spacecraft, task: Task) -> ForeignPolicy:
 def _check_spaces(
     name: str, observation_space: Any, expected: Any, craft: Spacecraft, task: Task
 ) -> None:
+    """Reject (`ConfigError`) a policy whose observation or action is of another size or kind than here."""
     from gymnasium.spaces import MultiBinary, MultiDiscrete
 
     width = observation_width(task, craft.dimension)

@@ -66,6 +66,7 @@ class Pilot:
 
 
 def _agent(who: object, setup: Setup) -> Controller:
+    """The controller of an agent, if it is one of this task and spacecraft."""
     run = run_of(who)
     if run is None:
         raise ConfigError(

@@ -36,6 +36,7 @@ def measure_many(statistics: FlightStatistics, controller: str, setup: Setup) ->
 
 
 def _rows(result: FlightStatistics, period: float, task: Task) -> Iterator[Metric]:
+    """Metrics of counts and sums, with exact intervals of shares."""
     count = result.flights
     of_solved, of_settled, of_time = metric_definitions(task)
     yield _percentage("success", "solved", of_solved, count - result.unsolved, count)
@@ -61,6 +62,7 @@ def _rows(result: FlightStatistics, period: float, task: Task) -> Iterator[Metri
 
 
 def _percentage(group: str, name: str, meaning: str, successes: int, count: int) -> Metric:
+    """A share in percent with its exact interval (Clopper and Pearson)."""
     interval = binomtest(successes, count).proportion_ci(method="exact")
     return Metric(
         group,

@@ -129,6 +129,7 @@ def _weak(percent: float) -> Conditions:
 
 
 def _of_body() -> Iterator[Effect]:
+    """Effects on mass, inertia and centre of mass."""
     group = "Body"
     for quantity in ("mass", "inertia"):
         make = _only("body", quantity)

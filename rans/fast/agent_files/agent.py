@@ -484,6 +484,7 @@ def _described(block: Block) -> list[Any]:
 
 
 def _block(row: list[Any]) -> Block:
+    """Block of an observation, of its row in an agent's file; its kind must be one that tasks have."""
     kind, width, choices = row
     module, _, name = kind.rpartition(".")
     if module == "rans.tasks.sight":

@@ -318,6 +318,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
 
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:
+    """Gymnasium's mode of resets by its name."""
     try:
         return mode if isinstance(mode, AutoresetMode) else AutoresetMode[str(mode).upper()]
     except KeyError as error:
@@ -394,6 +395,7 @@ class Film:
             self._window = None
 
     def _remember(self) -> None:
+        """Extend the trails of the picture by the present positions, and show it in its window."""
         self._states = self._rows(self.engine.state)
         for trail, state in zip(self._trails, self._states, strict=True):
             trail.append(state[: self.engine.craft.dimension])

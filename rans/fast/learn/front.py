@@ -162,6 +162,7 @@ class PPO:
 
 
 def _engine_of(env: Any) -> Engine:
+    """The engine of an environment; `ConfigError` for environments of others."""
     engine = getattr(env, "engine", env)
     if not isinstance(engine, Engine):
         raise ConfigError(

@@ -85,6 +85,7 @@ class _Hparams:
         self._last = {"evaluation/success": row["success"], "perf/steps_per_s": row["steps_per_s"]}
 
     def close(self) -> None:
+        """Write the settings beside the last figures, as TensorBoard compares runs by them."""
         from torch.utils.tensorboard.summary import hparams
         from torch.utils.tensorboard.writer import SummaryWriter
 

@@ -80,6 +80,7 @@ class Selection:
         return [self._named(values) for values in self._flight().tolist()]
 
     def _named(self, values: Sequence[float]) -> dict[str, float]:
+        """Figures of an evaluation by their names in the log."""
         left = iter(values)
         duties = []
         success_rates = []

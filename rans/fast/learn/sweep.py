@@ -137,6 +137,7 @@ class Sweep:
             raise WorkerLost(f"{error} {advice}") from error
 
     def _gather_results(self) -> None:
+        """Bring the results of all processes into this one."""
         local = [number for batch in self.processes.mine(self._batches) for number in batch]
         results = {
             number: ((member := self.members[number]).rows, member.weights, member.in_a_row)

@@ -111,6 +111,7 @@ class GeneratedStep:
     def _block(
         self, rows: slice, memory: ProgramMemory, commands: np.ndarray, arrays: dict[str, Any]
     ) -> None:
+        """Run the program on some rows of the batch, which fit into the caches."""
         for symbol, source in self._given:
             memory.put(symbol, source[rows] if np.ndim(source) else source)
         for symbol, command in zip(self._commands, commands, strict=True):

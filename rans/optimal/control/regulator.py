@@ -252,6 +252,7 @@ class Axis:
 
     @classmethod
     def _solved(cls, period: float, acceleration: float, *price: float) -> Axis:
+        """Axis of a double integrator at these prices, by the Riccati equation."""
         from scipy.linalg import solve_discrete_are
 
         priced = slice(0 if price[0] > 0 else 1, 2)

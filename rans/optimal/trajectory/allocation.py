@@ -157,6 +157,7 @@ class Allocation:
         return np.maximum(supply, command[:, self._thrusters :].max(axis=1, initial=0.0))
 
     def _unbounded(self, wrench: np.ndarray) -> np.ndarray:
+        """Commands >= 0 of least squares that give the wrenches, by Newton steps on the dual."""
         columns = self._columns
         scale = np.abs(wrench).max(initial=1.0)
         dual = 2.0 * wrench @ np.linalg.inv(columns @ columns.T)

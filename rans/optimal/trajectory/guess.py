@@ -224,6 +224,7 @@ def _time(
     rate: tuple[str, np.ndarray],
     acceleration: float,
 ) -> float:
+    """Time to cross an offset from rest to rest and to cancel a rate, at most at this acceleration, s."""
     far, fast = (float(np.linalg.norm(x)) if name in aims else 0.0 for name, x in (offset, rate))
     if far == fast == 0.0:
         return 0.0

@@ -256,6 +256,7 @@ _TILES = {
 
 
 def _tile(key: str, own: tables.Scores, others: tables.Scores, rival: str | None) -> Tile:
+    """Tile of a score with its interval, and that of a rival."""
     unit = key.partition(", ")[2]
     value = own[key]
     # Of one start there is no interval.

@@ -372,6 +372,7 @@ def _title(file: Path) -> str:
 
 
 def _outcome(row: Mapping[str, Any]) -> str:
+    """Sentence with what a contestant of a comparison reached."""
     verb = "succeeds" if row.get("ends") else "settles"
     text = f"{verb} from {row['settled']} of {counted(row['starts'], 'start')}"
     for key, what in (
@@ -387,6 +388,7 @@ def _outcome(row: Mapping[str, Any]) -> str:
 
 
 def _evaluation(file: Path, evaluation: Any) -> Section:
+    """Section of an evaluation: its metrics and its pictures."""
     pictures = []
     for name, caption in (("evaluation", "All episodes."), ("episode", "One episode.")):
         picture = inside(file.parent, f"{file.stem.replace('evaluation', name)}.svg")

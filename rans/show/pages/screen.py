@@ -82,6 +82,7 @@ class Screen:
 
 
 def _chart(content: Mapping[str, Any]) -> Chart:
+    """A chart of the JSON file, whose values are checked."""
     low_high = content["y_range"]
     return Chart(
         str(content["x_label"]),
@@ -95,6 +96,7 @@ def _chart(content: Mapping[str, Any]) -> Chart:
 
 
 def _series(content: Mapping[str, Any]) -> Series:
+    """A series of a chart of the JSON file, whose values are checked."""
     marks = [
         Mark(number(x), number(y), str(text), along and _pair(along), across and _pair(across))
         for x, y, text, along, across in content["marks"]
@@ -136,6 +138,7 @@ def _race(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _start(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Tracks of one start as the page draws them, of a JSON file whose values are checked."""
     tracks = [
         {
             "name": str(track["name"]),

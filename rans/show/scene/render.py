@@ -135,6 +135,7 @@ class Renderer:
                 yield from ((arrow, part) for part in scene.velocity_parts(own, length))
 
     def _register(self, pose: RigidTransform, part: Part) -> geometry.GeometryId:
+        """Add a part to the scene of the renderer."""
         material = geometry.PerceptionProperties()
         name = geometry.GeometryId.get_new_id()
         material.AddProperty("phong", "diffuse", part.colour)

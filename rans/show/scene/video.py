@@ -150,6 +150,7 @@ class _Panel:
 
 
 def _encode(file: Path, size: tuple[int, int], ending: str, frames: Iterator[Image.Image]) -> None:
+    """Write frames as a film by ffmpeg."""
     import imageio_ffmpeg
 
     logging.getLogger("imageio_ffmpeg").setLevel(logging.ERROR)

@@ -276,6 +276,7 @@ def gaps(comparison: Comparison) -> dict[str, dict[str, np.ndarray]]:
 
 
 def _ratios(comparison: Comparison, event: Event) -> dict[str, np.ndarray]:
+    """What contestants need for an event over its certified lower bound, by start, and the best that was found."""
     lower, upper = comparison.bounds(event)
     possible = np.isfinite(lower.values) & (lower.values > 0)
     starts = np.array(comparison.certified_starts())[possible]
@@ -405,6 +406,7 @@ def _summary(comparison: Comparison, board: dict[str, Scores]) -> Iterator[dict[
 
 
 def _bound_summary(comparison: Comparison) -> Iterator[dict[str, Any]]:
+    """Relaxed optima as rows of the summary, each over all starts."""
     for name, rows in comparison.relaxed.items():
         solved = [row for row in rows if row.solved]
         yield {
@@ -420,6 +422,7 @@ def _bound_summary(comparison: Comparison) -> Iterator[dict[str, Any]]:
 
 
 def _starts(entry: Entry) -> Iterator[dict[str, Any]]:
+    """Results of a contestant as data, a row for each start."""
     for k, failed in enumerate(entry.flight.failed()):
         row: dict[str, Any] = {
             "start": k,
@@ -443,6 +446,7 @@ def _starts(entry: Entry) -> Iterator[dict[str, Any]]:
 
 
 def _relaxed_row(row: Relaxed) -> dict[str, Any]:
+    """A relaxed optimum as data."""
     return {
         key: getattr(row, key)
         for key in (

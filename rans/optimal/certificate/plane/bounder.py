@@ -196,6 +196,7 @@ def _levels(lattice: Lattice, net: set[int], level: float, highest: float) -> It
 
 
 def _root_ascent(relaxation: Relaxation, target: float, effort: SearchEffort) -> Ascent:
+    """Lower bound before the search branches."""
     return ascend(
         relaxation,
         relaxation.reachable(),
