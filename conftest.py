@@ -124,6 +124,16 @@ def _variables() -> dict[str, str]:
     }
 
 
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run folder whose training was stopped after two iterations; a test that writes takes a copy."""
+    from tests.support.training import after, ignore, tiny_trainer
+
+    path = tmp_path_factory.mktemp("runs") / "first"
+    tiny_trainer(path).train(ignore, after(2))
+    return path
+
+
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are made, but not drawn: that takes a second each, and the test looks at something else."""

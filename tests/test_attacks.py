@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import shutil
 import stat
 import subprocess
 import sys
@@ -25,7 +26,7 @@ from rans.model.spacecraft_file import spacecraft_text
 from rans.tasks import TASKS
 from tests.support import packages
 from tests.support.engines import NEAR, PLATFORM, SHORT
-from tests.support.training import after, ignore, resumed, tiny_trainer
+from tests.support.training import ignore, resumed
 
 ROOT = Path(__file__).parents[1]
 PLATFORM_TEXT = spacecraft_text("floating-platform")
@@ -199,8 +200,10 @@ def test_no_command_waits_for_a_pipe(
 @pytest.mark.parametrize(
     "name", ["config.json", "metrics.jsonl", "agent.safetensors", "spacecraft.toml"]
 )
-def test_nor_for_one_in_a_run_folder(capsys: pytest.CaptureFixture[str], name: str) -> None:
-    tiny_trainer(Path("run")).train(ignore, after(1))
+def test_nor_for_one_in_a_run_folder(
+    trained: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    shutil.copytree(trained, "run")
     Path("run", name).unlink()
     os.mkfifo(Path("run", name))
     command = ["train", "--resume"] if name == "metrics.jsonl" else ["evaluate"]
@@ -216,16 +219,20 @@ def test_nor_for_one_in_a_run_folder(capsys: pytest.CaptureFixture[str], name: s
         '{"steps": 1, "seconds": 1, "success": 0, "return/position": {}}',
     ],
 )
-def test_metrics_that_say_nothing(capsys: pytest.CaptureFixture[str], row: str) -> None:
-    tiny_trainer(Path("run")).train(ignore, after(1))
+def test_metrics_that_say_nothing(
+    trained: Path, capsys: pytest.CaptureFixture[str], row: str
+) -> None:
+    shutil.copytree(trained, "run")
     Path("run/metrics.jsonl").write_text(row + "\n")
     for command in (["train", "--resume", "run"], ["export", "run", "--output", "agent"]):
         assert "metrics.jsonl is damaged: line 1" in said(capsys, *command)
 
 
-def test_a_task_of_pythons_own_library_is_not_imported(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_task_of_pythons_own_library_is_not_imported(
+    trained: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A run folder may name any module as its task; one of these opens a browser when it is imported."""
-    tiny_trainer(Path("run")).train(ignore, after(1))
+    shutil.copytree(trained, "run")
     table = json.loads(Path("run/config.json").read_text())
     Path("run/config.json").write_text(json.dumps(table | {"task": "antigravity:Task"}))
     assert "would run that module's code" in said(capsys, "evaluate", "run")
@@ -245,9 +252,9 @@ time.sleep(60)
 
 
 @pytest.mark.slow
-def test_two_trainings_in_one_folder(capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_trainings_in_one_folder(trained: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The second is told; when the first is killed, the next goes on, and no row is there twice."""
-    tiny_trainer(Path("run")).train(ignore, after(1))
+    shutil.copytree(trained, "run")
     with subprocess.Popen(
         [sys.executable, "-c", HOLDER],
         stdout=subprocess.PIPE,

@@ -26,7 +26,7 @@ from rans.show.pages.report import report_from_run
 from rans.tasks import GoToPose
 from tests.support import packages
 from tests.support.damage import COUNTS, check
-from tests.support.training import CONFIG, after, ignore, tiny_trainer
+from tests.support.training import CONFIG
 
 
 @pytest.fixture(scope="module")
@@ -53,9 +53,8 @@ def test_exports(mine: Path, count: int) -> None:
 
 
 @COUNTS
-def test_run_folders(tmp_path: Path, count: int) -> None:
-    run = tmp_path / "run"
-    tiny_trainer(run).train(ignore, after(2))
+def test_run_folders(trained: Path, tmp_path: Path, count: int) -> None:
+    run = Path(shutil.copytree(trained, tmp_path / "run"))
     files = [run / name for name in ("config.json", "spacecraft.toml", "agent.safetensors")]
     check(files, lambda: rans.load_agent(run), count // 2)
     files = [run / "checkpoint.safetensors", run / "metrics.jsonl"]

@@ -34,6 +34,7 @@ from rans.pretrained import pretrained_folder
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenario
 from rans.tasks import GoToPose
+from tests.support.graphs import model_of, step
 from tests.support.processes import ROOT
 from tests.support.reader_questions import (
     QUESTIONS,
@@ -133,34 +134,22 @@ def network(width: int = 10, memory: bool = False) -> Any:
     """An ONNX network that observes so many numbers, with an LSTM that hides its state or without."""
 
     def plant(folder: Path) -> Callable[[], object]:
-        from onnx import TensorProto, helper, numpy_helper
 
         random = np.random.default_rng(0)
 
-        def constant(name: str, *shape: int) -> Any:
-            return numpy_helper.from_array(random.normal(size=shape).astype(np.float32), name)
-
-        axes = numpy_helper.from_array(np.array([0]), "axes")
+        nodes = [step("MatMul", "o w", "c")]
+        shapes: dict[str, tuple[int, ...]] = {"w": (width, 8)}
         if memory:
             nodes = [
-                helper.make_node("Unsqueeze", ["o", "axes"], ["s"]),
-                helper.make_node("LSTM", ["s", "w", "r"], ["", "h"], hidden_size=8),
-                helper.make_node("Squeeze", ["h", "axes"], ["c"]),
+                step("Unsqueeze", "o axes", "s"),
+                step("LSTM", "s w r", "- h", hidden_size=8),
+                step("Squeeze", "h axes", "c"),
             ]
-            tables = [constant("w", 1, 32, width), constant("r", 1, 32, 8), axes]
-        else:
-            nodes = [helper.make_node("MatMul", ["o", "w"], ["c"])]
-            tables = [constant("w", width, 8)]
-        graph = helper.make_graph(
-            nodes,
-            "net",
-            [helper.make_tensor_value_info("o", TensorProto.FLOAT, ["N", width])],
-            [helper.make_tensor_value_info("c", TensorProto.FLOAT, ["N", 8])],
-            tables,
-        )
-        opset = [helper.make_opsetid("", 17)]
-        model = helper.make_model(graph, opset_imports=opset, ir_version=8)
-        (folder / "net.onnx").write_bytes(model.SerializeToString())
+            shapes = {"w": (1, 32, width), "r": (1, 32, 8)}
+        tables: Any = {name: random.normal(size=shape) for name, shape in shapes.items()}
+        ends = {"o": ("N", width)}, {"c": ("N", 8)}
+        content = model_of(nodes, *ends, axes=np.array([0]), **tables)
+        (folder / "net.onnx").write_bytes(content)
         flown = GoToPose()
         seen = np.ones((2, 10), np.float32)
         return lambda: user_policy(f"onnx:{folder / 'net.onnx'}", CRAFT, flown).act(0, 0, seen)

@@ -27,7 +27,7 @@ from rans.model.fields import leaves
 from rans.scenario import scenario
 from rans.structure import read_toml
 from tests.support import plugins
-from tests.support.training import CONFIG, after, ignore, tiny_trainer
+from tests.support.training import CONFIG
 
 plugins.register()
 
@@ -62,13 +62,6 @@ def toml(table: dict[str, Any]) -> str:
         return json.dumps(value)
 
     return "".join(f"{key} = {inline(value)}\n" for key, value in table.items())
-
-
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("runs") / "first"
-    tiny_trainer(path).train(ignore, after(2))
-    return path
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ from rans.registry import trust_files
 from rans.tasks import TASKS, GoToPose
 from tests.support import packages
 from tests.support.processes import ROOT
-from tests.support.training import CONFIG, after, ignore, tiny_trainer
+from tests.support.training import CONFIG
 
 MODULE = """
 from pathlib import Path
@@ -34,13 +34,6 @@ from rans.model.spacecraft_file import load_spacecraft
 Path("ran").write_text("")
 craft = load_spacecraft("floating-platform")
 """
-
-
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("runs") / "first"
-    tiny_trainer(path).train(ignore, after(2))
-    return path
 
 
 @pytest.fixture

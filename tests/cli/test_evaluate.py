@@ -16,14 +16,6 @@ from tests.support.packages import needs
 from tests.support.training import CONFIG, tiny_trainer
 
 
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run folder with a briefly trained agent."""
-    path = tmp_path_factory.mktemp("runs") / "first"
-    tiny_trainer(path).train(lambda _: None)
-    return path
-
-
 @pytest.fixture
 def run_folder(trained: Path, tmp_path: Path) -> Path:
     """A copy that a test may change."""

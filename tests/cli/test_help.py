@@ -61,16 +61,13 @@ def test_help_without_box_characters_has_the_same_lines() -> None:
     assert {"--with", "--output", "--goal", "--zones", "--trust"} <= starts
 
 
-def test_help_of_an_option_is_one_paragraph() -> None:
+def test_help_of_an_option_is_one_paragraph(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The second line of its text in the source began a line of its own."""
-    done = subprocess.run(
-        [sys.executable, "-m", "rans", "compare", "--help"],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"COLUMNS": "80", "PYTHONIOENCODING": "utf-8"},
-        check=True,
-    )
-    lines = [line.strip("│ ") for line in done.stdout.splitlines()]
+    monkeypatch.setenv("COLUMNS", "80")
+    assert code_of(["compare", "--help"]) == 0
+    lines = [line.strip("│ ") for line in capsys.readouterr().out.splitlines()]
     assert any("trade-off, all others, and the certified Pareto front." in line for line in lines)
 
 

@@ -12,16 +12,9 @@ from rans.cli import main
 from rans.fast.learn.config import to_table
 from rans.files import write_json
 from tests.support import packages
-from tests.support.training import CONFIG, after, ignore, tiny_trainer
+from tests.support.training import CONFIG
 
 FLOWN = "--episodes", "2", "--seed", "1"
-
-
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("runs") / "first"
-    tiny_trainer(path).train(ignore, after(2))
-    return path
 
 
 @pytest.fixture

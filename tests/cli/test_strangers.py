@@ -9,14 +9,7 @@ import pytest
 
 from rans.cli import main
 from tests.support.strangers import trapped
-from tests.support.training import after, archived, ignore, tiny_trainer
-
-
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("runs") / "first"
-    tiny_trainer(path).train(ignore, after(2))
-    return path
+from tests.support.training import archived
 
 
 @pytest.fixture

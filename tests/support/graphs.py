@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,48 +16,66 @@ Node = tuple[str, list[str], list[str], dict[str, Any]]
 
 
 def step(kind: str, inputs: str, output: str, **attributes: Any) -> Node:
-    """A node, whose inputs are separated by blanks; a dash stands for an operand that is left out."""
-    names = ["" if name == "-" else name for name in inputs.split()]
-    return kind, names, output.split(), attributes
+    """A node, whose inputs and outputs are separated by blanks; a dash stands for one that is left out."""
+    taken, given = (
+        ["" if name == "-" else name for name in names.split()] for names in (inputs, output)
+    )
+    return kind, taken, given, attributes
+
+
+def model_of(
+    nodes: Sequence[Node],
+    inputs: Mapping[str, Sequence[Any] | None],
+    outputs: Mapping[str, Sequence[Any] | None],
+    opset: int = 17,
+    precision: Any = np.float32,
+    change: Callable[[Any], None] = lambda model: None,
+    **tables: Any,
+) -> bytes:
+    """Content of a file with these nodes, shapes of inputs and outputs by name, and of tables those that are used.
+
+    Args:
+        change: of the model at the end.
+    """
+    from onnx import helper, numpy_helper
+
+    used = {name for _, names, _, _ in nodes for name in names}
+    kind = helper.np_dtype_to_tensor_dtype(np.dtype(precision))
+    arrays = {name: np.asarray(table) for name, table in tables.items() if name in used}
+    inwards, outwards = (
+        [helper.make_tensor_value_info(name, kind, shape) for name, shape in ports.items()]
+        for ports in (inputs, outputs)
+    )
+    model = helper.make_model(
+        helper.make_graph(
+            [
+                helper.make_node(name, taken, given, **settings)
+                for name, taken, given, settings in nodes
+            ],
+            "graph",
+            inwards,
+            outwards,
+            [
+                numpy_helper.from_array(x.astype(precision) if x.dtype.kind == "f" else x, name)
+                for name, x in arrays.items()
+            ],
+        ),
+        ir_version=8 if opset < 20 else 9,
+        opset_imports=[helper.make_opsetid("", opset)],
+    )
+    change(model)
+    return model.SerializeToString()
 
 
 def graph(
     nodes: Sequence[Node],
     shape: Sequence[Any] = ("N", 2),
     outputs: Sequence[str] = ("y",),
-    opset: int = 17,
-    precision: Any = np.float32,
-    change: Callable[[Any], None] = lambda model: None,
-    **tables: Any,
+    **settings: Any,
 ) -> bytes:
-    """Content of a file with these nodes, weights "W", "b" and others, and a change of the model at the end."""
-    from onnx import helper, numpy_helper
-
-    tables = {"W": WEIGHT, "b": SHIFT, **tables}
-    used = {name for _, inputs, _, _ in nodes for name in inputs}
-    kind = helper.np_dtype_to_tensor_dtype(np.dtype(precision))
-    entries = []
-    for name, table in tables.items():
-        array = np.asarray(table)
-        array = array.astype(precision) if array.dtype.kind == "f" else array
-        if name in used:
-            entries.append(numpy_helper.from_array(array, name))
-    model = helper.make_model(
-        helper.make_graph(
-            [
-                helper.make_node(kind, inputs, outputs, **settings)
-                for kind, inputs, outputs, settings in nodes
-            ],
-            "graph",
-            [helper.make_tensor_value_info("x", kind, shape)],
-            [helper.make_tensor_value_info(name, kind, None) for name in outputs],
-            entries,
-        ),
-        ir_version=8,
-        opset_imports=[helper.make_opsetid("", opset)],
-    )
-    change(model)
-    return model.SerializeToString()
+    """See `model_of`; of one input "x", with weights "W" and "b" beside others."""
+    given: dict[str, Any] = {"W": WEIGHT, "b": SHIFT} | settings
+    return model_of(nodes, {"x": shape}, dict.fromkeys(outputs), **given)
 
 
 def overridable(model: Any) -> None:

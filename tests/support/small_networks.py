@@ -5,9 +5,12 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rans_proof.network import Layer
+
+from tests.support.graphs import model_of, step
 
 
 def layers(
@@ -37,25 +40,16 @@ def damping(inputs: int, velocity: Sequence[int], seed: int) -> list[Layer]:
 
 def written(network: Sequence[Layer], file: Path) -> Path:
     """The network as ONNX's own helpers write it."""
-    from onnx import TensorProto, helper, numpy_helper
-
-    nodes, tables, name = [], [], "x"
+    nodes, name = [], "x"
+    tables: dict[str, Any] = {}
     for k, (weight, bias, activation, _) in enumerate(network):
-        tables += [
-            numpy_helper.from_array(weight.T.astype(np.float32), f"w{k}"),
-            numpy_helper.from_array(bias.astype(np.float32), f"b{k}"),
-        ]
+        tables |= {f"w{k}": weight.T, f"b{k}": bias}
         nodes += [
-            helper.make_node("MatMul", [name, f"w{k}"], [f"m{k}"]),
-            helper.make_node("Add", [f"m{k}", f"b{k}"], [f"a{k}"]),
-            helper.make_node(activation.capitalize(), [f"a{k}"], [f"h{k}"]),
+            step("MatMul", f"{name} w{k}", f"m{k}"),
+            step("Add", f"m{k} b{k}", f"a{k}"),
+            step(activation.capitalize(), f"a{k}", f"h{k}"),
         ]
         name = f"h{k}"
-    ends = [
-        helper.make_tensor_value_info(one, TensorProto.FLOAT, ["N", width])
-        for one, width in (("x", network[0].weight.shape[1]), (name, len(network[-1].bias)))
-    ]
-    graph = helper.make_graph(nodes, "net", ends[:1], ends[1:], tables)
-    model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 17)])
-    file.write_bytes(model.SerializeToString())
+    ends = {"x": ("N", network[0].weight.shape[1])}, {name: ("N", len(network[-1].bias))}
+    file.write_bytes(model_of(nodes, *ends, **tables))
     return file

@@ -15,6 +15,7 @@ from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
+from tests.support.graphs import model_of, step
 
 onnx = pytest.importorskip("onnx")
 CRAFT = load_spacecraft("afrl-deputy")
@@ -32,25 +33,10 @@ def _written(
     for k, column in enumerate(columns):
         weights[column, 2 * k] = factor
     bias = np.array([9.0 * (k % 2) for k in range(outputs)], np.float32)
-    helper, real = onnx.helper, onnx.TensorProto.FLOAT
-    graph = helper.make_graph(
-        [
-            helper.make_node("Gemm", ["obs", "w", "b"], ["output"]),
-            helper.make_node("Identity", ["state_ins"], ["state_outs"]),
-        ],
-        "network",
-        [
-            helper.make_tensor_value_info("obs", real, ["n", width]),
-            helper.make_tensor_value_info("state_ins", real, ["n"]),
-        ],
-        [
-            helper.make_tensor_value_info("output", real, ["n", outputs]),
-            helper.make_tensor_value_info("state_outs", real, ["n"]),
-        ],
-        [onnx.numpy_helper.from_array(weights, "w"), onnx.numpy_helper.from_array(bias, "b")],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    onnx.save(model, file)
+    nodes = [step("Gemm", "obs w b", "output"), step("Identity", "state_ins", "state_outs")]
+    inputs = {"obs": ("n", width), "state_ins": ("n",)}
+    ends = {"output": ("n", outputs), "state_outs": ("n",)}
+    file.write_bytes(model_of(nodes, inputs, ends, w=weights, b=bias))
     return file
 
 

@@ -23,6 +23,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import observation_width
+from tests.support.graphs import model_of, step
 
 N = rans.Hold().mean_motion
 RADIUS = (EARTH / N**2) ** (1.0 / 3.0)
@@ -347,18 +348,10 @@ def test_a_foreign_reader_agrees(tmp_path: Path) -> None:
 
 def shut_valves(file: Path, width: int, commands: int) -> Path:
     """An ONNX network that fires nothing."""
-    onnx = pytest.importorskip("onnx")
-    real = onnx.TensorProto.FLOAT
-    weights = onnx.numpy_helper.from_array(np.zeros((width, commands), np.float32), "weights")
-    graph = onnx.helper.make_graph(
-        [onnx.helper.make_node("MatMul", ["obs", "weights"], ["actions"])],
-        "shut",
-        [onnx.helper.make_tensor_value_info("obs", real, ["N", width])],
-        [onnx.helper.make_tensor_value_info("actions", real, ["N", commands])],
-        [weights],
-    )
-    opset = onnx.helper.make_opsetid("", 17)
-    onnx.save(onnx.helper.make_model(graph, opset_imports=[opset], ir_version=8), file)
+    pytest.importorskip("onnx")
+    nodes = [step("MatMul", "obs weights", "actions")]
+    ends = {"obs": ("N", width)}, {"actions": ("N", commands)}
+    file.write_bytes(model_of(nodes, *ends, weights=np.zeros((width, commands))))
     return file
 
 

@@ -21,6 +21,7 @@ from rans_proof.prove import Proof
 from scipy.integrate import solve_ivp
 from scipy.io import savemat
 
+from tests.support.graphs import graph, step
 from tests.support.processes import ROOT
 from tests.support.small_networks import damping, written
 
@@ -67,18 +68,13 @@ def test_an_old_network_means_the_same_anew(run: ModuleType) -> None:
     random = np.random.default_rng(0)
     shapes = {"c": (1, 1, 1, 3), "W": (4, 3), "b": (4,), "V": (1, 4), "d": (1,)}
     arrays = {name: random.normal(size=shape).astype(np.float32) for name, shape in shapes.items()}
-    node = onnx.helper.make_node
     nodes = [
-        node("Sub", ["x", "c"], ["m"], broadcast=1),
-        node("Gemm", ["m", "W", "b"], ["h"], broadcast=1, transB=1),
-        node("Relu", ["h"], ["r"]),
-        node("Gemm", ["r", "V", "d"], ["y"], broadcast=1, transB=1),
+        step("Sub", "x c", "m", broadcast=1),
+        step("Gemm", "m W b", "h", broadcast=1, transB=1),
+        step("Relu", "h", "r"),
+        step("Gemm", "r V d", "y", broadcast=1, transB=1),
     ]
-    ends = [onnx.helper.make_tensor_value_info(name, 1, [1, 1, 1, 3]) for name in ("x", "y")]
-    tensors = [onnx.numpy_helper.from_array(array, name) for name, array in arrays.items()]
-    graph = onnx.helper.make_graph(nodes, "old", ends[:1], ends[1:], tensors)
-    opset = [onnx.helper.make_opsetid("", 6)]
-    old = onnx.helper.make_model(graph, opset_imports=opset).SerializeToString()
+    old = graph(nodes, [1, 1, 1, 3], opset=6, **arrays)
     from rans_proof.network import apply
 
     layers = network_of(run.renewed(old), "renewed")

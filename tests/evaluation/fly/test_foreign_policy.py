@@ -12,7 +12,6 @@ import numpy as np
 import onnxruntime
 import pytest
 import torch
-from onnx import TensorProto, helper, numpy_helper
 from stable_baselines3 import PPO
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
@@ -24,6 +23,8 @@ from rans.evaluation.fly.object_policy import ObjectPolicy
 from rans.evaluation.fly.user_policy import UserPolicy, user_policy
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
+from tests.support.graphs import model_of
+from tests.support.graphs import step as node
 
 CRAFT = load_spacecraft("floating-platform")
 TASK = GoToPose()
@@ -218,38 +219,21 @@ UNITS = 3
 def network(file: Path, count: int | str = "N", states: bool = True) -> Path:
     """A network of an LSTM whose outputs are 1 where a sum over its units is above 0, as RSL-RL exports one."""
     random = np.random.default_rng(4)
-
-    def table(name: str, *shape: int) -> Any:
-        return numpy_helper.from_array(random.normal(size=shape).astype(np.float32), name)
-
-    axes = numpy_helper.from_array(np.array([0]), "axes")
-    tables = [table("w", 1, 4 * UNITS, 10), table("r", 1, 4 * UNITS, UNITS), table("k", UNITS, 8)]
-    before = ["", "h_in", "c_in"] if states else []
+    shapes = {"w": (1, 4 * UNITS, 10), "r": (1, 4 * UNITS, UNITS), "k": (UNITS, 8)}
+    tables: dict[str, Any] = {name: random.normal(size=shape) for name, shape in shapes.items()}
+    before = " - - h_in c_in" if states else ""
     nodes = [
-        helper.make_node("Unsqueeze", ["obs", "axes"], ["sequence"]),
-        helper.make_node(
-            "LSTM", ["sequence", "w", "r", "", *before], ["", "h_out", "c_out"], hidden_size=UNITS
-        ),
-        helper.make_node("Squeeze", ["h_out", "axes"], ["row"]),
-        helper.make_node("MatMul", ["row", "k"], ["sum"]),
-        helper.make_node("Sign", ["sum"], ["sign"]),
-        helper.make_node("Relu", ["sign"], ["actions"]),
+        node("Unsqueeze", "obs axes", "sequence"),
+        node("LSTM", f"sequence w r{before}", "- h_out c_out", hidden_size=UNITS),
+        node("Squeeze", "h_out axes", "row"),
+        node("MatMul", "row k", "sum"),
+        node("Sign", "sum", "sign"),
+        node("Relu", "sign", "actions"),
     ]
-
-    def port(name: str, *shape: Any) -> Any:
-        return helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
-
-    graph = helper.make_graph(
-        nodes,
-        "lstm",
-        [port("obs", count, 10)]
-        + [port(name, 1, count, UNITS) for name in ("h_in", "c_in") if states],
-        [port("actions", count, 8)]
-        + [port(name, 1, count, UNITS) for name in ("h_out", "c_out") if states],
-        [*tables, axes],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    file.write_bytes(model.SerializeToString())
+    kept = (1, count, UNITS)
+    inputs = {"obs": (count, 10)} | dict.fromkeys(("h_in", "c_in") if states else (), kept)
+    outputs = {"actions": (count, 8)} | dict.fromkeys(("h_out", "c_out") if states else (), kept)
+    file.write_bytes(model_of(nodes, inputs, outputs, axes=np.array([0]), **tables))
     return file
 
 
@@ -354,33 +338,20 @@ def counting(file: Path, taken: list[str], given: list[str], sources: list[int])
     Each output after the command gives the first state plus one (0), the second (1), or zeros (2).
     """
 
-    def port(name: str) -> Any:
-        return helper.make_tensor_value_info(name, TensorProto.FLOAT, ["N", 8])
-
-    nodes = [
-        helper.make_node("Add", taken, ["sum"]),
-        helper.make_node("Identity", ["sum"], ["actions"]),
-        helper.make_node("Add", [taken[0], "one"], ["counted"]),
-        helper.make_node("Mul", [taken[0], "zero"], ["nothing"]),
-    ]
     values = ["counted", taken[1], "nothing"]
-    nodes += [
-        helper.make_node("Identity", [values[source]], [name])
-        for source, name in zip(sources, given, strict=True)
+    nodes = [
+        node("Add", " ".join(taken), "actions"),
+        node("Add", f"{taken[0]} one", "counted"),
+        node("Mul", f"{taken[0]} zero", "nothing"),
+        *(
+            node("Identity", values[source], name)
+            for source, name in zip(sources, given, strict=True)
+        ),
     ]
-    observation = helper.make_tensor_value_info("obs", TensorProto.FLOAT, ["N", 10])
-    graph = helper.make_graph(
-        nodes,
-        "counting",
-        [observation, *map(port, taken)],
-        [port("actions"), *map(port, given)],
-        [
-            numpy_helper.from_array(np.array(number, np.float32), name)
-            for number, name in ((1.0, "one"), (0.0, "zero"))
-        ],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    file.write_bytes(model.SerializeToString())
+    rows = ("N", 8)
+    inputs = {"obs": ("N", 10)} | dict.fromkeys(taken, rows)
+    outputs = dict.fromkeys(("actions", *given), rows)
+    file.write_bytes(model_of(nodes, inputs, outputs, one=1.0, zero=0.0))
     return file
 
 
@@ -424,24 +395,16 @@ def test_a_network_that_hides_its_states_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_state_of_another_shape_than_it_is_taken_is_refused(tmp_path: Path) -> None:
-    def port(name: str, *shape: Any) -> Any:
-        return helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
-
+    columns: dict[str, Any] = {
+        name: np.array([k]) for name, k in (("low", 0), ("high", 8), ("axis", 1))
+    }
     nodes = [
-        helper.make_node("Slice", ["obs", "low", "high", "axis"], ["actions"]),
-        helper.make_node("Concat", ["m", "m"], ["after"], axis=1),
+        node("Slice", "obs low high axis", "actions"),
+        node("Concat", "m m", "after", axis=1),
     ]
-    columns = {"low": 0, "high": 8, "axis": 1}
-    graph = helper.make_graph(
-        nodes,
-        "odd",
-        [port("obs", "N", 10), port("m", "N", 4)],
-        [port("actions", "N", 8), port("after", "N", 8)],
-        [numpy_helper.from_array(np.array([k]), name) for name, k in columns.items()],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    outputs = {"actions": ("N", 8), "after": ("N", 8)}
     file = tmp_path / "odd.onnx"
-    file.write_bytes(model.SerializeToString())
+    file.write_bytes(model_of(nodes, {"obs": ("N", 10), "m": ("N", 4)}, outputs, **columns))
     with pytest.raises(
         ConfigError, match=r"state m of .*odd\.onnx must be \(N, m\).*4.* taken.*8.*after"
     ):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,6 @@ from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
 from rans.terminal import rendered
 from tests.support.evaluation_flights import TrackNothing, flight_of, many_episodes
-from tests.support.training import ignore, tiny_trainer
 
 
 def moved(flight: Any, way: Any) -> Any:
@@ -104,26 +104,20 @@ def test_the_table_says_who_is_where() -> None:
     )
 
 
-@pytest.mark.parametrize(("degrees", "agrees"), [(0.09, True), (0.11, False)])
-def test_a_tenth_of_a_degree_is_the_bound_of_the_attitude(degrees: float, agrees: bool) -> None:
-    near = np.full((11, 4), 0.01)
-    assert compare_engines(flight_of(near, 3.0), flight_of(near, 3.0 + degrees)).passed is agrees
-
-
 @pytest.mark.parametrize(
-    ("task", "speed", "spin", "agrees"),
+    ("task", "bound"),
     [
-        (TrackNothing(), 0.9e-3, 0.0, True),
-        (TrackNothing(), 1.1e-3, 0.0, False),
-        (TrackNothing(), 0.0, math.radians(0.09), True),
-        (TrackNothing(), 0.0, math.radians(0.11), False),
+        (None, {"error_degrees": 0.1}),
+        (TrackNothing(), {"speed": (1e-3, 0.0)}),
+        (TrackNothing(), {"spin": math.radians(0.1)}),
     ],
+    ids=["attitude", "velocity", "spin"],
 )
-def test_bounds_of_the_velocities(task: Any, speed: float, spin: float, agrees: bool) -> None:
-    """1 mm/s and 0.1 degrees/s."""
-    still = np.ones((11, 1))
-    flown = flight_of(still, 0.0, speed=(speed, 0.0), spin=spin, task=task)
-    assert compare_engines(flight_of(still, 0.0, task=task), flown).passed is agrees
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_bounds_of_the_others(task: Any, bound: dict[str, Any], share: float) -> None:
+    still: dict[str, Any] = {"distance": np.ones((11, 1)), "error_degrees": 0.0, "task": task}
+    flown: dict[str, Any] = still | {name: share * np.array(value) for name, value in bound.items()}
+    assert compare_engines(flight_of(**still), flight_of(**flown)).passed is (share < 1.0)
 
 
 def test_json_has_no_infinity(tmp_path: Path) -> None:
@@ -135,21 +129,13 @@ def test_json_has_no_infinity(tmp_path: Path) -> None:
     assert float(settling["drake"]) == math.inf
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run folder of an agent that has hardly begun to learn."""
-    trainer = tiny_trainer(tmp_path_factory.mktemp("runs") / "young")
-    trainer.train(ignore)
-    return trainer.run.path
-
-
 def test_another_process_flies_what_this_one_would(
-    run: Path, monkeypatch: pytest.MonkeyPatch
+    trained: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In two shares; the network's sums depend on the batch in the last bits only."""
     monkeypatch.setattr("rans.evaluation.fly.episodes._SHARE", 8)
     counted: list[int] = []
-    loaded = load_policy(run)
+    loaded = load_policy(trained)
     agent = loaded.controller
     craft = loaded.craft
     task = loaded.task
@@ -167,7 +153,10 @@ def test_another_process_flies_what_this_one_would(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_both_engines_on_the_command_line(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_both_engines_on_the_command_line(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = Path(shutil.copytree(trained, tmp_path / "run"))
     assert main(["evaluate", str(run), "--episodes", "4", "--engine", "both"]) == 0
     assert "in both engines" in capsys.readouterr().out
     read = json.loads((run / "evaluation.json").read_text("utf-8"))
@@ -203,9 +192,9 @@ def altered(run: Path, target: Path, name: str, change: Any) -> Path:
     ids=["of another version", "for other thrusters"],
 )
 def test_a_run_that_does_not_fit_is_one_sentence(
-    run: Path, tmp_path: Path, name: str, change: Any, message: str, capsys: Any
+    trained: Path, tmp_path: Path, name: str, change: Any, message: str, capsys: Any
 ) -> None:
-    strange = altered(run, tmp_path / "strange", name, change)
+    strange = altered(trained, tmp_path / "strange", name, change)
     capsys.readouterr()
     assert main(["evaluate", str(strange), "--engine", "drake"]) == 2
     lines = [line for line in capsys.readouterr().err.splitlines() if "warning" not in line]

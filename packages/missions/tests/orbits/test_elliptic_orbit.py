@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from rans_missions.orbits.earth import EARTH
@@ -16,7 +14,6 @@ from rans_missions.orbits.elliptic import EllipticOrbit, eccentric_anomaly, mean
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from rans.errors import ConfigError
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire
 from rans.model.dynamics import PlanarState, Wrench, advance
@@ -81,17 +78,6 @@ def test_coasts_obey_the_equations_of_tschauner_and_hempel(
     assert (*flat.columns(), *speed.columns()) == (p.x, p.y, v.x, v.y)
 
 
-def test_motions_follow_one_another() -> None:
-    """In two parts, the second of which begins later in the orbit; and it is felt where a motion begins."""
-    drift = EllipticOrbit(N, 0.4, 2.0)
-    p, v = Vec3(50.0, -100.0, 20.0), Vec3(0.05, 0.1, -0.02)
-    whole = drift.carry(p, v, 900.0)
-    parts = drift.later(500.0).carry(*drift.carry(p, v, 500.0), 400.0)
-    np.testing.assert_allclose(leaves(parts), leaves(whole), rtol=1e-11)
-    same = drift.carry(*drift.carry(p, v, 500.0), 400.0)
-    assert np.abs(np.subtract(leaves(same), leaves(whole))).max() > 1.0
-
-
 def test_a_circle_is_clohessy_and_wiltshires() -> None:
     p, v = Vec3(50.0, -100.0, 20.0), Vec3(0.05, 0.1, -0.02)
     for time in (0.5, 2000.0, 20_000.0):
@@ -137,34 +123,3 @@ def test_a_pushed_and_turning_craft_moves_by_its_equations() -> None:
     reached = [*leaves(after.p), *leaves(after.v)]
     # The push moves the craft by tens of metres; the quadrature of six nodes is exact to 1e-12 of it.
     np.testing.assert_allclose(reached, expected, rtol=1e-9)
-
-
-def test_single_precision_keeps_the_digits_of_short_times() -> None:
-    """The way in 0.1 s of a craft at 500 m is 1 cm: its error is that of the position's last digit."""
-    for e in (0.1, 0.7):
-        drift = EllipticOrbit(N, e, 1.3)
-        numbers = torch.tensor([500.0, -300.0, 200.0, 0.1, -0.05, 0.02], dtype=torch.float32)
-        results = []
-        for dtype in (torch.float32, torch.float64):
-            fields = numbers.to(dtype)[:, None]
-            there = replace(drift, mean_anomaly=torch.full((1,), 1.3, dtype=dtype))
-            p, v = there.carry(Vec3(*fields[:3]), Vec3(*fields[3:]), 0.1)
-            assert p.x.dtype == dtype
-            results.append(np.array([float(x) for x in (*leaves(p), *leaves(v))]))
-        error = np.abs(results[0] - results[1])
-        assert (error[:3] < 1e-4).all()
-        # n p is 0.5 m/s, of which single precision has 1e-7.
-        assert (error[3:] < 1e-6).all()
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: EllipticOrbit(0.0, 0.1, 0.0), r"mean motion .* > 0 rad/s, got 0\.0"),
-        (lambda: EllipticOrbit(N, 0.95, 0.0), r"from 0 to 0\.9, got 0\.95"),
-        (lambda: EllipticOrbit(N, math.nan, 0.0), r"from 0 to 0\.9, got nan"),
-    ],
-)
-def test_impossible_orbits_are_refused(make: Any, message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        make()

@@ -25,6 +25,7 @@ from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.exports import exported
+from tests.support.graphs import model_of, step
 
 onnx = pytest.importorskip("onnx")
 onnxruntime = pytest.importorskip("onnxruntime")
@@ -229,27 +230,16 @@ def test_a_policy_that_cannot_be_exported_is_a_sentence(
 @pytest.mark.parametrize("approximate", ["none", "tanh"])
 def test_gelu_as_one_operation_and_as_several(approximate: str, tmp_path: Path) -> None:
     """As exporters write it for version 20 of the operators; also far from zero, where it is zero or the input."""
-    import onnx
-    from onnx import TensorProto
-
-    graph = onnx.helper.make_graph(
-        [
-            onnx.helper.make_node("Gelu", ["observation"], ["units"], approximate=approximate),
-            onnx.helper.make_node("Slice", ["units", "first", "last", "axis"], ["command"]),
-        ],
-        "gelu",
-        [onnx.helper.make_tensor_value_info("observation", onnx.TensorProto.FLOAT, ["N", WIDTH])],
-        [onnx.helper.make_tensor_value_info("command", onnx.TensorProto.FLOAT, ["N", 8])],
-        [
-            onnx.helper.make_tensor(name, TensorProto.INT64, [1], [number])
-            for name, number in (("first", 0), ("last", 8), ("axis", 1))
-        ],
-    )
-    model = onnx.helper.make_model(
-        graph, opset_imports=[onnx.helper.make_opsetid("", 20)], ir_version=9
-    )
+    nodes = [
+        step("Gelu", "observation", "units", approximate=approximate),
+        step("Slice", "units first last axis", "command"),
+    ]
+    places: dict[str, Any] = {
+        name: np.array([k]) for name, k in (("first", 0), ("last", 8), ("axis", 1))
+    }
+    ends = {"observation": ("N", WIDTH)}, {"command": ("N", 8)}
     file = tmp_path / "gelu.onnx"
-    onnx.save(model, str(file))
+    file.write_bytes(model_of(nodes, *ends, opset=20, **places))
     rows = np.linspace(-8.0, 8.0, 21 * WIDTH, dtype=np.float32).reshape(21, WIDTH)
     expected = np.clip(judged(file, rows), 0.0, 1.0)
     found = by_numpy(file, load_spacecraft(THROTTLED), rows)
@@ -336,23 +326,15 @@ def test_the_folder_flies_as_its_contract_says(tmp_path: Path) -> None:
 def test_a_network_with_states_is_not_exported(tmp_path: Path) -> None:
     """As RSL-RL exports recurrent networks: the states go in beside the observation, and come out."""
     nodes = [
-        onnx.helper.make_node("Add", ["obs", "h_in"], ["h_out"]),
-        onnx.helper.make_node("Add", ["obs", "c_in"], ["c_out"]),
-        onnx.helper.make_node("Relu", ["h_out"], ["actions"]),
+        step("Add", "obs h_in", "h_out"),
+        step("Add", "obs c_in", "c_out"),
+        step("Relu", "h_out", "actions"),
     ]
-
-    def ports(*names: str) -> list[Any]:
-        return [
-            onnx.helper.make_tensor_value_info(x, onnx.TensorProto.FLOAT, (1, WIDTH)) for x in names
-        ]
-
-    graph = onnx.helper.make_graph(
-        nodes, "memory", ports("obs", "h_in", "c_in"), ports("actions", "h_out", "c_out")
-    )
-    model = onnx.helper.make_model(
-        graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=8
+    inputs, outputs = (
+        dict.fromkeys(names, (1, WIDTH))
+        for names in (("obs", "h_in", "c_in"), ("actions", "h_out", "c_out"))
     )
     file = tmp_path / "memory.onnx"
-    file.write_bytes(model.SerializeToString())
+    file.write_bytes(model_of(nodes, inputs, outputs))
     with pytest.raises(ConfigError, match="3 inputs"):
         foreign_program(file, WIDTH, load_spacecraft(PLATFORM))
