@@ -22,13 +22,14 @@ from rans.extend import (
 from rans.model.spacecraft_file import spacecraft_label
 from rans.terminal import stages
 from rans_missions.bounds.first_starts import bounded, mission_bounds, steps_of
-from rans_missions.tasks import Land
+from rans_missions.tasks import FinalApproach, Land
 from rans_missions.tasks.orbital import OrbitalMission
 
 if TYPE_CHECKING:
     from rans.cli.optimal import Optimal
     from rans.evaluation.compare.contest import Entry
     from rans.evaluation.compare.mission_bounds import MissionBounds
+    from rans_missions.bounds.transfers import TransferTable
 
 
 def transfers(command: Optimal, craft: Spacecraft, task: Task) -> int:
@@ -46,8 +47,31 @@ def transfers(command: Optimal, craft: Spacecraft, task: Task) -> int:
             craft, mission, makers, deadline, EVALUATION_SEED, command.episodes, progress=step
         ),
     )
+    title = f"{command.task} with {craft.name} by {deadline:g} s, {command.episodes} starts"
+    return _reported(title, folder, table)
+
+
+def approaches(command: Optimal, craft: Spacecraft, task: Task) -> int:
+    """Compare guidance with the bounds of a final approach; print and write the table."""
+    from rans_missions.bounds.approaches import judged_approaches
+
+    approach = FinalApproach.expected(task, "approaches end at ports")
+    command.refuse_all_but("spacecraft", "episodes")
+    folder = ready_folder(command.output or Path("runs") / f"optimal-{distinct(command.task)}")
+    table = command.with_progress(
+        "bounds",
+        lambda step: judged_approaches(
+            craft, approach, EVALUATION_SEED, command.episodes, progress=step
+        ),
+    )
+    title = f"{command.task} with {craft.name}, {command.episodes} starts"
+    return _reported(title, folder, table)
+
+
+def _reported(title: str, folder: Path, table: TransferTable) -> int:
+    """Print and write a table; the exit code of the command."""
     Terminal().show(
-        f"{command.task} with {craft.name} by {deadline:g} s, {command.episodes} starts",
+        title,
         table.columns,
         table.cells(),
         caption="Impulse over the proven bound of the same start and deadline, of those who won.",
@@ -55,7 +79,7 @@ def transfers(command: Optimal, craft: Spacecraft, task: Task) -> int:
     write_json(folder / "optimal.json", table.to_json())
     lost = int((~np.isfinite(table.upper)).sum())
     Terminal().say(
-        f"{command.episodes - lost} of {command.episodes} solved and flown in both engines. Written to "
+        f"{len(table.upper) - lost} of {len(table.upper)} solved and flown in both engines. Written to "
         f"{folder / 'optimal.json'}."
     )
     return 1 if lost else 0
@@ -139,3 +163,5 @@ LANDING = Problem(
 """The least propellant of a landing."""
 INSPECTION = Problem(bounded, mission_bounds, steps_of, ("circumnavigation", "visiting", "optimal"))
 """A lower bound of the impulse of an inspection; no optimum is known."""
+APPROACH = Problem(bounded, mission_bounds, steps_of, ("corridor", "optimal"), approaches)
+"""The least impulse of a flight through the corridor of a port."""

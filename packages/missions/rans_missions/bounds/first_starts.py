@@ -10,11 +10,12 @@ import numpy as np
 
 from rans.errors import SolverFailed
 from rans.evaluation.compare.mission_bounds import MissionBounds
-from rans.extend import ConfigError, Contest, Progress, State, leaves, map_leaves, unseen
+from rans.extend import ConfigError, Contest, Progress, State, map_leaves, unseen
+from rans_missions.convex.approach import PortMeeting, least_to_approach
 from rans_missions.convex.holding import least_to_hold
 from rans_missions.convex.inspection import inspection_bound
 from rans_missions.convex.landing import Descent, Lander, Landing, best_landing, landing
-from rans_missions.convex.rendezvous import Meeting, rendezvous
+from rans_missions.convex.rendezvous import Meeting, rendezvous, state_of
 
 _TIMES = 8
 """Times at which the front of a start on an orbit is bounded, from the earliest deadline of the task on."""
@@ -35,6 +36,9 @@ def bounded(contest: Contest) -> bool:
         if problem == "landing":
             Lander.of(contest.craft, _dead(contest), apart=True)
             return contest.conditions is None or contest.conditions.only_dead
+        if nominal and problem == "approach":
+            _at_port(contest, 0)
+            return True
         if nominal and problem == "rendezvous":
             _meeting(contest, contest.start(0).goal)
             return True
@@ -76,6 +80,8 @@ def _first_bounds(contest: Contest, progress: Progress) -> MissionBounds:
         return _landing_bounds(contest, progress)
     lower = _lower(contest, 0)
     progress(1)
+    if contest.task.optimal_problem == "approach":
+        return MissionBounds(np.array([lower]), np.zeros(0), np.zeros(0))
     if contest.task.optimal_problem == "inspection":
         times = np.linspace(0.0, contest.duration, _TIMES + 1)[1:]
     else:
@@ -95,6 +101,8 @@ def _lower(contest: Contest, k: int, by: float | None = None) -> float:
     if problem == "landing":
         best = _best_landing(contest, k)
         return math.inf if best is None else best.dual
+    if problem == "approach":
+        return least_to_approach(_at_port(contest, k), state_of(contest.start(k)))[0]
     if problem == "inspection":
         start: Any = map_leaves(lambda x: float(np.squeeze(x)), contest.start(k))
         within = contest.duration if by is None else by
@@ -107,8 +115,8 @@ def _lower(contest: Contest, k: int, by: float | None = None) -> float:
 
 def steps_of(contest: Contest, count: int) -> int:
     """Largest number of steps of progress that `mission_bounds` reports."""
-    landed = contest.task.optimal_problem == "landing"
-    return min(count, contest.episodes) + (1 if landed else _TIMES)
+    more = {"landing": 1, "approach": 0}.get(contest.task.optimal_problem, _TIMES)
+    return min(count, contest.episodes) + more
 
 
 def _landing_bounds(contest: Contest, progress: Progress) -> MissionBounds:
@@ -161,6 +169,11 @@ def _meeting(contest: Contest, goal: State) -> Meeting:
     return Meeting.of(contest.craft, task, goal)
 
 
+def _at_port(contest: Contest, k: int) -> PortMeeting:
+    task: Any = contest.task
+    return PortMeeting.at_port(contest.craft, task, contest.timing, contest.start(k).goal)
+
+
 def _deadline(contest: Contest, k: int) -> float:
     """Deadline of start number k, s: the first note of its goal is the time left until it."""
     return float(np.squeeze(contest.start(k).goal.notes.deadline))
@@ -168,12 +181,12 @@ def _deadline(contest: Contest, k: int) -> float:
 
 def _least(contest: Contest, k: int, deadline: float) -> float:
     start = contest.start(k)
-    state = [float(np.squeeze(x)) for x in (*leaves(start.start.p), *leaves(start.start.v))]
+    state = state_of(start)
     meeting = _meeting(contest, start.goal)
     task: Any = contest.task
     try:
         if task.stay_seconds:
-            return least_to_hold(meeting, np.array(state), deadline, task.stay_seconds)
-        return rendezvous(meeting, np.array(state), deadline).lower
+            return least_to_hold(meeting, state, deadline, task.stay_seconds)
+        return rendezvous(meeting, state, deadline).lower
     except SolverFailed:
         return float("inf")

@@ -18,7 +18,6 @@ from rans.extend import (
     Spacecraft,
     contestant,
     fly,
-    leaves,
     scenarios,
 )
 from rans.optimal.control.lqr import LQR
@@ -35,6 +34,7 @@ from rans_missions.convex.rendezvous import (
     MeetingTransfer,
     least_impulse,
     rendezvous,
+    state_of,
     within_limits,
 )
 from rans_missions.tasks.orbital import OrbitalMission
@@ -219,9 +219,9 @@ def transfer_bounds(
     for scenario in every:
         if not task.drift.steady:
             meeting = Meeting.of(craft, task, scenario.goal)
-        answer = rendezvous(meeting, _state(scenario), deadline)
+        answer = rendezvous(meeting, state_of(scenario), deadline)
         if task.stay_seconds:
-            stay = least_to_hold(meeting, _state(scenario), deadline, task.stay_seconds)
+            stay = least_to_hold(meeting, state_of(scenario), deadline, task.stay_seconds)
             answer = replace(answer, lower=max(answer.lower, stay))
         answers.append(answer)
         if progress is not None:
@@ -247,10 +247,10 @@ def optimum(
         if is_one_program:
             meeting = Meeting.of(craft, task, scenario.goal)
             transfer = flight_that_holds(
-                meeting, _state(scenario), task.deadline[1], task.stay_seconds
+                meeting, state_of(scenario), task.deadline[1], task.stay_seconds
             )
         elif afterwards is not None:
-            transfer = _to_stay(Meeting.of(craft, task, scenario.goal), _state(scenario), answer)
+            transfer = _to_stay(Meeting.of(craft, task, scenario.goal), state_of(scenario), answer)
         if transfer is not None:
             commands[k, : len(transfer.commands)] = transfer.commands
     fast, drake = (
@@ -271,12 +271,6 @@ def _to_stay(meeting: Meeting, start: np.ndarray, answer: Answer) -> MeetingTran
     )
     free = least_impulse(meeting, start, max(1, begun.check // checks) * checks)
     return None if free is None else within_limits(meeting, start, free)
-
-
-def _state(scenario: Scenario) -> np.ndarray:
-    """(2 d,) position, m, and velocity, m/s, of the start of an episode."""
-    start: Any = scenario.start
-    return np.array([float(np.squeeze(x)) for x in (*leaves(start.p), *leaves(start.v))])
 
 
 def row_of(name: str, flight: Flight) -> Row:

@@ -53,7 +53,7 @@ class ConeProgram:
         """
         status = ""
         for regularization in _REGULARIZATIONS:
-            answer = self._answer(regularization)
+            answer = self.answer(regularization)
             status = str(answer.status)
             if status in ("Solved", "AlmostSolved"):
                 return answer
@@ -64,8 +64,12 @@ class ConeProgram:
             "the usual cause is one that is just out of reach."
         )
 
-    def _answer(self, regularization: float) -> Any:
-        """Result of Clarabel with this constant added to the diagonal of its linear systems."""
+    def answer(self, regularization: float = _REGULARIZATIONS[0]) -> Any:
+        """Result of Clarabel, whatever its status is.
+
+        Args:
+            regularization: constant that is added to the diagonal of its linear systems.
+        """
         # Clarabel has no stubs for what its compiled module holds.
         clarabel: Any = require("clarabel")
         settings = clarabel.DefaultSettings()

@@ -170,8 +170,7 @@ def staying_proof(
     """
     size = len(meeting.point)
     periods = meeting.periods(int(checks[-1]))
-    away = meeting.free(start, checks)
-    away[:, :size] -= meeting.point
+    away = meeting.missed(start, checks)
     bound = float((away * multipliers).sum())
     bound -= meeting.position_tolerance * np.linalg.norm(multipliers[:, :size], axis=1).sum()
     bound -= meeting.velocity_tolerance * np.linalg.norm(multipliers[:, size:], axis=1).sum()

@@ -13,7 +13,7 @@ as its tangent at the flight before.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -26,6 +26,7 @@ from rans.extend import (
     Ball,
     ConfigError,
     Drift,
+    Scenario,
     Spacecraft,
     Timing,
     Vec2,
@@ -67,7 +68,7 @@ class Meeting:
     velocity_tolerance: float
     """m/s"""
     limits: tuple[Shape, ...] = ()
-    """Kept at every check but the first instant."""
+    """Kept at every check but the first instant. Fields of shapes that move have a value for each check."""
     every: int = 1
     """Flights thrust in every so many-th control period only, which makes their programs smaller."""
 
@@ -78,19 +79,12 @@ class Meeting:
         Raises:
             ConfigError: thrusters turn the craft, so that forces in W are not linear in its commands.
         """
-        if can_turn(craft):
-            raise ConfigError(
-                f"convex bounds are for craft whose thrusters pass through the centre of mass, and those of "
-                f"{craft.name} turn it; fly one such as afrl-deputy."
-            )
-        directions = np.array([thruster.direction for thruster in craft.thrusters]).T
-        sizes = np.array([thruster.force for thruster in craft.thrusters])
         drift = map_leaves(lambda x: float(np.squeeze(x)), task.drift_at(goal))
         kind = cls if drift.steady else UnsteadyMeeting
         return kind(
             drift,
             task.timing,
-            directions[: craft.dimension] * sizes,
+            forces_in_w(craft),
             craft.mass,
             np.array([float(np.squeeze(x)) for x in leaves(goal.p)]),
             task.position_tolerance,
@@ -146,6 +140,12 @@ class Meeting:
         free, offset, _ = self._tables
         return free[checks] @ start + offset[checks]
 
+    def missed(self, start: np.ndarray, checks: np.ndarray) -> np.ndarray:
+        """States (L, 2 d) relative to the point after so many checks without thrust, of a state at the start."""
+        away = self.free(start, checks)
+        away[:, : len(self.point)] -= self.point
+        return away
+
     def transition(self, checks: int | np.ndarray) -> np.ndarray:
         """(2 d, 2 d), or (L, 2 d, 2 d): what a difference of states becomes in so many checks without thrust."""
         free, _, _ = self._tables
@@ -176,6 +176,22 @@ class Meeting:
     def periods(self, check: int) -> int:
         """Control periods that have begun before a check."""
         return -(-check // self.timing.checks)
+
+
+def forces_in_w(craft: Spacecraft) -> np.ndarray:
+    """(d, m) full force of each thruster in W, N, of a craft whose axes are those of W.
+
+    Raises:
+        ConfigError: thrusters turn the craft, so that forces in W are not linear in its commands.
+    """
+    if can_turn(craft):
+        raise ConfigError(
+            f"convex bounds are for craft whose thrusters pass through the centre of mass, and those of "
+            f"{craft.name} turn it; fly one such as afrl-deputy."
+        )
+    directions = np.array([thruster.direction for thruster in craft.thrusters]).T
+    sizes = np.array([thruster.force for thruster in craft.thrusters])
+    return directions[: craft.dimension] * sizes
 
 
 @dataclass(frozen=True)
@@ -289,6 +305,12 @@ class Answer:
         return self.upper / self.lower - 1.0
 
 
+def state_of(scenario: Scenario) -> np.ndarray:
+    """(2 d,) position, m, and velocity, m/s, of the start of an episode."""
+    start: Any = scenario.start
+    return np.array([float(np.squeeze(x)) for x in (*leaves(start.p), *leaves(start.v))])
+
+
 def least_impulse(
     meeting: Meeting,
     start: np.ndarray,
@@ -322,6 +344,7 @@ def least_stay(
     last: int,
     limits: Sequence[Shape] = (),
     reference: np.ndarray | None = None,
+    at_once: int | None = None,
 ) -> MeetingTransfer | None:
     """The flight of least impulse that meets at every check from one to another; None: there is none.
 
@@ -332,6 +355,7 @@ def least_stay(
         last: last check of the stay, that of the arrival or a later one.
         limits: kept at every check from the first one of the flight to the last of the stay.
         reference: (last + 1, 2 d) states at which concave limits are taken as tangents; needed with limits.
+        at_once: about how many checks whose limits are broken join the program at once; None: all of them.
 
     Raises:
         SolverFailed: Clarabel ends neither with a solution nor with a proof that there is none.
@@ -342,6 +366,7 @@ def least_stay(
     for k in sorted(within, reverse=True):
         rows.be_within(k)
     watched: set[int] = set()
+    limits_at = _at_checks(limits)
     while True:
         result = rows.solve()
         if result is None:
@@ -355,7 +380,7 @@ def least_stay(
             fresh = [
                 k
                 for k, (state, other) in pairs
-                if k not in watched and _tangent_margin(limits, state, other) < 0.0
+                if k not in watched and _tangent_margin(limits_at(k), state, other) < 0.0
             ]
         if not left and not fresh:
             return result
@@ -363,10 +388,12 @@ def least_stay(
         for k in left if len(left) < _FEW else left[:: len(left) // _FEW]:
             within.add(k)
             rows.be_within(k)
+        if at_once is not None and len(fresh) > at_once:
+            fresh = fresh[:: len(fresh) // at_once]
         watched.update(fresh)
         if reference is not None:
             for k in fresh:
-                for limit in limits:
+                for limit in limits_at(k):
                     rows.keep(limit, k, reference[k])
 
 
@@ -405,8 +432,7 @@ def prices_of_missing(meeting: Meeting, start: np.ndarray, check: int) -> np.nda
     clarabel = _clarabel()
 
     size = len(meeting.point)
-    state = meeting.free(start, np.array([check]))[0]
-    state[:size] -= meeting.point
+    state = meeting.missed(start, np.array([check]))[0]
     # Variables: the multiplier y, and bounds of |y_p| and |y_v|.
     objective = -np.concatenate([state, [-meeting.position_tolerance, -meeting.velocity_tolerance]])
     effect = meeting.effect(check, meeting.periods(check))
@@ -464,8 +490,7 @@ def proof(meeting: Meeting, start: np.ndarray, last: int, multiplier: np.ndarray
         multiplier: (2 d,)
     """
     size = len(meeting.point)
-    away = meeting.free(start, np.arange(last + 1))
-    away[:, :size] -= meeting.point
+    away = meeting.missed(start, np.arange(last + 1))
     constant = meeting.position_tolerance * np.linalg.norm(multiplier[:size])
     constant += meeting.velocity_tolerance * np.linalg.norm(multiplier[size:])
     return away @ multiplier - constant + meeting.saved(multiplier, last)
@@ -614,10 +639,20 @@ def _farther(limit: Shape) -> Shape:
     return limit
 
 
+def _at_checks(limits: Sequence[Shape]) -> Callable[[Any], Sequence[Shape]]:
+    """Limits by the check, or a slice of checks; those that do not move are the same at all."""
+    if all(np.size(x) == 1 for x in leaves(tuple(limits))):
+        return lambda check: limits
+    return lambda check: map_leaves(lambda x: x[check] if np.size(x) > 1 else x, tuple(limits))
+
+
 def least_margin(limits: Sequence[Shape], states: np.ndarray) -> float:
     """The least margin of any limit at any state (L, 2 d) after the start."""
     return min(
-        (float(np.min(_gap(limit, states[1:]))) for limit in limits),
+        (
+            float(np.min(_gap(limit, states[1:])))
+            for limit in _at_checks(limits)(slice(1, len(states)))
+        ),
         default=np.inf,
     )
 
@@ -728,8 +763,7 @@ class _Rows:
         meeting = self.meeting
         size = len(meeting.point)
         effect = meeting.effect(check, self.periods)[:, self._used]
-        free = meeting.free(self._start, np.array([check]))[0]
-        free[:size] -= meeting.point
+        free = meeting.missed(self._start, np.array([check]))[0]
         for part, radius in (
             (slice(0, size), meeting.position_tolerance),
             (slice(size, 2 * size), meeting.velocity_tolerance),

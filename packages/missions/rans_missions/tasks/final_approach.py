@@ -74,6 +74,7 @@ class FinalApproach(SingleTask):
     """Distance from the port beyond which an episode fails, m."""
 
     flag = 12
+    optimal_problem = "approach"
     symmetric: ClassVar[bool] = False
     dimensions: ClassVar[tuple[Dimension, ...]] = (3,)
     spacecraft: ClassVar[str | None] = "vbar-chaser"

@@ -1,0 +1,311 @@
+"""Least impulse of a final approach, from both sides: a certified bound, and a flight within the corridor.
+
+Where the port is at every check does not depend on the flight, and nor does its corridor. The bound follows from
+second-order cone programs, one for each range of arrivals, by weak duality as in
+`rans_missions.convex.rendezvous`. The corridor is in it: a craft that keeps the speed limit has been near the port
+for a while when it arrives, and near the port it must be inside the cone.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from rans.errors import SolverFailed
+from rans.extend import Ball, Spacecraft, Timing, leaves, map_leaves
+from rans.tasks.shapes import Cone, SpeedLimit
+from rans_missions.convex.cone_program import ConeProgram
+from rans_missions.convex.rendezvous import (
+    Meeting,
+    MeetingTransfer,
+    forces_in_w,
+    instant_bounds,
+    least_margin,
+    least_stay,
+    trajectory,
+)
+from rans_missions.tasks.final_approach import FinalApproach
+
+_INSTANTS = (0.0, 0.02, 0.06, 0.12, 0.2, 0.32, 0.45, 0.6, 0.8, 1.0)
+"""Instants at which a bound has the cone, as parts of the time for which a craft must have been inside of it."""
+_WIDEST = 100.0
+"""Range of arrivals that share a program at first, s."""
+_NARROWEST = 7.0
+"""Range of arrivals below which none is divided, s: a craft may be a metre from the port at its beginning."""
+_RAY = 1e6
+"""Length of a ray of multipliers along which a bound grows for ever."""
+_COMMANDS = 60
+"""Control periods with thrust of a flight within the corridor, about: more take minutes."""
+_TRIED = ((1200.0, 1000.0), (1500.0, 1500.0), (2400.0, 1600.0))
+"""Arrivals of flights, and times before them at which they enter the cone, s."""
+_BEYOND = 0.5
+"""Distance from the end of the cone before that, m."""
+_AT_ONCE = 24
+"""Checks with broken limits that join a program at once, about: of hundreds in the cone most are alike."""
+_ROUNDS = 10
+"""Rounds in which limits that are not convex are tangent at the flight of the round before, at most."""
+_CONVERGED = 1e-3
+"""Relative change of the impulse at which rounds end."""
+
+
+@dataclass(frozen=True)
+class PortMeeting(Meeting):
+    """Meeting with a port whose path does not depend on the flight, within its corridor."""
+
+    path: np.ndarray = field(kw_only=True)
+    """(L, 6) position, m, and velocity, m/s, of the port in W at every check."""
+    away: np.ndarray = field(kw_only=True)
+    """(J,) largest distance from the port, m, so many checks before the arrival; at all of them a craft is inside
+    the cone."""
+    hurry: np.ndarray = field(kw_only=True)
+    """(J,) largest speed relative to the port then, m/s."""
+
+    @classmethod
+    def at_port(
+        cls, craft: Spacecraft, task: FinalApproach, timing: Timing, goal: Any
+    ) -> PortMeeting:
+        """The meeting with the port of one episode.
+
+        Raises:
+            ConfigError: see `rans_missions.convex.rendezvous.forces_in_w`.
+        """
+        interval = timing.control_period / timing.checks
+        checks = np.arange(timing.checks * timing.episode_steps + 1)
+        goal = map_leaves(lambda x: float(np.squeeze(x)), goal)
+        port = task.later(goal, interval * checks)
+        columns = [np.broadcast_to(x, len(checks)) for x in (*leaves(port.p), *leaves(port.v))]
+        path = np.stack(columns, axis=1)
+        forces = forces_in_w(craft)
+        most = float(np.linalg.norm(np.abs(forces).sum(axis=1))) / craft.mass
+        away, hurry = before_arrival(task, goal, interval, most)
+        return cls(
+            task.drift,
+            timing,
+            forces,
+            craft.mass,
+            np.zeros(3),
+            task.position_tolerance,
+            task.velocity_tolerance,
+            task.scenery(port),
+            path=path,
+            away=away,
+            hurry=hurry,
+        )
+
+    def missed(self, start: np.ndarray, checks: np.ndarray) -> np.ndarray:
+        """See `Meeting.missed`."""
+        return self.free(start, checks) - self.path[checks]
+
+    @cached_property
+    def cone(self) -> Cone:
+        """The cone, whose fields have a value for each check."""
+        return next(x for x in self.limits if isinstance(x, Cone))
+
+    @cached_property
+    def corridor(self) -> tuple[np.ndarray, np.ndarray]:
+        """Apex, m, and axis of the cone at every check, (L, 3) each."""
+        apex, axis = (np.stack(leaves(x), axis=1) for x in (self.cone.apex, self.cone.axis))
+        return apex, axis
+
+
+def before_arrival(
+    task: FinalApproach, goal: Any, interval: float, most: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far from the port, m, and how fast, m/s, a craft was so many checks before its arrival, (J,) each.
+
+    At its arrival it is within the tolerances. A check earlier it was farther away by at most the interval times
+    its largest speed relative to the port between the two. That is the speed limit at the distance of the earlier
+    check, the speed of the port, and what thrust and orbit change in half of the interval. J ends where the craft
+    may have been outside of the cone.
+
+    Args:
+        task: the final approach.
+        goal: the port at any instant, in floats.
+        interval: time between two checks, s.
+        most: largest acceleration by thrust along all axes at once, m/s^2.
+    """
+    cone = next(x for x in task.scenery(goal) if isinstance(x, Cone))
+    limit = next(x for x in task.scenery(goal) if isinstance(x, SpeedLimit))
+    slope = float(limit.slope)
+    # At the port itself: the limit, and the port's own speed.
+    base = float(limit.base) + slope * task.standoff + math.hypot(*leaves(goal.v))
+    farthest = float(cone.length) - math.dist(leaves(cone.apex), leaves(goal.p))
+    # Accelerations of the orbit where they are largest: 3 n^2 r and 2 n v.
+    n = task.mean_motion
+    pulled = 3.0 * n**2 * (farthest + task.standoff) + 2.0 * n * (base + slope * farthest)
+    gained = 0.5 * interval * (most + pulled)
+    away, hurry = [task.position_tolerance], [task.velocity_tolerance]
+    while True:
+        earlier = (away[-1] + interval * (base + gained)) / (1.0 - interval * slope)
+        if earlier > farthest:
+            return np.array(away), np.array(hurry)
+        away.append(earlier)
+        hurry.append(base + slope * earlier)
+
+
+def least_to_approach(meeting: PortMeeting, start: np.ndarray) -> tuple[float, int]:
+    """Impulse below which no flight docks by the end of the episode, N s, and the last check of its arrivals.
+
+    Branch and bound over ranges of arrivals.
+
+    Args:
+        meeting: the port and its corridor.
+        start: (6,) position (m) and velocity (m/s) in W.
+    """
+    last = len(meeting.path) - 1
+    # Of a meeting without a corridor, which costs less but is known for every arrival.
+    instants = instant_bounds(meeting, start, last)
+
+    def bound_of(first: int, end: int) -> float:
+        within = float(instants[first : end + 1].min())
+        return max(within, bound_of_range(meeting, start, first, end))
+
+    edges = np.linspace(1, last + 1, 1 + max(1, round(last * meeting.interval / _WIDEST)))
+    ranges = [(first, end - 1) for first, end in pairwise(np.unique(edges.astype(int)).tolist())]
+    queue = [(bound_of(*one), *one) for one in ranges]
+    heapq.heapify(queue)
+    while True:
+        bound, first, end = heapq.heappop(queue)
+        if (end - first) * meeting.interval < _NARROWEST:
+            return bound, end
+        middle = (first + end) // 2
+        for a, b in (first, middle), (middle + 1, end):
+            heapq.heappush(queue, (max(bound, bound_of(a, b)), a, b))
+
+
+def bound_of_range(meeting: PortMeeting, start: np.ndarray, first: int, end: int) -> float:
+    """Impulse below which no flight docks at a check between two, N s, by weak duality.
+
+    A flight that docks at one of them is near the port at the first of them, and inside the cone at checks before.
+    All are constraints |A x + b| <= c . x + d of states x, which are affine in the commands. With multipliers u and
+    m, |u| <= m, of each, the impulse of such a flight is at least
+
+        sum of u . (A x_free + b) - m (c . x_free + d) - sum over commands of max(0, -(price + gain))
+
+    where x_free are the states without thrust, and a command's gain is the sum of u . A effect - m c . effect. The
+    multipliers are those of the dual program; whatever they are, the bound holds.
+
+    Args:
+        meeting: the port and its corridor.
+        start: (6,) position (m) and velocity (m/s) in W.
+        first: the first arrival, in checks.
+        end: the last arrival.
+    """
+    ahead = end - first
+    inside = len(meeting.away) - 1 - ahead
+    if inside < 0:
+        return 0.0
+    periods = meeting.periods(first)
+    prices = np.tile(meeting.price, periods)
+    # Near the port at the first check: tails A x_free + b, heads c . x_free + d, and what commands add to both.
+    missed = meeting.missed(start, np.array([first]))[0]
+    effect = meeting.effect(first, periods)
+    tails, heads = [missed[:3], missed[3:]], [meeting.away[ahead], meeting.hurry[ahead]]
+    gains, widths = [effect[:3], effect[3:]], [np.zeros(len(prices))] * 2
+    # Inside the cone at the first check and before.
+    tangent = math.tan(float(meeting.cone.half_angle))
+    instants = np.unique(first - np.round(inside * np.array(_INSTANTS)).astype(int))
+    for at in instants[instants > 0].tolist():
+        apex, axis = (one[at] for one in meeting.corridor)
+        offset = meeting.free(start, np.array([at]))[0, :3] - apex
+        moved = meeting.effect(at, periods)[:3]
+        across = np.eye(3) - np.outer(axis, axis)
+        tails.append(across @ offset)
+        heads.append(tangent * float(axis @ offset))
+        gains.append(across @ moved)
+        widths.append(tangent * (axis @ moved))
+    tail, head = np.concatenate(tails), np.array(heads)
+    gain, width = np.vstack(gains), np.stack(widths)
+    # The dual program: gains of commands, which have no upper bound in it, are at least their price less.
+    count = len(head)
+    cones = np.zeros((4 * count, 4 * count))
+    for k in range(count):
+        cones[4 * k, 3 * count + k] = -1.0
+        cones[4 * k + 1 : 4 * k + 4, 3 * k : 3 * k + 3] = -np.eye(3)
+    rows = -np.vstack([gain, -width]).T / prices[:, None]
+    result = ConeProgram(
+        np.concatenate([-tail, head]),
+        sparse.csc_matrix(np.vstack([rows, cones])),
+        np.concatenate([np.ones(len(prices)), np.zeros(4 * count)]),
+        0,
+        len(prices),
+        (4,) * count,
+        np.full(4 * count, -np.inf),
+        np.full(4 * count, np.inf),
+    ).answer()
+    multipliers = np.array(result.x)
+    if not np.isfinite(multipliers).all():
+        return 0.0
+    if "DualInfeasible" in str(result.status):
+        # Along this ray the bound grows for ever: no flight docks then.
+        multipliers *= _RAY
+    # The bound of these multipliers, which is proved whatever the solver says of them.
+    u, m = multipliers[: 3 * count], multipliers[3 * count :]
+    m = np.maximum(m, np.linalg.norm(u.reshape(count, 3), axis=1))
+    bound = u @ tail - m @ head + np.minimum(prices + u @ gain - m @ width, 0.0).sum()
+    return max(0.0, float(bound))
+
+
+def flight_to_port(meeting: PortMeeting, start: np.ndarray) -> MeetingTransfer | None:
+    """The cheapest flight found that docks and keeps every limit at every check; None: none was found.
+
+    It stays outside the cone's length until some time before its arrival, and inside the cone from then on. Some
+    arrivals and entries are tried. The first round of each has its tangents at a craft on the port's axis, each
+    other at the flight of the round before.
+
+    Args:
+        meeting: the port and its corridor.
+        start: (6,) position (m) and velocity (m/s) in W.
+    """
+    last = len(meeting.path) - 1
+    best: MeetingTransfer | None = None
+    for arrival, inside in _TRIED:
+        check = min(last, round(arrival / meeting.interval))
+        entry = max(1, check - round(inside / meeting.interval))
+        found = flight_entering(meeting, start, check, entry)
+        if found is not None and (best is None or found.impulse < best.impulse):
+            best = found
+    return best
+
+
+def flight_entering(
+    meeting: PortMeeting, start: np.ndarray, check: int, entry: int
+) -> MeetingTransfer | None:
+    """The flight of `flight_to_port` that enters the cone at a check and docks at another; None: there is none."""
+    meeting = replace(meeting, every=-(-meeting.periods(check) // _COMMANDS))
+    apex, axis = meeting.corridor
+    length = float(meeting.cone.length)
+    is_outside = np.arange(len(apex)) < entry
+    # Before the entry a ball of the cone's length is kept out of; from it on the cone has no end.
+    others = tuple(limit for limit in meeting.limits if limit is not meeting.cone)
+    cone = replace(meeting.cone, length=np.where(is_outside, 0.0, np.inf))
+    outside = Ball(cone.apex, cone.apex, np.where(is_outside, length + _BEYOND, 0.0))
+    limits = (cone, outside, *others)
+    # Along the axis: as far as at the start, then evenly to the port.
+    far = max(float(np.linalg.norm(start[:3])), length + _BEYOND)
+    port = float(np.linalg.norm(meeting.path[0, :3]))
+    along = np.interp(np.arange(check + 1), [0, entry, check], [far, length, port])
+    states = np.hstack([axis[: check + 1] * along[:, None], np.zeros((check + 1, 3))])
+    result: MeetingTransfer | None = None
+    cost = np.inf
+    for _ in range(_ROUNDS):
+        try:
+            trial = least_stay(meeting, start, check, check, limits, states, _AT_ONCE)
+        except SolverFailed:
+            break
+        if trial is None:
+            break
+        states = trajectory(meeting, start, trial)
+        if least_margin(meeting.limits, states) >= 0.0:
+            result = trial
+        if abs(cost - trial.impulse) < _CONVERGED * trial.impulse:
+            break
+        cost = trial.impulse
+    return result
