@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import shlex
 
-from rans.errors import ConfigError
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
+from rans.model.spacecraft import Spacecraft, controls_every_direction
 from rans.pretrained import FOR_ANY_CRAFT
 from rans.tasks.feasible import fitting_task
 
@@ -38,11 +36,9 @@ def training(craft: Spacecraft, name: str, *options: str) -> tuple[str]:
 
 
 def _is_flown_without_training(craft: Spacecraft) -> bool:
-    """Whether the agent for any craft can steer it."""
-    from rans.policy.timing import timing_for
+    """Whether the agent for any craft can steer it, by what `rans.policy.any_craft.authority` asks for.
 
-    try:
-        timing_for(craft, Timing())
-    except ConfigError:
-        return False
-    return True
+    It is asked here without the network, which a list need not load.
+    """
+    is_open_or_shut = (craft.actuators.low, craft.actuators.high) == (0.0, 1.0)
+    return is_open_or_shut and not craft.acting_effectors and controls_every_direction(craft)

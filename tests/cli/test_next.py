@@ -15,9 +15,10 @@ from rans.cli.list import List
 from rans.cli.next_commands import with_spacecraft
 from rans.cli.train import Train
 from rans.cli.validate import Validate
-from rans.errors import EXTRAS
+from rans.errors import EXTRAS, ConfigError
 from rans.evaluation.fly.contestants import contestant
-from rans.model.spacecraft_file import load_spacecraft
+from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
+from rans.policy.any_craft import authority
 from rans.tasks import TASKS
 from rans.terminal import Terminal, lacking
 
@@ -66,6 +67,20 @@ def test_a_spacecraft_can_do_what_comes_next(name: str, task: str | None) -> Non
         run = contestant(command.agent)  # whose refusal would be an error
         assert run.craft.name == name
         assert isinstance(run.task, TASKS[task])
+
+
+def test_the_agent_for_any_craft_is_suggested_for_craft_that_it_flies() -> None:
+    """What is asked without its network is what the network refuses or takes."""
+    for name in SPACECRAFT.built_in:
+        craft = load_spacecraft(name)
+        try:
+            authority(craft, 0.2)
+        except ConfigError:
+            flies = False
+        else:
+            flies = True
+        suggested = any("any-craft" in line for line in with_spacecraft(craft, name))
+        assert suggested == flies, name
 
 
 def test_the_names_of_files_are_quoted() -> None:
