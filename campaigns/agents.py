@@ -17,13 +17,17 @@ from rans_assurance.follow.paths import LookAhead, find_path
 from tyro.conf import Positional
 
 from campaigns.agent_rows import ROWS, Goal, Row
-from campaigns.time_optimal import time_optimal
 from rans.episode import Setup
-from rans.errors import ConfigError
+from rans.errors import ConfigError, SolverFailed
+from rans.evaluation.compare.optima import optima
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import samples
 from rans.flight import Controller, fly
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.optimal.trajectory.objectives import MinimumTime
 from rans.scenario import EVALUATION_SEED, scenarios
+from rans.tasks import Task
 
 _FLIGHTS = 16
 """Along a path."""
@@ -166,6 +170,37 @@ def conditions_of(row: Row, run: Path) -> tuple[Controller, Setup]:
     if row.distance:
         task = replace(task, evaluation_distance=row.distance)
     return controller, Setup(craft, task.for_evaluation(), timing)
+
+
+def time_optimal(
+    craft: Spacecraft, task: Task, timing: Timing, seed: int, count: int, workers: int | None = None
+) -> dict[str, np.ndarray]:
+    """Every metric of the relaxed time-optimal trajectories, which no agent beats by much, one value per start.
+
+    Their thrust is relaxed, anything between shut and open, and they know the future. They are flown in Drake and
+    rest at the goal once they have arrived.
+
+    Args:
+        craft: what flies.
+        task: where to; its own starts.
+        timing: gives the length of an episode.
+        seed: of the starts.
+        count: starts 0 to count - 1 of it.
+        workers: see `rans.optimal.trajectory.pool.solve_all`.
+
+    Raises:
+        SolverFailed: from some start none was found.
+    """
+    starts = scenarios(task, craft, seed, count)
+    every = optima(craft, task, MinimumTime(), starts, workers=workers, timing=timing)
+    lost = [one.start for one in every if one.flight is None]
+    if lost:
+        raise SolverFailed(
+            f"no time-optimal trajectory was found from the starts {lost} of seed {seed}; the "
+            f"first ended with {every[lost[0]].trajectory.status}."
+        )
+    found = [{s.name: s.values for s in samples(one.flight)} for one in every if one.flight]
+    return {name: np.concatenate([values[name] for values in found]) for name in found[0]}
 
 
 def means(values: Values, goal: Goal, count: int | None = None) -> tuple[float, ...]:

@@ -52,6 +52,8 @@ _PART_OF_TIME = 0.75
 AVERAGED = 5200.0
 """Time of an episode until which readings with noise are averaged before a port, s: at the contact 500 s later the
 best estimate is off by more than the port's 0.1 m in one of 2,000 episodes, which last 6,000 s."""
+_DURATIONS = (2200.0, 1800.0, 1400.0, 1000.0)
+"""Durations of transfers to a port, s, the cheapest first."""
 _JOB = 4
 """Number of episodes that a process flies together."""
 Array = np.ndarray
@@ -262,15 +264,15 @@ class Leg(ABC):
         """Change of velocity in the Hill frame in the next control period, m/s."""
 
 
+@dataclass
 class Coast(Leg):
     """Coast until a time, s."""
 
-    def __init__(self, until: float) -> None:
-        self._until = until
+    until: float
 
     def over(self, state: Array, time: float) -> bool:
         """See `Leg`."""
-        return time > self._until - 1e-6
+        return time > self.until - 1e-6
 
     def change(self, state: Array, time: float) -> Array:
         """See `Leg`."""
@@ -354,31 +356,23 @@ def _hold(view: Any, keep_out: float, tolerance: tuple[float, float]) -> Hold:
     )
 
 
+@dataclass
 class Arrive(Leg):
-    """Two impulses to a state by the time with the least of both, replanned every period, then coast.
+    """Two impulses to a state by the time with the least of both, replanned every period, then coast."""
 
-    Args:
-        view: what V-BAR says of the scenario.
-        goals: states to arrive in, (6,), for a duration in s.
-        durations: durations that are compared, s.
-        keep_out: least distance of the coast from the target, m.
-        dead: correction below which it coasts on, m/s.
-    """
+    view: Any
+    """What V-BAR says of the scenario."""
+    goals: Callable[[float, float], Array]
+    """State (6,) to arrive in, at a time and after a duration, s."""
+    durations: Array
+    """Durations that are compared, s."""
+    keep_out: float
+    """Least distance of the coast from the target, m."""
+    dead: float = 0.0
+    """Correction below which it coasts on, m/s."""
 
-    def __init__(
-        self,
-        view: Any,
-        goals: Callable[[float, float], Array],
-        durations: Array,
-        keep_out: float,
-        dead: float = 0.0,
-    ) -> None:
-        self._view = view
-        self._drift = ClohessyWiltshire(view.n)
-        self._goals = goals
-        self._durations = durations
-        self._keep_out = keep_out
-        self._dead = dead
+    def __post_init__(self) -> None:
+        self._drift = ClohessyWiltshire(self.view.n)
         self._end: float | None = None
         self._arrived = False
 
@@ -389,25 +383,25 @@ class Arrive(Leg):
     def change(self, state: Array, time: float) -> Array:
         """See `Leg`."""
         if self._end is None:
-            prices = [self._price(state, time, float(d)) for d in self._durations]
-            self._end = time + float(self._durations[int(np.argmin(prices))])
-            self._goal = self._goals(time, self._end - time)
+            prices = [self._price(state, time, float(d)) for d in self.durations]
+            self._end = time + float(self.durations[int(np.argmin(prices))])
+            self._goal = self.goals(time, self._end - time)
         left = self._end - time
-        if left < 0.5 * self._view.dt:
+        if left < 0.5 * self.view.dt:
             # The burn at the end goes on in the next periods if one is too short for it.
             _, goal = self._drift.carry(Vec3(*self._goal[:3]), Vec3(*self._goal[3:]), -left)
             gain = np.array(goal.columns(), float) - state[3:]
-            self._arrived = bool(np.abs(gain).max() <= self._view.max_accel * self._view.dt)
+            self._arrived = bool(np.abs(gain).max() <= self.view.max_accel * self.view.dt)
             return gain
         gain = self._velocity(state, self._goal, left) - state[3:]
         # Corrections wait while they are small against the time that is left.
-        if np.linalg.norm(gain) < self._dead and left > 10 * self._view.dt:
+        if np.linalg.norm(gain) < self.dead and left > 10 * self.view.dt:
             return np.zeros(3)
         return gain
 
     def _velocity(self, state: Array, goal: Array, left: float) -> Array:
         """Velocity with which a coast reaches the goal, m/s; across the orbit in its last half only."""
-        n = self._view.n
+        n = self.view.n
         in_plane = velocity_to_reach(self._drift, Vec2(*state[:2]), Vec2(*goal[:2]), left)
         across = state[5]
         if n * left < 0.45 * 2.0 * math.pi:
@@ -416,74 +410,63 @@ class Arrive(Leg):
 
     def _price(self, state: Array, time: float, duration: float) -> float:
         """Both changes of velocity, m/s; infinite through the keep-out ball."""
-        goal = self._goals(time, duration)
+        goal = self.goals(time, duration)
         velocity = self._velocity(state, goal, duration)
         times = np.linspace(0.0, duration, 200)
         p, _ = self._drift.carry(Vec3(*state[:3]), Vec3(*velocity), times)
         least = np.sqrt(sum(np.asarray(x) ** 2 for x in p.columns())).min()
-        if least < self._keep_out:
+        if least < self.keep_out:
             return math.inf
         _, arriving = self._drift.carry(Vec3(*state[:3]), Vec3(*velocity), duration)
         last = np.array(arriving.columns(), float)
         return float(np.abs(velocity - state[3:]).sum() + np.abs(goal[3:] - last).sum())
 
 
+@dataclass
 class Track(Leg):
-    """`AlongAxis` for one craft: toward the origin or away from it, at a speed for each distance.
+    """`AlongAxis` for one craft: toward the origin or away from it, at a speed for each distance."""
 
-    Args:
-        view: what V-BAR says of the scenario.
-        origin: origin of the axis at a time, m.
-        axis: unit axis at a time.
-        speed: closing speed for a distance in m, m/s.
-        end: distance at which it stops, m; -inf: it goes on through the origin.
-        waits: distance at which it waits while ``free`` says no, m.
-        free: whether it may go on at a time.
-        leaves: distance from which the leg is over, m.
-        distance: where on the axis it begins, m; None: where the craft is.
-        until: the leg is over at this time, s.
-    """
+    view: Any
+    """What V-BAR says of the scenario."""
+    origin: Callable[[float], Array]
+    """Origin of the axis at a time, m."""
+    axis: Callable[[float], Array]
+    """Unit axis at a time."""
+    speed: Callable[[float], float]
+    """Closing speed for a distance in m, m/s."""
+    end: float = -math.inf
+    """Distance at which it stops, m; -inf: it goes on through the origin."""
+    waits: float = -math.inf
+    """Distance at which it waits while `free` says no, m."""
+    free: Callable[[float], bool] = lambda time: True
+    """Whether it may go on at a time."""
+    leaves: float = math.inf
+    """Distance from which the leg is over, m."""
+    distance: float | None = None
+    """Where on the axis it begins, m; None: where the craft is."""
+    until: float = math.inf
+    """The leg is over at this time, s."""
 
-    def __init__(
-        self,
-        view: Any,
-        origin: Callable[[float], Array],
-        axis: Callable[[float], Array],
-        speed: Callable[[float], float],
-        end: float = -math.inf,
-        waits: float = -math.inf,
-        free: Callable[[float], bool] = lambda time: True,
-        leaves: float = math.inf,
-        distance: float | None = None,
-        until: float = math.inf,
-    ) -> None:
-        self._law = AlongAxis(view.n, view.dt)
-        self._law.reset(distance)
-        self._origin = origin
-        self._axis = axis
-        self._speed = speed
-        self._end = end
-        self._waits = waits
-        self._free = free
-        self._leaves = leaves
-        self._until = until
+    def __post_init__(self) -> None:
+        self._law = AlongAxis(self.view.n, self.view.dt)
+        self._law.reset(self.distance)
 
     def over(self, state: Array, time: float) -> bool:
         """See `Leg`."""
-        along = (state[:3] - self._origin(time)) @ self._axis(time)
-        return bool(along > self._leaves) or time > self._until - 1e-6
+        along = (state[:3] - self.origin(time)) @ self.axis(time)
+        return bool(along > self.leaves) or time > self.until - 1e-6
 
     def change(self, state: Array, time: float) -> Array:
         """See `Leg`."""
         distance = self._law.distance
         if distance is None:
-            distance = np.array([(state[:3] - self._origin(time)) @ self._axis(time)])
-        held = distance[0] >= self._waits and not self._free(time)
+            distance = np.array([(state[:3] - self.origin(time)) @ self.axis(time)])
+        held = distance[0] >= self.waits and not self.free(time)
         return self._law.change(
             state[None],
-            lambda later: (self._origin(time + later)[None], self._axis(time + later)[None]),
-            lambda far: np.array([self._speed(float(far[0]))]),
-            self._waits if held else self._end,
+            lambda later: (self.origin(time + later)[None], self.axis(time + later)[None]),
+            lambda far: np.array([self.speed(float(far[0]))]),
+            self.waits if held else self.end,
         )[0]
 
 
@@ -575,7 +558,8 @@ def _to_port(view: Any, limits: Any, start: Array) -> Route:
         arrival = AVERAGED if ":nav1" in view.scenario_id else 2500.0
         reach = port.arm + port.corridor + 1.0
         point = port.origin(arrival) + port.axis(arrival) * (reach + 8.0)
-        yield Transfer(view, _hold(view, reach, (2.0, 0.04)), point, 2200.0)
+        seconds = in_time(port.free, view.max_steps * view.dt)
+        yield Transfer(view, _hold(view, reach, (2.0, 0.04)), point, seconds)
         # It waits for a port that turns, and for readings to average; the light may pass meanwhile.
         if arrival > 2500.0 or port.rate:
             yield _rest(view, point, arrival)
@@ -638,6 +622,17 @@ def _light(limits: Any) -> tuple[float, Callable[[float], bool]]:
         return bool(np.min(window.window_margin(time + ahead)) > 0.02)
 
     return light["active_range"] + 1.5, free
+
+
+def in_time(free: Callable[[float], bool], end: float) -> float:
+    """Duration of a transfer, s: so slow that it is cheap, and so fast that the light comes after it, if it can.
+
+    Args:
+        free: whether the craft may go on at a time from where it waits, which is 350 s behind the transfer.
+        end: time at which an episode ends, s.
+    """
+    last = max((t for t in np.arange(0.0, end - 300.0, 10.0) if free(t)), default=end)
+    return next((x for x in _DURATIONS if x + 350.0 < last), _DURATIONS[0])
 
 
 def _to_box(view: Any, limits: Any, start: Array) -> Route:

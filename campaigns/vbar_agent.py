@@ -13,6 +13,7 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -213,54 +214,44 @@ class Agent(Guidance):
         )
 
 
+@dataclass
 class Learned(Leg):
-    """The network flies to a point, which may turn about the target.
+    """The network flies to a point, which may turn about the target."""
 
-    Args:
-        view: what V-BAR says of the scenario.
-        answer: commands along three axes, (3,), for inputs (3, 5).
-        point: where to from a state at a time, m.
-        fastest: the greatest speed at a state and time, m/s.
-        ends: whether the leg is over at a state and time.
-        rate: rate at which the point turns about z, rad/s.
-    """
-
-    def __init__(
-        self,
-        view: Any,
-        answer: Callable[[Array], Array],
-        point: Callable[[Array, float], Array],
-        fastest: Callable[[Array, float], float],
-        ends: Callable[[Array, float], bool] = lambda state, time: False,
-        rate: float = 0.0,
-    ) -> None:
-        self._view = view
-        self._answer = answer
-        self._point = point
-        self._fastest = fastest
-        self._ends = ends
-        self._spin = np.array([0.0, 0.0, rate])
+    view: Any
+    """What V-BAR says of the scenario."""
+    answer: Callable[[Array], Array]
+    """Commands along three axes, (3,), for inputs (3, 5)."""
+    point: Callable[[Array, float], Array]
+    """Where to from a state at a time, m."""
+    fastest: Callable[[Array, float], float]
+    """The greatest speed at a state and time, m/s."""
+    ends: Callable[[Array, float], bool] = lambda state, time: False
+    """Whether the leg is over at a state and time."""
+    rate: float = 0.0
+    """Rate at which the point turns about z, rad/s."""
 
     def over(self, state: Array, time: float) -> bool:
         """See `Leg`."""
-        return self._ends(state, time)
+        return self.ends(state, time)
 
     def change(self, state: Array, time: float) -> Array:
         """See `Leg`."""
-        n, place, speed = self._view.n, state[:3], state[3:]
-        away = place - self._point(state, time)
+        n, place, speed = self.view.n, state[:3], state[3:]
+        away = place - self.point(state, time)
+        spin = np.array([0.0, 0.0, self.rate])
         # The network reads velocity and natural acceleration in the frame that turns with the point.
-        moving = speed - np.cross(self._spin, place)
+        moving = speed - np.cross(spin, place)
         natural = np.array(
             [
                 3.0 * n * n * place[0] + 2.0 * n * speed[1],
                 -2.0 * n * speed[0],
                 -n * n * place[2],
             ]
-        ) - np.cross(self._spin, speed + moving)
-        both = [np.linalg.norm(away), self._fastest(state, time)]
+        ) - np.cross(spin, speed + moving)
+        both = [np.linalg.norm(away), self.fastest(state, time)]
         rows = [[away[k], moving[k], natural[k], *both] for k in range(3)]
-        return self._answer(np.array(rows)) * self._view.max_accel * self._view.dt
+        return self.answer(np.array(rows)) * self.view.max_accel * self.view.dt
 
 
 def _to_hold(view: Any, answer: Callable[[Array], Array], limits: Any, start: Array) -> Route:

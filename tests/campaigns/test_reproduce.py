@@ -168,6 +168,35 @@ def test_a_command_that_writes_nothing_is_a_failure(tmp_path: Path) -> None:
     assert result.failed.startswith("no evidence of dock with errors")
 
 
+def test_evidence_without_versions_is_compared(tmp_path: Path) -> None:
+    """That of judges is a list; the command copies it here."""
+    file = ROOT / "docs" / "validation" / "judges.json"
+    (tmp_path / "copy.py").write_text(
+        f"import shutil; shutil.copy({str(file)!r}, 'docs/validation/judges.json')"
+    )
+    source = replace(ROWS["judges"], commands=(f"python -S {tmp_path / 'copy.py'}",), moved=())
+    result = reproduced("judges", source, False, tmp_path / "flown")
+    assert result.verdict().startswith("equal")
+    assert not result.same_machine
+
+
+def test_a_fault_of_one_row_is_not_the_end_of_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def faulty(name: str, *_: object) -> reproduce.Result:
+        if name == "safe states":
+            raise ZeroDivisionError("float division by zero")
+        return reproduce.Result(name, cells=3)
+
+    monkeypatch.setattr(reproduce, "reproduced", faulty)
+    rows = {name: ROWS[name] for name in ("safe states", "dock with errors")}
+    monkeypatch.setattr(reproduce, "ROWS", rows)
+    assert Reproduce(output=tmp_path).run() == 1
+    text = (tmp_path / "differences.md").read_text("utf-8")
+    assert "ZeroDivisionError: float division by zero" in text
+    assert "equal (3 cells)" in text
+
+
 class Forgetful(ThreadPoolExecutor):
     """Loses its first job, as a worker does that is killed, and counts all of them."""
 

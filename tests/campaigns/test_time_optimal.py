@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import campaigns.time_optimal
-from campaigns.time_optimal import time_optimal
+from campaigns import agents
+from campaigns.agents import time_optimal
 from rans.errors import SolverFailed
 from rans.evaluation.fly.contestants import contestant
 from rans.scenario import EVALUATION_SEED
@@ -42,7 +42,7 @@ def test_starts_without_a_trajectory_are_one_sentence(monkeypatch: pytest.Monkey
         )
         for k in range(4)
     ]
-    monkeypatch.setattr(campaigns.time_optimal, "optima", lambda *_, **__: found)
+    monkeypatch.setattr(agents, "optima", lambda *_, **__: found)
     loaded = contestant("lqr:go-to-pose-2d", "paper")
     craft = loaded.craft
     task = loaded.task

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from campaigns.vbar import Guidance
+from campaigns.vbar import Guidance, in_time
 
 N = 0.0011067834463349404
 """Mean motion at 500 km, rad/s, as V-BAR gives it."""
@@ -165,3 +165,17 @@ def test_a_departing_craft_never_comes_back() -> None:
         y + 6.0 * (s - N * times) * x - 2.0 * (1.0 - c) * vx / N + (4.0 * s / N - 3.0 * times) * vy
     )
     assert np.hypot(across, along).min() > 300.0
+
+
+def test_a_transfer_hurries_only_where_the_light_would_pass_and_not_come_back() -> None:
+    """V-BAR's window lasts 900 s and returns after an orbit of 5,677 s; an episode ends after 7,500 s."""
+
+    def opens(begin: float) -> Any:
+        return lambda t: (t - begin) % 5677.0 < 900.0
+
+    # It returns at 6,677 s; or at 7,577 s, too late: the way in begins before 2,800, or before 2,300 s.
+    assert in_time(opens(1000.0), 7500.0) == 2200.0
+    assert in_time(opens(1900.0), 7500.0) == 2200.0
+    assert in_time(opens(1600.0), 7200.0) == 1800.0
+    assert in_time(lambda t: True, 7500.0) == 2200.0
+    assert in_time(lambda t: False, 7500.0) == 2200.0
