@@ -325,9 +325,9 @@ def export(
             numpy or onnx). A spacecraft, by its name or file, is exported as fmu.
         output: folder to write, whose name becomes the agent's name; by default runs/exports/ and the name of the
             agent.
-        format: format of the agent: rans, sb3, onnx, numpy, c, c8 (c with weights of a byte) or fmu. None has the
-            safety filter, which needs RANS: the contract names it, and `rans fly` on the folder applies it
-            (docs/missions/guard.md).
+        format: format of the agent: rans, sb3, onnx, numpy, c, c8 or c4 (c with weights of 8 or 4 bits) or
+            fmu. None has the safety filter, which needs RANS: the contract names it, and `rans fly` on the folder
+            applies it (docs/missions/guard.md).
         episodes: number of evaluation flights for the model card. A quarter as many fly at each latency, mass and
             sensor noise around the conditions of the training, from which the contract states the intervals in
             which the agent solves its task; with fewer than 256 episodes it states none.

@@ -97,8 +97,11 @@ _FILES: dict[str, tuple[str, ...]] = {
     "numpy": ("agent.py", "agent.npz"),
     "c": C_FILES,
     "c8": C_FILES,
+    "c4": C_FILES,
 }
 """Files of the agent, by its form."""
+_BITS = {"c8": 8, "c4": 4}
+"""Bits of a weight, by the form, where they are not floats."""
 
 
 def write_export(
@@ -114,7 +117,7 @@ def write_export(
     "rans": agent.safetensors, without the critic, and config.json, which `load_agent` opens; "sb3":
     policy.zip and config.json, which `load_agent` and ``stable_baselines3.PPO.load`` open; "onnx": agent.onnx, for
     any runtime; "numpy": agent.py and agent.npz, which need NumPy only; "c": agent.h and agent.c, which need
-    nothing, and agent_check.c; "c8": the same with weights of a byte. Beside them
+    nothing, and agent_check.c; "c8" and "c4": the same with weights of 8 and 4 bits. Beside them
     spacecraft.toml, contract.json (`rans.deploy.contract`), golden.json and card.json, the same for every
     form, so that several may share a folder. An agent that was exported before keeps its name; a trained one has
     that of the folder. Everything is written anew: nothing
@@ -146,9 +149,9 @@ def write_export(
     config = source.config()
     card = _card(source)
     saved = read_policy(source.agent_file)
-    if form == "c8":
+    if bits := _BITS.get(form):
         # From here on this is the agent: golden pairs and margins are its own.
-        saved = saved._replace(network=_in_bytes(saved.network))
+        saved = saved._replace(network=_rounded(saved.network, bits))
         loaded = loaded._replace(controller=Agent(saved.network, loaded.controller.name, craft))
     network = saved.network
     text = read_text(source.spacecraft_file, LARGEST_TOML)
@@ -246,7 +249,7 @@ def write_agent(
         write_onnx(folder / "agent.onnx", agent_program(network, craft), ports, about)
     elif form == "numpy":
         write_numpy(folder, agent_program(network, craft), ports, title)
-    elif form in ("c", "c8"):
+    elif _FILES.get(form) is C_FILES:
         program = agent_program(network, craft)
         write_c(folder, program, ports, title, contract, pairs)
     elif form not in get_args(Form):
@@ -268,10 +271,15 @@ def write_agent(
         )
 
 
-def _in_bytes(network: Network) -> Network:
-    """A network whose layers have weights in 127 steps of the largest of their row."""
+def _rounded(network: Network, bits: int) -> Network:
+    """A network whose layers have weights in whole steps of the largest of their row.
+
+    The first layer, which reads magnified columns, and the last one have a byte in any case: with 4 bits in the
+    first one 88 instead of 100 % of flights of avoid-3d settle.
+    """
+    first = f"{EXTRACTOR}trunk.0.weight"
     tensors = {
-        name: torch.from_numpy(in_steps(x.numpy()))
+        name: torch.from_numpy(in_steps(x.numpy(), 8 if name == first else bits))
         if name.startswith(EXTRACTOR) and x.ndim == 2
         else x
         for name, x in network.member(0).items()

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.deploy.c.compressed import Packed, Stepped, smallest
+from rans.deploy.c.compressed import Packed, smallest
 from rans.deploy.c.memory import Scratch, last_uses
 from rans.deploy.c.search import searches
 from rans.deploy.c.text import literal, rows_of, table_name, variable
@@ -85,7 +85,7 @@ class Printer:
                 packed = self._known[name].packed
                 if packed is not None:
                     stored = packed.stored
-                    byte = "int8_t" if isinstance(packed, Stepped) else "uint8_t"
+                    byte = f"{stored.dtype}_t"
                     texts.append(
                         f"static const {byte} {table_name(name)}_index[{len(stored)}] = {{\n    "
                         f"{rows_of([str(x) for x in stored])}}};"

@@ -527,45 +527,51 @@ def test_a_sample_is_left_replaced_or_left_out() -> None:
     assert filled(text, {"TITLE": "@X@", "X": "", "Y": False}) == "/* @X@ */ a; b;"
 
 
-@given(st.integers(1, 40), st.integers(2, 40), st.integers(0, 2**32 - 1), st.floats(1e-6, 1e6))
+@given(
+    st.integers(1, 40),
+    st.integers(2, 40),
+    st.integers(0, 2**32 - 1),
+    st.floats(1e-6, 1e6),
+    st.sampled_from([(8, 127), (4, 7)]),
+)
 def test_weights_in_steps_are_stored_without_loss(
-    rows: int, columns: int, seed: int, size: float
+    rows: int, columns: int, seed: int, size: float, kind: tuple[int, int]
 ) -> None:
     """Each is at most half a step from what it was, and the C expression of every entry gives it."""
     random = np.random.default_rng(seed)
     table = (size * random.normal(size=(rows, columns))).astype(np.float32)
     table[random.integers(rows)] = 0.0
-    rounded = in_steps(table)
-    step = np.abs(table).max(axis=1, keepdims=True) / 127
+    bits, steps = kind
+    rounded = in_steps(table, bits)
+    step = np.abs(table).max(axis=1, keepdims=True) / steps
     assert (np.abs(rounded - table) <= 0.501 * step).all()  # half a step, and rounding of float32
     stored = Stepped.of(rounded)
     assert stored is not None
-    assert stored.stored.dtype == np.int8
-    arrays = {"t": stored.values, "t_index": stored.stored}
+    assert len(stored.stored) <= -(-bits * table.size // 8)  # a table of zeros needs fewer bits
+    arrays = {"t": stored.values, "t_index": stored.stored.astype(np.int16)}  # as C promotes them
     for (i, k), number in np.ndenumerate(rounded):
-        assert eval(stored.entry("t", str(i), str(k), columns), arrays) == number
+        assert eval(stored.entry("t", str(i), str(k), columns).replace("/", "//"), arrays) == number
     # Planted: an entry between two steps is none.
     rounded[0, 0] += 0.3 * max(float(step[0, 0]), 1e-3)
-    rounded[0, 1] = max(float(step[0, 0]), 1e-3) * 127
+    rounded[0, 1] = max(float(step[0, 0]), 1e-3) * steps
     assert Stepped.of(rounded) is None
 
 
 @pytest.mark.slow
-def test_weights_of_a_byte_take_a_third_of_the_flash(tmp_path: Path) -> None:
-    """The program commands what its own golden pairs say, in NumPy's arithmetic of the same weights, and flies."""
+def test_weights_of_few_bits_take_less_flash_and_fly(tmp_path: Path) -> None:
+    """The programs command what their own golden pairs say, in NumPy's arithmetic of the same weights."""
     run = pretrained_folder("go-to-pose-2d")
-    for form in ("c", "c8"):
-        write_export(run, tmp_path / form, form, episodes=2, margins=0)
-    assert "500 of 500 golden pairs come out as they should" in compiled_check(tmp_path / "c8")
-    sizes = []
-    for form in ("c", "c8"):
-        library(tmp_path / form)
-        sizes.append(loaded_size(tmp_path / form / "agent.o"))
-    whole, small = sizes
-    assert small < 80_000 < 0.3 * whole
     exact = load_policy(run)
-    rounded = export._in_bytes(exact.network)
-    agent = Agent(rounded, "rounded", exact.craft)
+    size = {}
+    for form in ("c8", "c4"):
+        write_export(run, tmp_path / form, form, episodes=2, margins=0)
+        assert "500 of 500 golden pairs come out as they should" in compiled_check(tmp_path / form)
+        library(tmp_path / form)
+        size[form] = loaded_size(tmp_path / form / "agent.o")
+    weights = sum(x.numel() for x in exact.network.tensors.values())
+    assert size["c8"] < 80_000 < 0.3 * 4 * weights
+    assert size["c4"] < 0.6 * size["c8"]
+    # The coarser ones fly: of 256 flights all but two settle, of the agent itself all of 1,024.
+    agent = Agent(export._rounded(exact.network, 4), "rounded", exact.craft)
     flights = fly_episodes(agent, exact.judged, 2023, 256, workers=1).flight
-    # Of 256 flights all but two: the agent itself settles all of 1,024.
     assert solved(flights).mean() > 0.99
