@@ -197,7 +197,8 @@ def slow_turn(noise: float) -> FlightLog:
     rates = np.tile(0.012 * axis, (len(times), 1))
     nothing = np.full((len(times), 3), np.nan)
     commands = np.empty((0, 3))
-    return FlightLog("slow", np.empty(0), commands, times, nothing, q, nothing, rates, 0.0 * rates)
+    speeds = np.outer(np.sin(0.01 * times), np.ones(3))
+    return FlightLog("slow", np.empty(0), commands, times, nothing, q, nothing, rates, speeds)
 
 
 def test_a_slow_turn_is_compared_over_more_rows() -> None:
