@@ -14,7 +14,8 @@ import numpy as np
 from rans.extend import Conditions, Spacecraft, Task, Timing, Vec2, Vec3, bounds, map_leaves
 from rans.randomization.conditions import largest
 from rans_missions.control.navigation_filter import NavigationFilter
-from rans_missions.control.velocity_guidance import PassivelySafeGuidance, closed_ellipse
+from rans_missions.control.passively_safe import PassivelySafeGuidance
+from rans_missions.control.velocity_guidance import closed_ellipse
 from rans_missions.convex.inspecting import InspectionSearch
 from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.passive_safety import (

@@ -11,11 +11,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from rans.extend import Spacecraft, Task, Timing
-from rans_missions.control.velocity_guidance import (
-    PassivelySafeGuidance,
-    closed_ellipse,
-    weaker,
-)
+from rans_missions.control.passively_safe import PassivelySafeGuidance
+from rans_missions.control.velocity_guidance import closed_ellipse, weaker
 from rans_missions.passive_safety import (
     Pieces,
     carried,

@@ -17,7 +17,8 @@ from rans.model.drift import steady
 from rans.model.spacecraft import can_turn
 from rans.tasks.shapes import Cone
 from rans_missions.control.mission_guidance import MissionGuidance
-from rans_missions.control.velocity_guidance import PassivelySafeGuidance, weaker
+from rans_missions.control.passively_safe import PassivelySafeGuidance
+from rans_missions.control.velocity_guidance import weaker
 from rans_missions.convex.passive_transfer import passive_transfer
 from rans_missions.convex.rendezvous import Meeting, least_margin
 from rans_missions.guidance.arrival import whole_periods

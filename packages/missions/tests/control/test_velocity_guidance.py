@@ -7,11 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_missions.control.velocity_guidance import (
-    PassivelySafeGuidance,
-    VelocityGuidance,
-    closed_ellipse,
-)
+from rans_missions.control.velocity_guidance import VelocityGuidance, closed_ellipse, weaker
 from rans_missions.tasks import Hold
 from scipy.spatial.transform import Rotation
 
@@ -38,18 +34,6 @@ class Constant(VelocityGuidance[Hold]):
     def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
         self.times.append(now)
         return CHANGE, np.array([True, True, False])
-
-
-class Searching(PassivelySafeGuidance[Hold]):
-    """A search for safe plans without a law."""
-
-    name = "searching"
-
-    def __init__(self) -> None:
-        super().__init__("vbar-chaser", TASK, None, Hold, "searches fly to hold points")
-
-    def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
-        raise NotImplementedError
 
 
 def turned(rotations: Rotation) -> SpatialState:
@@ -105,47 +89,14 @@ def test_a_closed_ellipse_is_twice_as_long_as_wide_and_closes(quarter: float) ->
     np.testing.assert_allclose(end[3:5], closed_ellipse(N, *expected), atol=1e-11)
 
 
-@pytest.mark.parametrize(
-    ("impulses", "flights", "row"),
-    [
-        # The second plan is the first that is safe as it is flown; the cheapest is safe with impulses alone.
-        ([60.0, 60.0, 60.0], [49.0, 55.0, 60.0], 1),
-        # None is safe as it is flown: the farthest.
-        ([60.0, 60.0, 60.0], [40.0, 45.0, 41.0], 1),
-        # Only the last is worth a prediction.
-        ([10.0, 20.0, 60.0], [90.0, 90.0, 51.0], 2),
-        # No plan is safe even with impulses.
-        ([10.0, 20.0, 30.0], [90.0, 90.0, 90.0], None),
-    ],
-)
-@pytest.mark.parametrize("batch", [1, 2, 3])
-def test_the_cheapest_safe_plan_is_chosen(
-    impulses: list[float], flights: list[float], row: int | None, batch: int
-) -> None:
-    assert TASK.keep_out == 50.0
-    plan = Searching()._cheapest_safe(
-        np.arange(3),
-        batch,
-        lambda rows: np.array(impulses)[rows] > 50.0,
-        lambda rows: np.array(flights)[rows],
-    )
-    assert (None if plan is None else plan.row) == row
-    if plan is not None:
-        assert plan.distance == flights[plan.row]
+def test_a_change_that_is_too_large_keeps_its_direction() -> None:
+    """Of components of 0.3 and -0.6 m/s, 0.2 m/s can be given: a third; what is small enough stays as it is."""
+    changes = np.array([[0.3, -0.6, 0.0], [0.05, 0.0, -0.1]])
+    given, largest = weaker(changes, 0.2)
+    np.testing.assert_allclose(given, [[0.1, -0.2, 0.0], [0.05, 0.0, -0.1]], atol=1e-15)
+    np.testing.assert_allclose(largest, [[0.6], [0.1]])
 
 
-def test_a_flight_without_burns_keeps_what_its_coast_keeps() -> None:
-    """At rest 100 m ahead of the target a craft stays there; a burn towards it leads into the ball."""
-    guidance = Searching()
-    start = np.array([[0.0, 100.0, 0.0, 0.0, 0.0, 0.0]])
-    orbit = 2.0 * math.pi / N
-
-    def distance(change: np.ndarray) -> float:
-        result = guidance._predicted_distance(
-            start, lambda states, now: change * (now == 0.0), 5, orbit + 50.0, False
-        )
-        return float(result[0])
-
-    # The certified bound is at most a centimetre below.
-    assert distance(np.zeros((1, 3))) == pytest.approx(100.0, abs=0.02)
-    assert distance(np.array([[0.0, -0.5, 0.0]])) < 50.0
+def test_what_a_period_can_give() -> None:
+    """10 N for the control period along every axis, of 500 kg."""
+    assert Constant()._most == pytest.approx(10.0 * TASK.timing.control_period / 500.0)
