@@ -62,8 +62,8 @@ SEARCHES: dict[str, Search] = {
     "hold": Search(**_by(1900.0, Hold()), rounds=2),
     "dock": Search(**_by(1000.0, Dock()), rounds=3),
     "rendezvous": Search(**_by(5000.0, Rendezvous()), rounds=3),
-    "avoid": Search(Avoid(), ("pretrained:avoid-2d",), 200, "default zones", 20.2),
-    "dock-port": Search(DockPort(), ("pretrained:dock-port-2d",), 200, "default rates", 30.0),
+    "avoid": Search(Avoid(), ("pretrained:avoid-2d",), 20, "default zones", 20.2),
+    "dock-port": Search(DockPort(), ("pretrained:dock-port-2d",), 20, "default rates", 30.0),
     **{
         f"dock, eccentricity {e:g}": Search(
             **_by(1000.0, Dock(orbit=orbit_of(e))), rounds=1, starts=16, together=1
@@ -71,13 +71,13 @@ SEARCHES: dict[str, Search] = {
         for e in ECCENTRICITIES
     },
     "hold, J2 and drag": Search(
-        **_by(1000.0, around_the_earth()[1]), rounds=60, starts=16, together=1
+        **_by(1000.0, around_the_earth()[1]), rounds=20, starts=16, together=1
     ),
 }
 """All searches; a lander is steered by torques, which `rans improve` does not change."""
 _GAIN = 1e-3
 """Part of the impulse by which a search gains at least where a flight counts as improved."""
-_GUESSES = 4
+_GUESSES = 2
 """Guesses of each optimal trajectory."""
 _NOTHING = 1e-6
 """Impulse of flights that need none, N s."""

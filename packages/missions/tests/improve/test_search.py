@@ -218,6 +218,7 @@ def test_an_interrupt_leaves_what_was_found_until_then(
 
     for module in (search, pulses):
         monkeypatch.setattr(module, "fly", fly_until)
+        monkeypatch.setattr(module, "COPIES", 64)
     setup = Setup(replace(PLATFORM, actuators=actuators), NEAR, Timing(episode_steps=20))
     starts = scenarios(NEAR, PLATFORM, 2023, 1)
     found = search.improve(
