@@ -19,7 +19,6 @@ from rans.evaluation.compare.entrants import contest_of, enlisted
 from rans.evaluation.compare.run import Comparison
 from rans.files import plain
 from rans.flight import fly
-from rans.model.fields import map_leaves
 from rans.model.timing import Timing
 from rans.optimal.certificate.problem import SearchEffort
 from rans.optimal.trajectory.objectives import MaximumReward
@@ -371,13 +370,6 @@ def test_without_a_first_contestant_there_is_nothing(
 ) -> None:
     with pytest.raises(ConfigError, match=sentence):
         contest_of(spec, episodes)
-
-
-def test_states_are_those_of_the_protocol() -> None:
-    start = CONTEST.start(2)
-    np.testing.assert_array_equal(
-        map_leaves(lambda x: x[2:3], CONTEST.starts).start.p.x, start.start.p.x
-    )
 
 
 def test_steps_of_every_piece_of_work_are_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,23 +21,6 @@ from tests.support.training import TINY, Buffer64, sb3_twin, scatter, tiny_learn
 SCALE = 0.5
 
 
-def column(*values: float) -> Tensor:
-    return torch.tensor(values, dtype=torch.float64)[:, None]
-
-
-def test_advantages_by_hand() -> None:
-    """Backwards, with discount and trade-off of one half each, so that errors fade by a quarter."""
-    reward = column(1, 2, 3)
-    value = column(10, 20, 30)
-    last = torch.tensor([40.0]).double()
-    advantage = gae(reward, value, column(0, 0, 0), last, 0.5, 0.5)
-    # delta = (1 + 10 - 10, 2 + 15 - 20, 3 + 20 - 30) = (1, -3, -7); -3 - 7/4 = -4.75; 1 - 4.75/4.
-    assert advantage[:, 0].tolist() == [-0.1875, -4.75, -7.0]
-    # Where an episode ended, nothing comes back across: delta = 2 - 20, and 1 - 18/4.
-    advantage = gae(reward, value, column(0, 1, 0), last, 0.5, 0.5)
-    assert advantage[:, 0].tolist() == [-3.5, -18.0, -7.0]
-
-
 def test_advantages_are_those_of_sb3() -> None:
     generator = torch.Generator().manual_seed(4)
     reward, value = torch.randn(2, 30, 7, generator=generator, dtype=torch.float64)
@@ -108,45 +91,6 @@ def test_a_rollout_is_that_of_sb3(craft: Any) -> None:
     truncated = int(kept.truncated.sum())
     failed = int((kept.ended - kept.truncated).sum())
     assert truncated > 5 < failed  # the test saw both kinds
-
-
-def test_only_time_is_bootstrapped() -> None:
-    """One more unit of value adds gamma where time or the rollout cuts off, and nothing on failure."""
-    learner, _ = collected(PLATFORM)
-    learner.coefficients.gae_lambda.zero_()  # every advantage is its own step's error alone
-    advantages = []
-    for extra in (0.0, 1.0):
-        with torch.no_grad():
-            learner.network.tensors["value_net.bias"].add_(extra)
-        advantages.append(learner.batch().advantage)
-    expected = learner.rollout.all.truncated.clone()
-    expected[-1] += 1.0 - learner.rollout.all.ended[-1]
-    # Differences of float32 numbers of order ten.
-    torch.testing.assert_close(advantages[1] - advantages[0], 0.98 * expected, rtol=0, atol=1e-5)
-
-
-def test_what_a_rollout_remembers() -> None:
-    """Log-probability, value, success and mean reward terms are those of the flight."""
-    learner, batch = collected(PLATFORM)
-    rollout = learner.rollout
-    kept = learner.rollout.all
-    engine = Engine(PLATFORM, learner.engine.task, 32, learner.engine.timing)
-    engine.stagger(torch.Generator().manual_seed(8))
-    reached = 0
-    terms = torch.zeros_like(rollout.terms[0])
-    for t, action in enumerate(kept.action):
-        torch.testing.assert_close(kept.observation[t], engine.observe(), rtol=0, atol=0)
-        step = engine.step(action)
-        torch.testing.assert_close(kept.reward[t], step.reward, rtol=0, atol=0)
-        terms += step.terms.mean(dim=1)
-        reached += int((step.reached & step.truncated).sum())
-        cut = step.truncated.nonzero()[:, 0]
-        torch.testing.assert_close(rollout.cut[cut], step.final_observation[cut], rtol=0, atol=0)
-    torch.testing.assert_close(
-        rollout.terms[0], terms, rtol=1e-6, atol=0
-    )  # float32 in another order
-    assert rollout.succeeded == reached > 0
-    torch.testing.assert_close(batch.target, batch.advantage + kept.value)
 
 
 def test_what_three_steps_leave_behind() -> None:
