@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -65,13 +65,14 @@ class Compare(Options):
         comparison = self.call(contestants=tuple(contestants), output=folder, show=show)
         if line := _without_training(contestants, comparison.contest):
             Terminal().say(line)
-        self._suggest(comparison.contest.task)
+        flown = {entry.contestant.registered for entry in comparison.entries}
+        self._suggest(comparison.contest.task, flown)
         return 1 if comparison.failures else 0
 
-    def _suggest(self, task: Task) -> None:
+    def _suggest(self, task: Task, flown: Collection[str]) -> None:
         """Print commands that a user may want to run next, with the options of this one."""
         run = self.contestants[0]
-        controllers = self._controllers(task)
+        controllers = self._controllers(task, flown)
         guard = self.changed("guard", "guard_slack")
         same = [*guard, *self.changed("start", "goal", "zones", "conditions", "seed", "engine")]
         trust = ["--trust"] if self.trust else []
@@ -84,10 +85,10 @@ class Compare(Options):
         full = shlex.join(["rans", "compare", *self.contestants, *same, *again, "--full"])
         Terminal().suggest(*([] if self.full else [full]), view, stress)
 
-    def _controllers(self, task: Task) -> list[str]:
-        """First further controller, to view beside the first contestant."""
+    def _controllers(self, task: Task, flown: Collection[str]) -> list[str]:
+        """First further controller that has flown this craft, to view beside the first contestant."""
         opponents = default_opponents(task) if self.beside is None else self.beside
-        return [name for name in opponents if name != "optimal"][:1]
+        return [name for name in opponents if name in flown][:1]
 
     def _check(self) -> None:
         """Reject (`ConfigError`) wrong options before anything is loaded."""

@@ -343,7 +343,8 @@ def test_next_commands_have_the_options_of_the_comparison(
         "episodes": 7,
         "certified": 0,
     }
-    Compare(("runs/a", "lqr"), beside=("mpc",), output=Path("o"), **options)._suggest(GoToPose())
+    command = Compare(("runs/a", "lqr"), beside=("mpc",), output=Path("o"), **options)
+    command._suggest(GoToPose(), {"mpc"})
     same = "--conditions lab --seed 3 --engine drake"
     lines = [line.partition("   # first")[0] for line in capsys.readouterr().out.splitlines()]
     assert lines[1:] == [
@@ -351,6 +352,11 @@ def test_next_commands_have_the_options_of_the_comparison(
         f"  rans view runs/a mpc {same}",
         "  rans stress runs/a mpc",
     ]
-    Compare(("runs/a", "lqr"), trust=True)._suggest(GoToPose())
+    # A controller that could not fly this craft cannot be viewed either.
+    command._suggest(GoToPose(), {"lqr"})
+    assert [" mpc " in f"{line} " for line in capsys.readouterr().out.splitlines()[2:]] == [
+        False
+    ] * 2
+    Compare(("runs/a", "lqr"), trust=True)._suggest(GoToPose(), {"lqr"})
     trusting = capsys.readouterr().out.splitlines()[1:]
     assert ["--trust" in line.split() for line in trusting] == [True] * 3

@@ -119,9 +119,12 @@ def test_solved_twice_in_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert longer.steps == 10 * 128
 
 
-def test_the_bound_of_the_step_size_falls_towards_the_end(tmp_path: Path) -> None:
+def test_the_bound_of_the_step_size_falls_towards_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The trainer slows down: in the last of sixteen iterations a sixteenth of the way is left."""
-    ppo = replace(TINY, learning_rate=1e-3, schedule=ScheduleSettings(1e6, 1e-3, 1.0))
+    monkeypatch.setattr(ScheduleSettings, "desired_kl", 1e6)
+    ppo = replace(TINY, learning_rate=1e-3, schedule=ScheduleSettings(1e-3, 1.0))
     rows: list[dict[str, Any]] = []
     tiny_trainer(tmp_path / "run", replace(CONFIG, ppo=ppo, report_interval=1)).train(newest(rows))
     rates = [row["train/learning_rate"] for row in rows]
