@@ -44,11 +44,10 @@ def validations(docs: Path) -> Rows:
                 name,
                 f"`rans validate {name} --output FOLDER`",
                 f"{passed} of {len(found['checks'])}",
-                f"{found['settings']['seconds']:.0f} s",
                 f"[{name}.json](validation/{name}.json)",
             )
         )
-    return ("spacecraft", "command", "checks", "time", "numbers"), rows
+    return ("spacecraft", "command", "checks", "numbers"), rows
 
 
 def judges(docs: Path) -> Rows:
