@@ -76,8 +76,6 @@ def test_ratio_of_returns() -> None:
     assert (ratio.low, ratio.high) == (0.5, 1.5)
 
 
-
-
 @settings(deadline=None)  # SciPy's search for a p-value takes longer in its first call
 @given(st.integers(1, 10_000), st.floats(0.0, 1.0))
 def test_wilsons_interval_is_that_of_scipy(count: int, part: float) -> None:
@@ -87,8 +85,6 @@ def test_wilsons_interval_is_that_of_scipy(count: int, part: float) -> None:
     # The quantile of the normal distribution has seven digits here.
     assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high), rel=1e-6, abs=1e-12)
     assert 0.0 <= ours.low <= ours.value <= ours.high <= 1.0
-
-
 
 
 def test_a_ratio_is_of_means_and_its_interval_too() -> None:
