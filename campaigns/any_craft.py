@@ -479,7 +479,7 @@ class LinearLaw:
         before: Tensor,
     ) -> Tensor:
         """See `rans_any_craft.training.Law`."""
-        period, _, _, a, alpha = authority
+        period, _, _, a, alpha, _ = authority
         weights = Weights()
         axes = (
             (error, velocity, a, weights.position),

@@ -139,9 +139,34 @@ def cone_pushes(columns: np.ndarray, shared: bool = False) -> np.ndarray:
     The polytope reaches support(w) / (w u) along u before a facet with the normal w, so that the least reach of a
     cone is that along the u of the cone which is nearest to w.
     """
+    ways, support = _pushing_facets(columns, shared)
+    result = []
+    for axis in np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]):
+        ahead = ways @ axis
+        aside = np.abs(ways @ axis[::-1])
+        within = ahead >= aside
+        nearest = np.where(within, np.hypot(ahead, aside), (ahead + aside) / math.sqrt(2.0))
+        result.append(_least_reach(nearest, support))
+    return np.array(result)
+
+
+def pushes_along(columns: np.ndarray, ways: np.ndarray, shared: bool = False) -> np.ndarray:
+    """Largest changes of velocity (k,) along unit vectors (k, 2) in the plane, the spin being balanced.
+
+    Args:
+        columns: see `cone_pushes`.
+        ways: unit vectors in B.
+        shared: see `cone_pushes`.
+    """
+    facets, support = _pushing_facets(columns, shared)
+    return np.array([_least_reach(facets @ way, support) for way in ways])
+
+
+def _pushing_facets(columns: np.ndarray, shared: bool) -> tuple[np.ndarray, np.ndarray]:
+    """What facets of the twists in the plane bound: w u (k, 2) @ (2,) of a push u is at most the support (k,)."""
     size = np.abs(columns).max(axis=0, initial=0.0)
     if not (size > 0.0).all():
-        return np.zeros(4)
+        return np.zeros((0, 2)), np.zeros(0)
     scaled = columns / size
     edges = scaled
     if shared:
@@ -151,17 +176,13 @@ def cone_pushes(columns: np.ndarray, shared: bool = False) -> np.ndarray:
     facets = normals(edges)
     along = np.maximum(facets @ scaled.T, 0.0)
     support = along.max(axis=1) if shared else along.sum(axis=1)
-    ways = facets[:, :2] / size[:2]
-    result = []
-    for axis in np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]):
-        ahead = ways @ axis
-        aside = np.abs(ways @ axis[::-1])
-        within = ahead >= aside
-        nearest = np.where(within, np.hypot(ahead, aside), (ahead + aside) / math.sqrt(2.0))
-        reached = nearest > _PARALLEL
-        reach = (support[reached] / nearest[reached]).min() if reached.any() else 0.0
-        result.append(max(0.0, float(reach)))
-    return np.array(result)
+    return facets[:, :2] / size[:2], support
+
+
+def _least_reach(ahead: np.ndarray, support: np.ndarray) -> float:
+    """How far a polytope reaches where its facets with these supports (k,) are so far ahead (k,)."""
+    reached = ahead > _PARALLEL
+    return max(0.0, float((support[reached] / ahead[reached]).min())) if reached.any() else 0.0
 
 
 def _possible(reach: float) -> float:

@@ -18,10 +18,10 @@ import torch
 
 from rans.errors import ConfigError, RansWarning
 from rans.model.spacecraft import Spacecraft
-from rans.model.twists import authority_margin, balanced, cone_pushes
+from rans.model.twists import authority_margin, balanced, cone_pushes, pushes_along
 from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, spans, spare
 from rans.policy.architecture import Architecture
-from rans.policy.authority import DIMENSIONS, Authority, braking_distance
+from rans.policy.authority import DIMENSIONS, WAYS, Authority, braking_distance
 from rans.policy.frugality import AS_TRAINED, Frugality
 from rans.policy.network import Network
 from rans.pretrained import FOR_ANY_CRAFT
@@ -69,6 +69,11 @@ _FULL_WHEELS = 0.6
 """Part of the speed at which a wheel is full that a craft flies at; turns need the rest of the wheels."""
 _NEVER_FULL = 1e-9
 """Part of a wheel's range per m/s below which thrusters balance their torques themselves."""
+_BEYOND = 0.1
+"""How far beyond the fast end weights of on/off thrusters in the plane are at the value 0. Each of 21
+random layouts then takes less time, 0.9 % in the mean, and fewer flights are lost; throttled craft lose by it."""
+_ALONE = 0.3
+"""Value from which weights are those of the value alone."""
 _LEEWAY = 1e-3
 """Part of a bound by which it may be missed."""
 
@@ -245,6 +250,7 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
         head="gaussian" if craft.is_continuous else "on-off",
         tokens=tokens,
         authority=numbers,
+        reach=_reach(tokens, numbers) if old.reach and CONTINUOUS not in _kinds(tokens) else (),
         coast=coast(craft, bound),
         farthest=bound,
         farthest_lost=farthest_lost,
@@ -276,25 +282,49 @@ def frugal(network: Network, value: float, distance: float) -> Network:
     dimension = DIMENSIONS[len(architecture.authority) - 1]
     numbers = Frugality.of_value(value, distance, dimension)
     tensors: Mapping[str, torch.Tensor] = network.tensors
+    reach: tuple[float, ...] = ()
     if network.at:
         is_continuous = architecture.last.weights == 1
         kinds = {row[-1] for row in architecture.tokens}
-        is_pulsed_in_space = (
+        hurries = (
             dimension == 3 and is_continuous and architecture.coast > 0.0 and WHEEL not in kinds
         )
-        hurries = kinds == {SHARED} or is_pulsed_in_space
         numbers = Frugality.trained(value, is_continuous, hurries)
+        beyond = 0.0
+        if dimension == 2 and CONTINUOUS not in kinds:
+            # Others pay with thrust for the time that this saves, and throttled craft brake too late.
+            reach = _reach(architecture.tokens, architecture.authority)
+            beyond = _BEYOND * max(0.0, 1.0 - value / _ALONE)
         nodes = network.at
         values = sorted(nodes)
         following = min(int(np.searchsorted(values, value, "right")), len(values) - 1)
         low, high = values[following - 1], values[following]
-        part = (value - low) / (high - low)
+        part = (value - beyond - low) / (high - low)
         tensors = {
             name: x if name not in nodes[high] else torch.lerp(x, nodes[high][name], part)
             for name, x in nodes[low].items()
         }
     chosen = () if numbers == AS_TRAINED else tuple(numbers)
-    return Network(replace(architecture, frugal=chosen), tensors, at=network.at)
+    return Network(replace(architecture, frugal=chosen, reach=reach), tensors, at=network.at)
+
+
+def _kinds(tokens: tuple[tuple[float, ...], ...]) -> set[float]:
+    """Kinds of effectors."""
+    return {row[-1] for row in tokens}
+
+
+def _reach(
+    tokens: tuple[tuple[float, ...], ...], authority: tuple[float, ...]
+) -> tuple[float, ...]:
+    """`Architecture.reach` of a craft in the plane with tokens (`effects`) and an authority."""
+    columns = np.array([row[:-1] for row in tokens if row[-1] != WHEEL])
+    if not spans(columns):
+        # Wheels turn the craft either way.
+        turning = np.array([row[:-1] for row in tokens if row[-1] == WHEEL])
+        columns = np.vstack([columns, turning, -turning])
+    least = float(Authority.of_numbers(authority).least_linear)
+    pushes = pushes_along(columns, np.array(WAYS), tokens[0][-1] == SHARED)
+    return tuple(least * float(push) for push in pushes)
 
 
 def last_layer(

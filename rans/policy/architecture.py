@@ -77,6 +77,9 @@ class Architecture:
     """Largest distance of the goal, m, once a network that adapts takes a thruster for lost; 0: no bound."""
     frugal: tuple[float, ...] = ()
     """The numbers of `rans.policy.frugality.Frugality` of such a network; empty: it flies as it was trained."""
+    reach: tuple[float, ...] = ()
+    """Accelerations along `rans.policy.authority.WAYS`, m/s^2, that such a network in the plane is given; empty: it
+    takes the least one of `authority` for possible along all."""
     filling: tuple[float, ...] = ()
     """Part of the momentum at which each wheel is full that its full command adds in a control period, for a
     network that remembers momenta; empty: it does not."""
@@ -173,7 +176,7 @@ class Architecture:
         if self.authority and not self.adapts:
             from rans.policy import authority as of_authority
 
-            own = of_authority.Authority.of_numbers(self.authority)
+            own = of_authority.Authority.of_numbers(self.authority, self.reach)
             farthest = (self.farthest, 1.0) if self.farthest else None
             return of_authority.of_observation(
                 self.layout, observation, own, self.coast, farthest, self.frugality
@@ -190,15 +193,8 @@ class Architecture:
         """
         from rans.policy import authority as of_authority
 
-        own = of_authority.Authority.of_numbers(self.authority)
-        linear, angular = gains
-        estimated = of_authority.Authority(
-            own.period,
-            [linear * x for x in own.linear],
-            [angular * x for x in own.angular],
-            linear * own.least_linear,
-            angular * own.least_angular,
-        )
+        own = of_authority.Authority.of_numbers(self.authority, self.reach)
+        estimated = own.faster(*gains)
         farthest: tuple[Field, Field] | None = (self.farthest, 1.0) if self.farthest else None
         if self.farthest_lost:
             whole = self.farthest or _UNBOUNDED

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from rans.errors import ConfigError
-from rans.model.fields import Field, absolute, at_least, log, sqrt, tanh, where
+from rans.model.fields import Field, absolute, at_least, log, sqrt, tanh, where, within
 from rans.policy.frugality import AS_TRAINED, Frugality
 from rans.tasks.observation_terms import (
     AngularVelocity,
@@ -35,6 +35,9 @@ _BRAKING = 0.7
 """Part of the acceleration that the braking curve counts on: the rest is for steering."""
 _PERIODS = 3.0
 """Time in which the braking curve lets a small error vanish, control periods."""
+_MORE = math.sqrt(2.0)
+"""Largest factor of accelerations by the way that a craft flies, that of thrusters in a square: with a larger one
+craft that push much harder one way brake too late."""
 _COAST_DISTANCE = 0.9 * 0.05
 _COAST_ANGLE = 0.9 * math.radians(5.0)
 """Distance, m, and angle, rad, from the goal within which a craft may coast: nine tenths of the tolerances of
@@ -84,18 +87,42 @@ class Authority(NamedTuple):
     """Least of the linear ones."""
     least_angular: Field
     """Least of the angular ones."""
+    reach: Sequence[Field] = ()
+    """Largest acceleration along each of `WAYS` without turning, m/s^2; empty: it is not known."""
 
     @classmethod
-    def of_numbers(cls, numbers: Sequence[float]) -> Authority:
+    def of_numbers(cls, numbers: Sequence[float], reach: Sequence[float] = ()) -> Authority:
         """From the control period, four linear and two angular accelerations, or six of each."""
         period, *ways = numbers
         linear = ways[: 2 * DIMENSIONS[len(ways)]]
         angular = ways[len(linear) :]
-        return cls(period, linear, angular, min(linear), min(angular))
+        return cls(period, linear, angular, min(linear), min(angular), reach)
+
+    def faster(self, linear: Field, angular: Field) -> Authority:
+        """The authority with accelerations times factors."""
+        return self._replace(
+            linear=[linear * x for x in self.linear],
+            angular=[angular * x for x in self.angular],
+            least_linear=linear * self.least_linear,
+            least_angular=angular * self.least_angular,
+            reach=[linear * x for x in self.reach],
+        )
 
 
 DIMENSIONS = {6: 2, 12: 3}
 """Dimension by the number of accelerations."""
+_HALF = math.sqrt(0.5)
+WAYS = (
+    (1.0, 0.0),
+    (-1.0, 0.0),
+    (0.0, 1.0),
+    (0.0, -1.0),
+    (_HALF, _HALF),
+    (_HALF, -_HALF),
+    (-_HALF, _HALF),
+    (-_HALF, -_HALF),
+)
+"""Unit vectors in the plane: along the axes and between them."""
 
 
 def columns(
@@ -115,18 +142,22 @@ def columns(
         spin: one number or three, rad/s.
         authority: of the craft.
     """
-    period, linear, angular, a, alpha = authority
+    period, linear, angular, a, alpha, reach = authority
     cosine, sines = turn
     angles = rotation_vector(cosine, sines)
     distance = sqrt(at_least(_square(error), 1e-12))
     push = a * period
     kick = alpha * period
     # Vectors: error, speed in periods of thrust, place of rest, missing velocity, error near and at the goal.
-    rest = [
-        e - 0.5 * v * absolute(v) / where(v > 0.0, back + 0.0 * v, forth + 0.0 * v) - v * period
-        for e, v, forth, back in zip(error, velocity, linear[::2], linear[1::2], strict=True)
-    ]
-    approach = braking(distance, a, period) / distance
+    stopping: Field = 1.0
+    if reach:
+        # Braking is against the velocity.
+        stopping = _more_along([-v for v in velocity], linear, reach)
+        a_ahead = a * _more_along(error, linear, reach)
+    else:
+        a_ahead = a
+    rest = _place_of_rest(error, velocity, linear, period, stopping)
+    approach = braking(distance, a_ahead, period) / distance
     vectors = [
         [_wide(20.0 * e) for e in error],
         [_wide(v / push) for v in velocity],
@@ -285,11 +316,17 @@ def braking_distance(speed: float, acceleration: float, period: float) -> float:
 
 
 def _place_of_rest(
-    error: Sequence[Field], speed: Sequence[Field], ways: Sequence[Field], time: Field
+    error: Sequence[Field],
+    speed: Sequence[Field],
+    ways: Sequence[Field],
+    time: Field,
+    factor: Field = 1.0,
 ) -> list[Field]:
-    """Error along each axis after a time without thrust and then a braking, whose accelerations are ``ways``."""
+    """Error along each axis after a time without thrust and then a braking, by a factor times ``ways``."""
     return [
-        e - v * time - 0.5 * v * absolute(v) / where(v > 0.0, back + 0.0 * v, forth + 0.0 * v)
+        e
+        - v * time
+        - 0.5 * v * absolute(v) / (factor * where(v > 0.0, back + 0.0 * v, forth + 0.0 * v))
         for e, v, forth, back in zip(error, speed, ways[::2], ways[1::2], strict=True)
     ]
 
@@ -361,16 +398,8 @@ def of_body(
         error, turn = nearer(error, turn, *farthest)
     elif frugality.acceleration != 1.0:
         # Wheels would be full at a higher speed than the one of `nearer`.
-        authority = _faster(authority, frugality.acceleration)
+        authority = authority.faster(frugality.acceleration, 1.0)
     return columns(error, turn, velocity, spin, authority)
-
-
-def _faster(authority: Authority, factor: float) -> Authority:
-    """The authority with linear accelerations times a factor."""
-    return authority._replace(
-        linear=[factor * x for x in authority.linear],
-        least_linear=factor * authority.least_linear,
-    )
 
 
 def _cosine_and_sines(rows: Sequence[Field]) -> tuple[Field, list[Field]]:
@@ -396,6 +425,30 @@ def rotation_vector(cosine: Field, sines: Sequence[Field]) -> list[Field]:
     square = _square(chord)
     factor = 1.0 + square * (1.0 / 24.0 + square * (3.0 / 640.0 + square * 0.0032))
     return [x * factor for x in chord]
+
+
+def _more_along(vector: Sequence[Field], linear: Sequence[Field], reach: Sequence[Field]) -> Field:
+    """Acceleration along a vector in the plane, over the least one within 45 degrees of the axis nearest to it.
+
+    Accelerations that are possible along two neighbours of `WAYS` are so together: that along the vector is of the
+    polygon through all eight. A vector of zeros counts as one along +x. The result is from 1 to `_MORE`.
+    """
+    x, y = vector
+    wide, high = absolute(x), absolute(y)
+    is_wide = wide >= high
+    large = at_least(where(is_wide, wide, high), 1e-6)
+    small = where(is_wide, high, wide)
+    ways = [way + 0.0 * x for way in (*linear, *reach)]
+
+    def chosen(right: Field, left: Field, up: Field, down: Field) -> Field:
+        return where(is_wide, where(x < 0.0, left, right), where(y < 0.0, down, up))
+
+    least, axis = chosen(*ways[:4]), chosen(*ways[4:8])
+    upper, lower = (where(x < 0.0, left, right) for right, left in (ways[8::2], ways[9::2]))
+    corner = where(y < 0.0, lower, upper)
+    length = sqrt(at_least(x * x + y * y, 1e-12))
+    most = length / ((large - small) / axis + small / (_HALF * corner))
+    return within(most / least, 1.0, _MORE)
 
 
 def _square(vector: Sequence[Field]) -> Field:

@@ -37,9 +37,9 @@ shortened distance loses no time near the goal: with 1.2 the agent is quicker an
 six of fifteen planar craft, with 1 on four. In space it costs the free-flyer 60 % more thrust
 (docs/decisions/any_craft_frugal.md)."""
 _HURRY = 1.1
-"""Factor of the linear accelerations at the value 0 for trained weights. Craft with a shared supply, or in space
-with pulsed thrusters, then take 3 to 5 % less time; the free flyer, throttled craft and those with wheels lose by
-it (docs/decisions/any_craft_frugal.md)."""
+"""Factor of the linear accelerations at the value 0 for trained weights in space. Craft with pulsed thrusters then
+take 3 to 5 % less time; the free flyer, throttled craft and those with wheels lose by it
+(packages/any_craft/docs/decisions/any_craft_values.md)."""
 _COASTS = {2: (1.0,) + (5.0 / 3.0,) * 7, 3: (1.0,) * 8}
 """Factor of the time for which a craft coasts near the goal, by dimension: in the plane five control periods in
 place of three save 2 % of the thrust."""

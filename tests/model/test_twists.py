@@ -11,7 +11,7 @@ from scipy.optimize import linprog
 
 from rans.model.authority import authorities
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.twists import authority_margin, balanced, cone_pushes
+from rans.model.twists import authority_margin, balanced, cone_pushes, pushes_along
 from tests.support.layouts import sample_layout
 
 
@@ -46,8 +46,8 @@ def test_a_craft_that_cannot_push_alone_has_no_authority() -> None:
 
 
 @pytest.mark.parametrize("shared", [False, True])
-def test_pushes_of_a_cone_are_the_least_of_linear_programs(shared: bool) -> None:
-    """Directions 3 degrees apart miss the least one by 1.5 at most, and its reach by less than 2 percent."""
+def test_pushes_are_those_of_linear_programs(shared: bool) -> None:
+    """Ways 3 degrees apart miss the least one of a cone by 1.5 at most, and its reach by less than 2 percent."""
     columns = sample_layout(5)
     parts: dict[str, Any] = {"bounds": (0.0, 1.0)}
     if shared:
@@ -59,12 +59,15 @@ def test_pushes_of_a_cone_are_the_least_of_linear_programs(shared: bool) -> None
         balance = columns @ np.array([aside, [0.0, 0.0, 1.0]]).T
         return -linprog(-columns @ ahead, A_eq=balance.T, b_eq=np.zeros(2), **parts).fun
 
-    expected = [
-        min(reach(math.radians(axis + k)) for k in range(-45, 46, 3)) for axis in (0, 180, 90, 270)
-    ]
+    angles = np.radians(np.arange(-45, 315, 3))
+    along = np.array([reach(angle) for angle in angles])
+    ways = np.column_stack([np.cos(angles), np.sin(angles)])
+    assert pushes_along(columns, ways, shared) == pytest.approx(along, rel=1e-9)
+    # The cone about +x begins at -45 degrees, those of +y, -x and -y a quarter turn each later.
+    quarters = [np.append(along, along[0])[30 * k : 30 * k + 31].min() for k in (0, 2, 1, 3)]
     found = cone_pushes(columns, shared)
-    assert (found <= np.array(expected) + 1e-9).all()
-    assert found == pytest.approx(expected, rel=0.02)
+    assert (found <= np.array(quarters) + 1e-9).all()
+    assert found == pytest.approx(quarters, rel=0.02)
 
 
 def test_two_thrusters_push_between_the_axes_of_the_floating_platform() -> None:

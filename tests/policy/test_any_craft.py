@@ -22,7 +22,7 @@ from rans.evaluation.measure.aggregate import measure
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
 from rans.model.timing import Timing
-from rans.policy.any_craft import authority, farthest, for_craft, without
+from rans.policy.any_craft import authority, farthest, for_craft, frugal, without
 from rans.policy.authority import Authority, braking_distance, nearer
 from rans.policy.network import Network
 from rans.policy.program import Step
@@ -84,16 +84,20 @@ def test_a_mirror_image_gets_mirrored_commands() -> None:
 
 
 @pytest.mark.parametrize(
-    "name",
+    ("name", "value"),
     [
-        "roboran-platform",
-        "pingu",
-        pytest.param("cubesat-3u", marks=pytest.mark.slow),
+        ("roboran-platform", 0.1),
+        ("pingu", None),
+        pytest.param("cubesat-3u", None, marks=pytest.mark.slow),
     ],
 )
-def test_the_traced_program_gives_the_same_commands(name: str) -> None:
+def test_the_traced_program_gives_the_same_commands(name: str, value: float | None) -> None:
+    """At a value on/off thrusters in the plane are given what they can do along their way."""
     craft = load_spacecraft(name)
     made = for_craft(network(craft.dimension), craft, 0.2)
+    if value is not None:
+        made = frugal(made, value, 3.5)
+        assert made.architecture.reach
     seen = observations(40, dimension=craft.dimension)
     expected, _ = made.deterministic_action(seen, None)
     program = policy_program(made.architecture)

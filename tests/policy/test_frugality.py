@@ -73,22 +73,41 @@ def test_the_value_0_of_an_agent_without_further_weights_is_the_agent_as_it_was_
     assert all(torch.equal(x, fast.tensors[name]) for name, x in own.tensors.items())
 
 
-def test_a_shared_supply_is_flown_sooner_with_larger_accelerations() -> None:
-    """Without wheels; a platform of its own supplies, or with wheels, is given its own accelerations."""
-    spec = "any-craft-2d#0@floating-platform-shared"
-    run = contestant(spec)
-    network = run.network
-    assert network.architecture.frugality.acceleration > 1.0
-    plain = Network(replace(network.architecture, frugal=()), network.tensors)
+def test_what_the_platform_can_do_along_its_way_saves_time() -> None:
+    """Four of its thrusters push along an axis of B, two between the axes; the least is not all that there is."""
+    run = contestant("any-craft-2d#0")
+    own = run.network
+    assert own.architecture.reach[0] == pytest.approx(math.sqrt(2.0) * own.architecture.reach[4])
+    plain = Network(replace(own.architecture, reach=()), own.tensors)
     slow = run._replace(controller=Agent(plain, "plain", run.craft))
     times = [
-        settling_times(fly_episodes(one.controller, one.judged, 77, 48, workers=1).flight).mean()
+        settling_times(fly_episodes(one.controller, one.judged, 77, 96, workers=1).flight).mean()
         for one in (run, slow)
     ]
     assert times[0] < 0.99 * times[1]
-    for other in ("any-craft-2d#0", "any-craft-2d#0@roboran-platform", "any-craft-3d#0@cubesat-6u"):
-        own = contestant(other).network
-        assert own.architecture.frugality.acceleration == 1.0
+
+
+def test_the_ways_are_those_of_the_craft_that_flies() -> None:
+    """The platform pushes most along its axes, `roboran-platform` between them, as a square does."""
+    reach = contestant("any-craft-2d#1@roboran-platform").network.architecture.reach
+    assert len(reach) == 8
+    assert reach[4:] == pytest.approx([math.sqrt(2.0) * x for x in reach[:4]])
+    # Without a value, in space and with pulsed thrusters a network does not know them.
+    for spec in ("any-craft-2d@roboran-platform", "any-craft-3d#0", "any-craft-2d#0@pingu"):
+        assert contestant(spec).network.architecture.reach == ()
+
+
+def test_pulsed_craft_in_space_without_wheels_hurry_at_the_value_0() -> None:
+    quick = {
+        spec: contestant(spec).network.architecture.frugality.acceleration
+        for spec in (
+            "any-craft-3d#0@spheres",
+            "any-craft-2d#0",
+            "any-craft-2d#0@floating-platform-shared",
+            "any-craft-3d#0@cubesat-6u",
+        )
+    }
+    assert [spec for spec, factor in quick.items() if factor > 1.0] == ["any-craft-3d#0@spheres"]
 
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.booleans(), st.booleans())
@@ -235,6 +254,18 @@ def test_other_numbers_in_a_file_are_refused(numbers: tuple[float, ...], tmp_pat
     file = tmp_path / "agent.safetensors"
     file.write_bytes(actor_bytes(forged, network.member(0), 0))
     with pytest.raises(ConfigError, match="frugality"):
+        read_policy(file)
+
+
+@pytest.mark.parametrize("reach", [(0.4,) * 7, (0.4,) * 7 + (0.0,), (0.4,) * 7 + (math.inf,)])
+def test_other_accelerations_along_the_ways_in_a_file_are_refused(
+    reach: tuple[float, ...], tmp_path: Path
+) -> None:
+    network = contestant("any-craft-2d").network
+    file = tmp_path / "agent.safetensors"
+    forged = replace(network.architecture, reach=reach)
+    file.write_bytes(actor_bytes(forged, network.member(0), 0))
+    with pytest.raises(ConfigError, match="reach"):
         read_policy(file)
 
 

@@ -427,7 +427,7 @@ def stopping_law(
         spin: in B.
         authority: of the craft.
     """
-    period, _, _, a, alpha = authority
+    period, _, _, a, alpha, _ = authority
 
     def missing(way: Sequence[Tensor], speed: Sequence[Tensor], most: Tensor) -> list[Tensor]:
         size = torch.sqrt(torch.as_tensor(sum(x.square() for x in way)) + 1e-12)
@@ -709,12 +709,13 @@ def one_period(
     period, ways, scale, gain, late, noise, centre, moments, weight, *rows = fields
     size = scale.shape[1]
     dimension = directions(size)
-    accelerations = list(ways)
+    *accelerations, least_linear, least_angular = ways
     authority = Authority(
         period,
         accelerations[: 2 * dimension],
-        accelerations[2 * dimension : -2],
-        *accelerations[-2:],
+        accelerations[2 * dimension :],
+        least_linear,
+        least_angular,
     )
     axes = list(_AXES[dimension])
     # Sensors: noise of the conditions called real.

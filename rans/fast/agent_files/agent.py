@@ -49,6 +49,7 @@ _LISTS: dict[str, Callable[[Any], Any]] = {
     "authority": float,
     "filling": float,
     "frugal": float,
+    "reach": float,
     "tokens": lambda row: tuple(map(float, row)),
     "levers": lambda row: tuple(map(float, row)),
 }
@@ -382,6 +383,11 @@ def _check_craft(architecture: Architecture) -> None:
             "its frugality is not a part of a distance, a distance, an angle, factors of a price, of "
             "accelerations and of a time, or it is no agent for any craft"
         )
+    reach = architecture.reach
+    if reach and (len(architecture.authority) != 7 or len(reach) != 8 or min(reach) <= 0.0):
+        raise ValueError(
+            "its reach is not eight accelerations in the plane, or it is no agent for any craft"
+        )
     if architecture.authority:
         from rans.policy.authority import DIMENSIONS, width
 
@@ -436,6 +442,7 @@ def _check_numbers(architecture: Architecture) -> None:
         "farthest": (architecture.farthest, architecture.farthest_lost),
         "filling": architecture.filling,
         "frugal": architecture.frugal,
+        "reach": architecture.reach,
         "levers": architecture.levers,
         "clip": architecture.clip,
     }

@@ -1,28 +1,38 @@
 // Authority and control allocation of planar thrusters: rans.policy.allocation and rans.policy.allocated, number by number.
 const ON_OFF = 0, SHARED = 1, CONTINUOUS = 2, WHEEL = 3;  // kinds of effectors, the last number of a token
 
-// Largest changes in all directions within 45 degrees of +x, -x, +y, -y, and of +turn and -turn, all other axes being balanced.
-// 0: the axis cannot be pushed alone.
-function balanced(columns, shared) {
+// What facets of the changes by thrusters bound: a change c of length in a way of a facet reaches it at support / (way c).
+function facets(columns, shared) {
   const size = [0, 1, 2].map(k => Math.max(0, ...columns.map(column => Math.abs(column[k]))));
-  if (!size.every(x => x > 0)) return [0, 0, 0, 0, 0, 0];
+  if (!size.every(x => x > 0)) return [];
   const scaled = columns.map(column => column.map((x, k) => x / size[k]));
   const corners = [[0, 0, 0], ...scaled];
   const edges = shared ? corners.flatMap(a => corners.map(b => a.map((x, k) => x - b[k]))) : scaled;
-  const facets = normals(edges).map(normal => {
+  return normals(edges).map(normal => {
     const along = scaled.map(column => Math.max(0, product(normal, column)));
-    return {normal, support: shared ? Math.max(0, ...along) : along.reduce((sum, x) => sum + x, 0)};
+    const support = shared ? Math.max(0, ...along) : along.reduce((sum, x) => sum + x, 0);
+    return {way: normal.map((x, k) => x / size[k]), support};
   });
-  const ways = facets.map(({normal}) => normal.map((x, k) => x / size[k]));
-  return [0, 1, 2].flatMap(axis => [1, -1].map(sign => {
+}
+// How far the changes reach where their facets are so far ahead; 0 where they have none.
+function leastReach(found, ahead) {
+  const least = Math.min(...found.map((facet, k) => ahead[k] > 1e-9 ? facet.support / ahead[k] : Infinity));
+  return Number.isFinite(least) ? Math.max(0, least) : 0;
+}
+// Largest changes in all directions within 45 degrees of +x, -x, +y, -y, and of +turn and -turn, all other axes being balanced.
+// 0: the axis cannot be pushed alone.
+function balanced(columns, shared) {
+  const found = facets(columns, shared);
+  return [0, 1, 2].flatMap(axis => [1, -1].map(sign => leastReach(found, found.map(({way}) => {
     // A facet is first reached along the direction of the cone that is nearest to its normal.
-    const nearest = ways.map(way => {
-      const ahead = sign * way[axis], aside = axis < 2 ? Math.abs(way[1 - axis]) : 0;
-      return ahead >= aside ? Math.hypot(ahead, aside) : axis < 2 ? (ahead + aside) / Math.SQRT2 : ahead;
-    });
-    const reached = nearest.map((x, k) => x > 1e-9 ? facets[k].support / x : Infinity), least = Math.min(...reached);
-    return Number.isFinite(least) ? Math.max(0, least) : 0;
-  }));
+    const ahead = sign * way[axis], aside = axis < 2 ? Math.abs(way[1 - axis]) : 0;
+    return ahead >= aside ? Math.hypot(ahead, aside) : axis < 2 ? (ahead + aside) / Math.SQRT2 : ahead;
+  }))));
+}
+// Largest pushes along unit vectors [x, y], without turning.
+function pushesAlong(columns, shared, ways) {
+  const found = facets(columns, shared);
+  return ways.map(([x, y]) => leastReach(found, found.map(({way}) => way[0] * x + way[1] * y)));
 }
 // Least support of the twists over all directions, without units: rans.randomization.layouts.authority_margin.
 function margin(columns) {

@@ -69,7 +69,7 @@ function use(craft) {
     return;
   }
   const [a, alpha] = [Math.min(...ways.slice(0, 4)), Math.min(...ways.slice(4))];
-  authority = [period, ...ways, a, alpha];
+  authority = [period, ...ways, a, alpha, ...pushesAlong(columns, craft.shared, DATA.allocation.ways)];
   const units = [a, a, alpha];
   tokens = columns.map(column => [...column.map((x, axis) => x / units[axis]), craft.shared ? SHARED : ON_OFF]);
   allocated = allocation(tokens);

@@ -38,7 +38,7 @@ from rans.outline import Outline
 from rans.policy.allocation import FALL, MOST_SUBSETS, PASSES, PRICE
 from rans.policy.any_craft import RANGES, frugal, is_for_any_craft
 from rans.policy.architecture import Architecture
-from rans.policy.authority import Authority, of_observation
+from rans.policy.authority import WAYS, Authority, of_observation
 from rans.policy.network import Network
 from rans.policy.program import inputs
 from rans.policy.scalars import symbols
@@ -311,19 +311,28 @@ class _Traced:
     def demand(self, network: Network, number: int, prefix: str) -> str:
         """``demand0(carried, errors, authority)`` or of another number: change of twist to be allocated.
 
-        It is in units of the authority, which is a control period, six accelerations, and the least linear and
-        angular one of them. Names of layers begin with the prefix.
+        It is in units of the authority, which is a control period, six accelerations, the least linear and
+        angular one of them, and those along `rans.policy.authority.WAYS`. Names of layers begin with the prefix.
         """
         errors, observation = self._observed()
         architecture = network.architecture
         tables = parameters(network)
         program = policy_program(architecture)
-        period, *authority, least_linear, least_angular = numbers = inputs("authority", 9)
+        numbers = inputs("authority", 9 + len(WAYS))
+        period, *authority = numbers[:7]
+        least_linear, least_angular, *reach = numbers[7:]
         columns = (
             of_observation(
                 architecture.layout,
                 observation,
-                Authority(period, authority[:4], authority[4:], least_linear, least_angular),
+                Authority(
+                    period,
+                    authority[:4],
+                    authority[4:],
+                    least_linear,
+                    least_angular,
+                    reach if architecture.reach else (),
+                ),
                 architecture.coast,
                 frugality=architecture.frugality,
             )
@@ -525,9 +534,14 @@ def _allocation_data(choices: list[Network], chosen: int) -> dict[str, Any]:
     """What the page's allocation must know: tokens and authority of the craft, and its constants."""
     architecture = choices[chosen].architecture
     period, *authority = architecture.authority or (0.0,) * 7
+    reach = next((one.architecture.reach for one in choices if one.architecture.reach), ())
     return {
         "tokens": architecture.tokens,
-        "authority": [period, *authority, min(authority[:4]), min(authority[4:])],
+        "authority": [
+            *(period, *authority, min(authority[:4]), min(authority[4:])),
+            *(reach or (0.0,) * len(WAYS)),
+        ],
+        "ways": WAYS,
         "prices": [one.architecture.frugality.price * PRICE for one in choices],
         "chosen": chosen,
         "fall": FALL,

@@ -293,17 +293,21 @@ def drawn(columns: np.ndarray, shared: bool) -> tuple[dict[str, Any], Spacecraft
 
 
 @needs_node
-@pytest.mark.parametrize(("number", "shared"), [(2, False), (6, True)])
+@pytest.mark.parametrize(
+    ("number", "shared", "agent"),
+    [(2, False, "any-craft-2d"), (6, True, "any-craft-2d#0")],
+)
 def test_a_drawn_craft_flies_as_it_does_in_python(
-    number: int, shared: bool, tmp_path: Path
+    number: int, shared: bool, agent: str, tmp_path: Path
 ) -> None:
     """Random layouts with a dead thruster on the way: authority, the same commands and states, and its file.
 
-    The first has an authority margin of 0.42, with which thrust costs less.
+    The first has an authority margin of 0.42, with which thrust costs less. The second is given what it can do
+    along its way.
     """
     columns = sample_layout(number)
     script, craft = drawn(columns, shared)
-    run = run_of("any-craft-2d")
+    run = run_of(agent)
     page = playground(run, SEED)
     asked = f"""{page.script}
 const craft = {json.dumps(script)}, {{ways, numbers, period}} = assessed(craft), told = [];
