@@ -142,7 +142,6 @@ def test_a_multi_task_agent_is_judged_task_by_task(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.usefixtures("undrawn")
 def test_the_seed_decides(run_folder: Path) -> None:
     """And results of the other engine stay only beside those of the same episodes."""
     file = run_folder / "evaluation.json"
