@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -211,13 +212,13 @@ class Trainer:
                     for number in range(len(self.members))
                 ]
             self._events = [Events(folder) for folder in folders]
-        if self._teacher is not None and self.steps == 0:
-            self._imitate(self._teacher, report)
-        else:
-            self._begun = (self.steps, self.seconds)
         stopped = False
-        if not self.config.compiled:
-            with as_written():
+        with nullcontext() if self.config.compiled else as_written():
+            if self._teacher is not None and self.steps == 0:
+                self._imitate(self._teacher, report)
+            else:
+                self._begun = (self.steps, self.seconds)
+            if not self.config.compiled:
                 stopped = self._go_on(report, stop, self._compiling_pays)
         if not (stopped or self._ended):
             self._go_on(report, stop)

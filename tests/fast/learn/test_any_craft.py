@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from rans.errors import ConfigError, RansWarning
-from rans.fast.learn import any_craft
+from rans.fast.learn import any_craft, graph
 from rans.fast.learn.config import MemorySettings, TrainConfig
 from rans.fast.learn.recipes import from_any_craft, training
 from rans.fast.learn.run_folder import RunFolder
@@ -127,17 +127,27 @@ def test_a_training_begins_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 def test_an_imitation_that_solves_the_task_is_all_of_a_training(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It is judged after four rounds of its own, and here found to solve the task after eight."""
+    """It is judged after four rounds of its own, and here found to solve the task after eight.
+
+    Its judge is not compiled, which took most of 23 s on a GPU.
+    """
     monkeypatch.setattr(any_craft, "_SHORT_ROUNDS", 1)
     monkeypatch.setattr(any_craft, "_SHORT_UPDATES", 1)
     monkeypatch.setattr(any_craft, "_SHORT_SECONDS", 0.4)
     given = config()
     begun = trainer(tmp_path / "ends", given)
     found = iter([0.98, 1.0])
-    monkeypatch.setattr(begun.selection, "judge", lambda: [{"success": next(found)}])
+    compiles: list[bool] = []
+
+    def judge() -> list[dict[str, float]]:
+        compiles.append(graph._compiles)
+        return [{"success": next(found)}]
+
+    monkeypatch.setattr(begun.selection, "judge", judge)
     rows: list[Any] = []
     begun.train(lambda members: rows.append(dict(members[0].rows[-1])))
     assert begun.solved
+    assert compiles == [False, False]
     # One round that the expert flies and eight of its own, of two periods each.
     assert begun.steps == (1 + 8) * 2 * 64
     assert [row["success"] for row in rows] == [1.0]
