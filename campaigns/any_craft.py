@@ -67,7 +67,7 @@ SPECIALISTS = {
         "go-to-pose-3d",
         "spheres",
         "astrobee-iss",
-        "go-to-pose-3d-atmos-orbit-12",
+        "atmos-orbit-12",
         "atmos-orbit-16",
         "cubesat-3u",
         "cubesat-6u",

@@ -101,7 +101,7 @@ def test_without_the_second_distribution(
         contestant("avoid-2d")
     assert contestant("go-to-pose-3d").controller.name == "go-to-pose-3d"
     assert main(["list", "agents"]) == 0
-    assert "21 more agents: pip install 'rans[agents]'" in capsys.readouterr().out
+    assert "20 more agents: pip install 'rans[agents]'" in capsys.readouterr().out
 
 
 def test_an_agent_of_the_core_has_precedence(
