@@ -1,6 +1,7 @@
 """What a mission's agents and opponents are worth: ``python -m campaigns MISSION``.
 
-MISSION is one of dock, hold, rendezvous, land, avoid, dock-port. All contestants fly from the same held-out starts.
+MISSION is one of dock, hold, rendezvous, land, avoid, dock-port, final-approach. All contestants fly from the same
+held-out starts.
 Proven bounds of the first of these starts stand beside them, ratio by ratio.
 """
 
@@ -15,16 +16,18 @@ from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 import tyro
+from rans_missions.bounds.approaches import judged_approaches
 from rans_missions.bounds.ports import least_to_dock
 from rans_missions.bounds.transfers import transfer_bounds
 from rans_missions.bounds.zones import least_to_stay
 from rans_missions.control.convex_guidance import ConvexGuidance
+from rans_missions.control.corridor import Corridor
 from rans_missions.control.guidance import VelocityToGain
 from rans_missions.control.landing_guidance import LandingGuidance
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.convex.inspection import inspection_bound
 from rans_missions.convex.landing import Descent, Lander, best_landing
-from rans_missions.tasks import Avoid, DockPort, Inspect
+from rans_missions.tasks import Avoid, DockPort, FinalApproach, Inspect
 from rans_missions.tasks.land import Land
 from rans_missions.tasks.orbital import OrbitalMission
 
@@ -44,7 +47,7 @@ from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
 from rans.tasks import TASKS
 
-Mission = Literal["dock", "hold", "rendezvous", "land", "avoid", "dock-port"]
+Mission = Literal["dock", "hold", "rendezvous", "land", "avoid", "dock-port", "final-approach"]
 
 _DEADLINES = {
     "dock": (600.0, 700.0, 800.0, 1000.0, 1500.0, 2000.0),
@@ -100,7 +103,7 @@ class Missions:
     bounded: int = 32
     """The first of them, whose bounds are found and which LQR flies."""
     planned: int | None = None
-    """The first of them that convex guidance flies, if these are others than `bounded`."""
+    """The first of them that convex guidance flies by the latest deadline; by others it flies `bounded`."""
     drake: int = 0
     """The first of them that agents fly in Drake too."""
     deadlines: tuple[float, ...] = ()
@@ -110,6 +113,8 @@ class Missions:
 
     def measured(self) -> Iterator[dict[str, Any]]:
         """Rows of all conditions."""
+        if self.mission == "final-approach":
+            return self._approaches()
         return self._orbital() if self.mission in _DEADLINES else self._others()
 
     def _specs(self) -> list[str]:
@@ -124,7 +129,9 @@ class Missions:
         assert mission.spacecraft is not None
         craft = load_spacecraft(mission.spacecraft)
         agents = {spec: contestant(spec).controller for spec in self._specs()}
-        for deadline in self.deadlines or _DEADLINES[self.mission]:
+        deadlines = self.deadlines or _DEADLINES[self.mission]
+        for deadline in deadlines:
+            planned = self.planned if deadline == max(deadlines) else None
             task = replace(mission, deadline=(deadline, deadline))
             condition = f"{deadline:,.0f} s"
             starts = scenarios(task, craft, self.seed, self.episodes)
@@ -148,7 +155,7 @@ class Missions:
                     ),
                     "convex guidance": (
                         lambda task=task: ConvexGuidance(craft, task, task.timing),
-                        scenarios(task, craft, self.seed, self.planned or self.bounded),
+                        scenarios(task, craft, self.seed, planned or self.bounded),
                     ),
                     "LQR": (lambda task=task: LQR(craft, task, task.timing), few),
                 }
@@ -157,6 +164,21 @@ class Missions:
                 for who, (made, flown) in makers.items():
                     flight = fly(craft, task, made(), flown, task.timing)
                     yield row_of(condition, who, flight, impulses(flight), lower)
+
+    def _approaches(self) -> Iterator[dict[str, Any]]:
+        """Guidance of final approaches, and the cheapest flights found from the first starts."""
+        task: Any = FinalApproach().for_evaluation()
+        craft = load_spacecraft(task.spacecraft)
+        table = judged_approaches(craft, task, self.seed, self.bounded)
+        lower = np.full(self.episodes, np.nan)
+        lower[: self.bounded] = table.lower
+        yield from self._flown(
+            "", "corridor", Setup(craft, task, task.timing), Corridor(craft, task), lower
+        )
+        found = table.rows[-1]
+        won = np.isfinite(table.upper)
+        ratios = (found.impulse / table.lower)[won]
+        yield row("", found.name, won, found.violated, found.impulse, ratios)
 
     def _flown(
         self, condition: str, who: str, setup: Setup, agent: Controller, lower: np.ndarray

@@ -90,6 +90,7 @@ MISSIONS = {
             (_SAFE, "inspect, circumnavigation, safe coasts"),
         ),
     ),
+    "final-approach": Mission("", ((_GUIDANCE, "corridor"), (_AGENT, _NONE))),
     "avoid": Mission(
         "default zones",
         (

@@ -43,7 +43,7 @@ _RAY = 1e6
 """Length of a ray of multipliers along which a bound grows for ever."""
 _COMMANDS = 60
 """Control periods with thrust of a flight within the corridor, about: more take minutes."""
-_TRIED = ((1200.0, 1000.0), (1500.0, 1500.0), (2400.0, 1600.0))
+_TRIED = ((1200.0, 1000.0), (2400.0, 1600.0))
 """Arrivals of flights, and times before them at which they enter the cone, s."""
 _BEYOND = 0.5
 """Distance from the end of the cone before that, m."""
