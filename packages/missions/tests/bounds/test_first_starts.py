@@ -9,7 +9,7 @@ import pytest
 from rans_missions.bounds.first_starts import bounded, mission_bounds, steps_of
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.figures.orbit_figures import orbital_plane
-from rans_missions.tasks import Dock, Inspect
+from rans_missions.tasks import Dock, FinalApproach, Inspect
 
 from rans.evaluation.compare import run
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
@@ -167,3 +167,19 @@ def test_figures_show_paths_margins_and_what_is_impossible(entry: Entry) -> None
     (front,) = spent_over_time([entry], bounds).axes
     (marker,) = (line for line in front.get_lines() if line.get_label() == "mission")
     assert marker.get_ydata() == pytest.approx(impulses(entry.flight)[:1])
+
+
+def test_a_final_approach_has_a_bound_of_each_start_and_no_front() -> None:
+    """Of 15 m from a port: more than nothing, and less than to fly there and stop with both burns on the way."""
+    chaser = load_spacecraft("vbar-chaser")
+    task = FinalApproach(spawn_distance=(14.0, 16.0)).for_evaluation()
+    contest = Contest(chaser, task, replace(task.timing, episode_steps=65), seed=5, episodes=1)
+    reported: list[int] = []
+    found = mission_bounds(contest, 1, reported.append)
+    assert bounded(contest)
+    assert sum(reported) == steps_of(contest, 1) == 1
+    assert not len(found.times)
+    # 13 m in 325 s are 0.04 m/s of 500 kg, and as much along the second axis at most.
+    assert 0.04 * 500.0 < found.lower[0] < 4.0 * 0.04 * 500.0
+    # Conditions are not in the bound.
+    assert not bounded(replace(contest, conditions=Conditions()))
