@@ -265,11 +265,11 @@ def _identified(_: None, sheet: Spacecraft, log: FlightLog) -> _Found | None:
 class HiddenSatellites:
     """Identify hidden satellites from their attitudes, rates and wheel speeds, and with positions and fields."""
 
-    count: int = 64
+    count: int = 384
     """Number of hidden satellites."""
     seconds: float = 900.0
     """Length of each flight, s."""
-    seed: int = 2029
+    seed: int = 2031
     """Seed of the satellites and of their readings."""
 
     def measured(self) -> dict[str, Any]:

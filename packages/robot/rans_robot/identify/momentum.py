@@ -14,9 +14,10 @@ read beside its rates: a mean delay, which is fitted, and a jitter, which counts
 of the wheels and to the turn of the momentum in the body. Their standard deviations are those of restricted maximum
 likelihood (Patterson and Thompson, Biometrika 58, 1971), the values those of generalised least squares at adjusted
 rates and speeds: a regression on what was read would shrink inertia and wheels (errors in variables: Fuller,
-Measurement Error Models, 1987). Before that `kinematics` makes rates agree with attitudes, and finds the
+Measurement Error Models, 1987). Before that `kinematics` makes rates and attitudes agree, and finds the
 accelerations that a delay multiplies: differences of noisy speeds would shrink the delay, and the values take over
-what it leaves.
+what it leaves. Errors of what agrees alternate from row to row, so that a slow torque sees less of them than of
+independent ones: intervals of torques have their joint covariance.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.linalg import get_lapack_funcs
 
 from rans.extend import ConfigError, Spacecraft
-from rans_robot.identify.kinematics import accelerations, with_smooth_rates
+from rans_robot.identify.kinematics import factor, likeliest, smoothed
 from rans_robot.identify.log import FlightLog, rotations, turn
 from rans_robot.identify.orbit_torques import AIR, DIPOLE, PARTS, OrbitTorques, has_orbit
 
@@ -50,9 +51,6 @@ _ROUNDS = 6
 """Most rounds of values and standard deviations; three suffice."""
 _STEPS = 30
 """Most steps for values; ten suffice."""
-_CALIBRATED = 1.1
-"""Factor on standard deviations of values: those of errors count as known, and accelerations as smooth. Torques
-do not need it, since none of their parts depends much on a value."""
 _OUTLIER = 5.0
 """Standard deviations (of three numbers together) from which a row is left out: one of 200,000 normal ones is."""
 
@@ -74,7 +72,7 @@ _SPREADS = (
     _Spread("attitude", 3e-3, 1e-5, 0.2),
     _Spread("jitter of speeds", 0.1, 1e-4, 3.0),
     _Spread("jitter of attitudes", 0.1, 1e-4, 3.0),
-    _Spread("walk", 1e-2, 1e-5, 1.0),
+    _Spread("walk", 1e-3, 1e-5, 1.0),
     _Spread("lever", 1e-3, 1e-6, 0.3),
 )
 """rad/s, rad/s, rad, s, s; then in units of a wheel's inertia: rad/s per root of s, and rad/s^2."""
@@ -83,8 +81,9 @@ _STAMPS_OFF = 0.41
 rounded down or up, nothing if to the nearest, and logs do not say which."""
 _STAMP_APART = 0.29
 """s: standard deviation of what each of them is off by beside that, evenly within a second."""
-_PRIOR_SPREAD = 3.0
-"""Standard deviation of the logarithm of each before: a factor of 20."""
+_FIRST_WALK = 1e-2
+"""Where the search of the walk begins: values that are fitted without a torque that acts explain it as noise of
+rates, and then no walk is left to be searched for."""
 
 
 @dataclass(frozen=True)
@@ -145,10 +144,9 @@ class _Rows:
     """Readings of a log in which everything was measured, and the momenta that external torques give."""
 
     def __init__(self, as_read: FlightLog, unit: float) -> None:
-        log = with_smooth_rates(as_read)
+        log, self.links = smoothed(as_read)
         assert log.wheel_speeds is not None
-        read = np.isfinite(log.attitude).all(axis=1) & np.isfinite(log.spin).all(axis=1)
-        read &= np.isfinite(log.wheel_speeds).all(axis=1)
+        read = self.links.rows
         self.log = log
         self.index = np.flatnonzero(read)
         self.t = log.times[read] - log.times[read][0]
@@ -159,7 +157,7 @@ class _Rows:
         self.rotation = rotations(log.attitude[read])
         frames = log.frames
         self.frame = np.zeros(len(self.t), int) if frames is None else frames[read]
-        self.acceleration = accelerations(self.t, self.speeds)
+        self.acceleration = self.links.acceleration
         self.jerk = np.gradient(self.acceleration, self.t, axis=0)
         self.weight = np.ones(len(self.t))
         """(N,), 0 for rows that are left out."""
@@ -399,9 +397,9 @@ def fit_momentum(
         prior: (8 + W,), their standard deviations before.
     """
     model = _Momentum(craft, logs, nominal, prior)
-    spread = {one.name: one.first for one in _SPREADS}
-    centre = np.array([np.log(one.first) for one in _SPREADS])
-    bounds = [(np.log(one.low), np.log(one.high)) for one in _SPREADS]
+    spread = {one.name: one.first for one in _SPREADS} | {"walk": _FIRST_WALK}
+    table = [(one.first, one.low, one.high) for one in _SPREADS]
+    readings = 3 * sum(len(rows.t) for rows in model.rows)
     values = model.nominal.copy()
     outliers = 0
     for number in range(_ROUNDS):
@@ -415,26 +413,22 @@ def fit_momentum(
         # Standard deviations, at these values.
         derivatives = [model.derivatives(rows, values) for rows in model.rows]
 
-        def cost(logarithms: np.ndarray) -> float:
-            of = _named(logarithms)
-            result = _Linear(model, values, of, derivatives).evidence()  # noqa: B023
-            return result + float(np.sum((logarithms - centre) ** 2)) / _PRIOR_SPREAD**2
+        def unlikelihood(spreads: np.ndarray) -> float:
+            return _Linear(model, values, _named(spreads), derivatives).evidence()  # noqa: B023
 
-        before = np.array([np.log(spread[one.name]) for one in _SPREADS])
-        found = minimize(
-            cost, before, method="L-BFGS-B", bounds=bounds, options={"maxiter": 20, "ftol": 1e-6}
-        )
-        spread = _named(found.x)
-        if number and not left_out and np.max(np.abs(found.x - before)) < 0.05:
+        before = np.array(list(spread.values()))
+        found = likeliest(unlikelihood, table, readings, before, 1e-7)
+        spread = _named(found)
+        if number and not left_out and np.max(np.abs(np.log(found / before))) < 0.05:
             break
     values, adjusted = _solved(model, values, spread)
     _refuse_reversed(craft, model, values)
     return _result(model, values, spread, adjusted, outliers)
 
 
-def _named(logarithms: np.ndarray) -> dict[str, float]:
-    """Standard deviations of `_SPREADS` from their logarithms."""
-    return {one.name: float(np.exp(x)) for one, x in zip(_SPREADS, logarithms, strict=True)}
+def _named(spreads: np.ndarray) -> dict[str, float]:
+    """Standard deviations of `_SPREADS` by their names."""
+    return {one.name: float(x) for one, x in zip(_SPREADS, spreads, strict=True)}
 
 
 def _solved(
@@ -543,8 +537,7 @@ def _result(
     by_sheet = _adjust(model, model.nominal, spread, at_sheet, none)
     sheet = [error @ inverse + part for (error, _), part in zip(by_sheet, smoothed, strict=True)]
     inflation = _inflation(model, white)
-    wider = inflation * _CALIBRATED**2
-    covariance = wider * _covariance(model, linear)
+    covariance = inflation * _covariance(model, linear)
     torques: list[Torque] = []
     sources: list[Source] = []
     for number in range(len(model.rows)):
@@ -595,6 +588,7 @@ def _torques_of(
     both[:count, count:] = carried @ of_values
     both[count:, :count] = both[:count, count:].T
     both[count:, count:] = of_values
+    both = both + both @ _joint(model, values, linear, number) @ both
 
     # Momenta are known between rows, too, where there is an orbit.
     instants = rows.t if rows.orbit is None else rows.orbit.times - rows.orbit.times[0]
@@ -653,6 +647,39 @@ def _torques_of(
             )
         )
     return external, sources
+
+
+def _joint(model: _Momentum, values: np.ndarray, linear: _Linear, number: int) -> np.ndarray:
+    """What products of columns (unknowns, free values), (P + F, P + F), lack of those of the errors that are.
+
+    The fit takes errors of attitudes and rates as independent from row to row. Those of smoothed ones alternate,
+    and the links between rows have their joint covariance. With the weights of the fit, the covariance of its
+    result is the sandwich of both (Huber, Proc. 5th Berkeley Symposium 1, 1967).
+    """
+    rows = model.rows[number]
+    _, D, X, _, _, _ = linear.parts[number]
+    if not rows.links.linked.any():  # rates are as they were read
+        return np.zeros((X.shape[1] + D.shape[1],) * 2)
+    read = model.momentum(rows, values)[0]
+    whitening, _ = model.whitening(rows, values, linear.spread)
+    zero = np.zeros(len(read))
+    x, y, z = read.T
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    tensor = np.broadcast_to(model.tensor(values), cross.shape)
+    by_readings = np.concatenate([cross, tensor, np.zeros((len(read), 3, 1))], axis=2)
+    columns = np.concatenate([X, -D], axis=1).reshape(len(read), 3, -1)
+    sides = (whitening @ rows.rotation @ by_readings).mT @ columns
+    spread = linear.spread
+    turns = spread["attitude"] ** 2 * np.eye(3) + spread["jitter of attitudes"] ** 2 * _outer(
+        rows.rates
+    )
+    taken = np.einsum("nap,nab,nbq->pq", sides[:, :3], turns, sides[:, :3])
+    taken += spread["spin"] ** 2 * np.einsum("nap,naq->pq", sides[:, 3:6], sides[:, 3:6])
+    blocks, beside, _, _, _ = rows.links.equations(rows.links.spreads)
+    band = factor(blocks, beside)
+    (solve,) = get_lapack_funcs(("tbtrs",), (band,))
+    left, _ = solve(band, sides.reshape(-1, sides.shape[2]), uplo="L")
+    return left.T @ left - taken
 
 
 def _gradient_error(rows: _Rows, tensor: np.ndarray, spread: dict[str, float]) -> np.ndarray:
