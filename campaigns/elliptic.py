@@ -18,7 +18,7 @@ from rans_missions.orbits.elliptic import EllipticOrbit, mean_anomaly
 from rans_missions.tasks import Dock, TargetOrbit
 from rans_missions.two_body import TwoBodyMover, relative_motion
 
-from campaigns.missions import row, row_of
+from campaigns.missions import of_first, row, row_of
 from campaigns.satellites import directions
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import Flight, fly
@@ -67,8 +67,7 @@ class Elliptic:
         starts = scenarios(task, craft, self.seed, self.episodes)
         few = scenarios(task, craft, self.seed, self.bounded)
         answers = transfer_bounds(craft, task, few, _DEADLINE)
-        lower = np.full(self.episodes, np.nan)
-        lower[: self.bounded] = [answer.lower for answer in answers]
+        lower = of_first([answer.lower for answer in answers], self.episodes)
         name = f"{eccentricity:g}"
         yield self._cheapest(name, craft, task, answers)
         # Guidance that takes the orbit for a circle of the same period.

@@ -14,14 +14,14 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from rans_missions.bounds.transfers import transfer_bounds
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.tasks import Dock, Hold
 
 from campaigns.linear_covariance import LinearCovariance, linear_covariance, spread
-from campaigns.missions import row_of
+from campaigns.missions import least_impulses, of_first, row_of
 from campaigns.parts import in_parts
 from campaigns.passive import quantile
+from rans.episode import Setup
 from rans.evaluation.measure.metrics import PERCENTILES, impulses, settling_times, solved
 from rans.evaluation.measure.statistics import figure as rounded
 from rans.files import number
@@ -178,9 +178,8 @@ class DockErrors:
         task: Any = Dock(deadline=(deadline, deadline)).for_evaluation()
         starts = scenarios(task, craft, self.seed, self.episodes)
         few = scenarios(task, craft, self.seed, self.bounded)
-        lower = np.full(self.episodes, np.nan)
-        answers = transfer_bounds(craft, task, few, deadline)
-        lower[: self.bounded] = [answer.lower for answer in answers]
+        bounds = least_impulses(Setup(craft, task, task.timing), few)
+        lower = of_first(bounds, self.episodes)
         for name, (conditions, valves) in worlds().items():
             own = craft if valves is None else replace(craft, actuators=valves)
             flight = fly(

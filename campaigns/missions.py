@@ -136,33 +136,24 @@ class Missions:
             condition = f"{deadline:,.0f} s"
             starts = scenarios(task, craft, self.seed, self.episodes)
             few = scenarios(task, craft, self.seed, self.bounded)
-            lower = np.full(self.episodes, np.nan)
             setup = Setup(craft, task, task.timing)
-            lower[: self.bounded] = least_impulses(setup, few)
+            lower = of_first(least_impulses(setup, few), self.episodes)
             with warnings.catch_warnings():
                 # That they do not know the limits is what the table shows.
                 warnings.filterwarnings("ignore", message=".* does not know the constraints .*")
                 for who, agent in agents.items():
                     yield from self._flown(condition, who, setup, agent, lower)
-                makers: dict[str, tuple[Callable[[], Controller], Scenario]] = {
-                    "guidance": (
-                        lambda task=task: VelocityToGain(craft, task, task.timing),
-                        starts,
-                    ),
-                    "mission guidance": (
-                        lambda task=task: MissionGuidance(craft, task, task.timing),
-                        starts,
-                    ),
-                    "convex guidance": (
-                        lambda task=task: ConvexGuidance(craft, task, task.timing),
-                        scenarios(task, craft, self.seed, planned or self.bounded),
-                    ),
-                    "LQR": (lambda task=task: LQR(craft, task, task.timing), few),
+                fewer = scenarios(task, craft, self.seed, planned or self.bounded)
+                makers: dict[str, tuple[Callable[..., Controller], Scenario]] = {
+                    "guidance": (VelocityToGain, starts),
+                    "mission guidance": (MissionGuidance, starts),
+                    "convex guidance": (ConvexGuidance, fewer),
+                    "LQR": (LQR, few),
                 }
                 if not MissionGuidance.keeps_limits(task):
                     del makers["mission guidance"]
                 for who, (made, flown) in makers.items():
-                    flight = fly(craft, task, made(), flown, task.timing)
+                    flight = fly(craft, task, made(craft, task, task.timing), flown, task.timing)
                     yield row_of(condition, who, flight, impulses(flight), lower)
 
     def _approaches(self) -> Iterator[dict[str, Any]]:
@@ -170,8 +161,7 @@ class Missions:
         task: Any = FinalApproach().for_evaluation()
         craft = load_spacecraft(task.spacecraft)
         table = judged_approaches(craft, task, self.seed, self.bounded)
-        lower = np.full(self.episodes, np.nan)
-        lower[: self.bounded] = table.lower
+        lower = of_first(table.lower, self.episodes)
         yield from self._flown(
             "", "corridor", Setup(craft, task, task.timing), Corridor(craft, task), lower
         )
@@ -302,6 +292,11 @@ def _least_impulse(
     """(count,) impulse below which the mission is not won from each of the first starts, N s."""
     starts = scenarios(task, craft, seed, count)
     return least_impulses(Setup(craft, task, timing), starts)
+
+
+def of_first(values: Any, count: int) -> np.ndarray:
+    """(count,) values that are known of the first starts alone; NaN: not known."""
+    return np.pad(values, (0, count - len(values)), constant_values=np.nan)
 
 
 def least_impulses(setup: Setup, starts: Scenario) -> np.ndarray:
