@@ -43,9 +43,9 @@ class Search:
     """What the table of the page calls it."""
     horizon: float | None = None
     """Length of optimal trajectories of throttled thrusters from which it begins too, s; None: there are none."""
-    starts: int = 64
-    """Number of starts."""
-    together: int = 4
+    starts: int = 4
+    """Number of starts: as many as some minutes of 16 busy cores have searched."""
+    together: int = 2
     """Starts that a process searches together."""
 
 
@@ -58,20 +58,20 @@ def _by(deadline: float, task: OrbitalMission) -> dict[str, Any]:
 
 
 SEARCHES: dict[str, Search] = {
-    "inspect": Search(Inspect(), ("circumnavigation",), 0, together=1),
-    "hold": Search(**_by(1900.0, Hold()), rounds=2),
-    "dock": Search(**_by(1000.0, Dock()), rounds=3),
-    "rendezvous": Search(**_by(5000.0, Rendezvous()), rounds=3),
-    "avoid": Search(Avoid(), ("pretrained:avoid-2d",), 20, "default zones", 20.2),
-    "dock-port": Search(DockPort(), ("pretrained:dock-port-2d",), 20, "default rates", 30.0),
+    "inspect": Search(Inspect(), ("circumnavigation",), 0, starts=20, together=1),
+    "hold": Search(**_by(1900.0, Hold()), rounds=2, starts=8, together=4),
+    "dock": Search(**_by(1000.0, Dock()), rounds=3, starts=44),
+    "rendezvous": Search(**_by(5000.0, Rendezvous()), rounds=3, starts=8),
+    "avoid": Search(Avoid(), ("pretrained:avoid-2d",), 20, "default zones", 20.2, 8),
+    "dock-port": Search(DockPort(), ("pretrained:dock-port-2d",), 20, "default rates", 30.0, 4),
     **{
         f"dock, eccentricity {e:g}": Search(
-            **_by(1000.0, Dock(orbit=orbit_of(e))), rounds=1, starts=16, together=1
+            **_by(1000.0, Dock(orbit=orbit_of(e))), rounds=1, starts=2, together=1
         )
         for e in ECCENTRICITIES
     },
     "hold, J2 and drag": Search(
-        **_by(1000.0, around_the_earth()[1]), rounds=20, starts=16, together=1
+        **_by(1000.0, around_the_earth()[1]), rounds=20, starts=2, together=1
     ),
 }
 """All searches; a lander is steered by torques, which `rans improve` does not change."""
@@ -114,10 +114,11 @@ def row_of_search(name: str, found: np.ndarray) -> dict[str, Any]:
     who = " and ".join(search.contestants)
     if search.horizon is not None:
         who += f" and optimal trajectories by {search.horizon:g} s"
-    result = row(search.condition, f"from {who}", won, ~won & False, after, (after / lower)[won])
-    if isinstance(search.task, Inspect):
-        # Bounds of single starts may be zero.
-        result["ratio"] = float(after[won].sum() / lower[won].sum())
+    # Bounds of single inspections may be zero.
+    single = not isinstance(search.task, Inspect)
+    ratios = (after / lower)[won] if single else after[won].sum() / lower[won].sum(keepdims=True)
+    result = row(search.condition, f"from {who}", won, ~won & False, after, ratios)
+    result["compared"] = int(won.sum())
     # The cheapest contestant of each start, and the search beside it.
     began = np.nan_to_num(spent, nan=np.inf).min(axis=1)
     begun = np.isfinite(began)
@@ -128,9 +129,22 @@ def row_of_search(name: str, found: np.ndarray) -> dict[str, Any]:
         "rounds": search.rounds,
         "before": float(began[begun].mean()),
         "improved": int(gained.sum()),
+        "gains": bool(after[begun].mean() < (1.0 - _GAIN) * began[begun].mean()),
         "over": [_over(one, after) for one in spent.T],
         "impulses": found.tolist(),
     }
+
+
+def cells(evidence: Any) -> Iterator[dict[str, Any]]:
+    """Rows of the table, with what contestants spend over what was found."""
+    for one in evidence["rows"]:
+        names = SEARCHES[one["mission"]].contestants
+        ratios = [
+            f"{who} {over['mean']:.3f} ({over['worst']:.3f})"
+            for who, over in zip(names, one["over"], strict=False)
+            if over["mean"] is not None
+        ]
+        yield {**one, "ratios": ", ".join(ratios)}
 
 
 def _over(spent: np.ndarray, found: np.ndarray) -> dict[str, float | None]:

@@ -124,8 +124,17 @@ def rows(docs: Path, mission: str) -> tuple[Sequence[str], list[list[str]]]:
     evidence = read_json(docs / "validation" / f"mission-{mission}.json")
     lines = [_bound(mission, asked, flown)]
     found = _found(docs, mission)
-    entries = [(_CHEAPEST, *_cheapest({**flown, **found}, _optima(docs, mission)))]
-    entries += [(_FOUND, who, row) for who, row in found.items()]
+    # What gains nothing is no other flight, and its starts may be others.
+    better = {who: row for who, row in found.items() if row["gains"]}
+    entries = [(_CHEAPEST, *_cheapest({**flown, **better}, _optima(docs, mission)))]
+    for who, row in found.items():
+        if row["gains"]:
+            entries.append((_FOUND, who, row))
+        else:
+            name = f"{who}: gains below 0.1 %"
+            lines.append(
+                [_FOUND, name, f"{row['starts']:,}", f"{100.0 * row['won']:.1f}", *"-----"]
+            )
     entries += [(what, who, flown.get(who)) for what, who in asked.rows]
     for what, who, row in entries:
         orbital = bool(asked.passive and asked.condition) and who in flown

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 from typing import cast
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from rans_missions.bounds.first_starts import bounded, mission_bounds, steps_of
-from rans_missions.bounds.landings import LandingAnswer
+from rans_missions.bounds.landings import LandingAnswer, landing_table, write_landings
 from rans_missions.control.landing_guidance import LandingGuidance
 from rans_missions.convex.landing import Descent, Lander, Landing, landing
 from rans_missions.figures.landing_figures import descent, propellant_beside_bounds, thrust_and_tilt
@@ -20,6 +22,7 @@ from rans.evaluation.compare.mission_bounds import MissionBounds
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.controllers import default_opponents
 from rans.evaluation.measure.metrics import impulses, propellant_used
+from rans.files import number
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions import BodyConditions, Conditions, FaultConditions
 from rans.show.figures.mission_figures import margins_over_time, spent_over_time
@@ -70,6 +73,44 @@ def test_a_landing_that_one_engine_loses_is_not_good(lost: str) -> None:
     answer = LandingAnswer(0, cast(Landing, object()), replayed=0.001, in_drake=0.001)
     assert answer.good
     assert not replace(answer, **{lost: np.nan}).good
+
+
+def refused(constant: str) -> float:
+    raise AssertionError(f"{constant} is no JSON")
+
+
+def test_a_user_reads_every_start_and_the_paths_of_those_that_land(tmp_path: Path) -> None:
+    """Two periods of 3 s with 5 kg, proven 4.5 kg; the second start has no landing, and no number either."""
+    plan = Landing(
+        period=3.0,
+        p=np.zeros((3, 3)),
+        v=np.zeros((3, 3)),
+        mass=np.array([10.0, 7.0, 5.0]),
+        acceleration=np.tile([0.0, 0.0, 2.0], (2, 1)),
+        slack=np.array([2.0, 2.5]),
+        propellant=5.0,
+        dual=4.5,
+        primal_residual=1e-9,
+        dual_residual=2e-9,
+    )
+    answers = [LandingAnswer(0, plan, 4.25, 0.01, 0.02), LandingAnswer(1, None)]
+    write_landings(tmp_path, {"task": "land"}, answers)
+    text = (tmp_path / "optimal.json").read_text(encoding="utf-8")
+    found = json.loads(text, parse_constant=refused)
+    assert found["task"] == "land"
+    first, second = found["starts"]
+    assert (first["good"], first["time"], first["duality_gap"]) == (True, 6.0, 0.5)
+    assert first["looseness"] == pytest.approx(0.25)
+    assert second["good"] is False
+    missing = {name for name, value in second.items() if np.isnan(number(value))}
+    assert missing == first.keys() - {"start", "good"}
+    arrays = np.load(tmp_path / "optimal.npz")
+    assert set(arrays) == {"p_0", "v_0", "mass_0", "acceleration_0"}
+    np.testing.assert_array_equal(arrays["mass_0"], plan.mass)
+    # The table: what was lost is said, and a flight that an engine loses is told from one that was solved.
+    elsewhere = LandingAnswer(2, plan, 4.25, 0.01, 5.0)
+    ends = [row[-1] for row in landing_table("", [*answers, elsewhere]).rows]
+    assert len(set(ends)) == 3
 
 
 def test_a_dead_engine_takes_more(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,40 @@
+"""What a row says of searches, by numbers that are worked out by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from campaigns.least import cells, row_of_search
+
+
+def test_a_row_compares_contestants_with_what_was_found() -> None:
+    """Of three starts one gains a half, one nothing, and one is won by nobody at first."""
+    # Columns: convex, mission, found, bound.
+    found = np.array([[4.0, 6.0, 2.0, 1.0], [3.0, np.nan, 3.0, 2.0], [np.nan, np.nan, 1.0, 1.0]])
+    row = row_of_search("dock", found)
+    assert row["before"] == pytest.approx(3.5)
+    assert row["spent"] == pytest.approx(2.0)
+    assert row["ratio"] == pytest.approx((2.0 + 1.5 + 1.0) / 3.0)
+    assert row["improved"] == 2
+    assert row["gains"] is True
+    convex, mission = row["over"]
+    assert (convex["mean"], convex["worst"]) == (pytest.approx(7.0 / 5.0), 2.0)
+    assert (mission["mean"], mission["worst"]) == (3.0, 3.0)
+    (cell,) = cells({"rows": [row]})
+    assert cell["ratios"] == "convex 1.400 (2.000), mission 3.000 (3.000)"
+
+
+def test_a_search_that_finds_nothing_gains_nothing() -> None:
+    found = np.array([[4.0, 6.0, 4.0 - 1e-6, 1.0], [3.0, 3.5, 3.0, 2.0]])
+    row = row_of_search("dock", found)
+    assert row["improved"] == 0
+    assert row["gains"] is False
+
+
+def test_inspections_without_a_burn_count_in_the_ratio_of_means() -> None:
+    found = np.array([[1.0, 0.5, 0.0], [0.0, 0.0, 0.0], [2.0, 1.5, 1.0]])
+    row = row_of_search("inspect", found)
+    assert row["ratio"] == pytest.approx(2.0)
+    assert row["compared"] == 3
+    assert row["over"][0]["worst"] == 2.0
