@@ -422,6 +422,7 @@ def _swing(force: Range, random: Random) -> SinusoidalWrench | None:
 
 
 def _kick(size: Range, steps: int, random: Random) -> ImpulsiveWrench | None:
+    if largest(size) == 0.0:
+        return None
     step = floor(random.unit() * float(steps))
-    impulse = _push(size, 0.0, random)
-    return None if impulse is None else ImpulsiveWrench(step, impulse)
+    return ImpulsiveWrench(step, Wrench(random.vector(size), random.turn(0.0)))
