@@ -31,6 +31,7 @@ _PLAIN = {
     "farthest": (0.0,),
     "farthest_lost": (0.0,),
     "frugal": ([],),
+    "reach": ([],),
     "filling": ([],),
     "adapts": (False,),
     "history": (0,),

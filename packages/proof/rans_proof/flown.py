@@ -66,6 +66,7 @@ _PROVED: dict[str, Any] = {
     "farthest": 0.0,
     "farthest_lost": 0.0,
     "frugal": (),
+    "reach": (),
     "filling": (),
     "adapts": False,
     "history": 0,
