@@ -192,10 +192,10 @@ def test_intervals_of_torques_have_the_joint_covariance_of_rates_and_attitudes()
         )
         for rate in rows.rates
     ]
-    A = block_diag(*by_readings)
-    whitening = block_diag(*(model.whitening(rows, values, spread)[0] @ rows.rotation))
+    A = np.asarray(block_diag(*by_readings))
+    whitening = np.asarray(block_diag(*(model.whitening(rows, values, spread)[0] @ rows.rotation)))
     covariance = np.linalg.inv(np.asarray(whitening.T @ whitening))
-    covariance += A @ (joint - block_diag(*alone)) @ A.T
+    covariance += A @ (joint - np.asarray(block_diag(*alone))) @ A.T
     _, D, X, _, _, _ = linear.parts[0]
     columns = np.concatenate([X, -D], axis=1)
     middle = columns.T @ whitening @ covariance @ whitening.T @ columns
