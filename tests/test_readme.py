@@ -13,6 +13,7 @@ import subprocess
 import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,8 @@ from rans.display import meanings
 from rans.errors import EXTRAS, ConfigError
 from rans.evaluation.measure.metrics import samples
 from rans.fast.learn.algorithms import with_algorithm
-from rans.fast.learn.config import FilterSettings, MemorySettings, PPOSettings
+from rans.fast.learn.changes import change_entry
+from rans.fast.learn.config import FilterSettings, MemorySettings, PPOSettings, to_table
 from rans.fast.learn.recipes import training
 from rans.flight import fly
 from rans.model.fields import Vec2, map_leaves
@@ -218,6 +220,17 @@ def commands() -> set[str]:
     return found
 
 
+def check_changes(task: str, arguments: list[str]) -> None:
+    """Refuse (`ConfigError`) a --set of an entry that a training of this task does not have; of a file, go-to-pose.
+
+    Algorithms of one's own are not installed here.
+    """
+    table = to_table(training(task if task in TASKS else "go-to-pose", device="cpu"))
+    for word, change in pairwise(arguments):
+        if word == "--set" and not change.startswith("algorithm="):
+            change_entry(table, *change.split("=", 1))
+
+
 def test_commands_parse() -> None:
     refused = []
     for line in sorted(commands()):
@@ -225,6 +238,8 @@ def test_commands_parse() -> None:
         if len(arguments) > 1 and arguments[0] in COMMANDS:
             try:
                 _parse(arguments)
+                if arguments[0] == "train":
+                    check_changes(arguments[1], arguments)
             except (SystemExit, ConfigError) as error:
                 refused.append((line, str(error)))
     assert not refused
@@ -236,6 +251,8 @@ def test_commands_of_templates_and_scripts_are_seen() -> None:
     assert "rans evaluate any-craft-2d@mine.toml" in commands()
     with pytest.raises(ConfigError, match="has no option --spacecraft"):
         _parse(["evaluate", "any-craft-2d", "--spacecraft", "mine.toml"])
+    with pytest.raises(ConfigError, match=r"no 'ppo\.anneal'"):
+        check_changes("go-to-pose", ["--set", "ppo.anneal=0.5"])
 
 
 def test_torchrun_takes_no_option_of_ours_for_its_own() -> None:
