@@ -36,15 +36,16 @@ def endpoint(words: Sequence[str], like: State) -> State:
     motion = replace(like, notes=None, stores=())
     names = NAMES[len(leaves(motion))]
     values = dict.fromkeys(names, 0.0)
-    if "q.w" in values:
+    pairs = _pairs(words)
+    if "q.w" in values and not any(key.startswith("q.") for key, _ in pairs):
         values["q.w"] = 1.0
-    for key, text in _pairs(words):
+    for key, text in pairs:
         if key not in values:
             raise ConfigError(
                 f"a state has no {key!r}{meant(key, names)}; its values are {', '.join(names)}."
             )
         try:
-            values[key] = float(text)
+            values[key] = math.nan if isinstance(text, bool) else float(text)
         except (TypeError, ValueError):
             values[key] = math.nan
         if not math.isfinite(values[key]):

@@ -192,8 +192,8 @@ def dominations(comparison: Comparison) -> list[tuple[str, str]]:
 def verdict(comparison: Comparison) -> str:
     """Who dominates whom, then who is quicker or cheaper than the first contestant; "" if nobody flies beside it.
 
-    Who does not arrive from half of the starts is left out of the second part, because to stay where one is costs
-    nothing.
+    Who does not arrive from half of the starts, the first contestant too, is left out of the second part: to stay
+    where one is costs nothing.
     """
     if len(comparison.entries) < 2:
         return ""
@@ -204,7 +204,7 @@ def verdict(comparison: Comparison) -> str:
     groups: dict[tuple[int, int], list[str]] = {}
     for entry in others:
         said = (entry.name, first.name) in pairs or (first.name, entry.name) in pairs
-        if not said and np.isfinite(np.median(_times(entry))):
+        if not said and all(np.isfinite(np.median(_times(each))) for each in (first, entry)):
             signs = _sign(apart[entry.name][time]), _sign(apart[entry.name][_IMPULSE])
             groups.setdefault(signs, []).append(entry.name)
     # Who beats the first contestant comes first, then whom it beats; a trade-off is said of the other.

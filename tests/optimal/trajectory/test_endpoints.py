@@ -23,12 +23,17 @@ def test_a_quaternion_is_made_a_unit() -> None:
     half = math.sqrt(0.5)
     assert leaves(found) == pytest.approx((0, 0, 1, half, half, 0, 0, 0, 0, 0, 0, 0, 0))
     assert leaves(endpoint([], spatial()))[3:7] == (1.0, 0.0, 0.0, 0.0)
+    # Half a turn: of what is named in part, the rest is zero.
+    assert leaves(endpoint(["q.z=1"], spatial()))[3:7] == (0.0, 0.0, 0.0, 1.0)
 
 
 def test_a_file_names_the_same_keys(tmp_path: Path) -> None:
     file = tmp_path / "start.toml"
     file.write_text("heading = 1.5\n[p]\nx = 3\n")
     assert leaves(endpoint([str(file)], planar())) == (3.0, 0.0, 1.5, 0.0, 0.0, 0.0)
+    file.write_text("heading = true\n")
+    with pytest.raises(ConfigError, match="heading must be a finite number, got True"):
+        endpoint([str(file)], planar())
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,7 @@ def beside(**others: tuple[float, float]) -> Comparison:
         ({"x": (5.0, 4.0)}, "", "ours is cheaper than x."),
         ({"x": (5.0, 3.0)}, "", ""),
         ({"idle": (1e3, 0.0)}, "", ""),  # it stays where it is, for nothing
+        ({"ours": (1e3, 0.0), "x": (5.0, 3.0)}, "", "from the same 12 starts."),
         (
             {"x": (6.0, 4.0), "y": (4.0, 2.0)},
             "y dominates ours; ours and y dominate x",

@@ -168,7 +168,7 @@ def inaccuracy(slosh: Slosh, craft: Spacecraft, states: Any, going: Any, timing:
     return (
         f"swings the liquid of {craft.name} at up to {reached:.3g} rad/s, but its motion is accurate up to "
         f"{bound:.3g} rad/s; set timing.substeps to {needed} or more. The usual "
-        " cause is a liquid with little friction, which thrust in step with it makes ever faster."
+        "cause is a liquid with little friction, which thrust in step with it makes ever faster."
     )
 
 
