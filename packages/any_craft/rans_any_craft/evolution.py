@@ -459,7 +459,10 @@ def evolve(
     settings: EvolutionSettings,
     report: Callable[[str], None] = lambda line: None,
 ) -> list[dict[str, Tensor]]:
-    """Weights of `NODES` by name.
+    """Evolve weights for the values `NODES` from fast to frugal for some time, and choose the best of each.
+
+    Returns weights by name, one table a value of `NODES`, in this order. The time is that of a clock, so that
+    another machine finds others.
 
     Args:
         begun: the network that `rans_any_craft.training.train` has trained, then those of the nodes if there are

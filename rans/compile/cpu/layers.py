@@ -112,6 +112,7 @@ class CpuLayers:
         """Print all layers for one tile of `WIDTH` spacecraft after another."""
 
         def tile(number: Value, _: list[Value]) -> list[Value]:
+            """Print all layers for the `WIDTH` spacecraft of one tile."""
             first = code.mul(number, LONG(WIDTH))
             source = code.at(rows, first, FLOAT)
             step = stride

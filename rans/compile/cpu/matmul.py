@@ -131,7 +131,7 @@ def row_correlations(
             def vectors_at(
                 k: Value, x: Value, stride: Value, begin: Value, count: int
             ) -> list[Value]:
-                """Vector k of ``count`` rows of x from one on."""
+                """Vector k (`LANES` numbers) of ``count`` rows of x from row ``begin``; ``stride`` in numbers."""
                 offset = code.mul(k, LONG(LANES))
                 starts = [code.mul(code.add(begin, LONG(i)), stride) for i in range(count)]
                 return [code.read(x, code.add(start, offset)) for start in starts]

@@ -21,7 +21,7 @@ class Value(NamedTuple):
     """How a table is stored whose entries repeat, or are whole steps."""
 
     def entry(self, row: str, column: str) -> str:
-        """Its entry, as a table of rows."""
+        """C text of its entry in a row and column; ``row`` is a number or a name, ``column`` any expression."""
         width = math.prod(self.shape[1:])
         if self.packed is not None:
             return self.packed.entry(self.text, row, column, width)

@@ -80,7 +80,11 @@ class Visiting(VelocityGuidance[Inspect]):
         self._afterwards.reset(count)
 
     def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
-        """See the base; craft that have seen enough go behind the target, whatever the size of the change."""
+        """Changes of velocity in W, m/s, (N, 3), and which craft burn now, (N,).
+
+        Small changes wait; craft that have seen enough go behind the target, whatever the size of the change. The
+        state decides, and not the time.
+        """
         change = self._change_to_next_view(state, goal)
         over = np.asarray(self.task.reached(state, goal))
         burns = (np.linalg.norm(change, axis=0) > self._least) | over

@@ -230,7 +230,7 @@ class TargetOrbit(Settings):
         return math.radians(self.argument_of_latitude_degrees[0])
 
     def angle(self, random: Random) -> Field:
-        """Angle at a start, rad, from the range; see `motion`."""
+        """Where a start finds the target, rad: mean anomaly on an ellipse, argument of latitude on a circle."""
         if self.eccentricity:
             return mean_anomaly(
                 random.uniform(*map(math.radians, self.true_anomaly_degrees)), self.eccentricity
