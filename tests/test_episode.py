@@ -254,7 +254,7 @@ def under(conditions: Conditions, count: int = 1) -> tuple[World, Scenario, Draw
 
 
 @pytest.mark.parametrize(
-    ("least", "told", "done"),
+    ("least", "ordered", "done"),
     [
         # Of 0.2 s each: open for 0.5 s at least, so three periods.
         (0.5, "10001111", "11101111"),
@@ -266,11 +266,11 @@ def under(conditions: Conditions, count: int = 1) -> tuple[World, Scenario, Draw
         (0.4, "11101101", "11101101"),
     ],
 )
-def test_valves_stay_open_for_as_long_as_they_must(least: float, told: str, done: str) -> None:
+def test_valves_stay_open_for_as_long_as_they_must(least: float, ordered: str, done: str) -> None:
     held = Conditions(thrusters=ThrusterConditions(least_on=least))
     world, _, own, now = under(held)
     seen = ""
-    for bit in told:
+    for bit in ordered:
         outcome = step(world, now, (np.array([float(bit)]), *[np.zeros(1)] * 7), own)
         now = outcome.episode
         seen += str(int(outcome.command[0][0]))

@@ -9,7 +9,7 @@ from campaigns.least import cells, row_of_search
 
 
 def test_a_row_compares_contestants_with_what_was_found() -> None:
-    """Of three starts one gains a half, one nothing, and one is won by nobody at first."""
+    """Three starts: one gains a half, one gains nothing, and one was won by no contestant."""
     # Columns: convex, mission, found, bound.
     found = np.array([[4.0, 6.0, 2.0, 1.0], [3.0, np.nan, 3.0, 2.0], [np.nan, np.nan, 1.0, 1.0]])
     row = row_of_search("dock", found)

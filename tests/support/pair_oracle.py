@@ -119,22 +119,22 @@ class Oracle:
     def valves(self, commands: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """Instants at which a valve is told to move, and where all of them are told to be from then on."""
         kind = self.craft.actuators
-        told = [(-math.inf, np.zeros(len(self.craft.thrusters)))]
+        orders = [(-math.inf, np.zeros(len(self.craft.thrusters)))]
         for k, command in enumerate(commands):
             begins = k * self.period
             if isinstance(kind, Pulsed):
                 counts = np.floor(command * kind.counts + 0.5)
                 counts[counts < kind.least] = 0.0
-                told += [
+                orders += [
                     (begins + now / kind.counts * self.period, 1.0 * (counts > now))
                     for now in sorted({0.0, *counts[counts < kind.counts].tolist()})
                 ]
             elif isinstance(kind, Throttle) and not kind.always_lit:
                 lit = command >= kind.least / 2
-                told.append((begins, np.where(lit, np.maximum(command, kind.least), 0.0)))
+                orders.append((begins, np.where(lit, np.maximum(command, kind.least), 0.0)))
             else:
-                told.append((begins, command))
-        return told
+                orders.append((begins, command))
+        return orders
 
     def dwelling(self, commands: np.ndarray) -> np.ndarray:
         """On/off commands as valves carry them out that may not move again too soon."""
@@ -156,13 +156,13 @@ class Oracle:
         self, commands: np.ndarray
     ) -> Iterator[tuple[float, float, np.ndarray, np.ndarray]]:
         """Pieces (begin, end, shares at its begin, shares at its end) of the whole flight, linear in time."""
-        told = self.valves(self.dwelling(commands))
+        orders = self.valves(self.dwelling(commands))
         lag = None if self.drawn is None else self.drawn.lag
         late = 0.0 if lag is None else lag.latency
         rise = 0.0 if lag is None or lag.rise is None else lag.rise
         end = len(commands) * self.period
         edges = {k * self.period for k in range(len(commands) + 1)} | {self.fails}
-        for time, _ in told[1:]:
+        for time, _ in orders[1:]:
             edges |= {time + late, time + late + rise}
         edges = sorted(edge for edge in edges if 0.0 <= edge <= end)
         edges = [0.0, *(b for a, b in itertools.pairwise(edges) if b - a > 1e-12)]
@@ -171,23 +171,23 @@ class Oracle:
             health = self.failed if begin >= self.fails - 1e-13 else self.sound
             # Inside the piece nothing jumps.
             a, b = (
-                self._shares(told, begin + x * (until - begin), health, late, rise, settled)
+                self._shares(orders, begin + x * (until - begin), health, late, rise, settled)
                 for x in (0.25, 0.75)
             )
             yield begin, until, 1.5 * a - 0.5 * b, 1.5 * b - 0.5 * a
 
     def _shares(
         self,
-        told: Sequence[tuple[float, np.ndarray]],
+        orders: Sequence[tuple[float, np.ndarray]],
         time: float,
         health: Health,
         late: float,
         rise: float,
         settled: float,
     ) -> np.ndarray:
-        first = max(k for k, (when, _) in enumerate(told) if when + settled <= time)
-        shares = before = self.supplied(told[first][1], health)
-        for when, opened in told[first + 1 :]:
+        first = max(k for k, (when, _) in enumerate(orders) if when + settled <= time)
+        shares = before = self.supplied(orders[first][1], health)
+        for when, opened in orders[first + 1 :]:
             gone = time - when - late
             if gone < 0.0:
                 break

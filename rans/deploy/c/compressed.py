@@ -93,7 +93,7 @@ class Stepped(NamedTuple):
     indices: np.ndarray
     """(rows, columns) int8."""
     bits: int
-    """Of an entry; two entries of 4 bits are a byte, the first in its lower half, and count from -8."""
+    """Bits of an entry: 8 or 4. Two of 4 bits are a byte, the first in its lower half, and count from -8."""
 
     @classmethod
     def of(cls, table: np.ndarray) -> Stepped | None:

@@ -14,7 +14,7 @@ from pydrake.geometry import Cylinder, InMemoryMesh, Mesh, Rgba, Shape
 from pydrake.math import RigidTransform, RotationMatrix
 
 SIDES = 20
-"""Of the polygon that stands for a circle."""
+"""Number of sides of the polygon that stands for a circle."""
 
 
 def rod(

@@ -116,15 +116,15 @@ def test_it_starts_moves_and_observes_as_python_does(name: str, tmp_path: Path) 
     run = run_of(name)
     page = playground(run, SEED)
     script = f"""{page.script}
-const flight = new Flight(5), told = [];
+const flight = new Flight(5), taken = [];
 flight.delay = 1;
 for (let k = 0; k < 40; ++k) {{
   if (k === 10) {{ flight.faults[0] = "dead"; flight.faults[3] = "stuck open"; }}
   if (k === 20 && DATA.moves) flight.placeGoal([1, -0.5, 0.3]);
   flight.step();
-  told.push({{command: flight.command, state: flight.carried.slice(0, DATA.goal), errors: flight.seen.errors}});
+  taken.push({{command: flight.command, state: flight.carried.slice(0, DATA.goal), errors: flight.seen.errors}});
 }}
-console.log(JSON.stringify(told));"""
+console.log(JSON.stringify(taken));"""
     found = answer(script, tmp_path)
 
     flight = InteractiveFlight([run], SEED, 5)
@@ -310,16 +310,16 @@ def test_a_drawn_craft_flies_as_it_does_in_python(
     run = run_of(agent)
     page = playground(run, SEED)
     asked = f"""{page.script}
-const craft = {json.dumps(script)}, {{ways, numbers, period}} = assessed(craft), told = [];
+const craft = {json.dumps(script)}, {{ways, numbers, period}} = assessed(craft), taken = [];
 use(craft);
 const flight = new Flight(5);
 flight.refit();
 for (let k = 0; k < 40; ++k) {{
   if (k === 10) flight.faults[0] = "dead";
   flight.step();
-  told.push({{command: flight.command, state: flight.carried.slice(0, DATA.goal)}});
+  taken.push({{command: flight.command, state: flight.carried.slice(0, DATA.goal)}});
 }}
-console.log(JSON.stringify({{ways, margin: numbers[3], period, told, toml: toml(craft)}}));"""
+console.log(JSON.stringify({{ways, margin: numbers[3], period, taken, toml: toml(craft)}}));"""
     found = answer(asked, tmp_path)
 
     timing = timing_for(craft, run.timing)
@@ -327,7 +327,7 @@ console.log(JSON.stringify({{ways, margin: numbers[3], period, told, toml: toml(
     np.testing.assert_allclose(found["ways"], authority(craft, 0.1)[1:], rtol=1e-9)
     assert found["margin"] == pytest.approx(authority_margin(columns), rel=1e-9)
     flight = InteractiveFlight([for_spacecraft(run, craft, timing)], SEED, 5)
-    for k, row in enumerate(found["told"]):
+    for k, row in enumerate(found["taken"]):
         if k == 10:
             flight.dead.add(0)
         flight.step()
@@ -389,12 +389,12 @@ def test_a_controller_of_ones_own_flies_in_a_page_as_in_python(tmp_path: Path) -
     """That of the example that readers copy, by the name that a user types."""
     run = contestant(typed("examples.single_file.controller:PD:go-to-pose-2d"))
     script = f"""{playground(run, SEED).script}
-const flight = new Flight(5), told = [];
+const flight = new Flight(5), taken = [];
 for (let k = 0; k < 40; ++k) {{
   flight.step();
-  told.push({{command: flight.command, state: flight.carried.slice(0, DATA.goal)}});
+  taken.push({{command: flight.command, state: flight.carried.slice(0, DATA.goal)}});
 }}
-console.log(JSON.stringify(told));"""
+console.log(JSON.stringify(taken));"""
     flight = InteractiveFlight([run], SEED, 5)
     for row in answer(script, tmp_path):
         flight.step()

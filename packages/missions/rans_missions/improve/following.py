@@ -19,11 +19,11 @@ class Manner(NamedTuple):
     turned: float
     """Time after which the attitude should be, s."""
     price: float
-    """Of a pulse, in squares of `_NEAR` or `_AIMED`."""
+    """Price of a pulse, in squares of `_NEAR` or `_AIMED`."""
 
 
 MANNERS = tuple(Manner(*one) for one in itertools.product((2.0, 4.0), (0.7, 1.5), (0.3, 1.0, 3.0)))
-"""Of one start each has another flight, and none is the best everywhere."""
+"""Manners of following that are tried from every start; none of them is the best from all starts."""
 _NEAR = 0.05
 """Distance from the flight that costs 1, m."""
 _AIMED = 0.09

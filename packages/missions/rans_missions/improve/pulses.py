@@ -64,7 +64,7 @@ class _Kept:
     missed: np.ndarray
     """(M,) tolerances; 0: solved."""
     price: float
-    """Of missing the goal by e - 1 tolerances, N s."""
+    """Price of missing the goal by e - 1 tolerances, N s."""
     luck: float
     """Mean cost that is added at random to flights but the best where it is decided which are kept, N s."""
     random: np.random.Generator

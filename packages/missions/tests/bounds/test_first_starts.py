@@ -170,7 +170,7 @@ def test_figures_show_paths_margins_and_what_is_impossible(entry: Entry) -> None
 
 
 def test_a_final_approach_has_a_bound_of_each_start_and_no_front() -> None:
-    """Of 15 m from a port: more than nothing, and less than to fly there and stop with both burns on the way."""
+    """From 15 m it is more than nothing, and less than two burns on the way to the port spend."""
     chaser = load_spacecraft("vbar-chaser")
     task = FinalApproach(spawn_distance=(14.0, 16.0)).for_evaluation()
     contest = Contest(chaser, task, replace(task.timing, episode_steps=65), seed=5, episodes=1)

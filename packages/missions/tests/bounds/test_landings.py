@@ -114,7 +114,7 @@ def test_a_user_reads_every_start_and_the_paths_of_those_that_land(tmp_path: Pat
 
 
 def test_a_dead_engine_takes_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a short way, and without the front: the least propellant alone."""
+    """The way is short and the front left out: the least propellant decides."""
     monkeypatch.setattr("rans_missions.bounds.first_starts._AROUND", (0.0, 0.0))
     short = 300.0, 300.0
     task = Land(start_altitude=short, start_distance=short, start_descent=(30.0, 30.0))

@@ -90,7 +90,7 @@ def test_a_closed_ellipse_is_twice_as_long_as_wide_and_closes(quarter: float) ->
 
 
 def test_a_change_that_is_too_large_keeps_its_direction() -> None:
-    """Of components of 0.3 and -0.6 m/s, 0.2 m/s can be given: a third; what is small enough stays as it is."""
+    """0.3 and -0.6 m/s become a third where 0.2 m/s is possible; what is small enough stays as it is."""
     changes = np.array([[0.3, -0.6, 0.0], [0.05, 0.0, -0.1]])
     given, largest = weaker(changes, 0.2)
     np.testing.assert_allclose(given, [[0.1, -0.2, 0.0], [0.05, 0.0, -0.1]], atol=1e-15)

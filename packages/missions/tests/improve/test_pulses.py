@@ -70,7 +70,7 @@ def test_a_broken_limit_counts_beside_the_errors() -> None:
 
 
 def test_changes_of_pulses_do_what_they_say_and_a_set_has_each_pulse_once() -> None:
-    """Of every change one pulse at most goes, and one at most comes where there was none."""
+    """A change takes at most one pulse away, and adds at most one where there was none."""
     random = np.random.default_rng(3)
     flight = (random.random((30, 4)) < 0.1).astype(float)
     changes = pulses._changes(flight, random)
@@ -85,7 +85,7 @@ def test_changes_of_pulses_do_what_they_say_and_a_set_has_each_pulse_once() -> N
 
 
 def test_sets_of_changes_lead_to_the_goal_where_effects_add_up() -> None:
-    """Of many changes two shift a flight to its goal together, and none does alone."""
+    """Two of the changes shift a flight to its goal together, and none does alone."""
     random = np.random.default_rng(4)
     count = 300
     effects = random.normal(size=(count, 1, 2))

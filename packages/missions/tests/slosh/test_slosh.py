@@ -373,7 +373,7 @@ class Hidden(rans.Slosh):
 
 @pytest.mark.parametrize("others", [(), (SLOSH,)], ids=["alone", "beside slosh"])
 def test_a_mass_that_moves_undeclared_is_refused(others: Any) -> None:
-    """Of two masses that move, one undeclared, only the first would be integrated."""
+    """With two moving masses, one of them undeclared, only the first would be integrated."""
     hidden = Hidden(SLOSH.mass, SLOSH.length, SLOSH.hinge, SLOSH.direction, SLOSH.damping)
     craft = replace(SLOSHING, further_effectors=(*others, hidden))
     start = states(craft, 1)
