@@ -31,6 +31,9 @@ _EXACT = 1e-9
 """Part of a wrench that may be missing."""
 _FLIPS = 20
 """Rounds of improvement at most; three are usual."""
+_TIE = 1e-9
+"""What the impulse of all thrusters adds to the cost of a pattern, as a share of the dearest beside it: above a
+double's rounding of that cost, and below any difference of wrench that could be flown."""
 _SATURATED = 0.99
 """Share of what the thrusters can give from which on a wrench counts as more than they can."""
 
@@ -305,11 +308,15 @@ class ThrusterPatterns:
 
     Neighbours differ in at most two thrusters. Two at a time find pairs whose torques cancel: with one at a
     time the LQR tracks velocities with the free flyer from 39 instead of 50 of 50 starts, and takes the
-    platform with shared thrust to 29 of 50 positions.
+    platform with shared thrust to 29 of 50 positions. Of equal ones the one of least impulse is the best, or
+    thrusters would stay open that push against one another.
     """
 
     def __init__(self, craft: Spacecraft) -> None:
         self.wrenches = craft.wrenches
+        forces = np.array([thruster.force for thruster in craft.thrusters])
+        self._impulse = forces / max(forces.sum(), 1e-300)
+        """Share that each thruster open has of the impulse of all."""
         self._shared = craft.thrust_sharing == "split"
         single = np.eye(
             len(self.wrenches), dtype=bool
@@ -348,11 +355,13 @@ class ThrusterPatterns:
                 break
             candidates = pattern[free][:, None] ^ self._flips
             costs = cost(free, candidates)
+            dearest = costs.max(axis=1, keepdims=True)
+            costs = costs + _TIE * dearest * (self.shares(candidates) @ self._impulse)
             episodes = np.arange(len(free))
             first = costs.argmin(axis=1)
             pattern[free] = candidates[episodes, first]
             # by more than rounding, or equal patterns would take turns
-            free = free[costs[episodes, first] < costs[:, 0] - 1e-12 * (1 + costs[:, 0])]
+            free = free[costs[episodes, first] < costs[:, 0] - 1e-12 * dearest[:, 0]]
         return pattern
 
 

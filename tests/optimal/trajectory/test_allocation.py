@@ -181,6 +181,21 @@ def test_no_change_of_two_thrusters_would_be_closer(craft: Spacecraft, sharing: 
             assert energy(other, aim) >= least - 1e-9
 
 
+@pytest.mark.parametrize("craft", CRAFTS[:2], ids=lambda craft: craft.name)
+def test_no_two_open_thrusters_cancel(craft: Spacecraft) -> None:
+    """Both crafts are made of opposed pairs, so patterns tie; impulse that does nothing must not be spent."""
+    modulator = SigmaDelta(craft)
+    modulator.reset(64)
+    columns = np.array(craft.wrench_map)
+    pairs = combinations(range(len(columns)), 2)
+    opposed = [(i, j) for i, j in pairs if np.allclose(columns[i] + columns[j], 0.0, atol=1e-12)]
+    assert len(opposed) == len(columns) // 2
+    for wanted in np.split(wrenches(craft, 1.5, 64 * 20), 20):
+        opened = modulator.round(wanted)
+        for i, j in opposed:
+            assert not (opened[:, i] * opened[:, j]).any()
+
+
 def test_rest_opens_nothing_and_forgets() -> None:
     craft = CRAFTS[0]
     modulator = SigmaDelta(CRAFTS[0])
