@@ -30,6 +30,7 @@ from rans.terminal import Terminal, doing, progress, stages
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
     from rans.flight import Flight
+    from rans.model.spacecraft import Spacecraft
     from rans.randomization.conditions import Conditions
 
 _KEPT = 2**16
@@ -45,6 +46,15 @@ FLIGHT_FILES: Registry[Callable[[Flight, Path], str]] = Registry(
 )
 """Forms in which installed packages write flights, by the name of their folder: functions of the flight and the
 folder, whose result says what they are; empty: there are none of such a flight."""
+
+
+def _flies_in_drake(craft: Spacecraft) -> bool:
+    """Whether Drake is installed and every effector of a craft has its half there (`rans.drake_effectors`)."""
+    if not craft.mounted or not is_installed("pydrake"):
+        return is_installed("pydrake")
+    from rans.reference.further import REGISTERED
+
+    return all(type(effector).__name__ in REGISTERED for effector in craft.mounted)
 
 
 @command_of(evaluate, agent=word("RUN"), engine=Literal["fast", "drake", "both"])
@@ -130,10 +140,10 @@ class Evaluate(Options):
         written = self._write_files(run, next(iter(flights.values())))
         file = self._write(run, results, next(iter(flights.values())))
         Terminal().say(f"Written to {file}{written}.")
-        self._suggest()
+        self._suggest(run.craft)
         return passed
 
-    def _suggest(self) -> None:
+    def _suggest(self, craft: Spacecraft) -> None:
         """Print commands that a user may want to run next, with the options of this one."""
         more = [] if self.full else ["--full"]
         same = self.changed("guard", "guard_slack", "conditions", "start", "goal", "zones", "seed")
@@ -145,7 +155,8 @@ class Evaluate(Options):
         engine = self.changed("engine")
         again = shlex.join(["rans", "evaluate", str(self.agent), *same, *own, *engine, *more])
         judged = shlex.join(["rans", "evaluate", str(self.agent), *same, *own, *drake])
-        first = [f"{again}   # all metrics"] if more else [] if engine else [judged]
+        judges = [] if engine or not _flies_in_drake(craft) else [judged]
+        first = [f"{again}   # all metrics"] if more else judges
         # Comparisons and pages cannot keep coasts safe: they would fly another filter.
         others = () if self.guard_coasts else ("compare", "view")
         same += drake if self.engine == "drake" else []
