@@ -22,8 +22,8 @@ from tests.support.effector_crafts import CUBESAT, LANDER, commands
 from tests.support.effector_flights import BOTH, task_of, untrained_policy
 from tests.support.host_flight import HostFlights
 from tests.support.host_kernels import (
+    engine_on_host,  # noqa: F401  (a fixture)
     needs_compiler,
-    on_host,  # noqa: F401  (a fixture)
 )
 from tests.support.worlds import EFFECTS
 
@@ -34,7 +34,7 @@ every_craft = pytest.mark.parametrize(
 
 
 @every_craft
-def test_a_kernel_steps_as_numpy(craft: Spacecraft, on_host: Any) -> None:  # noqa: F811
+def test_a_kernel_steps_as_numpy(craft: Spacecraft, on_host: Any) -> None:
     made: Any = (craft, task_of(craft), 16, Timing(episode_steps=5))
     how: Any = {"seed": 3, "dtype": torch.float64}
     ours = Engine(*made, **how)

@@ -111,8 +111,8 @@ def compare(
     return ends
 
 
-@pytest.fixture
-def on_host(tmp_path: Path) -> Iterator[Callable[..., Engine]]:
+@pytest.fixture(name="on_host")
+def engine_on_host(tmp_path: Path) -> Iterator[Callable[..., Engine]]:
     """Makes engines on the CPU that step by their kernel."""
 
     def make(*args: Any, **kwargs: Any) -> Engine:

@@ -2,4 +2,4 @@
 
 from __future__ import annotations
 
-from tests.support.host_kernels import on_host  # noqa: F401  (a fixture)
+from tests.support.host_kernels import engine_on_host  # noqa: F401  (a fixture)

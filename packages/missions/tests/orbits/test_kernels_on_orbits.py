@@ -19,8 +19,8 @@ from tests.support.engines import FLYER, PLATFORM
 from tests.support.host_kernels import (
     SEED,
     compare,
+    engine_on_host,  # noqa: F401  (a fixture)
     needs_compiler,
-    on_host,  # noqa: F401  (a fixture)
 )
 
 pytestmark = needs_compiler
@@ -79,7 +79,7 @@ class AroundAnOblatePlanet(OnAnEllipse):
     ],
     ids=["ellipse", "oblate", "oblate in space", "point"],
 )
-def test_an_orbit_steps_and_restarts_as_on_numpy(on_host: Any, craft: Any, task: Any) -> None:  # noqa: F811
+def test_an_orbit_steps_and_restarts_as_on_numpy(on_host: Any, craft: Any, task: Any) -> None:
     made: Any = (craft, task, 8, Timing(episode_steps=4))
     how: Any = {"seed": SEED, "dtype": torch.float64}
     ours = Engine(*made, **how)

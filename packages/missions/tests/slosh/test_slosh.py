@@ -46,7 +46,7 @@ from rans.structure import Range, read_toml, structure
 from tests.support.effector_crafts import commands, states
 from tests.support.effector_flights import untrained_policy
 from tests.support.host_kernels import (
-    on_host,  # noqa: F401  (a fixture)
+    engine_on_host,  # noqa: F401  (a fixture)
 )
 from tests.support.pairs import InOrbit
 from tests.support.slosh import IN_SPACE, SLOSH, SLOSHING

@@ -21,7 +21,7 @@ from rans.randomization.conditions import (
 from rans.structure import Range
 from tests.support.effector_crafts import states
 from tests.support.host_kernels import (
-    on_host,  # noqa: F401  (a fixture)
+    engine_on_host,  # noqa: F401  (a fixture)
 )
 from tests.support.slosh import IN_SPACE, IN_SPACE_SLOSH
 

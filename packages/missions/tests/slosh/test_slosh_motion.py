@@ -31,8 +31,8 @@ from rans.scenario import draws, scenarios
 from tests.support.effector_crafts import commands, states
 from tests.support.effector_flights import Scripted
 from tests.support.host_kernels import (
+    engine_on_host,  # noqa: F401  (a fixture)
     needs_compiler,
-    on_host,  # noqa: F401  (a fixture)
 )
 from tests.support.pairs import FallingInSpace, FallingInThePlane
 from tests.support.slosh import IN_SPACE, SLOSHING, Sums, slosh_of, sums, sums_in_space
@@ -190,7 +190,7 @@ def test_engines_step_alike(liquid: Liquid) -> None:
 @both
 @needs_compiler
 @pytest.mark.slow
-def test_a_kernel_steps_as_numpy(liquid: Liquid, on_host: Any) -> None:  # noqa: F811
+def test_a_kernel_steps_as_numpy(liquid: Liquid, on_host: Any) -> None:
     """The source of the GPU's kernel, compiled for a CPU."""
     made: Any = (liquid.craft, "go-to-pose", 16, Timing(liquid.period, episode_steps=5))
     how: Any = {"seed": 3, "dtype": torch.float64}
