@@ -160,7 +160,8 @@ def paces(slosh: Slosh, craft: Spacecraft, body: Body | None = None) -> tuple[fl
 
 def inaccuracy(slosh: Slosh, craft: Spacecraft, states: Any, going: Any, timing: Timing) -> str:
     """See `rans.effectors.effector.Effector.inaccuracy`: the rod is faster than its steps are accurate for."""
-    reached = float(np.nanmax(rod_rate(slosh, craft, states), where=going, initial=0.0))
+    rates = rod_rate(slosh, craft, states)
+    reached = float(np.max(rates, where=going & np.isfinite(rates), initial=0.0))
     bound = fastest_rod(slosh, craft, timing)
     if reached <= bound:
         return ""

@@ -85,3 +85,10 @@ def test_a_rod_faster_than_the_steps_are_for_warns() -> None:
     (said,) = outran(flight, timing)
     advised = int(said.split("timing.substeps to ")[1].split()[0])
     assert outran(flight, replace(timing, substeps=advised)) == []
+    # Rates that are no finite numbers, as in a damaged file of flights, decide nothing.
+    angle, rate = flight.states.stores
+    for wrong in (np.inf, np.nan):
+        ends = replace(
+            flight.states, stores=(angle, np.concatenate([rate[:-1], rate[-1:] * wrong]))
+        )
+        assert outran(replace(flight, states=ends), timing)[0] == said
