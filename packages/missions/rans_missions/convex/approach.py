@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import heapq
 import math
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import Any
 
 import numpy as np
@@ -27,9 +28,7 @@ from rans_missions.convex.rendezvous import (
     MeetingTransfer,
     forces_in_w,
     instant_bounds,
-    least_margin,
-    least_stay,
-    trajectory,
+    rounds,
 )
 from rans_missions.tasks.final_approach import FinalApproach
 
@@ -295,17 +294,11 @@ def flight_entering(
     states = np.hstack([axis[: check + 1] * along[:, None], np.zeros((check + 1, 3))])
     result: MeetingTransfer | None = None
     cost = np.inf
-    for _ in range(_ROUNDS):
-        try:
-            trial = least_stay(meeting, start, check, check, limits, states, _AT_ONCE)
-        except SolverFailed:
-            break
-        if trial is None:
-            break
-        states = trajectory(meeting, start, trial)
-        if least_margin(meeting.limits, states) >= 0.0:
-            result = trial
-        if abs(cost - trial.impulse) < _CONVERGED * trial.impulse:
-            break
-        cost = trial.impulse
+    tried = rounds(meeting, start, (check, check), limits, states, _AT_ONCE)
+    with suppress(SolverFailed):
+        for trial, keeps in islice(tried, _ROUNDS):
+            result = trial if keeps else result
+            if abs(cost - trial.impulse) < _CONVERGED * trial.impulse:
+                break
+            cost = trial.impulse
     return result

@@ -11,7 +11,7 @@ limits that are not convex by their tangents at the flight before.
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from rans_missions.convex.rendezvous import (
     instant_bounds,
     least_margin,
     least_stay,
+    rounds,
     staying_prices,
     trajectory,
 )
@@ -87,13 +88,9 @@ def _within_limits(
         return begun
     result: MeetingTransfer | None = None
     cost = np.inf
-    for _ in range(_ROUNDS):
-        trial = least_stay(meeting, start, first, begun.check, meeting.limits, states)
-        if trial is None:
-            break
-        states = trajectory(meeting, start, trial)
-        if least_margin(meeting.limits, states) >= 0.0:
-            result = trial
+    tried = rounds(meeting, start, (first, begun.check), meeting.limits, states)
+    for trial, keeps in islice(tried, _ROUNDS):
+        result = trial if keeps else result
         if result is not None and abs(cost - trial.impulse) < _CONVERGED * trial.impulse:
             break
         cost = trial.impulse

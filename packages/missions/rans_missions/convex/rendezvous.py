@@ -13,7 +13,7 @@ as its tangent at the flight before.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -407,6 +407,34 @@ def _misses(meeting: Meeting, state: np.ndarray) -> bool:
     away = np.linalg.norm(state[:size] - meeting.point)
     speed = np.linalg.norm(state[size:])
     return bool(away > meeting.position_tolerance or speed > meeting.velocity_tolerance)
+
+
+def rounds(
+    meeting: Meeting,
+    start: np.ndarray,
+    stay: tuple[int, int],
+    limits: Sequence[Shape],
+    states: np.ndarray,
+    at_once: int | None = None,
+) -> Iterator[tuple[MeetingTransfer, bool]]:
+    """Flights of successive programs, and whether each keeps the meeting's limits; ends where a program has none.
+
+    The tangents of a round are at the flight of the round before. The caller says when rounds have converged.
+
+    Args:
+        meeting: what is to be done.
+        start: (2 d,) position (m) and velocity (m/s) in W.
+        stay: first and last check of the stay.
+        limits: see `least_stay`.
+        states: (last + 1, 2 d) where the first round has its tangents.
+        at_once: see `least_stay`.
+
+    Raises:
+        SolverFailed: see `least_stay`.
+    """
+    while (trial := least_stay(meeting, start, *stay, limits, states, at_once)) is not None:
+        states = trajectory(meeting, start, trial)
+        yield trial, least_margin(meeting.limits, states) >= 0.0
 
 
 def trajectory(meeting: Meeting, start: np.ndarray, transfer: MeetingTransfer) -> np.ndarray:
