@@ -83,7 +83,9 @@ if TYPE_CHECKING:
     from rans.model.fields import floor as floor
     from rans.model.fields import leaves as leaves
     from rans.model.fields import map_leaves as map_leaves
+    from rans.model.fields import sqrt as sqrt
     from rans.model.fields import where as where
+    from rans.model.fields import within as within
     from rans.model.random import Random as Random
     from rans.model.random import seed_words as seed_words
     from rans.model.spacecraft import Spacecraft as Spacecraft
@@ -111,7 +113,6 @@ if TYPE_CHECKING:
     from rans.show.figures.panels import label as label
     from rans.show.figures.plotting import Axes as Axes
     from rans.show.figures.plotting import Figure as Figure
-    from rans.show.figures.plotting import ListedColormap as ListedColormap
     from rans.show.pages.page import Finding as Finding
     from rans.show.pages.page import Section as Section
     from rans.show.palette import GREY as GREY

@@ -105,7 +105,13 @@ def test_tests_of_packages_are_modules_by_their_paths() -> None:
     assert not list((ROOT / "packages").glob("*/tests/**/__init__.py"))
 
 
-USERS = [*PACKAGES, *sorted(ROOT.glob("examples/plugins/*")), ROOT / "examples" / "plugin"]
+EXAMPLES = ROOT / "examples"
+USERS = [
+    *PACKAGES,
+    *sorted(EXAMPLES.glob("plugins/*")),
+    EXAMPLES / "plugin",
+    EXAMPLES / "single_file",
+]
 
 
 def imported_from_the_core(folder: Path) -> set[tuple[str, str]]:

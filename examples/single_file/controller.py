@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 import rans
-from rans.model.fields import sqrt, where, within
-from rans.tasks import Task
+from rans.extend import Task, sqrt, where, within
 
 
 class PD:

@@ -10,12 +10,22 @@ from dataclasses import dataclass
 from typing import Any
 
 import rans
-from rans.model.dynamics import State
-from rans.model.fields import Field, Heading, absolute, at_least, atan2
-from rans.model.random import Random
-from rans.tasks import SingleTask
-from rans.tasks.observation_terms import ObservationTerm, RelativeRotation, VectorInW
-from rans.tasks.rewards import Transition, nearness, speed
+from rans.extend import (
+    Field,
+    Heading,
+    ObservationTerm,
+    Random,
+    SingleTask,
+    State,
+    Transition,
+    VectorInW,
+    absolute,
+    at_least,
+    nearness,
+    speed,
+)
+from rans.model.fields import atan2
+from rans.tasks.observation_terms import RelativeRotation
 
 
 @dataclass(frozen=True)

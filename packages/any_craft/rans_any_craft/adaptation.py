@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.extend import Field, at_least, where
-from rans.model.fields import log, within
+from rans.extend import Field, at_least, where, within
+from rans.model.fields import log
 from rans.model.twists import directions
 from rans.policy.adaptation import Estimate, Row, Rows
 from rans.policy.allocated import SHARED, spare, wheels

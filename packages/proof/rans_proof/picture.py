@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rans.extend import Figure, ListedColormap, read_bytes
-from rans.show.figures.plotting import rcParams
+from rans.extend import Figure, read_bytes
+from rans.show.figures.plotting import ListedColormap, rcParams
 from rans_proof.trap_certificate import LARGEST, read_certificate
 
 SPINS = (0.0, 0.6, 1.2)

@@ -26,8 +26,8 @@ from rans.extend import (
     floor,
     map_leaves,
     scenario,
+    within,
 )
-from rans.model.fields import within
 from rans.optimal.control.regulator import ModelBased
 from rans.randomization.conditions import largest
 from rans_missions.control.afterwards import Afterwards

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import NamedTuple
 
-from rans.extend import Field, Vec3, absolute, at_least, map_leaves, where
+from rans.extend import Field, Vec3, absolute, at_least, map_leaves, sqrt, where
 from rans.model.drift import ClohessyWiltshire
-from rans.model.fields import cos, sin, sqrt
+from rans.model.fields import cos, sin
 from rans_missions.guidance.impulses import (
     LEAST_SAVING,
     SINGULAR_OFFSET,

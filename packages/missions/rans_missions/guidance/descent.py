@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rans.extend import Field, Vec3, at_least, where
-from rans.model.fields import sqrt
+from rans.extend import Field, Vec3, at_least, sqrt, where
 
 _NEWTON_STEPS = 6
 """Iterations of Newton's method. The relative error of the time to go is then below 7e-5 in 99 of 100 states

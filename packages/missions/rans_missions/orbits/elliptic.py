@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from rans.extend import ConfigError, Field, Quat, Vec2, Vec3, floor, is_finite
+from rans.extend import ConfigError, Field, Quat, Vec2, Vec3, floor, is_finite, sqrt
 from rans.model.drift import AnyVector, arctangent, cosine, sine
-from rans.model.fields import sqrt
 from rans_missions.orbits.uneven import UnevenOrbit
 
 MOST_ECCENTRIC = 0.9

@@ -19,9 +19,10 @@ from rans.extend import (
     absolute,
     at_least,
     nearness,
+    sqrt,
     where,
 )
-from rans.model.fields import Vector, sqrt
+from rans.model.fields import Vector
 from rans.tasks.observation_terms import InformationInW
 from rans.tasks.rewards import is_used
 from rans.tasks.shapes import nearest_first

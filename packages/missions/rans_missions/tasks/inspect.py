@@ -22,10 +22,11 @@ from rans.extend import (
     Vec3,
     VectorInW,
     at_least,
+    sqrt,
     where,
 )
 from rans.model.drift import ClohessyWiltshire
-from rans.model.fields import Vector, cos, sin, sqrt
+from rans.model.fields import Vector, cos, sin
 from rans.tasks.observation_terms import Dimension, Information, InformationInW, Scalar
 from rans.tasks.quantities import Quantity, declare
 from rans.tasks.rewards import is_used
