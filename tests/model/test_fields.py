@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rans.model import fields
-from rans.model.dynamics import PlanarState
 from rans.model.fields import (
     Heading,
     Quat,
@@ -27,7 +26,6 @@ from rans.model.fields import (
     fraction_of,
     leaves,
     map_leaves,
-    unflatten,
     where,
     wrap,
 )
@@ -245,12 +243,6 @@ def test_quaternion_rotates_as_scipy_does(rotation: Rotation, v: Triple) -> None
     assert_close(rotated, rotation.apply(v), size=10)
 
 
-@given(st.floats(-7.0, 7.0), vectors)
-def test_inverse_of_a_heading(angle: float, v: Triple) -> None:
-    turned = Heading(angle).inverse().rotate(Vec2(*v[:2])).columns()
-    assert_close(turned, Rotation.from_euler("z", -angle).apply([*v[:2], 0.0])[:2], size=10)
-
-
 @given(rotations, rotations)
 def test_products_and_differences_of_quaternions(a: Rotation, b: Rotation) -> None:
     p = quat(a)
@@ -295,29 +287,6 @@ def test_headings_are_unit_complex_numbers(a: float, b: float, v: Triple) -> Non
     assert float(here.to(there).magnitude()) == pytest.approx(abs(turn), abs=1e-13)
     assert float(here.magnitude()) <= math.pi + 1e-14
     assert cmath.isclose(complex(*here.normalised().columns()), cmath.exp(1j * a), abs_tol=1e-13)
-
-
-@given(angles, angles, vectors)
-def test_a_heading_is_a_rotation_about_z(a: float, b: float, v: Triple) -> None:
-    flat = quat(Rotation.from_rotvec([0, 0, a]))
-    other = quat(Rotation.from_rotvec([0, 0, b]))
-    x, y, z = flat.rotate(Vec3(*v)).columns()
-    assert_close((x, y), Heading(a).rotate(Vec2(v[0], v[1])).columns())
-    assert z == pytest.approx(v[2], abs=1e-14)
-    # the quaternion's angle is twice an atan2, the heading's a difference of angles up to 100 rad
-    assert_close(flat.to(other).magnitude(), Heading(a).to(Heading(b)).magnitude(), size=10)
-
-
-def test_leaves_and_back() -> None:
-    state = PlanarState(Vec2(1.0, 2.0), Heading(3.0), Vec2(4.0, 5.0), 6.0)
-    assert leaves(state) == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-    assert unflatten(state, leaves(state)) == state
-    assert unflatten(state, range(6)) == PlanarState(Vec2(0, 1), Heading(2), Vec2(3, 4), 5)
-    assert leaves(7.0) == (7.0,)
-    assert map_leaves(lambda x: -x, state) == PlanarState(
-        Vec2(-1, -2), Heading(-3), Vec2(-4, -5), -6
-    )
-    assert map_leaves(lambda x, y: x - y, state, state) == unflatten(state, [0.0] * 6)
 
 
 @pytest.mark.parametrize("library", ["numpy", "torch"])

@@ -16,7 +16,7 @@ from rans.model.spacecraft import (
     controls_every_direction,
     wrenches_either_way,
 )
-from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
+from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.faults import fault_sets
 from tests.support.crafts import REAL_CRAFT
 from validation.study.checks import Check
@@ -172,14 +172,3 @@ def test_drake_builds_the_same_craft(name: str) -> None:
     assert checks
     for check in checks:
         assert check.passed, f"{check.name}: {check.worst}"
-
-
-@pytest.mark.parametrize("name", REAL_CRAFT)
-def test_a_file_names_its_sources_and_its_period(name: str) -> None:
-    text = spacecraft_text(name)
-    comments = " ".join(line[1:].strip() for line in text.splitlines() if line.startswith("#"))
-    assert "Fly it at a control period of" in comments
-    assert any(
-        mark in comments for mark in ("commit", "jl (", "ISS.c", "techport", "AFRL", "md (", "snt-")
-    )
-    assert load_spacecraft(name).name == name

@@ -37,14 +37,6 @@ def test_a_rotation_vector_turns_as_scipy_says(angle: float) -> None:
     np.testing.assert_allclose((q.x, q.y, q.z, q.w), true, rtol=0, atol=half + 1e-15)
 
 
-def test_the_value_of_a_series() -> None:
-    """(1, 2, 3) + (4, 5, 6) / 2 + (8, 0, -8) / 4."""
-    assert at([Vec3(1.0, 2.0, 3.0), Vec3(4.0, 5.0, 6.0), Vec3(8.0, 0.0, -8.0)], 0.5) == Vec3(
-        5.0, 4.5, 4.0
-    )
-    assert at([], 0.5) == Vec3(0.0, 0.0, 0.0)
-
-
 @pytest.mark.parametrize(
     "steady", [None, STEADY], ids=["thrust", "thrust and a torque that stays in W"]
 )

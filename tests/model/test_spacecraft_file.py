@@ -17,10 +17,8 @@ from hypothesis import strategies as st
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import (
-    SPACECRAFT,
     load_spacecraft,
     parse_spacecraft,
-    spacecraft_names,
     spacecraft_text,
     to_toml,
 )
@@ -44,33 +42,6 @@ def refusal(text: str, source: str = "probe.toml") -> str:
 def edited(old: str, new: str) -> str:
     assert VALID.count(old) >= 1
     return VALID.replace(old, new, 1)
-
-
-def test_shipped_spacecraft_are_found() -> None:
-    of_packages = {*SPACECRAFT.extra_of}
-    assert [name for name in spacecraft_names() if name not in of_packages] == [
-        "afrl-12kg",
-        "afrl-deputy",
-        "apollo-csm",
-        "astrobee-granite",
-        "astrobee-iss",
-        "atmos",
-        "atmos-orbit-12",
-        "atmos-orbit-16",
-        "cubesat-3u",
-        "cubesat-6u",
-        "floating-platform",
-        "floating-platform-air-tank",
-        "floating-platform-shared",
-        "free-flyer",
-        "free-flyer-shared",
-        "freeflyer2",
-        "innocube",
-        "mars-lander-steered",
-        "pingu",
-        "roboran-platform",
-        "spheres",
-    ]
 
 
 def test_every_key_of_a_file_arrives() -> None:
@@ -99,50 +70,38 @@ def test_directions_are_normalised_and_one_moment_is_a_sphere() -> None:
 
 WRONG = [  # what to replace, by what, and what the sentence must say
     ("mass = 4.5", "mass = -1.0", ["mass", "-1.0", "1e-09", "kg"]),
-    ("mass = 4.5", "mass = 0", ["mass", "got 0.0", "kg"]),
     ("mass = 4.5", "mass = nan", ["mass", "nan"]),
-    ("mass = 4.5", "mass = inf", ["mass", "inf"]),
     ("mass = 4.5", "mass = true", ["mass", "number", "True"]),
     ("mass = 4.5", 'mass = "heavy"', ["mass", "number", "'heavy'"]),
     ("mass = 4.5", "mass = 1" + "0" * 400, ["mass", "too large", "1000"]),
     ("mass = 4.5", "mass = 0x" + "f" * 5000, ["digits"]),
-    ("mass = 4.5", "mass = 1" + "0" * 5000, ["digits"]),
     ("mass = 4.5", "mass = 2024-05-01", ["mass", "date"]),
     ("mass = 4.5", "", ["'mass'", "missing"]),
     ("mass = 4.5", "mass = 4.5\nmas = 1", ["'mas'", "unknown", "mass, name"]),
     ("mass = 4.5", "mass = 4.5\nmass = 4", ["TOML", "line 4"]),
-    ("mass = 4.5", "mass = ", ["TOML", "line 3"]),
     ("mass = 4.5", "mass = " + "[" * 20000, ["TOML"]),
     ("mass = 4.5", "mass = 4.5\n[thrusters]", ["'thrusters'", "unknown"]),
-    ('name = "probe"', "name = 7", ["name", "7", "text"]),
     ('name = "probe"', 'name = "  "', ["name", "'  '", "text"]),
     ("dimension = 2", "dimension = 4", ["dimension", "4", "2 (plane) or 3 (space)"]),
     ("dimension = 2", "dimension = 2.0", ["dimension", "2.0"]),
-    ("dimension = 2", "dimension = true", ["dimension", "True"]),
     ("dimension = 2", 'dimension = "a\\nb"', ["dimension", r"'a\nb'"]),
     ("dimension = 2", "dimension = 3", ["thruster 0", "3 numbers", "[-1, 0]"]),
     ("[0.1, 0.0]", "[0.1]", ["centre_of_mass", "2 or 3", "[0.1]"]),
     ("[0.1, 0.0]", "[0.1, nan]", ["centre_of_mass", "nan", "three numbers"]),
-    ("[0.1, 0.0]", "[[0.1], 0.0]", ["centre_of_mass", "number", "[0.1]"]),
     ("[0.1, 0.0]", "[0.1, 0.0, 0.2]", ["thruster 0", "plane", "z = 0.2 m"]),
-    ("radius = 0.3", "radius = 0.0", ["radius", "0.0", "1e-09"]),
     ('"cylinder"', '"cube"', ["shape", "'cube'", '"sphere"']),
     ('"split"', '"half"', ["thrust_sharing", "'half'", '"none"']),
     ('"split"', "1", ["thrust_sharing", "1", "text"]),
     ("[0.0, 0.0, 0.4]]", "[0.0, 0.0, -0.4]]", ["inertia", "-0.4", "about z"]),
     ("[0.0, 0.3, 0.0]", "[0.0, 0.3]", ["inertia", "three rows of three", "[0.0, 0.3]"]),
-    ("[0.0, 0.3, 0.0]", "[0.0, inf, 0.0]", ["inertia", "inf"]),
     ("[-1, 0], force", "[0, 0], force", ["thruster 0", "direction", "not zero", "(0.0, 0.0"]),
-    ("[-1, 0], force", "[nan, 0], force", ["thruster 0", "direction", "nan"]),
     ("[-1, 0], force", "[-1, 0, 0.5], force", ["thruster 0", "plane"]),
     ("[-1, 0], force", '"left", force', ["thruster 0", "direction", "'left'"]),
     ("[0.3, 0.2],", "[0.3, 0.2, 0.01],", ["thruster 0", "plane", "0.01"]),
     ("[0.3, 0.2],", "[0.3, 0.2, 0, 0],", ["thruster 0", "position", "2 or 3"]),
     ("[0.3, 0.2],", "[1e300, 0.2],", ["thruster 0", "position", "1e+300", "1e+09"]),
     ("force = 1.0", "force = -1", ["thruster 0", "force", "-1.0", "N"]),
-    ("force = 1.0", "force = false", ["thruster 0", "force", "False"]),
     ("force = 1.0", "force = 1.0, supply = -1", ["thruster 0 supply", "-1", "whole number from 0"]),
-    ("force = 1.0", "force = 1.0, supply = 1.0", ["thruster 0 supply", "1.0", "whole number"]),
     ("force = 1.0", "force = 1.0, supply = 3", ["thrust_sharing", "several supplies", "droop"]),
     ("force = 1.0", "forse = 1.0", ["thruster 0", "'forse'", "unknown"]),
     (", force = 1.0", "", ["thruster 0", "'force'", "missing"]),
@@ -209,8 +168,6 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match="spacecraft file") as caught:
             load_spacecraft(tmp_path / name)
         assert name.partition("\0")[0] in str(caught.value)
-    with pytest.raises(ConfigError, match=r"named 'plattform'.*floating-platform, .*free-flyer"):
-        load_spacecraft("plattform")
 
 
 @settings(max_examples=30)

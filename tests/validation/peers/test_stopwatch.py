@@ -1,27 +1,8 @@
 from __future__ import annotations
 
-import json
-from importlib.metadata import version
-
 import pytest
 
 from validation.peers import stopwatch
-
-
-@pytest.mark.parametrize(
-    ("arguments", "device", "num_envs", "seconds"),
-    [([], "cpu", 16_384, 0.5), (["--device", "cuda", "--quick"], "cuda", 1024, 0.05)],
-)
-def test_options(
-    arguments: list[str],
-    device: str,
-    num_envs: int,
-    seconds: float,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("sys.argv", ["peer.py", *arguments])
-    given = stopwatch.options()
-    assert (given.device, given.num_envs, given.seconds) == (device, num_envs, seconds)
 
 
 def test_the_median_rate_after_warming_up(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -52,18 +33,3 @@ def test_a_slow_call_is_counted_alone(monkeypatch: pytest.MonkeyPatch) -> None:
         now[0] += 50.0
 
     assert stopwatch.steps_per_second(call, 100, 0.5) == pytest.approx(2.0)
-
-
-def test_what_was_measured_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    stopwatch.say("numpy", "task", "how", 8, "cpu", steps_per_s=2.5, solved=True)
-    [line] = capsys.readouterr().out.splitlines()
-    assert json.loads(line) == {
-        "package": "numpy",
-        "version": version("numpy"),
-        "task": "task",
-        "how": "how",
-        "num_envs": 8,
-        "device": "cpu",
-        "steps_per_s": 2.5,
-        "solved": True,
-    }

@@ -58,13 +58,6 @@ def test_slower_than_a_peer_is_orange_and_to_the_left() -> None:
     assert bars(axes) == [("faster", 1.0, 5.0, to_hex(GREEN)), ("slower", 1.0, 0.5, to_hex(ORANGE))]
 
 
-@pytest.mark.parametrize(("ratios", "panels"), [(RATIOS, 3), ([], 2)])
-def test_without_peers_there_is_no_panel_of_ratios(ratios: list[Ratio], panels: int) -> None:
-    figure = speed_figure("machine", MEASURED, ratios)
-    assert len(figure.axes) == panels
-    assert figure.get_suptitle() == "machine"
-
-
 @pytest.mark.parametrize(
     ("kinds", "panels"), [({"memory"}, 0), ({"memory", "engine"}, 1), ({"policy"}, 1)]
 )

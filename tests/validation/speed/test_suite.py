@@ -8,7 +8,7 @@ import pytest
 
 from rans.fast.learn.recipes import preset
 from rans.tasks import GoToPose
-from tests.support.engines import FLYER, PLATFORM
+from tests.support.engines import PLATFORM
 from validation.speed import suite
 from validation.speed.measurement import Measurement
 from validation.speed.suite import effort, measurements
@@ -41,30 +41,6 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     return calls
 
 
-def test_on_a_cpu(asked: list[tuple[Any, ...]]) -> None:
-    spend = effort("cpu", quick=False)
-    found = list(measurements([PLATFORM, FLYER], "go-to-pose", GoToPose(), (16, 64), spend))
-    clock = spend.clock
-    names = ("floating-platform", "free-flyer")
-    agents = [preset("go-to-pose", dimension, "cpu") for dimension in (2, 3)]
-    assert asked == [
-        ("copy_bandwidth", clock),
-        *(
-            row
-            for name in names
-            for row in (
-                *(("engine_rate", name, size, clock, 12.0, True) for size in (16, 64)),
-                ("memory_per_environment", name, 64, clock),
-            )
-        ),
-        *(("flight_rates", name, 2**14, clock) for name in names),
-        *(("trainer_rate", name, agent, clock) for name, agent in zip(names, agents, strict=True)),
-        *(("solver_rate", name, 8) for name in names),
-        *(("latencies", name, agent, 5000) for name, agent in zip(names, agents, strict=True)),
-    ]
-    assert [m.name for m in found] == [call[0] for call in asked]
-
-
 def test_a_gpu_has_torchs_compiler_and_a_large_training_beside_it(
     asked: list[tuple[Any, ...]],
 ) -> None:
@@ -84,10 +60,3 @@ def test_a_gpu_has_torchs_compiler_and_a_large_training_beside_it(
         ("solver_rate", name, 1),
         ("latencies", name, preset("go-to-pose", 2, "cpu"), 50),
     ]
-
-
-def test_quick_is_little() -> None:
-    little = effort("cpu", True)
-    enough = effort("cpu", False)
-    assert (little.clock.repeats, little.clock.seconds, little.compiled) == (2, 0.01, None)
-    assert (enough.clock.repeats, enough.clock.seconds, enough.compiled) == (7, 0.3, True)

@@ -34,11 +34,14 @@ def test_a_report_passes_only_if_all_of_at_least_one_check_do() -> None:
 
 def test_report_as_json_holds_everything_and_no_nan(tmp_path) -> None:
     file = tmp_path / "new" / "report.json"
-    Study("mixed", (check(5e-4), check(math.nan)), {"seed": 3}).write(file)
+    curve = Curve("figure", "ours", (1.0, 2.0), (3.0, 4.0))
+    checks = check(5e-4), check(math.nan)
+    Study("mixed", checks, {"seed": 3}, (Skipped("kernel", "No GPU."),), (curve,)).write(file)
     read = json.loads(file.read_text("utf-8"), parse_constant=pytest.fail)
-    assert read["title"] == "mixed"
     assert not read["passed"]
     assert read["settings"] == {"seed": 3}
+    assert read["skipped"] == [{"name": "kernel", "reason": "No GPU."}]
+    assert read["curves"][0]["y"] == [3.0, 4.0]
     assert [c["passed"] for c in read["checks"]] == [True, False]
     assert [c["value"] for c in read["checks"]] == [5e-4, "nan"]
     assert read["checks"][0]["reason"] == "A millimetre is what a ruler shows."
@@ -86,41 +89,3 @@ def test_a_narrow_terminal_cuts_no_number() -> None:
     text = console.export_text()
     assert "…" not in text
     assert all(word in text for word in ("1.3e-09", "1.0e-09", "kg, N m s", "FAIL"))
-
-
-def test_report_as_json_says_what_was_not_run_and_holds_the_points_of_figures() -> None:
-    found = Study(
-        "some",
-        (check(0.0),),
-        {},
-        (Skipped("kernel", "No compiler."), Skipped("graph", "No GPU.")),
-        (Curve("figure", "ours", (1.0, 2.0), (3.0, 4.0)),),
-    ).to_json()
-    assert found["skipped"] == [
-        {"name": "kernel", "reason": "No compiler."},
-        {"name": "graph", "reason": "No GPU."},
-    ]
-    assert found["curves"] == [
-        {"figure": "figure", "name": "ours", "x": (1.0, 2.0), "y": (3.0, 4.0)}
-    ]
-    assert found["checks"] == [
-        {
-            "name": "way flown",
-            "value": 0.0,
-            "tolerance": 1e-3,
-            "unit": "m",
-            "reason": "A millimetre is what a ruler shows.",
-            "worst": "",
-            "layer": "",
-            "passed": True,
-        }
-    ]
-
-
-def test_table_says_what_was_not_run() -> None:
-    console = Console(width=100)
-    with console.capture() as capture:
-        study = Study("some", (check(0.0),), {}, (Skipped("kernel", "No compiler."),))
-        console.print(rendered(study.table()))
-    (line,) = (line for line in capture.get().splitlines() if "kernel" in line)
-    assert "not run" in line
