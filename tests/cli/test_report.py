@@ -49,15 +49,3 @@ def test_a_report_can_be_written_again(run: Path) -> None:
     (run / "validation.json").write_text(json.dumps({"title": "Later", "checks": []}))
     assert main(["report", str(run)]) == 0
     assert "Later" in (run / "report.html").read_text("utf-8")
-
-
-@pytest.mark.parametrize("content", ["", "{", "[]", "3", '{"checks": [3]}'])
-def test_no_results_or_damaged_ones_are_one_sentence(
-    content: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "validation.json").write_text(content)
-    assert main(["report", str(tmp_path)]) == 2
-    said = capsys.readouterr().err
-    assert str(tmp_path) in said
-    assert said.count("\n") == 1
-    assert not (tmp_path / "report.html").exists()

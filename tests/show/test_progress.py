@@ -19,11 +19,6 @@ def test_a_line_fits_eighty_columns() -> None:
     assert len(describe(longest, 10**10)) + _BAR + 1 <= 80
 
 
-def test_terms_are_told_when_they_are_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
-    TrainingProgress(1000, terms=True).show(row(1000) | {"return/position": 7.0})
-    assert capsys.readouterr().err.splitlines()[1] == "return of 0.00 M steps: thrust -3 position 7"
-
-
 def test_the_last_row_is_told_however_soon_it_comes(capsys: pytest.CaptureFixture[str]) -> None:
     """Rows in between only now and then; the last is that of the whole budget, or of more."""
     for last in (3_000_000, 3_100_000):

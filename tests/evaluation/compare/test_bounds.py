@@ -55,12 +55,6 @@ def asked(craft: Spacecraft, task: Task, starts: Scenario, horizon: float | None
     return found
 
 
-def test_hull_is_below_certificate_is_below_control_found() -> None:
-    [answer] = asked(PLATFORM, TASK, scenarios(TASK, PLATFORM, 5, 1), None)
-    assert answer.lower is not None
-    assert 0 < answer.hull <= answer.lower == answer.best <= answer.upper < 8.0
-
-
 @pytest.mark.parametrize(
     ("craft", "task", "reason"),
     [
@@ -148,23 +142,6 @@ def test_a_spin_that_no_pulse_stops_has_no_certificate() -> None:
     assert answer.best == pytest.approx(math.ceil(answer.hull / 0.2) * 0.2)  # whole periods
 
 
-def test_who_is_there_already_needs_nothing() -> None:
-    [one] = each(scenarios(TASK, PLATFORM, 5, 1))
-    there = replace(
-        one,
-        start=replace(
-            one.goal,
-            p=Vec2(one.goal.p.x + 0.04, one.goal.p.y),
-            attitude=Heading(one.goal.attitude.angle),  # type: ignore[union-attr]
-        ),
-    )  # type: ignore[union-attr]
-    question = Question(
-        PLATFORM, tuple(sorted(aims(TASK))), goal_set(TASK), 0.2, None, SearchEffort(5.0), there
-    )
-    [(_, answer)] = bounds_in_parallel([question], [0], 1)
-    assert answer.hull == answer.lower == answer.upper == 0.0
-
-
 def one_start(**changes: Any) -> Question:
     [one] = each(scenarios(TASK, PLATFORM, 5, 1))
     question = Question(
@@ -175,11 +152,8 @@ def one_start(**changes: Any) -> Question:
 
 def test_while_a_gap_is_open_only_its_lower_end_is_proven() -> None:
     assert Bound(0, None, 1.0, 2.0, 3.0).best == 2.0
-    assert Bound(0, None, 1.0, 2.0, math.inf).best == 2.0
     assert Bound(0, None, 2.5, 2.0, 3.0).best == 2.5  # both are proofs
-    assert Bound(0, None, 1.0).best == 1.0
     assert Bound(0, None, 1.0, tube=1.5).best == 1.5
-    assert Bound(0, None, 1.0, tube=0.5).best == 1.0
     assert Bound(0, None, 1.0, 2.0, tube=1.5).best == 2.0
     assert Bound(0, None, 1.01, unit=0.2).best == pytest.approx(1.2)
     assert Bound(0, None, 1.0 - 1e-15, unit=0.2).best == pytest.approx(1.0)
@@ -281,34 +255,13 @@ def test_unequal_thrusters_have_no_pulse_to_round_to() -> None:
     assert answer.best == max(answer.hull, answer.tube) > 0
 
 
-@pytest.mark.parametrize("periods", [43, 81, 86, 91])
-def test_horizons_are_whole_periods(periods: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """0.2 s times these, over 0.2 s again, is just below the whole number."""
-    assert int(periods * 0.2 / 0.2) == periods - 1
-    asked: list[int] = []
-
-    def search(proves: object, problem: object, steps: int, *rest: object) -> Any:
-        asked.append(steps)
-        raise Unreachable("not today")
-
-    monkeypatch.setattr("rans.evaluation.compare.bounds.certified_least_fuel", search)
-    [(_, answer)] = bounds_in_parallel([one_start(horizon=periods * 0.2)], [0], 1)
-    assert asked == [periods]
-    assert answer.lower == math.inf
-
-
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
         ({"horizon": 10.1}, r"whole control periods of 0\.2 s, got 10\.1 s"),
-        ({"horizon": 0.05}, "whole control periods"),
         ({"horizon": math.nan}, "whole control periods"),
-        ({"horizon": math.inf}, "whole control periods"),
-        ({"horizon": -2.0}, "whole control periods"),
         ({"period": 0.0}, r"control period > 0 s, got 0\.0"),
         ({"period": math.nan}, "control period > 0 s"),
-        ({"period": -0.2}, "control period > 0 s"),
-        ({"period": math.inf}, "control period > 0 s"),
     ],
 )
 def test_times_that_bound_nothing(changes: dict[str, float], sentence: str) -> None:
@@ -381,15 +334,6 @@ def test_the_table_shows_every_number() -> None:
         ["25.0 %", "-", "-"],
     ]
     assert (shown.title, shown.note) == ("What nothing can beat: N s", "why")
-    shown = bounds_table("why", "s", [Bound(4, None, 1.0, 2.0, kind="settling")], [math.nan])
-    assert [[*column] for column in zip(*shown.rows, strict=True)] == [
-        ["4"],
-        ["1.000"],
-        ["-"],
-        ["2.000"],
-        ["-"],
-        ["-"],
-    ]
 
 
 def test_least_time_is_searched_beyond_that_of_a_slow_craft(

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from rans.errors import ConfigError
 from rans.evaluation.compare import certified
 from rans.evaluation.compare.bounds import Bound, Event, Question, goal_set, staying_set
 from rans.evaluation.compare.certified import certified_bounds
@@ -79,6 +80,9 @@ def test_what_is_kept_comes_back_whole(asked: list[Question], tmp_path: Path) ->
     cache.write_text(json.dumps({key: {**row, "start": 77} for key, row in rows.items()}))
     assert [a.start for a in certified_bounds(CONTEST, 2, EVENTS, cache)] == [0, 0, 1, 1]
     assert len(asked) == 4
+    cache.write_text('{"key": 3}')
+    with pytest.raises(ConfigError, match=r"bounds\.json does not hold bounds; delete it"):
+        list(certified_bounds(CONTEST, 1, EVENTS, cache))
 
 
 @pytest.mark.usefixtures("asked")

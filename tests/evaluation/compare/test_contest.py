@@ -177,18 +177,3 @@ def test_shared_thrust_counts_once() -> None:
     commands[:, 0, :2] = 1.0
     flight = flight_of([[1.0]] * 3, 0.0, commands, craft="floating-platform-shared")
     assert entry_of(flight).thrust.tolist() == [1.0]
-
-
-def test_returns_are_the_sum_of_all_terms() -> None:
-    flight = flight_of([[1.0, 0.2]] * 4, 0.0)
-    terms = flight.rewards()
-    by_hand = [sum(float(term[k, n]) for term in terms.values() for k in range(3)) for n in (0, 1)]
-    assert entry_of(flight).returns == pytest.approx(by_hand)
-
-
-def test_one_start_of_many() -> None:
-    assert CONTEST.duration == 25.0
-    one = CONTEST.start(1)
-    assert one.start.p.x.shape == (1,)
-    assert one.start.p.x[0] == CONTEST.starts.start.p.x[1]
-    assert CONTEST.starts.start.p.x.shape == (3,)

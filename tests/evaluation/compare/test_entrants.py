@@ -11,14 +11,12 @@ import pytest
 from rans.errors import ConfigError
 from rans.evaluation.compare import entrants
 from rans.evaluation.compare.contest import Contest
-from rans.evaluation.compare.entrants import contest_of, enlist, simple_controller, swept
+from rans.evaluation.compare.entrants import contest_of, enlist, simple_controller
 from rans.evaluation.fly import contestant_name
 from rans.model.timing import Timing
-from rans.optimal.control.lqr import LQR
 from rans.scenario import EVALUATION_SEED
 from rans.tasks import GoToPose
 
-SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 IDLE = "python:tests.support.policies:idle"
 
 
@@ -131,17 +129,3 @@ def test_the_cost_of_a_run_is_in_its_last_row(
 
     monkeypatch.setattr(entrants, "RunFolder", Folder)
     assert tuning(str(tmp_path)) == "training: 3.0 M steps, 12 s on a CPU"
-
-
-def test_the_sweep_scales_every_weight(contest: Contest) -> None:
-    """Half the weight is stiffer: from the same start it pushes harder."""
-    found = swept("lqr", contest)
-    assert [one.name for one in found] == [f"LQR x {factor:g}" for factor in SWEEP]
-    assert {one.tuning for one in found} == {f"one of {len(SWEEP)} weights"}
-    assert {one.knows for one in found} == {"state, exact model"}
-    one = contest.start(0)
-    pushes = [float(abs(entry.controller.wrench(one.start, one.goal)).max()) for entry in found]  # type: ignore[attr-defined]
-    assert pushes == sorted(pushes, reverse=True)
-    assert pushes[0] > 2 * pushes[-1]
-    usual = LQR(*contest.setup[:3]).wrench(one.start, one.goal)
-    assert pushes[SWEEP.index(1.0)] == pytest.approx(float(abs(usual).max()))

@@ -13,8 +13,6 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.evaluation.compare import run
-from rans.evaluation.compare.bounds import Event
-from rans.evaluation.compare.certified import certified_bounds
 from rans.evaluation.compare.entrants import contest_of, enlisted
 from rans.evaluation.compare.run import Comparison
 from rans.files import plain
@@ -61,15 +59,6 @@ def comparison(cache: Path) -> Comparison:
     found = Comparison(CONTEST)
     found.fly(enlisted(SPECS, CONTEST), ("lqr", "optimal"), certified=2, cache=cache, workers=1)
     return found
-
-
-@pytest.mark.slow
-def test_everyone_flies_every_start(comparison: Comparison) -> None:
-    assert [entry.name for entry in comparison.entries] == ["LQR", IDLE]  # nobody flies twice
-    assert [entry.flight.commands.shape for entry in comparison.entries] == [(30, 3, 8)] * 2
-    assert len(comparison.curve) == 7  # weights of docs/protocol.md
-    first = [e.flight.states.p.x[0] for e in comparison.entries]
-    np.testing.assert_array_equal(*first)
 
 
 @pytest.mark.slow
@@ -167,20 +156,6 @@ def test_nobody_beats_a_certified_bound(comparison: Comparison) -> None:
 
 
 @pytest.mark.slow
-def test_who_beats_a_bound_is_found_out(comparison: Comparison) -> None:
-    wrong = [
-        replace(c, lower=1e3) if (c.start, c.event) == (1, Event()) else c
-        for c in comparison.certified
-    ]
-    told = replace(comparison, certified=wrong).impossible()
-    assert (
-        told[0]
-        == "LQR beats the certified bound from start 1: the certificate or a flight is wrong."
-    )
-    assert not any(IDLE in sentence for sentence in told)
-
-
-@pytest.mark.slow
 def test_controls_found_fly_into_the_goal_set(comparison: Comparison) -> None:
     """Flown by the engine, not by the search; the same definition judges the contestants."""
 
@@ -210,27 +185,6 @@ def test_controls_found_fly_into_the_goal_set(comparison: Comparison) -> None:
         assert arrived(flight.task, flight.states, flight.goals)[-1, 0]
         spent = 0.2 * commands.sum() if answer.horizon else 0.2 * len(commands)
         assert spent == pytest.approx(answer.upper)
-
-
-@pytest.mark.slow
-def test_bounds_are_kept_for_the_next_time(
-    comparison: Comparison, cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    searched: list[object] = []
-    monkeypatch.setattr(
-        "rans.evaluation.compare.certified.bounds_in_parallel",
-        lambda asked, *_: searched.extend(asked) or (),
-    )
-    again = list(certified_bounds(CONTEST, 2, comparison.events(), cache))
-    assert not searched
-    key = lambda c: (c.start, c.kind, c.horizon or 0.0)  # noqa: E731
-    assert sorted(again, key=key) == sorted(comparison.certified, key=key)
-    other = replace(CONTEST, seed=5)  # other starts have other bounds
-    assert not list(certified_bounds(other, 1, [Event()], cache))
-    assert len(searched) == 1
-    cache.write_text('{"key": 3}')
-    with pytest.raises(ConfigError, match=r"bounds\.json does not hold bounds; delete it"):
-        list(certified_bounds(CONTEST, 1, [Event()], cache))
 
 
 @pytest.mark.slow
@@ -270,13 +224,6 @@ def test_a_front_between_flights_and_proofs(
     assert rough.front
     assert not rough.front.certified
     assert "under these conditions none is claimed" in rough.notes[-1]
-
-
-@pytest.mark.slow
-def test_horizon_that_nobody_can_meet(comparison: Comparison) -> None:
-    """From rest to rest in 1.4 s, 2.83 N carry 5.32 kg at most a T^2 / 4 = 26 cm."""
-    short = list(certified_bounds(comparison.contest, 2, [Event(horizon=1.4)], workers=1))
-    assert [(c.lower, c.upper, c.commands) for c in short] == [(math.inf, math.inf, None)] * 2
 
 
 @pytest.mark.slow

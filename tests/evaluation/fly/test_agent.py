@@ -13,10 +13,8 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
-from rans.flight import fly
 from rans.model.actuators import Throttle
 from rans.model.spacecraft_file import spacecraft_text, to_toml
-from rans.scenario import scenarios
 from tests.support.training import CONFIG, as_sb3, seen
 
 
@@ -52,28 +50,6 @@ def test_the_agent_is_the_policy(trained: Path) -> None:
     assert 0.05 < actions.mean() < 0.95
     model = as_sb3(trained)
     np.testing.assert_array_equal(model.predict(observations, deterministic=True)[0], actions)
-
-
-def test_it_flies(trained: Path) -> None:
-    loaded = load_policy(trained)
-    agent = loaded.controller
-    craft = loaded.craft
-    task = loaded.task
-    timing = loaded.timing
-    starts = scenarios(task.for_evaluation(), craft, 1, 8)
-    flights = [fly(craft, task, agent, starts, timing) for _ in range(2)]
-    assert flights[0].controller == "first"
-    assert flights[0].commands.shape == (20, 8, len(craft.thrusters))
-    np.testing.assert_array_equal(flights[0].commands, flights[1].commands)  # nothing random
-    assert np.unique(flights[0].commands).tolist() == [0.0, 1.0]
-
-
-def test_no_agent_yet(run_folder: Path) -> None:
-    (run_folder / "agent.safetensors").unlink()
-    with pytest.raises(ConfigError, match=r"has no agent\.safetensors: its training"):
-        load_policy(run_folder)
-    with pytest.raises(ConfigError, match="is not a run folder"):
-        load_policy(run_folder / "nowhere")
 
 
 def refused(folder: Path, content: bytes) -> str:

@@ -16,7 +16,7 @@ from rans.evaluation.fly.contestants import (
     view_command,
 )
 from rans.evaluation.fly.episodes import fly_episodes
-from rans.evaluation.fly.protocols import fitting_protocols, under_protocol
+from rans.evaluation.fly.protocols import fitting_protocols
 from rans.fast.agent_files.agent import actor_bytes, read_policy
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
@@ -59,24 +59,6 @@ def test_a_run_folder_is_itself(run: Path) -> None:
         CONFIG.timing,
     )
     assert ContestantName.parse(str(run)).output_folder == run
-
-
-@pytest.mark.parametrize(
-    ("spec", "craft", "task"),
-    [
-        ("lqr:go-to-pose-2d", "floating-platform", GoToPose()),
-        ("lqr:go-to-position-3d", "free-flyer", GoToPosition()),
-        (
-            "mpc:track-velocity-2d@floating-platform-shared",
-            "floating-platform-shared",
-            TrackVelocity(),
-        ),
-    ],
-)
-def test_simple_controllers_by_name(spec: str, craft: str, task: object) -> None:
-    found = contestant(spec)
-    assert (found.controller.name.lower(), found.craft.name, found.task) == (spec[:3], craft, task)
-    assert found.timing == Timing()
 
 
 @pytest.mark.parametrize("spec", ["lqr", "rans.optimal.control.lqr:LQR"])
@@ -216,23 +198,6 @@ def test_protocols(run: Path) -> None:
         ConfigError, match="--protocol paper is for planar spacecraft with 8 thrusters"
     ):
         contestant("lqr:go-to-pose-3d", "paper")
-
-
-def test_a_protocol_has_a_rate_of_its_own() -> None:
-    """Whoever acts at another rate, for another time, is judged at the paper's 5 Hz for 50 s."""
-    own = Setup(
-        load_spacecraft("floating-platform"),
-        GoToPose(),
-        Timing(control_period=0.1, episode_steps=7),
-    )
-    for protocol in ("paper", "original"):
-        timing = under_protocol(protocol, own).timing
-        assert (timing.control_period, timing.episode_steps, timing.substeps) == (
-            0.2,
-            250,
-            Timing().substeps,
-        )
-    assert under_protocol("own", own) is own
 
 
 def test_a_multi_task_agent_is_judged_on_each_of_its_tasks(multi: Path) -> None:

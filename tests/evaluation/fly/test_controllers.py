@@ -186,13 +186,6 @@ def test_nobody_is_advised_to_unpickle_weights(tmp_path: Path) -> None:
     assert not (tmp_path / "ran").exists()
 
 
-def test_other_processes_load_it_anew(tmp_path: Path) -> None:
-    file, model = saved(tmp_path / "policy.zip", PPO, MultiBinary(8))
-    policy = pickle.loads(pickle.dumps(user_policy(f"sb3:{file}", CRAFT, GoToPose(), trust=True)))
-    expected, _ = model.predict(OBSERVATIONS, deterministic=True)  # type: ignore[attr-defined]
-    np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), expected)
-
-
 def test_agent_of_rans_train_is_such_a_file(tmp_path: Path) -> None:
     engine = rans.Engine(CRAFT, rans.GoToPose(), num_envs=2)
     model = rans.PPO(rans.SB3VecEnv(engine), n_steps=2, batch_size=2, seed=5)
@@ -221,12 +214,6 @@ def test_sb3_file_for_something_else(
     file, _ = saved(tmp_path / "policy.zip", PPO, space, width)
     with pytest.raises(ConfigError, match=sentence):
         user_policy(f"sb3:{file}", CRAFT, GoToPose(), trust=True)
-
-
-def test_python_function() -> None:
-    policy = user_policy("python:tests.support.policies:full", CRAFT, GoToPose())
-    assert policy.name == "python:tests.support.policies:full"
-    np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), np.ones((7, 8)))
 
 
 @pytest.mark.parametrize(

@@ -216,53 +216,6 @@ def test_wrappers_that_would_not_be_flown(environment: Any, sentence: str) -> No
 UNITS = 3
 
 
-def network(file: Path, count: int | str = "N", states: bool = True) -> Path:
-    """A network of an LSTM whose outputs are 1 where a sum over its units is above 0, as RSL-RL exports one."""
-    random = np.random.default_rng(4)
-    shapes = {"w": (1, 4 * UNITS, 10), "r": (1, 4 * UNITS, UNITS), "k": (UNITS, 8)}
-    tables: dict[str, Any] = {name: random.normal(size=shape) for name, shape in shapes.items()}
-    before = " - - h_in c_in" if states else ""
-    nodes = [
-        node("Unsqueeze", "obs axes", "sequence"),
-        node("LSTM", f"sequence w r{before}", "- h_out c_out", hidden_size=UNITS),
-        node("Squeeze", "h_out axes", "row"),
-        node("MatMul", "row k", "sum"),
-        node("Sign", "sum", "sign"),
-        node("Relu", "sign", "actions"),
-    ]
-    kept = (1, count, UNITS)
-    inputs = {"obs": (count, 10)} | dict.fromkeys(("h_in", "c_in") if states else (), kept)
-    outputs = {"actions": (count, 8)} | dict.fromkeys(("h_out", "c_out") if states else (), kept)
-    file.write_bytes(model_of(nodes, inputs, outputs, axes=np.array([0]), **tables))
-    return file
-
-
-@pytest.mark.parametrize("count", ["N", 1])
-def test_networks_with_two_states_of_layers(tmp_path: Path, count: int | str) -> None:
-    """Against ONNX Runtime, to which this test itself hands the states from one period to the next."""
-    file = network(tmp_path / "lstm.onnx", count)
-    policy = user_policy(f"onnx:{file}", CRAFT, TASK)
-    session = onnxruntime.InferenceSession(str(file), providers=["CPUExecutionProvider"])
-    differs = False
-    for episode in range(6 if count == 1 else 1):
-        rows = slice(episode, episode + 1) if count == 1 else slice(None)
-        zeros = np.zeros((1, len(STEPS[0, rows]), UNITS), np.float32)
-        states = [zeros, zeros]
-        expected = []
-        for step in STEPS:
-            fed = {"obs": step[rows], "h_in": states[0], "c_in": states[1]}
-            command, *states = map(np.asarray, session.run(None, fed))
-            differs |= not np.array_equal(
-                command, np.asarray(session.run(None, fed | {"h_in": zeros})[0])
-            )
-            expected.append(command)
-        for _ in range(2):
-            policy.reset(6)
-            for step, command in zip(STEPS, expected, strict=True):
-                np.testing.assert_array_equal(policy.act(None, None, step)[rows], command)
-    assert differs  # or the states would not matter
-
-
 class Layered(torch.nn.Module):
     """Layers of torch; with ``between``, a deviation and a value stand before the states."""
 
@@ -389,7 +342,17 @@ def test_outputs_that_may_be_states_or_not_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_network_that_hides_its_states_is_refused(tmp_path: Path) -> None:
-    file = network(tmp_path / "hidden.onnx", states=False)
+    shapes = {"w": (1, 4 * UNITS, 10), "r": (1, 4 * UNITS, UNITS), "k": (UNITS, 8)}
+    tables: dict[str, Any] = {name: np.zeros(shape) for name, shape in shapes.items()}
+    nodes = [
+        node("Unsqueeze", "obs axes", "sequence"),
+        node("LSTM", "sequence w r", "- h_out c_out", hidden_size=UNITS),
+        node("Squeeze", "h_out axes", "row"),
+        node("MatMul", "row k", "actions"),
+    ]
+    file = tmp_path / "hidden.onnx"
+    rows = {"obs": ("N", 10)}, {"actions": ("N", 8)}
+    file.write_bytes(model_of(nodes, *rows, axes=np.array([0]), **tables))
     with pytest.raises(ConfigError, match=r"has a memory \(LSTM\) that it neither takes nor gives"):
         user_policy(f"onnx:{file}", CRAFT, TASK)
 

@@ -69,16 +69,6 @@ def test_fits_other_starts_and_lengths() -> None:
     assert tuned("switching", longer)
 
 
-def test_a_damaged_file_is_named_with_what_helps(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    OWN.mkdir(parents=True)
-    (OWN / "lqr.json").write_text("{")
-    with pytest.raises(ConfigError, match=r"lqr.json is damaged, .* Delete it"):
-        tuned("lqr", SETUP)
-
-
 def test_spacecraft_of_one_name_have_files_apart() -> None:
     """The name is whatever a user's file says, also a path."""
     task = TASKS["go-to-pose"]()

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.measure.aggregate import ROOM, Metric, Metrics, measure, save_episodes
+from rans.evaluation.measure.aggregate import Metric, Metrics, measure, save_episodes
 from rans.flight import fly
 from rans.model.fields import Vec2
 from rans.model.timing import Timing
@@ -84,17 +84,6 @@ def test_lines_of_a_tracker_have_their_units() -> None:
     assert shown["spin error after 5 s"] == "0.2 rad/s"
     assert shown["ST20 / 10 / 5 / 2 / 1"] == "100 / 0 / 0 / 0 / 0 %"
     assert shown["VT10 / 5 / 2 / 1"] == "0 / 0 / 0 / 0 %"
-
-
-def test_the_table_is_the_lines_under_their_headings() -> None:
-    lines = printed(measure(two_episodes()), ROOM)
-    assert lines[0] == ["by hand: 2 episodes of 5 s with floating-platform (fast engine)"]
-    assert ["metric", "value", "95 % interval", "meaning"] in lines
-    assert ["position error", "2.45 cm", "0.4 to 4.5", "mean over the last fifth"] in lines
-    headings = [
-        lines.index([group]) for group in ("success", "position", "attitude", "motion", "effort")
-    ]
-    assert headings == sorted(headings)
 
 
 def test_a_narrow_terminal_breaks_no_figure() -> None:

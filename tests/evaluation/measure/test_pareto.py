@@ -37,15 +37,6 @@ def test_hypervolume_counts_the_cells_of_a_grid(few: np.ndarray) -> None:
     assert hypervolume(few, np.array([SIDE, SIDE])) == pytest.approx(cells)
 
 
-def test_by_hand() -> None:
-    """(2, 6) and (6, 2) against (2, 4) and (3, 2): 3/2 for the first; the second takes max(2, 1)."""
-    few = np.array([[2.0, 6.0], [6.0, 2.0]])
-    assert epsilon_indicator(few, np.array([[2.0, 4.0], [3.0, 2.0]])) == pytest.approx(2.0)
-    assert epsilon_indicator(few, few) == 1.0
-    # 6 x 2 of the first up to (8, 8), and 2 x 4 more of the second
-    assert hypervolume(few, np.array([8.0, 8.0])) == pytest.approx(20.0)
-
-
 def test_who_never_arrives_covers_nothing() -> None:
     never = np.array([[math.inf, math.inf]])
     assert epsilon_indicator(never, np.array([[1.0, 1.0]])) == math.inf

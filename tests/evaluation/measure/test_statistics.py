@@ -66,16 +66,6 @@ def test_difference_to_who_never_arrives() -> None:
     assert bootstrap.difference(never, late).text() == "never"
 
 
-def test_ratio_of_returns() -> None:
-    """Twice the reference is 2 from whatever starts are drawn; the mean ratio of unequal ones is not."""
-    reference = RANDOM.uniform(1.0, 5.0, 30)
-    twice = Bootstrap(30).ratio(2.0 * reference, reference)
-    assert [twice.value, twice.low, twice.high] == pytest.approx([2.0] * 3)
-    ratio = Bootstrap(2).ratio(np.array([1.0, 3.0]), np.array([2.0, 2.0]))
-    assert ratio.value == 1.0
-    assert (ratio.low, ratio.high) == (0.5, 1.5)
-
-
 @settings(deadline=None)  # SciPy's search for a p-value takes longer in its first call
 @given(st.integers(1, 10_000), st.floats(0.0, 1.0))
 def test_wilsons_interval_is_that_of_scipy(count: int, part: float) -> None:

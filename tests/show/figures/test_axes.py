@@ -23,14 +23,12 @@ from rans.evaluation.compare.optima import Optimum
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
-from rans.model.spacecraft import Spacecraft
 from rans.optimal.trajectory.transcription import Trajectory
 from rans.show.curve import learning_charts
 from rans.show.figures import comparison_figures, figures
 from rans.show.figures.axes import widened, widened_logarithmic
 from rans.show.figures.chart_figure import charts_figure
 from rans.show.figures.flight_paths import paths_figure
-from rans.show.figures.layout_figure import draw_layout
 from rans.show.figures.optimal_figure import optimal_figure
 from rans.show.pages.chart import Chart, Mark, Series
 from tests.support.comparisons import entry
@@ -136,16 +134,6 @@ def test_an_optimum_with_the_noise_of_its_solver_is_steady() -> None:
     assert {float(tick) % 1.0 for tick in sums.get_yticks()} == {0.0}
     (paths,) = (axes for axes in figure.axes if axes.get_xlabel() == "x, m")
     assert "1 starts" not in paths.get_title(loc="left")
-
-
-@pytest.mark.filterwarnings("ignore:spacecraft 'far'")
-def test_a_layout_far_from_its_origin_has_no_offset() -> None:
-    thrusters = [((1e4 + x, 0.0), (0.0, 1.0), 1.0) for x in (-0.1, 0.1)]
-    craft = Spacecraft.planar("far", 5.0, 0.1, thrusters)
-    figure = draw_layout(craft)
-    figure.draw_without_rendering()
-    (axes,) = figure.axes
-    assert axes.xaxis.get_offset_text().get_text() == ""
 
 
 def test_a_chart_of_a_page_shows_no_noise() -> None:

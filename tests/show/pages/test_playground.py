@@ -20,7 +20,7 @@ from rans_missions.tasks import Dock, TargetOrbit
 import rans
 from examples.single_file.controller import PD
 from rans.api.pages import flyers
-from rans.compile.javascript import activations, function
+from rans.compile.javascript import activations
 from rans.deploy.contract import flights_of_training, golden
 from rans.episode import Setup
 from rans.errors import ConfigError
@@ -30,10 +30,9 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.flight import Controller
 from rans.model.fields import leaves, wrap
-from rans.model.random import hash4, seed_words
+from rans.model.random import seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.trace import Symbol
 from rans.model.twists import authority_margin
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.any_craft import authority
@@ -42,7 +41,7 @@ from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.registry import typed
 from rans.scenario import scenarios
 from rans.show.pages.interactive import InteractiveFlight, interactive_world
-from rans.show.pages.playground import Playground, _Traced, playground
+from rans.show.pages.playground import _Traced, playground
 from tests.support import packages
 from tests.support.browser import opened, served
 from tests.support.layouts import sample_layout
@@ -76,18 +75,6 @@ def answer(script: str, tmp_path: Path) -> Any:
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
-
-
-@needs_node
-def test_whole_numbers_wrap_around_as_in_python(tmp_path: Path) -> None:
-    """The hash of the counter-based random numbers, on words at both ends of 32 bits."""
-    words = [Symbol.input(f"w{k}", "int") for k in range(4)]
-    script = function("f", {"w": words}, {"out": hash4(*words)})
-    given = [[1, -2, 3, 2**31 - 1], [-(2**31), 77, -1, 0]]
-    found = answer(f"{script} console.log(JSON.stringify({given}.map(w => f(w).out)))", tmp_path)
-    with np.errstate(over="ignore"):
-        expected = hash4(*np.array(given, np.int32).T)
-    np.testing.assert_array_equal(np.array(found), np.stack(expected, axis=1))
 
 
 @needs_node
@@ -414,12 +401,6 @@ class Branching(PD):
 
     def command(self, state: Any, goal: Any) -> tuple[Any, ...]:
         return (1.0,) * 8 if state.p.x > 0.0 else (0.0,) * 8
-
-
-def test_its_title_is_text() -> None:
-    """Names of strangers' agents are no mark-up."""
-    page = Playground("<b>x</b>", "", {})
-    assert "<title>&lt;b&gt;x&lt;/b&gt;</title>" in page.html()
 
 
 @needs_node

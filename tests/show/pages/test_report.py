@@ -21,18 +21,16 @@ from rans.files import plain, read_json, write_json
 from rans.registry import Registry
 from rans.show.pages import report as report_module
 from rans.show.pages.chart import Chart, Mark, Series
-from rans.show.pages.page import Finding, Page, Picture, Section, Tile
+from rans.show.pages.page import Picture, Section, Tile
 from rans.show.pages.race import median_and_slowest
 from rans.show.pages.report import (
     SOLVED_SHARE,
     comparison_section,
     evaluation_section,
-    learning_charts,
     report_from_run,
     validation_section,
 )
 from rans.show.pages.screen import Screen
-from rans.table import Table
 from rans.terminal import rendered
 from tests.support.evaluation_flights import two_episodes
 from tests.support.training_rows import ROWS
@@ -364,29 +362,6 @@ def test_summary_tells_the_essence(run: Path) -> None:
     assert places == sorted(places)
 
 
-def test_text_is_escaped() -> None:
-    table = Table(("<b>",), [("<script>alert(1)</script>",)], "<i>")
-    page = Read(Page("a < b", [Section("<h1>", "<img src=x>", [table])]).html())
-    assert not {"script", "b", "i", "img"} & set(page.tags)
-    assert "<script>alert(1)</script>" in page.text
-
-
-def test_cells() -> None:
-    row = (1.23456e-7, float("inf"), None, True, False, 12, "text")
-    page = Read(Page("cells", [Section("one", tables=[Table("abcdefg", [row])])]).html())
-    assert page.text[-8:-1] == ["1.235e-07", "never", "–", "pass", "FAIL", "12", "text"]  # noqa: RUF001
-
-
-def test_verdict() -> None:
-    notes = Section("notes", findings=[Finding("noted")])
-    good = Section("good", findings=[Finding("fine", True)])
-    bad = Section("bad", findings=[Finding("broken", False)])
-    assert Page("x", [notes, good]).passed
-    report = Page("x", [notes, good, bad])
-    assert not report.passed
-    assert [finding.text for finding in report.findings] == ["broken", "fine", "noted"]
-
-
 def test_validation_findings() -> None:
     assert [f.passed for f in validation_section({"checks": [CHECK, LATE]}).findings] == [
         False,
@@ -469,14 +444,3 @@ def test_notes_of_a_package_leave_the_headline_to_the_training(
     (tmp_path / "config.json").write_text("{}")
     (tmp_path / "metrics.jsonl").write_text(json.dumps({"steps": 2000, "success": 0.75}))
     assert "75.0% of its last episodes in training" in report_from_run(tmp_path).hero
-
-
-def test_charts_of_a_training_have_percent_and_returns_over_steps() -> None:
-    rows = [
-        {"steps": 1000, "success": 0.25, "return/position": 3.0},
-        {"steps": 2000, "success": 0.5, "return/position": 4.0},
-    ]
-    solved, returns = learning_charts(rows)
-    assert [(mark.x, mark.y) for mark in solved.series[0].marks] == [(1000, 25.0), (2000, 50.0)]
-    assert [(mark.x, mark.y) for mark in returns.series[0].marks] == [(1000, 3.0), (2000, 4.0)]
-    assert returns.series[0].name == "position"

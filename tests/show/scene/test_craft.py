@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from rans.model.solids import Solid
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.show.scene.craft import (
-    FLOOR,
     PLUME,
     craft_parts,
     hull_parts,
@@ -25,7 +23,6 @@ from rans.show.scene.craft import (
 from tests.support.drawings import corners, volume
 
 PLATFORM = load_spacecraft("floating-platform")
-FLYER = load_spacecraft("free-flyer")
 PYRAMID = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
@@ -51,24 +48,6 @@ def test_parts_have_names_of_their_own(shipped: Spacecraft) -> None:
     parts = craft_parts(shipped, Rgba())
     assert len({part.name for part in parts}) == len(parts)
     assert sum(part.name.startswith("nozzle") for part in parts) == len(shipped.thrusters)
-
-
-@pytest.mark.parametrize("shape", ["sphere", "cylinder"])
-def test_a_platform_stands_on_three_pads(shape: Literal["sphere", "cylinder"]) -> None:
-    craft = replace(PLATFORM, shape=shape, radius=0.5)
-    hull = {part.name: part for part in hull_parts(craft, Rgba())}
-    pads = [part for name, part in hull.items() if name.startswith("pad")]
-    feet = np.array([part.pose.translation() for part in pads])
-    np.testing.assert_allclose(feet[:, 2], 0.5 * FLOOR)
-    np.testing.assert_allclose(feet[:, :2].sum(axis=0), 0.0, atol=1e-12)  # no way to fall over
-    assert (len(pads), "dome" in hull) == (3, shape == "cylinder")
-    assert hull["deck"].shape.radius() < 0.5  # type: ignore[attr-defined]
-
-
-def test_a_flyer_has_no_pads() -> None:
-    names = {part.name for part in hull_parts(FLYER, Rgba())}
-    assert {"bus", "camera", "tank 0", "cells 1"} <= names
-    assert not any(name.startswith("pad") for name in names)
 
 
 def test_a_spacecraft_looks_as_its_file_says() -> None:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pydrake.geometry import Rgba
 
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, leaves, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.show.scene.craft import Part, craft_parts, plume_parts
 from rans.show.scene.scene import (
     STARS,
     SceneMotion,
@@ -134,25 +132,6 @@ def test_an_arrow_points_along_the_velocity() -> None:
     np.testing.assert_allclose(turn.matrix()[:, 0], [0.0, -0.6, 0.8], atol=1e-12)
     assert length == pytest.approx(1.0)  # the way of 2 s
     assert velocity_arrow(np.zeros(3))[1] > 0.0  # Meshcat cannot invert a scale of 0
-
-
-def strongest(part: Part) -> int:
-    """0 for a red, 1 for a green, 2 for a blue part."""
-    return int(np.argmax([part.colour.r(), part.colour.g(), part.colour.b()]))
-
-
-def test_colours_say_what_is_what() -> None:
-    """The goal and its velocity are green, one's own velocity and trail are blue; axes x, y, z as usual."""
-    for goal, colour in ((True, 1), (False, 2)):
-        assert [strongest(part) for part in velocity_parts(goal)] == [colour] * 2
-    assert {strongest(part) for part in goal_parts(FLYER, {"position"})} == {1}
-    assert strongest(goal_parts(FLYER, {"position", "attitude"})[0]) == 1
-    assert [strongest(part) for _, part in trail_parts(np.eye(3))] == [2, 2]
-    axes = {
-        part.name: strongest(part) for part in craft_parts(FLYER, Rgba()) if "axis" in part.name
-    }
-    assert axes == {"x axis": 0, "y axis": 1, "z axis": 2}
-    assert {strongest(part) for part in plume_parts(FLYER)} == {0}  # flames
 
 
 def test_an_arrow_is_as_long_as_it_is_told() -> None:
