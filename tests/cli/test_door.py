@@ -14,8 +14,6 @@ import rans
 from rans.cli.commands import COMMANDS
 from rans.cli.door import Options, argument_texts, command_of
 from rans.cli.options import texts_of
-from rans.evaluation.fly.contestant_name import ContestantName
-from tests.support.command_codes import code_of
 
 DOORS: dict[str, Any] = {
     name: COMMANDS[name] for name in COMMANDS if issubclass(COMMANDS[name], Options)
@@ -52,17 +50,13 @@ def test_every_command_with_a_function_is_a_door() -> None:
 
 
 @pytest.mark.parametrize("name", DOORS)
-def test_an_argument_has_one_default_and_one_text(
-    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The page of help has the words of the docstring, which nothing else declares."""
-    monkeypatch.setenv("COLUMNS", "200")
+def test_an_argument_has_one_default_and_one_text(name: str) -> None:
+    """The text of help is that of the docstring, which nothing else declares."""
     door = DOORS[name]
     declared = inspect.unwrap(door.function)
     parameters = inspect.signature(declared).parameters
     shared = {field.name: field for field in dataclasses.fields(door) if field.name in parameters}
-    assert code_of([name, "--help"]) == 0
-    printed = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    told = texts_of(door)
     for option, field in shared.items():
         if (name, option) not in OTHERWISE:
             default = parameters[option].default
@@ -70,7 +64,7 @@ def test_an_argument_has_one_default_and_one_text(
             assert nothing or field.default == default or default is inspect.Parameter.empty
         if option != "trust":  # which the lines about every command explain
             text = argument_texts(declared)[option].removeprefix("whether to ")
-            assert text[1:60] in printed, option
+            assert text[1:60] in told[option], option
 
 
 def test_what_python_declares_cannot_be_declared_again() -> None:
@@ -135,26 +129,3 @@ def test_a_command_reads_options_that_it_has(name: str) -> None:
         for field in dataclasses.fields(door)
         if field.default is dataclasses.MISSING and field.name in read
     )
-
-
-@pytest.mark.parametrize("command", ["evaluate", "compare"])
-def test_the_text_of_a_contestant_is_parsed_once(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Then its parsed name is handed on, so that no two places can read a text differently."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rans.cli.evaluate.is_installed", lambda _: False)  # no figures
-    monkeypatch.setattr("rans.show.figures.chart_figure.save_chart", lambda *_: [])
-    parse = ContestantName.parse.__func__  # type: ignore[attr-defined]
-    texts: list[str] = []
-
-    def counted(cls: type, text: Any) -> ContestantName:
-        if isinstance(text, str):
-            texts.append(text)
-        return parse(cls, text)
-
-    monkeypatch.setattr(ContestantName, "parse", classmethod(counted))
-    options = {"evaluate": ["--episodes", "1"], "compare": ["--episodes", "1", "--certified", "0"]}
-    alone = ["--with"] if command == "compare" else []
-    assert code_of([command, "lqr:go-to-pose-2d", *options[command], *alone]) == 0
-    assert [text for text in texts if text.startswith("lqr")] == ["lqr:go-to-pose-2d"]

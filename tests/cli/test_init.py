@@ -204,11 +204,6 @@ def test_files_that_exist_are_kept(capsys: pytest.CaptureFixture[str]) -> None:
     assert "must end in .toml" in capsys.readouterr().err
 
 
-def test_without_a_terminal_nothing_is_asked(capsys: pytest.CaptureFixture[str]) -> None:
-    assert batch("--set", "mass=12") == 2
-    assert "needs dimension" in capsys.readouterr().err
-
-
 ROBOT = """<robot name="craft"><link name="hull"><inertial><mass value="8"/>
 <inertia ixx="0.2" iyy="0.2" izz="0.3"/></inertial></link>
 {links}</robot>"""

@@ -137,7 +137,6 @@ def test_certify_bounds_craft_with_wheels_without_a_trajectory(
             "--certify-seconds must be > 0, got nan",
         ),
         (("go-to-pose", "--certify-seconds", "9"), "--certify-seconds needs --certify"),
-        (("go-to-pose", "--horizon", "0"), "horizon must be a finite number > 0 s, got 0"),
         (
             ("go-to-pose", "--objective", "reward", "--certify"),
             "--certify bounds fuel and time only",

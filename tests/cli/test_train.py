@@ -247,15 +247,6 @@ def test_wrong_options(capsys: pytest.CaptureFixture[str]) -> None:
     )
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_a_run_is_not_overwritten(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*tiny(), "--set", "total_timesteps=100", "--output", "run"]) == 0
-    before = {file: file.read_bytes() for file in Path("run").glob("*.*")}
-    capsys.readouterr()
-    assert "continue it with --resume run" in refused(capsys, *tiny()[1:], "--output", "run")
-    assert before == {file: file.read_bytes() for file in Path("run").glob("*.*")}
-
-
 def test_nan_is_said_in_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = [*tiny(ppo__reward_scale=1e38)[1:], "--output", "run"]
     text = refused(capsys, *arguments)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import operator
 from pathlib import Path
 
 import numpy as np
@@ -127,12 +126,6 @@ def test_a_module_that_cannot_be_imported(
     printed = capsys.readouterr().err
     assert "gate_unfrozen.py, line 6, in <module>" in printed
     assert "@dataclass(frozen=True)" in printed
-
-
-def test_a_mistake_in_rans_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rans.cli.list.List.run", property(operator.attrgetter("nothing")))
-    with pytest.raises(AttributeError, match="nothing"):
-        main(["list"])
 
 
 @pytest.mark.parametrize("vector", [Vec2(1.0, 2.0), Vec3(1.0, 2.0, 3.0)])

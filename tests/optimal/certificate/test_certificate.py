@@ -47,8 +47,6 @@ def test_out_of_reach_is_a_sentence() -> None:
     assert certified_least_time(
         PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 6
     ).lower == pytest.approx(15.0)
-    with pytest.raises(ConfigError, match="at least one control period"):
-        certified_least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 0)
 
 
 @pytest.mark.parametrize(

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import itertools
 import math
-import warnings
 from dataclasses import replace
 from functools import cache
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 
 from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.model.dynamics import PlanarState, advance, thrust, wrench
-from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, map_leaves, unflatten
-from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.dynamics import PlanarState, thrust, wrench
+from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, unflatten
+from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate import hull
 from rans.optimal.certificate.goal_set import GoalSet
@@ -27,7 +24,7 @@ from rans.optimal.trajectory.transcription import Transcription
 from rans.scenario import scenario
 from rans.tasks import GoToPose, GoToPosition, Task, TrackTwist, TrackVelocity, TrackVelocityHeading
 from rans.tasks.goal_set import aims
-from tests.support.crafts import nasty_planar, nasty_spatial, random_states, spacecraft
+from tests.support.crafts import nasty_planar, nasty_spatial
 from tests.support.problems import spatial
 from tests.support.tiny_lattice import fly_everything, lopsided
 
@@ -48,16 +45,6 @@ def planar(
     w: float = 0.0,
 ) -> PlanarState:
     return PlanarState(Vec2(x, y), Heading(heading), Vec2(*v), w)
-
-
-def test_reach_of_the_platform() -> None:
-    """By hand: one nozzle 1 N, two that agree 2 N, three sqrt(5), four 2 sqrt(2); none push harder."""
-    reach = hull.Reach.of(PLATFORM)
-    np.testing.assert_allclose(reach.thrust, [0, 1, 2, 3, 4])
-    np.testing.assert_allclose(reach.force, [0, 1, 2, math.sqrt(5), 2 * math.sqrt(2)], atol=1e-12)
-    assert (reach.torque, reach.arm) == pytest.approx((4 * 0.31, 0.31))
-    shared = hull.Reach.of(SHARED)
-    assert (shared.force.max(), shared.torque) == pytest.approx((1.0, 0.31))
 
 
 @pytest.mark.parametrize(
@@ -131,9 +118,7 @@ def test_who_is_faster_leaves_for_a_moment() -> None:
     ("tolerance", "period", "sentence"),
     [
         (math.nan, 0.2, "position must be finite"),
-        (-0.1, 0.2, "not negative, got -0.1"),
         (0.05, math.nan, "period >= 0 s between looks, got nan"),
-        (0.05, math.inf, "got inf"),
         (0.05, -0.2, r"got -0\.2"),
     ],
 )
@@ -179,29 +164,6 @@ def test_out_of_reach_is_infinite() -> None:
     assert hull.least_fuel(PLATFORM, POSE, planar(x=-30.0), planar(), 2.0, EXACT) == math.inf
     with pytest.raises(ConfigError, match="horizon > 0 s, got 0"):
         hull.least_fuel(PLATFORM, POSE, planar(), planar(), 0.0, EXACT)
-
-
-def couple(sharing: Literal["none", "split"] = "none") -> Spacecraft:
-    """Two nozzles of 1 N, 0.3 m either side of the centre, that together only turn."""
-    sphere = ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1))
-    nozzles = tuple(
-        Thruster((x, 0.0, 0.0), (0.0, way, 0.0), 1.0) for x, way in ((0.3, 1.0), (-0.3, -1.0))
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that it cannot be steered everywhere does not matter here
-        return Spacecraft("couple", 2, 4.0, sphere, nozzles, thrust_sharing=sharing)
-
-
-def test_turning_may_take_more_thrust_than_pushing() -> None:
-    """Both open for 2 s spin it up by 0.6 N m x 2 s / 0.1 kg m^2 for 4 N s; pushing never takes over 1 N."""
-    spun = planar(w=12.0)
-    assert hull.least_fuel(couple(), {"spin"}, planar(), spun, 2.0, EXACT) == pytest.approx(4.0)
-    assert hull.least_fuel(couple(), {"spin"}, planar(), planar(w=12.1), 2.0, EXACT) == math.inf
-    shared = couple("split")  # together they give the worth of one
-    assert hull.least_fuel(shared, {"spin"}, planar(), planar(w=6.0), 2.0, EXACT) == pytest.approx(
-        2.0
-    )
-    assert hull.least_fuel(shared, {"spin"}, planar(), planar(w=6.1), 2.0, EXACT) == math.inf
 
 
 def test_tolerances_are_granted() -> None:
@@ -288,41 +250,6 @@ def test_no_optimum_beats_its_bound(craft: Spacecraft, task: Task) -> None:
                 hull.least_time(*common, EXACT) if timed else hull.least_fuel(*common, 12.0, EXACT)
             )
             assert 0.0 < bound * SLACK <= found.cost
-
-
-@pytest.mark.slow
-@settings(max_examples=40)
-@given(
-    craft=spacecraft(2)
-    | spacecraft(3)
-    | st.sampled_from([PLATFORM, SHARED, FLYER, nasty_spatial()]),
-    seed=st.integers(0, 2**20),
-    duty=st.floats(0.05, 1.0),
-    relaxed=st.booleans(),
-)
-def test_no_flight_beats_its_bounds(
-    craft: Spacecraft, seed: int, duty: float, relaxed: bool
-) -> None:
-    """A random flight, whose end is the goal, of a random spacecraft that moves and spins at the start."""
-    random = np.random.default_rng(seed)
-    steps = 15
-    h = 0.2
-    state = map_leaves(lambda x: float(x[0]), random_states(craft.dimension, 1, seed))
-    commands = random.random((steps, len(craft.thrusters)))
-    commands = np.where(commands < duty, commands if relaxed else 1.0, 0.0)
-    spent = 0.0
-    now = state
-    for command in commands:
-        fields = tuple(float(c) for c in command)
-        now = advance(now, wrench(craft, fields), Body.of(craft), h, 8).normalised()
-        spent += h * sum(
-            s * t.force for s, t in zip(thrust(craft, fields), craft.thrusters, strict=True)
-        )
-    assume(all(math.isfinite(x) and abs(x) < 100 for x in leaves(now)))
-    loose = GoalSet(1e-3, 1e-3, 1e-3, 1e-3)  # of a flight in Runge-Kutta steps of 25 ms
-    common = (craft, POSE, state, now)
-    assert hull.least_time(*common, loose) <= steps * h * (1 + 1e-9)
-    assert hull.least_fuel(*common, steps * h, loose) <= spent * (1 + 1e-9) + 1e-12
 
 
 @pytest.mark.parametrize(

@@ -73,23 +73,6 @@ def test_out_of_reach_keeps_the_direction(craft: Spacecraft, sharing: str) -> No
     np.testing.assert_allclose(given_ * allocation.load(wanted)[:, None], wanted, atol=1e-7)
 
 
-def test_pairs_by_hand() -> None:
-    """1 N along body x: four nozzles at 45 degrees share it, and their opposites stay shut."""
-    command = Allocation(CRAFTS[0]).commands(np.array([[1.0, 0.0, 0.0]]))[0]
-    pushing = np.array(CRAFTS[0].wrench_map)[:, 0] > 0
-    np.testing.assert_allclose(command, np.where(pushing, 0.25 / np.sqrt(0.5), 0.0), atol=1e-12)
-
-
-def test_platform_authority_by_hand() -> None:
-    """Four of the eight 1 N nozzles push along each body axis at 45 degrees, four turn it at 0.31 m."""
-    platform = load_spacecraft("floating-platform")
-    assert Allocation(platform).authority() == pytest.approx(
-        (4 * math.sqrt(0.5), 4 * 0.31), rel=1e-6
-    )
-    shared = replace(platform, thrust_sharing="split")
-    assert Allocation(shared).authority() == pytest.approx((math.sqrt(0.5), 0.31), rel=1e-6)
-
-
 def test_uncontrollable_spacecraft_is_refused() -> None:
     platform = load_spacecraft("floating-platform")
     with pytest.warns(UserWarning, match="cannot push and turn"):

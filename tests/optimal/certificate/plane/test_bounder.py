@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -24,7 +23,6 @@ from rans.optimal.certificate.certificate import (
 from rans.optimal.certificate.flight import fuel, state_after
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.plane import bounder
-from rans.optimal.certificate.plane.ascent import Ascent, Cut
 from rans.optimal.certificate.plane.bounder import PlanarBounder
 from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
@@ -214,34 +212,3 @@ def test_the_bound_of_time_is_the_first_that_was_not_excluded(
     assert (found.lower, found.upper) == pytest.approx(bounds)
     assert found.nodes == 2 * len(ends) if ends != "???c" else 6
     assert (found.commands is not None) == math.isfinite(bounds[1])
-
-
-def test_parts_share_out_a_branch() -> None:
-    """Each of all paths of three periods is in one part and not in the other; no part holds a whole mixture.
-
-    Split where the mixture's headings differ, where only its patterns do, and where it is one path."""
-    lattice = Lattice(doubled(), PERIOD)
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    loose = GoalSet(1.0, 1.0, math.pi, 100.0)
-    relaxation = Relaxation(lattice, rest, rest, loose, 3, None)
-    patterns = lattice.patterns
-    paths = [np.array(path) for path in itertools.product(range(len(patterns.torque)), repeat=3)]
-    same = np.flatnonzero(patterns.torque == patterns.torque[3])
-    assert len(same) > 1
-    still = int(np.flatnonzero(patterns.thrust == 0.0)[0])
-    mixtures = [
-        [(still, still, still), (len(patterns.torque) - 1, still, still)],
-        [(int(same[0]), still, still), (int(same[1]), still, still)],
-        [(still, still, still)],
-    ]
-    for mixture in mixtures:
-        cuts = [Cut(0.0, np.zeros(4), np.array(path)) for path in mixture]
-        best: Any = None
-        found = Ascent(best, cuts, np.full(len(cuts), 1.0 / len(cuts)))
-        parts = bounder._parts(relaxation, relaxation.everything, found)
-        held = np.array([[relaxation.inside(path, part) for path in paths] for part in parts])
-        assert held.shape == (2, len(paths))
-        assert (held.sum(axis=0) == 1).all()
-        assert held.any(axis=1).all()
-        if len(mixture) > 1:
-            assert not any(all(relaxation.inside(cut.path, part) for cut in cuts) for part in parts)

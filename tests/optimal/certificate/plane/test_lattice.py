@@ -15,10 +15,9 @@ from hypothesis import strategies as st
 
 from rans.errors import ConfigError
 from rans.model.actuators import Actuators, Pulsed, Throttle
-from rans.model.body import Body
-from rans.model.dynamics import PlanarState, advance, wrench
+from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
-from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft import Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.flight import state_after
 from rans.optimal.certificate.goal_set import GoalSet, pulse
@@ -64,32 +63,6 @@ def test_a_quantum_that_no_thruster_has() -> None:
     assert lattice.drift(10) < 1e-12
 
 
-@pytest.mark.parametrize("craft", [PLATFORM, lopsided()], ids=lambda craft: craft.name)
-@given(
-    choices=st.lists(st.integers(0, 2**30), min_size=12, max_size=12),
-    start=st.tuples(*[numbers] * 6),
-)
-def test_any_firing_stays_on_the_lattice(
-    craft: Spacecraft, choices: list[int], start: tuple[float, ...]
-) -> None:
-    lattice = Lattice(craft, PERIOD)
-    state = PlanarState(Vec2(*start[:2]), Heading(start[2]), Vec2(*start[3:5]), start[5])
-    first = state
-    n = 0
-    a = 0
-    for k, choice in enumerate(choices):
-        p = choice % len(lattice.patterns.torque)
-        command = lattice.patterns.commands[p]
-        state = advance(state, wrench(craft, tuple(command)), Body.of(craft), PERIOD)
-        n, a = n + int(lattice.patterns.torque[p]), a + n
-        # rounding of 12 periods
-        assert state.w == pytest.approx(first.w + lattice.spin * n, abs=1e-12)
-        heading = (
-            first.attitude.angle + first.w * (k + 1) * PERIOD + lattice.spin * PERIOD * (a + n / 2)
-        )
-        assert state.attitude.angle == pytest.approx(heading, abs=1e-12)
-
-
 @given(
     choices=st.lists(st.integers(0, 2**30), min_size=6, max_size=6), start=st.tuples(*[numbers] * 6)
 )
@@ -104,20 +77,6 @@ def test_effects_are_the_motion(choices: list[int], start: tuple[float, ...]) ->
     # the engines' six-node rule is good to 1e-9 of the thrust's effect at 2 rad a period
     assert complex(speed.sum()) + complex(*relaxation.miss[:2]) == pytest.approx(0, abs=1e-9)
     assert complex(way.sum()) + complex(*relaxation.miss[2:]) == pytest.approx(0, abs=1e-9)
-
-
-def test_patterns_are_all_that_differ() -> None:
-    patterns = Lattice(PLATFORM, 0.2).patterns
-    wrenches = np.array(PLATFORM.wrench_map)
-    every = np.array([[float(b) for b in f"{number:08b}"] for number in range(256)])
-    sums = every @ wrenches
-    thrust = every.sum(axis=1)
-    ours = patterns.commands @ wrenches
-    for total, cost in zip(sums, thrust, strict=True):
-        same = np.abs(ours - total).max(axis=1) < 1e-9
-        assert same.sum() == 1
-        assert patterns.thrust[same] <= cost
-    assert np.array_equal(patterns.thrust, patterns.commands.sum(axis=1))
 
 
 @pytest.mark.parametrize(
@@ -191,27 +150,6 @@ def test_spin_off_the_lattice() -> None:
         lattice.net_spins(GoalSet(), spinning, rest)
     assert lattice.net_spins(GoalSet(spin=0.13), spinning, rest) == {-2}
     assert lattice.net_spins(GoalSet(spin=0.2), spinning, rest) == {-2, -3}
-
-
-@pytest.mark.parametrize(("share", "inside"), [(0.99, True), (1.01, False)])
-def test_a_goal_set_is_a_ball_of_its_own_in_each_quantity(share: float, inside: bool) -> None:
-    """Of sizes that differ; the heading goes on beyond half a turn."""
-    goal = PlanarState(Vec2(1.0, 2.0), Heading(3.1), Vec2(0.1, -0.2), 0.3)
-    aside = Vec2(0.6 * share, 0.8 * share)
-    for state in (
-        dataclasses.replace(goal, p=goal.p + aside.scale(0.4)),
-        dataclasses.replace(goal, v=goal.v + aside.scale(0.2)),
-        dataclasses.replace(goal, attitude=Heading(3.1 + 0.1 * share - 2.0 * math.pi)),
-        dataclasses.replace(goal, w=goal.w - 0.05 * share),
-    ):
-        assert GoalSet(0.4, 0.2, 0.1, 0.05).contains(state, goal) is inside
-
-
-def test_heading_drifts_with_the_square_of_time() -> None:
-    """1e-6 rad/s^2 that are not on the lattice turn by half of it times 2 s squared in ten periods."""
-    lattice = Lattice(PLATFORM, 0.2)
-    lattice._angular_error = 1e-6
-    assert lattice.drift(10) == pytest.approx(2e-6)
 
 
 def test_missing_numba_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
