@@ -37,7 +37,7 @@ help:
 	@echo "make test-slow  run the tests that take seconds each, which make test leaves out"
 	@echo "make test-all  both"
 	@echo "make setup   install RANS into .venv (another Python: PYTHON=python3.12)"
-	@echo "make lint    ruff, pyright and the words of the pages only"
+	@echo "make lint    ruff, pyrefly and the words of the pages only"
 	@echo "make docs    build the documentation site into build/site, and run its tutorials"
 	@echo "make release build the packages into dist/, check them, and fly an agent from the wheel alone"
 	@echo "make clean   remove what was built; runs/ stays"
@@ -50,16 +50,14 @@ demo: .venv/installed
 	rans compare $(RUN)/good $(RUN)/quick pretrained:go-to-pose-2d-trade-off#0.25 --with lqr optimal --output $(RUN)/good $(COMPARE_OPTIONS)
 	rans report $(RUN)/good
 
-# Types and tests at once: pyright uses one processor for minutes, and the suite waits for single tests at its end.
-test: style
-	$(MAKE) --jobs 2 --no-print-directory types suite
+test: style types suite
 
 test-slow: .venv/installed-dev
 	pytest -n 2 --dist worksteal -m slow
 
 # Both suites at once: every process collects and imports for 20 s.
-test-all: style
-	$(MAKE) --jobs 2 --no-print-directory types suite PYTEST='-m ""'
+test-all: style types
+	$(MAKE) --no-print-directory suite PYTEST='-m ""'
 
 suite: .venv/installed-dev
 	pytest -n 2 --dist worksteal $(PYTEST)
@@ -72,7 +70,7 @@ style: .venv/installed-dev
 	python docs/_ext/prose.py
 
 types: .venv/installed-dev
-	pyright
+	pyrefly check --min-severity error
 
 docs: .venv/installed-docs
 	sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/site

@@ -174,7 +174,7 @@ class _Judge(NamedTuple):
         craft = own.craft
         if contest.mass != 1.0:
             inertia = tuple(tuple(contest.mass * x for x in row) for row in craft.inertia)
-            craft = replace(craft, mass=contest.mass * craft.mass, inertia=inertia)
+            craft = replace(craft, mass=contest.mass * craft.mass, inertia=inertia)  # pyrefly: ignore[bad-argument-type]
         if contest.dead is not None:
             craft = without(craft, contest.dead)
         stated = craft if contest.is_stated else own.craft

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -202,7 +202,7 @@ class Faults:
         return said
 
 
-def in_document(docs: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def in_document(docs: Path) -> tuple[tuple[str, ...], Sequence[tuple[str, ...]]]:
     """The table of robustness.md: of one agent in the plane, one in space, what may be recovered from."""
     plane, space = (
         next(iter(read_json(docs / "validation" / f"{name}.json")["agents"].values()))

@@ -209,7 +209,7 @@ class Hidden:
         craft = load_spacecraft(self.spacecraft)
         logs, truth = hidden_flights(craft, self.count, self.seconds, self.period, self.seed)
         found = identified(_identified, craft, logs)
-        values, deviations, delays, spent = map(np.array, zip(*found, strict=True))
+        values, deviations, delays, spent = (np.array(x) for x in zip(*found, strict=True))
         return {
             "rows": [*self._rows(craft, values, deviations, delays, truth)],
             "median seconds of a fit": float(np.median(spent)),

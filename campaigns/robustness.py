@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -161,7 +162,7 @@ class Robustness:
         return {"agents": study(self.agents, measure)}
 
 
-def in_document(docs: Path) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def in_document(docs: Path) -> tuple[tuple[str, ...], Sequence[tuple[str, ...]]]:
     """The table of robustness.md: of every figure the worst training, in the plane and in space."""
     found = [
         read_json(docs / "validation" / f"{name}.json")["agents"].values()

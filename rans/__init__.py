@@ -87,7 +87,7 @@ if TYPE_CHECKING:
 _LAZY = homes(__file__)
 """Module of each public name, loaded on first use."""
 
-__all__ = [*_LAZY, "TASKS", "__version__"]  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = [*_LAZY, "TASKS", "__version__"]
 
 
 def __getattr__(name: str) -> Any:

@@ -180,7 +180,7 @@ def _converter() -> cattrs.Converter:
 
 def _refusing_texts(kind: Any, converter: cattrs.Converter) -> Callable[[Any, Any], Any]:
     """Hook of cattrs for a tuple of values of one type, which would take a text for the list of its characters."""
-    of = list[get_args(kind)[0]]
+    of = list[get_args(kind)[0]]  # pyrefly: ignore[invalid-annotation]
     size = None if ... in get_args(kind) else len(get_args(kind))
     usual = converter.get_structure_hook(of)
 

@@ -101,7 +101,7 @@ def test_recording_a_video_of_many(tmp_path: Path) -> None:
         film.step(envs.action_space.sample())
     film.close()
     (video,) = (tmp_path / "videos").glob("*.mp4")
-    assert next(read_frames(str(video)))["size"] == (2 * 320, 2 * 240)
+    assert next(read_frames(str(video)))["size"] == (2 * 320, 2 * 240)  # pyrefly: ignore[bad-index]
 
 
 @pytest.mark.parametrize("name", [PLANE, SPACE])

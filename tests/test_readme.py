@@ -467,7 +467,7 @@ def test_the_tasks_page_has_the_observation_and_the_rewards() -> None:
 @pytest.mark.parametrize(
     ("target", "asked"),
     [
-        ("test", ("ruff", "pyright", "pytest")),
+        ("test", ("ruff", "pyrefly", "pytest")),
         ("demo", ("rans validate", "rans train", "rans evaluate", "rans compare", "rans report")),
     ],
 )

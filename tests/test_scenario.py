@@ -245,7 +245,8 @@ def test_zones_of_a_user_stand_still_and_the_last_fills_up() -> None:
     with pytest.raises(ConfigError, match="3 keep-out zones, got 4"):
         Endpoints(zones=[(1.5, 0.2, 0.4)] * 4).applied(sampled)
     # A radius of 0, words, and one zone that stands in no list.
-    for zones in ([(1.5, 0.2, 0.0)], [(1.5, 0.2, "large")], (1.5, 0.2, 0.4)):
+    wrong: list[Any] = [[(1.5, 0.2, 0.0)], [(1.5, 0.2, "large")], (1.5, 0.2, 0.4)]
+    for zones in wrong:
         with pytest.raises(ConfigError, match="a radius above 0"):
             Endpoints(zones=zones).applied(sampled)
     without = scenarios(rans.GoToPose(), craft, seed=7, count=2)

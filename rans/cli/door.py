@@ -137,10 +137,10 @@ def command_of(
             value = (defaults or {}).get(name, parameter.default)
             if parameter.kind is not parameter.VAR_POSITIONAL and value is not parameter.empty:
                 setattr(described, name, _written(value, made[name]))
-        described.texts = _terminal_texts(made, texts)
-        described.function = staticmethod(function)
+        described.texts = _terminal_texts(made, texts)  # pyrefly: ignore[missing-attribute]
+        described.function = staticmethod(function)  # pyrefly: ignore[missing-attribute]
         described.__annotations__ = _required_first(made | own, described)
-        return dataclass(frozen=True)(described)
+        return dataclass(frozen=True)(described)  # pyrefly: ignore[bad-return]
 
     return decorate
 

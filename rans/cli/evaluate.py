@@ -314,7 +314,7 @@ class Evaluate(Options):
             if self.zones:
                 options["zones"] = " ".join(self.zones)
         if run.guard is not None:
-            options["guard"] = asdict(run.guard)  # pyright: ignore[reportArgumentType]
+            options["guard"] = asdict(run.guard)  # pyrefly: ignore[bad-argument-type]
         if run.conditions is None:
             return options
         return options | {"conditions": asdict(run.conditions)}

@@ -147,7 +147,7 @@ class Init(Options):
             dimension = ask("Does it move in the plane (2) or in space (3)", _dimension, "2")
             answers["dimension"] = dimension
         if "mass" not in given and foreign is None:
-            answers["mass"] = ask("Mass, kg", number, start and f"{start.mass:g}")
+            answers["mass"] = ask("Mass, kg", number, None if start is None else f"{start.mass:g}")
         has_inertia = foreign is not None and foreign.inertia is not None
         if not {"inertia", "size"} & given.keys() and not has_inertia:
             answers |= _ask_inertia(dimension, start)

@@ -62,7 +62,7 @@ def _check_words(name: str, command: type, words: Sequence[str]) -> None:
     hints = get_type_hints(command, include_extras=True)
     # Words between the command and its first option.
     begun = list(takewhile(lambda word: not word.startswith("-"), words))
-    positional = [hints[f.name] for f in fields(command) if _is_positional(hints[f.name])]  # pyright: ignore[reportArgumentType]
+    positional = [hints[f.name] for f in fields(command) if _is_positional(hints[f.name])]
     takes_many = any(get_origin(get_args(hint)[0]) is tuple for hint in positional)
     if not takes_many and len(begun) > len(positional):
         extra = brief(" ".join(begun[len(positional) :]))
@@ -201,7 +201,7 @@ def _flags(command: type) -> Iterable[tuple[str, tuple[str, ...]]]:
     """Options of a command in all their spellings, with their values if these are words of a list."""
     yield "--help", ()
     hints = get_type_hints(command, include_extras=True)
-    for field in fields(command):  # pyright: ignore[reportArgumentType]
+    for field in fields(command):
         kind = hints[field.name]
         annotations: list[Any] = []
         if get_origin(kind) is Annotated:

@@ -55,7 +55,7 @@ _GENTLE = 30.0
     without=("ppo", "algorithm", "guard", "plain", "progress", "report"),
     defaults={"task": None},
     task=word("[TASK]", str | None),
-    log=Annotated[tuple[Literal["terms", *get_args(LoggerName)], ...], arg(metavar="NAME...")],
+    log=Annotated[tuple[Literal["terms", *get_args(LoggerName)], ...], arg(metavar="NAME...")],  # pyrefly: ignore[invalid-literal]
 )
 class Train(Options):
     """Train an agent until it has solved its task.

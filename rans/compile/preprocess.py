@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from importlib.resources import files
 from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -102,7 +102,7 @@ def row_programs(architecture: Architecture) -> list[tuple[RowProgram, int]]:
         return outputs["filters_after"], Symbol.constant(0)
 
     width = architecture.read_count + architecture.filtering
-    programs = [(in_body, architecture.layout.width), (viewed, width)]
+    programs: list[Any] = [(in_body, architecture.layout.width), (viewed, width)]
     return (
         [*programs, (next_filter_memory, width + architecture.thrusters)]
         if architecture.filtering
@@ -159,7 +159,7 @@ class CpuPreprocessor(ColumnExecutor):
         if self._actor_critic is None or self._actor_critic[0] is not weight:
             self._actor_critic = weight, self._compiled_actor_critic(tensors)
         run = self._actor_critic[1]
-        return run and run(observation)
+        return None if run is None else run(observation)
 
     def _compiled_actor_critic(self, tensors: Mapping[str, Tensor]) -> CpuActorCritic | None:
         """The whole network as machine code; None if it has parts that this lacks."""

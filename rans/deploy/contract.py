@@ -314,8 +314,8 @@ def _safety_filter(task: Task, craft: Spacecraft, timing: Timing) -> dict[str, A
         guard = safety_filter(Setup(craft, task, timing))
     except ConfigError as error:
         return about | {"name": None, "meaning": f"there is no safety filter: {error}"}
-    settings = {key: value for key, value in asdict(guard).items() if key != "name"}  # pyright: ignore[reportArgumentType]
-    return about | {"name": guard.name, "settings": settings}  # pyright: ignore[reportAttributeAccessIssue]
+    settings = {key: value for key, value in asdict(guard).items() if key != "name"}  # pyrefly: ignore[bad-argument-type]
+    return about | {"name": guard.name, "settings": settings}  # pyrefly: ignore[missing-attribute]
 
 
 def changed_settings(value: Any) -> dict[str, Any]:

@@ -99,7 +99,7 @@ class Flights:
             tables = parameters(self._network)
             program = None if lacking else trace_flight(self.world, architecture, tables)
             with one_thread():
-                return program and CpuFlights(self.world, program, tables)
+                return None if program is None else CpuFlights(self.world, program, tables)
         except UNTRACEABLE:  # the task uses more than arithmetic on fields
             return None
 

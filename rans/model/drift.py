@@ -162,10 +162,10 @@ class ClohessyWiltshire(Drift):
         v_x = p.x * (3.0 * n * s) + v.x * (1.0 - rise) + v.y * (2.0 * s)
         v_y = v.y * (1.0 - 4.0 * rise) - p.x * (6.0 * n * rise) - v.x * (2.0 * s)
         if isinstance(p, Vec2) or isinstance(v, Vec2):
-            return Vec2(x, y), Vec2(v_x, v_y)
+            return Vec2(x, y), Vec2(v_x, v_y)  # pyrefly: ignore[bad-return]
         z = p.z * (1.0 - rise) + v.z * by_s
         v_z = v.z * (1.0 - rise) - p.z * (n * s)
-        return Vec3(x, y, z), Vec3(v_x, v_y, v_z)
+        return Vec3(x, y, z), Vec3(v_x, v_y, v_z)  # pyrefly: ignore[bad-return]
 
     def kicked(self, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
         """As `carry` from W's origin, without its terms of the position."""
@@ -175,8 +175,8 @@ class ClohessyWiltshire(Drift):
         v_x = v.x * (1.0 - rise) + v.y * (2.0 * s)
         v_y = v.y * (1.0 - 4.0 * rise) - v.x * (2.0 * s)
         if isinstance(v, Vec2):
-            return Vec2(x, y), Vec2(v_x, v_y)
-        return Vec3(x, y, v.z * by_s), Vec3(v_x, v_y, v.z * (1.0 - rise))
+            return Vec2(x, y), Vec2(v_x, v_y)  # pyrefly: ignore[bad-return]
+        return Vec3(x, y, v.z * by_s), Vec3(v_x, v_y, v.z * (1.0 - rise))  # pyrefly: ignore[bad-return]
 
     def turn(self, t: Field) -> Quat:
         """Rotation about z by n t."""

@@ -289,9 +289,9 @@ def advance(
     for _ in range(substeps):
         load = _Load(applied, change, disturbance, body, drift, momentum, swell, rotors)
         if isinstance(state, PlanarState):
-            state = _advance_planar(state, load, h, nodes)
+            state = _advance_planar(state, load, h, nodes)  # pyrefly: ignore[bad-assignment]
         else:
-            state = _advance_spatial(state, load, h)
+            state = _advance_spatial(state, load, h)  # pyrefly: ignore[bad-assignment]
         if change is not None:
             applied = map_leaves(operator.add, applied, change)
         if momentum is not None:

@@ -88,9 +88,9 @@ def spin_series(
     tides: list[Vec3] = []
     rate = [w]
     # Vectors that are constant in axes that do not turn, as B sees them.
-    frame = [[vector] for vector in carried]
+    frame: list[list[Vec3]] = [[vector] for vector in carried]
     relative = [w - carried[0]] if carried else rate
-    momentum = []
+    momentum: list[Vec3] = []
     for k in range(order):
         torques: list[Any] = list(torque[k : k + 1])
         if turning:

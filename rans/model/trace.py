@@ -98,7 +98,7 @@ class Symbol:
             "bool" if isinstance(value, bool) else "int" if isinstance(value, int) else "real"
         )
         kind = kind or natural
-        convert = {"real": float, "int": _wrapped, "bool": bool}[kind]
+        convert: Callable[[Any], Any] = {"real": float, "int": _wrapped, "bool": bool}[kind]
         return cls._of("constant", kind, value=convert(value))
 
     @classmethod

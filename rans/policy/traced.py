@@ -242,7 +242,7 @@ def _filtered(
         [x for _, block in blocks for x in block],
         dict(zip((*read, *memory), rows, strict=True)),
     )
-    split = []
+    split: list[tuple[Layout, list[str] | None]] = []
     for layout, block in blocks:
         split.append((layout, result[: len(block)]))
         result = result[len(block) :]

@@ -6,7 +6,6 @@ the effector returns, by default the effector's own.
 """
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged.
-# pyright: reportArgumentType=false, reportCallIssue=false
 
 from __future__ import annotations
 

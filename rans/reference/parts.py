@@ -4,7 +4,6 @@ Like the plant it takes nothing of RANS but descriptions: values that say what t
 """
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged.
-# pyright: reportArgumentType=false, reportCallIssue=false
 
 from __future__ import annotations
 

@@ -15,7 +15,6 @@ those of the wheels, -1 to 1.
 """
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged and leave ports untyped.
-# pyright: reportArgumentType=false, reportCallIssue=false, reportGeneralTypeIssues=false
 
 from __future__ import annotations
 
@@ -112,7 +111,7 @@ class Plant:
         self._masses = [one for one in self._further if isinstance(one, DrakeMass)]
         """Further effectors with masses that move in the craft."""
         self._orbit: OrbitForces | None = None
-        self._held = np.zeros(count, bool)
+        self._held: np.ndarray = np.zeros(count, bool)
         """Craft on an uneven orbit that no effector turns and that stand in W: something that is not modelled holds
         them, and no pseudo-torque turns them."""
         self._angles = np.zeros(count)
@@ -194,7 +193,9 @@ class Plant:
         # At rest with B along W, so that Drake's vectors in W are vectors in B.
         self._set(np.tile(self._rest(), (self.count, 1)), self._with_wheels(commands))
         forces = MultibodyForces(self._plant)
-        for force in self._propeller.get_spatial_forces_output_port().Eval(self._propeller_context):
+        port = self._propeller.get_spatial_forces_output_port()
+        applied: Any = port.Eval(self._propeller_context)
+        for force in applied:
             self._plant.get_body(force.body_index).AddInForce(
                 self._plant_context, force.p_BoBq_B, force.F_Bq_W, self._plant.world_frame(), forces
             )
@@ -237,9 +238,9 @@ class Plant:
         states = self._with_stores(states)
         self._set(states, commands)
         self._drive(commands, self._momenta(states), np.inf)
-        rows = self._rows(
-            self._plant.get_generalized_acceleration_output_port().Eval(self._plant_context)
-        )
+        port = self._plant.get_generalized_acceleration_output_port()
+        accelerations: Any = port.Eval(self._plant_context)
+        rows = self._rows(accelerations)
         if self.craft.dimension == 3:
             # The derivative of w_WB is the same vector seen from W and from B: w x w = 0.
             rows[:, 3:] = np.einsum("nji,nj->ni", self._rotations(), rows[:, 3:])
@@ -570,7 +571,7 @@ class Plant:
             first = last
         spins = states[:, 5:] if self.craft.dimension == 2 else states[:, 10:]
         held = not (self._drift.steady or self.craft.turns or self._drift.gradient() is not None)
-        self._held = held & (np.abs(spins) < 1e-15).all(axis=1)
+        self._held = np.full(self.count, held) & (np.abs(spins) < 1e-15).all(axis=1)
         self._left = np.zeros(self.count) if self.craft.propellant is None else stores[:, 0]
         if held or self.craft.propellant is not None:
             self._weigh(self._share_of_mass(self._left))

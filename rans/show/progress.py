@@ -102,7 +102,7 @@ class NotebookLine:
     """One line under a notebook's cell, written over while work goes on and gone when it is done."""
 
     def __init__(self) -> None:
-        from IPython.display import HTML, display  # pyright: ignore[reportMissingImports]
+        from IPython.display import HTML, display  # pyrefly: ignore[missing-import]
 
         self._html = HTML
         self._handle = display(HTML(""), display_id=True)

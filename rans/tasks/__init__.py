@@ -80,4 +80,4 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-__all__ = [*_LAZY, "TASKS", "gymnasium_ids"]  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = [*_LAZY, "TASKS", "gymnasium_ids"]

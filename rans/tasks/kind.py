@@ -22,7 +22,7 @@ def checked(found: Any) -> type[Any]:
         raise ConfigError(
             f"a task must be a dataclass derived from rans.tasks.SingleTask, got {brief(found)}."
         )
-    if missing := sorted(found.__abstractmethods__):
+    if missing := sorted(found.__abstractmethods__):  # pyrefly: ignore[missing-attribute]
         raise ConfigError(
             f"{found.__name__} has no {', '.join(missing)}, which every task must have."
         )

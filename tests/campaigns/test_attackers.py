@@ -46,5 +46,5 @@ def test_random_commands_begin_anew() -> None:
     for _ in range(2):
         pilot.reset(5)
         seen.append(pilot.act(None, None, np.zeros((5, 1))))
-    assert np.array_equal(*seen)
+    assert np.array_equal(seen[0], seen[1])
     assert set(seen[0].ravel()) == {0.0, 1.0}

@@ -183,7 +183,7 @@ def test_files_and_folders_of_another_kind(
         ("evaluate mine.zip", "sb3:mine.zip:TASK-2d"),
         ("list pid", "did you mean lqr?"),
     ):
-        assert main(typed.split()) == 2
+        assert main(typed.split()) == 2  # pyrefly: ignore[bad-argument-type]
         assert said in capsys.readouterr().err, typed
     assert meant_file("moon") == ""  # with its end, ms.toml would be near
 

@@ -132,8 +132,8 @@ def test_a_module_that_cannot_be_imported(
 def test_arithmetic_that_vectors_do_not_have(vector: Vec2 | Vec3) -> None:
     for factor in (2.0, np.ones(3)):
         with pytest.raises(TypeError, match=r"v\.scale"):
-            vector * factor  # pyright: ignore[reportUnusedExpression] - for its error
+            vector * factor
     with pytest.raises(TypeError, match=r"v\.scale"):
-        vector / 2.0  # pyright: ignore[reportUnusedExpression] - for its error
+        vector / 2.0
     with pytest.raises(TypeError, match="cannot be added"):
-        vector - 1.0  # pyright: ignore[reportOperatorIssue, reportUnusedExpression]
+        vector - 1.0  # pyrefly: ignore[unsupported-operation]

@@ -61,7 +61,7 @@ def test_another_pair_every_day_agrees_with_scipy(turn: int) -> None:
     # 389 and the number of flights have no common divisor: all come by.
     pair, dimension, force = EVERY[(3 * TODAY + turn) * 389 % len(EVERY)]
     effects = PAIRS[pair]
-    within(compare(effects, dimension, 0.2, 2, 2.0 if "pulsed" in effects else 3.0, force), force)
+    within(compare(effects, dimension, 0.2, 2, 2.0 if "pulsed" in effects else 3.0, force), force)  # pyrefly: ignore[bad-argument-type]
 
 
 def test_every_pair_has_its_day() -> None:

@@ -221,7 +221,7 @@ def test_a_stiff_craft_is_moved_as_by_many_steps() -> None:
 
 def _scaled(craft: Spacecraft, mass: float, inertia: float) -> Spacecraft:
     moments = tuple(tuple(inertia * x for x in row) for row in craft.inertia)
-    return replace(craft, mass=mass * craft.mass, inertia=moments)
+    return replace(craft, mass=mass * craft.mass, inertia=moments)  # pyrefly: ignore[bad-argument-type]
 
 
 @pytest.mark.parametrize("craft", ["floating-platform", "free-flyer", "free-flyer-shared"])

@@ -60,7 +60,8 @@ def gradient_learner(
     **settings: Any,
 ) -> GradientLearner:
     """Small, and exact; some of its episodes fail and others are cut off."""
-    chosen = replace(TINY, **{"n_epochs": 1, "n_steps": 8} | settings)
+    sizes: dict[str, Any] = {"n_epochs": 1, "n_steps": 8}
+    chosen = replace(TINY, **(sizes | settings))
     count = chosen.n_envs * len(seeds)
     engine = Engine(
         craft,

@@ -28,9 +28,9 @@ class Pass(GoToPose):
     wall: float = 0.3
     lead: float = 0.0
     goal_notes = Way
-    done_weight: float = 5.0
-    violation_weight: float = 3.0
-    violation_ends: bool = True
+    done_weight: float = 5.0  # pyrefly: ignore[bad-override]
+    violation_weight: float = 3.0  # pyrefly: ignore[bad-override]
+    violation_ends: bool = True  # pyrefly: ignore[bad-override]
 
     def __post_init__(self) -> None:
         """Walls may be anywhere."""

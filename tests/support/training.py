@@ -233,10 +233,8 @@ def everything(trainer: Trainer) -> list[Any]:
 
 def collected(craft: Any, **settings: Any) -> tuple[PPOLearner, Batch]:
     """A learner and what it has to learn from, by a policy that has changed since."""
-    learner = tiny_learner(
-        craft,
-        **({"n_envs": 20, "batch_size": 160, "clip_range": 0.15, "ent_coef": 0.02} | settings),
-    )
+    sizes: dict[str, Any] = {"n_envs": 20, "batch_size": 160, "clip_range": 0.15, "ent_coef": 0.02}
+    learner = tiny_learner(craft, **(sizes | settings))
     learner.backend = None
     scale = torch.Generator().manual_seed(1)
     network = scatter(learner.network)

@@ -269,7 +269,7 @@ def test_every_note_of_a_goal_has_a_name_and_a_meaning() -> None:
         if task.goal_notes is not None:
             assert meanings(task.goal_notes).keys() == vars(goal.notes).keys()
             with pytest.raises(TypeError):
-                goal.notes[0]
+                goal.notes[0]  # pyrefly: ignore[bad-index]
 
 
 def test_notes_of_another_class_than_declared_are_refused() -> None:

@@ -82,7 +82,7 @@ def test_times_by_hand() -> None:
     assert seconds_for_half_a_turn(radial()) == math.inf
 
 
-SLOW = {
+SLOW: dict[str, Any] = {
     "mass in g": {"mass": 5320.0},
     "force in kN": {"thrusters": tuple(replace(t, force=0.001) for t in PLATFORM.thrusters)},
     "inertia in kg mm^2": {"inertia": tuple(tuple(1e6 * x for x in y) for y in PLATFORM.inertia)},

@@ -64,7 +64,7 @@ def with_zones(change: Any, notes: Any) -> Any:
 
 def moved_zone(zone: Ball) -> Ball:
     """A zone moves as a state does."""
-    like = random_states(len(zone.centre.columns()), COUNT, seed=1)  # pyright: ignore[reportArgumentType]
+    like = random_states(len(zone.centre.columns()), COUNT, seed=1)  # pyrefly: ignore[bad-argument-type]
     there = moved(replace(like, p=zone.centre, v=zone.v))
     return replace(zone, centre=there.p, v=there.v)
 

@@ -1,5 +1,4 @@
 """Basilisk: spacecraft with 16 on/off thrusters each, all in one simulation, without a task or rewards."""
-# pyright: reportMissingImports=false
 
 from __future__ import annotations
 

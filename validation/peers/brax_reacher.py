@@ -1,5 +1,4 @@
 """Brax's reacher: an arm of two links moves its tip to a goal in the plane."""
-# pyright: reportMissingImports=false
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
 """Crazyflow's DroneReachPos-v0: a quadrotor flies to a goal."""
-# pyright: reportMissingImports=false
 
 from __future__ import annotations
 

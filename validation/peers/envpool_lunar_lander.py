@@ -1,5 +1,4 @@
 """EnvPool's LunarLander-v3: a lander with three on/off engines comes down in the plane (Box2D)."""
-# pyright: reportMissingImports=false
 
 from __future__ import annotations
 

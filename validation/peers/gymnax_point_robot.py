@@ -1,5 +1,4 @@
 """gymnax's PointRobot-misc: a point steps through the plane to a goal; it has no velocity."""
-# pyright: reportMissingImports=false
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
 """Environment steps per second of a JAX environment: a compiled loop over steps, over a batch."""
-# pyright: reportMissingImports=false
 
 from __future__ import annotations
 

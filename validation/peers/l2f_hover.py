@@ -1,5 +1,4 @@
 """L2F, the simulator of "Learning to Fly in Seconds": quadrotors fly back to where they are to hover."""
-# pyright: reportMissingImports=false
 
 from __future__ import annotations
 

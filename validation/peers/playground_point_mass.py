@@ -1,5 +1,4 @@
 """MuJoCo Playground's PointMass: a point is pushed through the plane to its centre; MuJoCo in JAX (MJX)."""
-# pyright: reportMissingImports=false
 
 from __future__ import annotations
 

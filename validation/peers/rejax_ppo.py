@@ -1,5 +1,4 @@
 """rejax's PPO, all of it compiled by JAX, on gymnax's PointRobot-misc with our preset's sizes."""
-# pyright: reportMissingImports=false
 
 from __future__ import annotations
 

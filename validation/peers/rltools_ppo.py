@@ -1,5 +1,4 @@
 """RLtools' PPO, compiled with its own pendulum by the system's C++ compiler, with our preset's sizes."""
-# pyright: reportMissingImports=false
 
 from __future__ import annotations
 

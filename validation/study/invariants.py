@@ -118,14 +118,13 @@ def _turned_world_checks(states: Any, applied: Wrench, body: Body) -> list[Check
     period = Timing().control_period
 
     def turned(state: Any) -> Any:
-        north: Any
         if isinstance(state.p, Vec2):
-            north = Heading(1.1)
+            north: Any = Heading(1.1)
             attitude: Any = Heading(state.attitude.angle + north.angle)
         else:
             north = Quat(0.5, -0.1, 0.7, 0.5).normalised()
             attitude = north.times(state.attitude)
-        return replace(state, p=north.rotate(state.p), v=north.rotate(state.v), attitude=attitude)
+        return replace(state, p=north.rotate(state.p), v=north.rotate(state.v), attitude=attitude)  # pyrefly: ignore[bad-argument-type]
 
     before = advance(turned(states), applied, body, period)
     after = turned(advance(states, applied, body, period))

@@ -145,7 +145,7 @@ def test_an_estimated_craft_gets_the_columns_of_its_file() -> None:
     """With half of the gains the network is given what it is given of a craft with twice the mass."""
     craft = load_spacecraft("floating-platform")
     inertia = tuple(tuple(2.0 * x for x in row) for row in craft.inertia)
-    heavy = replace(craft, mass=2.0 * craft.mass, inertia=inertia)
+    heavy = replace(craft, mass=2.0 * craft.mass, inertia=inertia)  # pyrefly: ignore[bad-argument-type]
     plain = contestant("any-craft-2d").controller
     assert isinstance(plain, Agent)
     row = [0.6, 0.8, 0.1, -0.2, 0.3, 1.0, 1.5, -0.4, 0.28, 0.96]

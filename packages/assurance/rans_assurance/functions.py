@@ -197,7 +197,7 @@ def assure(
         seed,
         made_by("rans.assure"),
         trust,
-        in_memory and in_memory.run,
+        in_memory.run if in_memory else None,
     )
     assurance.check_follow_ups(rare, search)
     if output is not None:

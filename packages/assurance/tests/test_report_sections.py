@@ -155,7 +155,8 @@ def test_an_assurance_passes_if_what_was_wanted_is_shown(tmp_path: Path) -> None
     ):
         looks = {"looks": [[flights, 0.01, 0.01]]}
         (line,) = assurance_section(
-            file, wanted | {"about": wanted["about"] | looks, "decision": decision}
+            file,
+            wanted | {"about": wanted["about"] | looks, "decision": decision},  # pyrefly: ignore[unsupported-operation]
         ).findings
         assert line.passed is passed
         assert line.text.startswith(said)

@@ -11,7 +11,6 @@ which rotates with the target.
 """
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged and leave ports untyped.
-# pyright: reportMissingModuleSource=false, reportArgumentType=false, reportCallIssue=false, reportGeneralTypeIssues=false
 
 from __future__ import annotations
 

@@ -172,9 +172,9 @@ def test_refusals(flight: Flight, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="episodes 0 to 1, got 2"):
         write_ccsds(flight, tmp_path, 2)
     with pytest.raises(ConfigError, match=r"flight must be a .*Flight, got 'flight.npz'"):
-        write_ccsds("flight.npz", tmp_path)  # pyright: ignore[reportArgumentType]
+        write_ccsds("flight.npz", tmp_path)  # pyrefly: ignore[bad-argument-type]
     with pytest.raises(ConfigError, match=r"target must be a .*OrbitState, got 'target.opm'"):
-        relative_state("target.opm", "craft.opm")  # pyright: ignore[reportArgumentType]
+        relative_state("target.opm", "craft.opm")  # pyrefly: ignore[bad-argument-type]
     with pytest.raises(ConfigError, match="epoch must be an instant"):
         write_ccsds(flight, tmp_path, 0, "tomorrow")
     other = tmp_path / "other.opm"

@@ -51,7 +51,7 @@ def test_a_hand_made_flight_of_two_impulses_docks(tmp_path: Path) -> None:
     contest = short(62)
     start = contest.start(0).start
     state = np.ravel([*start.p.columns(), *start.v.columns()])
-    n = contest.task.mean_motion  # pyright: ignore[reportAttributeAccessIssue]
+    n = contest.task.mean_motion  # pyrefly: ignore[missing-attribute]
     # A burn of one period is an impulse in the middle of it, but for 0.1 mm.
     state = motion(n, 5.0) @ state
     burns = []
@@ -86,7 +86,7 @@ def test_every_start_flies_its_own_flight_however_many_there_are(tmp_path: Path)
     contest = short(1, 9)
     file = written(tmp_path, "\n".join([DV.strip(), *(f"{k},0,{0.01 * k},0,0" for k in range(9))]))
     controller = enlist(str(file), contest).controller
-    controller.slow = True  # pyright: ignore[reportAttributeAccessIssue]
+    controller.slow = True  # pyrefly: ignore[missing-attribute]
     flight = contest.fly(controller, workers=1).flight
     # A full command of 1 N changes the velocity of 12 kg by 1 / 1.2 m/s in 10 s.
     assert flight.commands[0, :, 0] == pytest.approx(0.012 * np.arange(9))

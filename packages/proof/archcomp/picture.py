@@ -16,7 +16,7 @@ from rans_proof.flights import lowest_margins
 from rans_proof.network import network_of
 from rans_proof.problem import read_problem
 from rans_proof.prove import ClosedLoop
-from run import ROWS, networks  # pyright: ignore[reportMissingImports]  # the file beside it
+from run import ROWS, networks  # pyrefly: ignore[missing-import]
 
 from rans.extend import Figure
 from rans.show.figures.plotting import ListedColormap, Rectangle, rcParams

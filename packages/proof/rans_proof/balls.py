@@ -85,8 +85,8 @@ def parallel(low: Any, high: Any, kind: str) -> tuple[Any, Any, Any]:
     else:
         points.append(low.union(high))
     values = [bend(z) - slope * z for z in points]
-    lowest = min((x.lower() for x in values), key=float)
-    highest = max((x.upper() for x in values), key=float)
+    lowest: Any = min((x.lower() for x in values), key=float)
+    highest: Any = max((x.upper() for x in values), key=float)
     lowest = (lowest - abs(lowest) * arb(1e-14) - arb(1e-300)).lower()  # as floats order them
     highest = (highest + abs(highest) * arb(1e-14) + arb(1e-300)).upper()
     middle = ((lowest + highest) / 2).mid()

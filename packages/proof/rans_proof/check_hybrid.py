@@ -98,7 +98,7 @@ def moved(rates: Any, states: Any, low: float, high: float) -> Any:
         factor = factor * reach / k
         box = [a + b for a, b in zip(box, absolute_row_sums(term), strict=True)]
     # Further terms fall at least as those of a geometric series.
-    size = max((x.upper() for x in absolute_row_sums(at)), key=float)
+    size: Any = max((x.upper() for x in absolute_row_sums(at)), key=float)
     rest = size * factor * reach / (k + 1) / (1 - reach / (k + 2))
     return side_by_side(at, change, diagonal([x + rest for x in box]))
 

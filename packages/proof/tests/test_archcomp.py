@@ -67,7 +67,9 @@ def test_an_old_network_means_the_same_anew(run: ModuleType) -> None:
     """Version 6 broadcasts by an attribute, and its Gemm takes four axes as one row: (x - c) W^T + b, rectified."""
     random = np.random.default_rng(0)
     shapes = {"c": (1, 1, 1, 3), "W": (4, 3), "b": (4,), "V": (1, 4), "d": (1,)}
-    arrays = {name: random.normal(size=shape).astype(np.float32) for name, shape in shapes.items()}
+    arrays: dict[str, Any] = {
+        name: random.normal(size=shape).astype(np.float32) for name, shape in shapes.items()
+    }
     nodes = [
         step("Sub", "x c", "m", broadcast=1),
         step("Gemm", "m W b", "h", broadcast=1, transB=1),

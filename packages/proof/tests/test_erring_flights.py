@@ -122,7 +122,7 @@ def test_readings_are_off_by_their_errors() -> None:
     for name, largest, error in (
         ("position", 0.1, np.hypot(read.p.x - state.p.x, read.p.y - state.p.y)),
         ("velocity", 0.2, np.hypot(read.v.x - state.v.x, read.v.y - state.v.y)),
-        ("heading", 0.3, np.abs(read.attitude.angle - state.attitude.angle)),
+        ("heading", 0.3, np.abs(read.attitude.angle - state.attitude.angle)),  # pyrefly: ignore[missing-attribute]
         ("spin", 0.4, np.abs(read.w - state.w)),
     ):
         np.testing.assert_allclose(error.max(), largest, err_msg=name)

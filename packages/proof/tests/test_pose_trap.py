@@ -173,7 +173,9 @@ def test_log_odds_whose_rounding_would_count_are_refused(
     check_pose.Network(agent)
     weight, bias = agent.head if layer == "head" else agent.layers[1]
     steep = 1e3 * weight, 1e3 * bias
-    changed = {"head": steep} if layer == "head" else {"layers": [agent.layers[0], steep]}
+    changed: dict[str, Any] = (
+        {"head": steep} if layer == "head" else {"layers": [agent.layers[0], steep]}
+    )
     with pytest.raises(Refused, match="too steep for double"):
         check_pose.Network(agent._replace(**changed))
 

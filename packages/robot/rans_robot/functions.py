@@ -196,7 +196,7 @@ def fly_on_robot(
         period = foreign.timing.control_period
         task = {
             "name": registered_name(foreign.task) or name.setup.partition("@")[0],
-            "settings": asdict(foreign.task),  # pyright: ignore[reportArgumentType]
+            "settings": asdict(foreign.task),  # pyrefly: ignore[bad-argument-type]
         }
     elif name.kind == "run folder" and all((source / file).exists() for file in AGENT_FILES):
         if not trust:

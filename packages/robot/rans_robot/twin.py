@@ -190,12 +190,12 @@ def _at_rate(conditions: Conditions | None, ratio: float) -> Conditions | None:
         scaled = several if isinstance(delay, tuple) else several[0]
         # The mean of n independent factors on a force scatters by 1 / sqrt(n) of what each does.
         noise: Any = variant.thrusters.noise
-        noisy = tuple(min(1.0, x * math.sqrt(ratio)) for x in bounds(noise))
+        low, high = (min(1.0, x * math.sqrt(ratio)) for x in bounds(noise))
         return replace(
             variant,
             sensors=replace(variant.sensors, delay=scaled),
             thrusters=replace(
-                variant.thrusters, noise=noisy if isinstance(noise, tuple) else noisy[0]
+                variant.thrusters, noise=(low, high) if isinstance(noise, tuple) else low
             ),
         )
 

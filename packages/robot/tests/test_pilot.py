@@ -563,8 +563,8 @@ def test_a_second_node_refuses(quick: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
     alone = Robot()
     other = announcement("other", ["fmu/in/actuator_motors"])
-    alone.publish = lambda *message: (
-        Robot.publish(alone, *message),
+    alone.publish = lambda *message: (  # pyrefly: ignore[bad-assignment]
+        Robot.publish(alone, *message),  # pyrefly: ignore[bad-argument-type]
         alone.send(AGENT_TOPIC, other),
     )  # type: ignore[method-assign,assign]
     assert not any("another node" in note for note in flight(alone, quick, None).notes)

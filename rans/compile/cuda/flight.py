@@ -73,7 +73,7 @@ class FlightKernel:
                 raise DoesNotFit(
                     f"a GPU of capability {chip.major}.{chip.minor}, where 8.0 is needed"
                 )
-            kernel = cls(world, network, device, chip.shared_memory_per_block_optin, products)
+            kernel = cls(world, network, device, chip.shared_memory_per_block_optin, products)  # pyrefly: ignore[missing-attribute]
             _ = kernel.function
         except DoesNotFit as error:
             warnings.warn(

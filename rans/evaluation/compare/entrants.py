@@ -297,7 +297,7 @@ def _tuning(name: ContestantName) -> str:
     card = inside(folder, "card.json")
     run = RunFolder(folder)
     if card.exists():
-        training = read_json(card)["training"]
+        training: dict[str, Any] | None = read_json(card)["training"]
         if training is None:  # of another library
             return _UNKNOWN
     elif rows := run.metrics():

@@ -144,7 +144,7 @@ def defaults(maker: Callable[..., Any], keys: Iterable[str]) -> dict[str, float]
         ConfigError: the controller has no such argument, or it has no default that is, or holds, a number.
     """
     parameters = inspect.signature(maker).parameters
-    result = {}
+    result: dict[str, Any] = {}
     for key in keys:
         group, _, field = key.partition(".")
         default = getattr(parameters.get(group), "default", None)

@@ -93,7 +93,7 @@ class Metrics(NotebookRepr):
             Metric(**(row | {k: number(row[k]) for k in ("value", "low", "high")}))
             for row in table["rows"]
         ]
-        return cls(**{**table, "rows": tuple(rows)})
+        return cls(**(table | {"rows": tuple(rows)}))
 
     def title(self) -> str:
         """Title in one line: controller, spacecraft, engine and episodes."""

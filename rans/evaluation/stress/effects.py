@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from math import radians
+from typing import Any
 
 import numpy as np
 
@@ -181,14 +182,14 @@ def _readings() -> Iterator[Effect]:
 
 
 def _noisy(quantity: str, factor: float, size: float) -> Conditions:
-    noise = SensorConditions(noise=factor * size)
-    return Conditions(sensors=replace(SensorsConditions(), **{quantity: noise}))
+    noise: Any = SensorConditions(noise=factor * size)
+    return Conditions(sensors=SensorsConditions(**{quantity: noise}))
 
 
 def _missed(quantity: str, percent: float) -> Conditions:
-    missed = SensorConditions(dropout=percent / 100.0)
+    missed: Any = SensorConditions(dropout=percent / 100.0)
     which = ("position", "attitude", "velocity", "spin") if quantity == "all" else (quantity,)
-    return Conditions(sensors=replace(SensorsConditions(), **dict.fromkeys(which, missed)))
+    return Conditions(sensors=SensorsConditions(**dict.fromkeys(which, missed)))
 
 
 def failure_levels(craft: Spacecraft) -> list[Level]:

@@ -67,7 +67,8 @@ class PPO:
         count = self.engine.num_envs * self.engine.processes.size
         rollout = count * settings.get("n_steps", PPOSettings.n_steps)
         quarter = rollout // 4 if count % 4 == 0 else rollout
-        self.settings = PPOSettings(**{"n_envs": count, "batch_size": quarter} | settings)
+        sizes: dict[str, Any] = {"n_envs": count, "batch_size": quarter}
+        self.settings = PPOSettings(**(sizes | settings))
         self.learner = begin(self.engine, [self.settings], [seed], plain)
         self.num_timesteps = 0
         self.network = self.learner.network

@@ -227,7 +227,7 @@ def minibatches(batch: Batch, members: int, count: int) -> list[Batch]:
         return field.unflatten(1, (members, -1)).chunk(count, dim=2)
 
     none: list[Tensor | None] = [None] * count
-    flat = [
+    flat: list[Sequence[Tensor | None]] = [
         none if x is None else [part.transpose(0, 1).flatten(0, 2) for part in chunks(x)]
         for x in batch._replace(going_on=None)
     ]

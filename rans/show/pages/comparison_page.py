@@ -211,16 +211,16 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
     chosen = [key for key in _TILES if key in own]
     tiles = [_tile(key, own, board[rival] if rival else {}, rival) for key in chosen]
     bounds: list[Tile] = []
-    if comparison.mission is not None and len(over := comparison.mission.ratios(first)):
+    if comparison.mission is not None and len(ratio_of_each := comparison.mission.ratios(first)):
         bounds.append(
             Tile(
                 f"over the certified least {comparison.mission.spending}",
-                f"{over.mean():.3f} x",
-                f"of {counted(len(over), 'start')}",
+                f"{ratio_of_each.mean():.3f} x",
+                f"of {counted(len(ratio_of_each), 'start')}",
             )
         )
         spending = comparison.mission.spending
-        hero += f"; the {spending} of {first.name} is {over.mean():.3f} times the certified least"
+        hero += f"; the {spending} of {first.name} is {ratio_of_each.mean():.3f} times the certified least"
     measured = tables.gaps(comparison)
     if measured:
         event, ratios = next(iter(measured.items()))

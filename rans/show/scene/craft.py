@@ -4,7 +4,6 @@ Lengths are in units of the spacecraft's radius, in the body frame B.
 """
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged.
-# pyright: reportArgumentType=false, reportCallIssue=false
 
 from __future__ import annotations
 

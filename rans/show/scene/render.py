@@ -1,7 +1,6 @@
 """One instant of a flight as a picture: Drake's VTK renderer, off screen, without a display or a GPU."""
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged.
-# pyright: reportArgumentType=false, reportCallIssue=false
 
 from __future__ import annotations
 

@@ -4,7 +4,6 @@ It serves films (`rans.show.scene.video`) and rendered pictures (`rans.show.scen
 """
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged.
-# pyright: reportArgumentType=false, reportCallIssue=false
 
 from __future__ import annotations
 

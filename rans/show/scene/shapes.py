@@ -1,7 +1,6 @@
 """Shapes that Drake has no class for: cones, rods between points, and meshes of triangles."""
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged.
-# pyright: reportArgumentType=false, reportCallIssue=false
 
 from __future__ import annotations
 
@@ -60,7 +59,7 @@ def mesh(
     corners = np.array(points)
     n = len(normals)
     lines = [f"f {' '.join(f'{i + 1}//{i % n + 1}' for i in face)}" for face in curved]
-    around: list[Sequence[float]] = [*normals]
+    around: list[Sequence[float] | np.ndarray] = [*normals]
     for face in flat:
         a, b, c = corners[[*face]]
         normal = np.cross(b - a, c - a)

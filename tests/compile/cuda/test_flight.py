@@ -195,7 +195,8 @@ def test_an_old_gpu_has_no_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_task_of_tensors_is_stepped() -> None:
-    task = replace(WIDE, thrust_weight=torch.tensor(0.02))
+    weight: Any = torch.tensor(0.02)
+    task = replace(WIDE, thrust_weight=weight)
     network = policy(PLATFORM, task)
     world = Flights(network, setup(PLATFORM, task), generated=False).world
     with pytest.raises(TypeError, match="Tensor operand"):

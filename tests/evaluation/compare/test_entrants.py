@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -68,7 +69,7 @@ def test_several_tasks_are_none() -> None:
     ],
 )
 def test_only_the_same_is_compared(
-    contest: Contest, change: dict[str, Timing], spec: str, sentence: str
+    contest: Contest, change: dict[str, Any], spec: str, sentence: str
 ) -> None:
     with pytest.raises(ConfigError, match=sentence):
         enlist(spec, replace(contest, **change))

@@ -59,7 +59,7 @@ class Firing:
 class Fixed(Firing):
     """Has nothing to tune."""
 
-    tunable: ClassVar = {}
+    tunable: ClassVar = {}  # pyrefly: ignore[bad-override]
 
 
 def test_finds_the_least_and_counts_the_budget() -> None:

@@ -121,7 +121,7 @@ def test_recurrent_ppo_flies_as_sb3_contrib_lets_it(tmp_path: Path) -> None:
     for _ in range(50):
         action, state = model.predict(observation, state, starts, deterministic=True)
         starts = np.zeros(32, bool)
-        np.testing.assert_array_equal(product.act(None, None, observation), action)
+        np.testing.assert_array_equal(product.act(None, None, observation), action)  # pyrefly: ignore[bad-argument-type]
         differs += (action != model.predict(observation, deterministic=True)[0]).any(axis=1).sum()
         observation = environment.step(action)[0]
     assert differs > 0

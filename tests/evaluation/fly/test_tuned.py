@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -57,7 +58,7 @@ def test_opponents_on_the_platform_had_equal_budgets(world: str) -> None:
     ],
     ids=["mass", "tolerance", "task", "rate"],
 )
-def test_does_not_fit_another_setup(change: dict[str, object]) -> None:
+def test_does_not_fit_another_setup(change: dict[str, Any]) -> None:
     assert tuned("switching", SETUP) is not None
     assert tuned("switching", SETUP._replace(**change)) is None
     assert tuned("mpc-observer", SETUP) is None

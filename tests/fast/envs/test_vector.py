@@ -29,7 +29,8 @@ BOTH_IDS = pytest.mark.parametrize("name", gymnasium_ids("go-to-pose"))
 
 
 def make(name: str = PLANE, count: int = 6, **kwargs: Any) -> SpacecraftVectorEnv:
-    env = gymnasium.make_vec(name, num_envs=count, **{"task": NEAR, "timing": SHORT, **kwargs})
+    settings: dict[str, Any] = {"task": NEAR, "timing": SHORT, **kwargs}
+    env = gymnasium.make_vec(name, num_envs=count, **settings)
     assert isinstance(env, SpacecraftVectorEnv)
     return env
 

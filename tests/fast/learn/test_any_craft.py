@@ -23,9 +23,9 @@ from rans.randomization.conditions_file import load_conditions
 
 def config(task: str = "go-to-pose", craft: str = "floating-platform", **ppo: Any) -> TrainConfig:
     base = training(task, craft, "cpu")
-    sizes = {"n_envs": 64, "n_steps": 16, "batch_size": 256, "layers": (32, 32)} | ppo
+    sizes: dict[str, Any] = {"n_envs": 64, "n_steps": 16, "batch_size": 256, "layers": (32, 32)}
     changes: dict[str, Any] = {"begin_from": "pretrained:any-craft-2d", "total_timesteps": 64 * 16}
-    return replace(base, ppo=replace(base.ppo, **sizes), **changes)
+    return replace(base, ppo=replace(base.ppo, **(sizes | ppo)), **changes)
 
 
 def trainer(folder: Path, given: TrainConfig) -> Trainer:
@@ -47,7 +47,7 @@ def test_its_commands_are_met(craft: str, tmp_path: Path, monkeypatch: pytest.Mo
     shorten(monkeypatch, rounds=3, updates=60)
     begun = trainer(tmp_path, config(craft=craft))
     engine = begun.engine
-    expert = any_craft.teacher(
+    expert: Any = any_craft.teacher(
         "pretrained:any-craft-2d", engine, begun.learner.network.architecture
     )
     assert expert is not None

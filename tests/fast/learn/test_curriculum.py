@@ -127,8 +127,9 @@ def test_ramps_that_are_possible_together_only() -> None:
     ],
 )
 def test_impossible_values(change: dict[str, Any], message: str) -> None:
+    possible: dict[str, Any] = {"setting": "fail_spin", "start": 1.0, "duration": 10}
     with pytest.raises(ConfigError, match=message):
-        Ramp(**{"setting": "fail_spin", "start": 1.0, "duration": 10} | change)
+        Ramp(**(possible | change))
 
 
 def test_through_json_and_back() -> None:

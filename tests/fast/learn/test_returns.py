@@ -37,7 +37,7 @@ TEN = Timing(control_period=0.2, episode_steps=10)
 class Gate(GoToPosition):
     """Coast through a gate at 0.5 m at 0.7 m/s, in steps of 0.14 m: through in the fourth."""
 
-    done_weight: float = 20.0
+    done_weight: float = 20.0  # pyrefly: ignore[bad-override]
 
     def sample(self, random: Random) -> tuple[State, State]:
         start, goal = super().sample(random)

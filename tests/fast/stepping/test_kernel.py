@@ -218,7 +218,8 @@ def test_settings_that_would_be_read_wrongly_are_refused(on_host: Any) -> None:
     ):
         on_host(PLATFORM, task, 4)
     engine = on_host(PLATFORM, NEAR, 4)
-    elsewhere = replace(NEAR, thrust_weight=torch.empty((), device="meta"))
+    weight: Any = torch.empty((), device="meta")
+    elsewhere = replace(NEAR, thrust_weight=weight)
     engine._world = replace(engine._world, setup=engine._world.setup._replace(task=elsewhere))
     with pytest.raises(
         TypeError, match=r"must be torch\.float32 on cpu, got torch\.float32 on meta"

@@ -290,7 +290,7 @@ def test_who_has_no_thruster_left_never_arrives_unless_drifting(craft: Spacecraf
     loose = hull.GoalSet(0.05, 1.0, 0.1, 0.0)
     assert hull.least_time(craft, aimed, at(-3.0), goal, exact, dead) == math.inf
     assert hull.least_time(craft, aimed, goal, goal, exact, dead) == 0.0
-    moving = replace(at(-3.0), v=replace(goal.v, x=0.5))
+    moving = replace(at(-3.0), v=replace(goal.v, x=0.5))  # pyrefly: ignore[bad-argument-type]
     assert hull.least_time(craft, aimed, moving, goal, exact, dead) == math.inf
     assert hull.least_time(craft, aimed, moving, goal, loose, dead) == pytest.approx(2.95 / 0.5)
     settled = hull.settling_set(craft, 0.05, 0.1, 0.2, dead)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
@@ -86,7 +86,7 @@ def test_plan_is_that_of_a_generic_solver(craft: Spacecraft, horizon: int) -> No
     nothing = np.zeros(len(craft.thrusters))
     plan: Any = np.zeros((len(craft.thrusters), horizon))
     for _ in range(30):
-        plan = program.improved(plan, error, goals, nothing)
+        plan = cast(np.ndarray, program.improved(plan, error, goals, nothing))
     # full thrust along an axis costs 1: in the plane four nozzles give it, in space four along x or y
     effort = 1.0 / 4.0
     regulator = Regulator.of(craft, TASK, TIMING, Weights())
@@ -173,7 +173,7 @@ def test_plans_do_not_depend_on_the_axes_in_which_a_craft_is_described() -> None
         c, s = np.cos(state.attitude.angle), np.sin(state.attitude.angle)
         wrenches.append([c * push[:, 0] - s * push[:, 1], s * push[:, 0] + c * push[:, 1]])
     assert np.abs(wrenches[0]).max() > 0.3
-    np.testing.assert_allclose(*wrenches, atol=1e-9)
+    np.testing.assert_allclose(wrenches[0], wrenches[1], atol=1e-9)
 
 
 def test_a_copy_by_way_of_a_file_does_the_same() -> None:
@@ -187,7 +187,7 @@ def test_a_copy_by_way_of_a_file_does_the_same() -> None:
         controller.reset(3)
         pulses.append([controller.act(starts.start, starts.goal, seen) for _ in range(2)])
     assert np.any(pulses[0])
-    np.testing.assert_array_equal(*pulses)
+    np.testing.assert_array_equal(pulses[0], pulses[1])
 
 
 def test_a_plan_ends_where_it_rests() -> None:
@@ -201,7 +201,7 @@ def test_a_plan_ends_where_it_rests() -> None:
             controller.act(state, starts.goal, np.zeros((2, 10)))
         plans.append(controller._plans)
     assert plans[0].max() > 0.1
-    np.testing.assert_array_equal(*plans)
+    np.testing.assert_array_equal(plans[0], plans[1])
 
 
 def test_nothing_is_planned_at_rest() -> None:

@@ -137,7 +137,7 @@ def test_a_craft_of_a_thousand_times_the_mass_and_force_flies_the_same() -> None
     much = 2.0**11
     thrusters = tuple(replace(one, force=much * one.force) for one in PLATFORM.thrusters)
     inertia = tuple(tuple(much * x for x in row) for row in PLATFORM.inertia)
-    large = replace(PLATFORM, mass=much * PLATFORM.mass, inertia=inertia, thrusters=thrusters)
+    large = replace(PLATFORM, mass=much * PLATFORM.mass, inertia=inertia, thrusters=thrusters)  # pyrefly: ignore[bad-argument-type]
     starts = scenarios(TASK, PLATFORM, 47, 4)
     timing = Timing(episode_steps=60)
     small, same = (

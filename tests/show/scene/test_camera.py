@@ -1,7 +1,6 @@
 """The camera sees all that it must, and stands no farther than that takes: by Drake's own camera matrix."""
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged.
-# pyright: reportArgumentType=false, reportCallIssue=false
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ def test_bounds_of_other_paths(
     """With eager engines in the place of compiled ones, which take a compiler or a GPU."""
     monkeypatch.setattr(engines.shutil, "which", lambda _: "c++")
     monkeypatch.setattr(engines.torch.cuda, "is_available", lambda: True)
-    made = []
+    made: list[Any] = []
     true = engines._engine
 
     def engine(

@@ -25,7 +25,8 @@ def faults_figure(
     """
     count = craft.thruster_count
     figure = Figure(figsize=(10.0, 5.6), layout="constrained")
-    for axes, kind in zip(figure.subplots(1, 2), ("dead", "stuck-open"), strict=True):
+    kinds: tuple[FaultKind, ...] = ("dead", "stuck-open")
+    for axes, kind in zip(figure.subplots(1, 2), kinds, strict=True):
         grid = np.full((count, count), np.nan)
         for (of, _), sets in result.items():
             for fault_set in sets if of == kind else ():
@@ -39,7 +40,7 @@ def faults_figure(
         axes.grid(visible=False)
         axes.grid(which="minor", color="white", linewidth=1.5)
         axes.tick_params(which="minor", length=0)
-        singles, pairs = (result.get((kind, n), ()) for n in (1, 2))
+        singles, pairs = (result.get((kind, n)) or () for n in (1, 2))
         title = f"{kind}: {_recoverable(singles)} single, {_recoverable(pairs)} pairs recoverable"
         label(axes, title, "thruster", "thruster")
     figure.suptitle(

@@ -196,7 +196,7 @@ def _columns(vector: Any) -> np.ndarray:
 def landing_table(title: str, answers: list[LandingAnswer]) -> Table:
     """Table with a row for each start."""
     columns = ("start", "propellant kg", "bound kg", "time s", "engine m", "Drake m", "")
-    rows = []
+    rows: list[tuple[str | None, ...]] = []
     for answer in answers:
         if answer.landing is None:
             rows.append((str(answer.start), *[None] * 5, "no landing: out of reach"))

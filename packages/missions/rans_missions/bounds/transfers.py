@@ -104,7 +104,7 @@ class TransferTable:
 
     def cells(self) -> list[tuple[str, ...]]:
         """Cells of a table with a row for each contestant."""
-        rows = []
+        rows: list[tuple[str, ...]] = []
         for row in self.rows:
             ratios = self.ratios(row)
             has_ratios = len(ratios) > 0

@@ -3,7 +3,7 @@
 Flight and zones are seen along the way, from the start to the goal. A zone that moves across the way stays at one
 distance along it, which every flight that arrives reaches for the first time at some instant. There the flight is
 beside the zone: in the plane to its left or to its right, in space in some sector around it. A side or a sector
-and a span of time make a `waypoints.Waypoint`. Branches halve spans and sectors; the least bound of all is a bound.
+and a span of time make a `Waypoint`. Branches halve spans and sectors; the least bound of all is a bound.
 
 The campaign of impulse among zones holds optimal trajectories against it, by when they rest at the goal.
 """
@@ -21,7 +21,7 @@ import numpy as np
 from rans.extend import Scenario, Spacecraft, Timing
 from rans.optimal.certificate import hull
 from rans.verdict import last_fifth
-from rans_missions.convex import waypoints
+from rans_missions.convex.waypoints import Waypoint, least_impulse_through
 from rans_missions.tasks import Avoid
 
 _CAP = 1.0
@@ -74,7 +74,7 @@ def least_to_stay(
     than a cap spend at least the mass times it, less the speed at the start.
 
     Args:
-        craft: as `waypoints.least_impulse_through` takes it.
+        craft: as `least_impulse_through` takes it.
         task: among whose zones it flies.
         one: start and goal, of floats.
         timing: control period, checks and length of the episode.
@@ -104,7 +104,7 @@ class Search:
         steps = timing.episode_steps
         self._time = since or timing.control_period * (steps + 1 - last_fifth(steps))
         ends = self._time, timing.control_period * steps
-        self._ends = [waypoints.Waypoint(t, t, place, near) for t in ends]
+        self._ends = [Waypoint(t, t, place, near) for t in ends]
         distance = float(np.linalg.norm(place - self._from))
         self._cap = max(_CAP, _HASTE * distance / self._time)
         self._ahead = (place - self._from) / distance
@@ -178,7 +178,7 @@ class Search:
                 ordered = (_in_order(one, self._time) for one in changed)
                 yield [one for one in ordered if one is not None]
 
-    def waypoints(self, branch: _Branch) -> list[waypoints.Waypoint]:
+    def waypoints(self, branch: _Branch) -> list[Waypoint]:
         """Where the flights of a branch pass zones, and when."""
         points = []
         for zone, passing in zip(self._zones, branch, strict=True):
@@ -192,13 +192,13 @@ class Search:
             beside = beside + zone.radius * math.cos(half) * out
             moved = 0.5 * (last - first) * abs(float(out @ zone.v))
             far = self._cap * last + float(np.linalg.norm(beside - self._from))
-            points.append(waypoints.Waypoint(first, last, beside, far, out, moved, self._ahead))
+            points.append(Waypoint(first, last, beside, far, out, moved, self._ahead))
         return points
 
     def _value(self, branch: _Branch) -> float:
         """Bound of the flights of a branch, N s."""
         points = [*self.waypoints(branch), *self._ends]
-        return waypoints.least_impulse_through(self._craft, self._start, points)
+        return least_impulse_through(self._craft, self._start, points)
 
 
 def _in_order(branch: _Branch, time: float) -> _Branch | None:

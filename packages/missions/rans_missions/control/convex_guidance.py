@@ -93,7 +93,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         self._holds = search and self._mission.stays and self._mission.drift.steady
         # Speeds of arrival are no equations of the closed form, and nor is a drift that changes.
         self._closed_form = not (search or self._mission.brakes) and self._mission.drift.steady
-        self._later = _LATER
+        self._later: tuple[float, ...] = _LATER
         self._every = 1
         self._meeting: Meeting | None = None
         self._impulses: Impulses | None = None

@@ -71,7 +71,7 @@ class NavigationFilter:
         self._acceleration = np.full(d, acceleration)
         self._dimension = d
         self._mean: np.ndarray | None = None
-        self._covariance = np.empty(0)
+        self._covariance: np.ndarray = np.empty(0)
 
     def reset(self) -> None:
         """Forget everything: the next reading is the first."""

@@ -60,7 +60,7 @@ class Coasting:
             return None
         if len(shapes) != len(task.constraints(_anywhere(goal), goal)):
             return None
-        return shapes  # pyright: ignore[reportReturnType]
+        return shapes  # pyrefly: ignore[bad-return]
 
     def _sampled(self, state: Any, goal: Any) -> Field:
         period = self.ahead.world.timing.control_period

@@ -195,12 +195,12 @@ class PerturbedOrbit(UnevenOrbit):
         x = x + v.y * turn * (1.0 / n)
         y = p.x * twice_s * (13.0 / 3.0) - p.y * twice_c * (8.0 / 3.0) - v.x * turn * (1.0 / n)
         if isinstance(p, Vec2) or isinstance(v, Vec2):
-            return Vec2(x * scale, y * scale)
+            return Vec2(x * scale, y * scale)  # pyrefly: ignore[bad-return]
         side = s * across
         x = x + p.z * side * 5.0
         y = y - p.z * c * (2.0 * across) - v.z * side * (2.0 / n)
         z = p.x * side * 5.0 - p.z * (twice_c * 2.0 + 3.0 * mean) + v.y * side * (2.0 / n)
-        return Vec3(x * scale, y * scale, z * scale)
+        return Vec3(x * scale, y * scale, z * scale)  # pyrefly: ignore[bad-return]
 
 
 @lru_cache

@@ -30,13 +30,13 @@ def velocity_to_reach(drift: Drift, p: AnyVector, target: AnyVector, time: Field
     if isinstance(missing, Vec2):
         a, b = reach
         scale = 1.0 / (a.x * b.y - a.y * b.x)
-        return Vec2(
+        return Vec2(  # pyrefly: ignore[bad-return]
             (missing.x * b.y - missing.y * b.x) * scale, (a.x * missing.y - a.y * missing.x) * scale
         )
     a, b, c = reach
     across = b.cross(c)
     scale = 1.0 / a.dot(across)
-    return Vec3(
+    return Vec3(  # pyrefly: ignore[bad-return]
         missing.dot(across) * scale,
         missing.dot(c.cross(a)) * scale,
         missing.dot(a.cross(b)) * scale,

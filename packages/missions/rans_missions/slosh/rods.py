@@ -1,7 +1,6 @@
 """Sloshing liquid in Drake: point masses on massless rods, one in each spacecraft."""
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged and leave ports untyped.
-# pyright: reportArgumentType=false, reportCallIssue=false
 
 from __future__ import annotations
 

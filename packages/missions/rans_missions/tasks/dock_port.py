@@ -226,6 +226,6 @@ def _spin_to_gain(state: State, goal: State) -> tuple[Field, ...]:
     """Angular velocity of the goal less that of the spacecraft, in B of the spacecraft, rad/s."""
     turn = state.attitude.to(goal.attitude)
     if isinstance(turn, Quat):
-        goal_spin: Any = turn.rotate(goal.w)  # pyright: ignore[reportArgumentType]
+        goal_spin: Any = turn.rotate(goal.w)
         return (goal_spin - state.w).columns()
     return (goal.w - state.w,)

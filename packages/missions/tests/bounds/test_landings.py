@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -72,7 +72,8 @@ def test_guidance_is_near_its_bound_and_not_below(entry: Entry, bounds: MissionB
 def test_a_landing_that_one_engine_loses_is_not_good(lost: str) -> None:
     answer = LandingAnswer(0, cast(Landing, object()), replayed=0.001, in_drake=0.001)
     assert answer.good
-    assert not replace(answer, **{lost: np.nan}).good
+    failed: dict[str, Any] = {lost: np.nan}
+    assert not replace(answer, **failed).good
 
 
 def refused(constant: str) -> float:

@@ -225,11 +225,11 @@ def test_a_change_of_velocity_leads_round_the_target_to_the_view(
 
 
 def test_settings_that_make_no_sense_are_refused() -> None:
-    wrong: dict[str, Any]
-    for wrong, said in (
+    cases: tuple[tuple[dict[str, Any], str], ...] = (
         ({"points": 201}, "points must be a whole number"),
         ({"keep_out": 9.0}, "inside the target"),
         ({"view_degrees": 120.0}, "at most 90"),
-    ):
+    )
+    for wrong, said in cases:
         with pytest.raises(ConfigError, match=said):
             Inspect(**wrong)

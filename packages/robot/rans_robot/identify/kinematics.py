@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
@@ -166,7 +167,7 @@ class Links:
             lower = factor(blocks, beside)
         except LinAlgError:  # spreads of a proportion beyond sixteen digits
             return _UNLIKELY, right
-        result = cho_solve_banded((lower, True), right.ravel(), check_finite=False)
+        result: Any = cho_solve_banded((lower, True), right.ravel(), check_finite=False)
         square -= float(right.ravel() @ result)
         volume += 2.0 * float(np.log(lower[0]).sum())
         return square + volume, result.reshape(right.shape)
@@ -222,7 +223,7 @@ def factor(blocks: np.ndarray, beside: np.ndarray) -> np.ndarray:
             band[width + i - j, j:-width:width] = beside[:, i, j]
             if j <= i:
                 band[i - j, j::width] = blocks[:, i, j]
-    return cholesky_banded(band, lower=True, check_finite=False)
+    return np.asarray(cholesky_banded(band, lower=True, check_finite=False))
 
 
 def accelerations(times: np.ndarray, speeds: np.ndarray) -> np.ndarray:
@@ -294,7 +295,7 @@ def _spline(
     lower = factor(blocks, weighed.mT)
     right = np.zeros((2 * count, speeds.shape[1]))
     right[::2] = speeds / noise**2
-    result = cho_solve_banded((lower, True), right, check_finite=False)
+    result: Any = cho_solve_banded((lower, True), right, check_finite=False)
     square = float(np.sum(speeds**2) / noise**2 - np.sum(right * result))
     volume = 2.0 * np.log(lower[0]).sum() + 2.0 * count * np.log(noise)
     volume += 4.0 * (count - 1) * np.log(change)

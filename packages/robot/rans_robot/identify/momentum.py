@@ -209,7 +209,7 @@ class _Rows:
         self.lever = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
         apart = (knots[:, None] - knots) / _FIELD_TIME
         near = np.exp(-0.5 * apart**2) + 1e-6 * np.eye(fields)
-        self.field_information = np.kron(np.linalg.inv(near), np.eye(9))
+        self.field_information = np.kron(np.linalg.inv(near), np.eye(9))  # pyrefly: ignore[bad-assignment]
         self.field_log_volume = -9.0 * float(np.linalg.slogdet(near)[1])
 
     def gradient(self, tensor: np.ndarray) -> np.ndarray:

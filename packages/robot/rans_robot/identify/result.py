@@ -138,8 +138,8 @@ class Identification:
             wheels=wheels,
             name=f"{craft.name}-identified",
             thrusters=thrusters,
-            inertia=tuple(map(tuple, tensor)),
-            centre_of_mass=tuple(map(float, centre)),
+            inertia=tuple(map(tuple, tensor)),  # pyrefly: ignore[bad-argument-type]
+            centre_of_mass=tuple(map(float, centre)),  # pyrefly: ignore[bad-argument-type]
         )
 
     def _satellite(self) -> Spacecraft:

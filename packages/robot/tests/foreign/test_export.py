@@ -66,7 +66,7 @@ def judged(file: Path, observations: np.ndarray) -> np.ndarray:
 def by_numpy(file: Path, craft: Spacecraft, observations: np.ndarray) -> np.ndarray:
     program = foreign_program(file, observations.shape[1], craft)
     lines, tables = printed(program)
-    names = {"np": np, "w": {name: program.constants[name] for name in tables}}
+    names: dict[str, Any] = {"np": np, "w": {name: program.constants[name] for name in tables}}
     names["observation"] = observations
     exec("\n".join(lines), names)
     return names["command"]

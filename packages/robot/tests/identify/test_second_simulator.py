@@ -23,7 +23,7 @@ def hidden(sheet: Spacecraft, random: np.random.Generator, inertia: float) -> Sp
     x, y, z = sheet.centre_of_mass
     return replace(
         sheet,
-        inertia=tuple(tuple(inertia * m for m in row) for row in sheet.inertia),
+        inertia=tuple(tuple(inertia * m for m in row) for row in sheet.inertia),  # pyrefly: ignore[bad-argument-type]
         centre_of_mass=(x + float(random.uniform(-0.02, 0.02)), y + 0.01, z),
         thrusters=tuple(replace(t, force=factor() * t.force) for t in sheet.thrusters),
         wheels=tuple(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -142,7 +143,7 @@ def test_other_orders_signs_and_units_are_named(folder: Path) -> None:
     log = read_telemetry(folder, INNOCUBE)
     log = FlightLog(**{**vars(log), **{k: v[:40] for k, v in vars(log).items() if k in PARTS}})
     assert log.wheel_speeds is not None
-    wrong = {
+    wrong: dict[str, dict[str, Any]] = {
         "from world to body": {"attitude": log.attitude * [1.0, -1.0, -1.0, -1.0]},
         "scalar of the quaternions the last": {"attitude": log.attitude[:, [1, 2, 3, 0]]},
         "rates in degrees/s": {"spin": np.rad2deg(log.spin)},
@@ -205,7 +206,7 @@ def test_a_slow_turn_is_compared_over_more_rows() -> None:
     """Errors between two rows, 0.02 rad, are larger than its turn; axes in another order are still refused."""
     log = slow_turn(0.015)
     assert checked_satellite_log(log, INNOCUBE) is log
-    wrong = FlightLog(**{**vars(log), "spin": log.spin[:, [2, 0, 1]] * [-1.0, 1.0, -1.0]})
+    wrong = FlightLog(**(vars(log) | {"spin": log.spin[:, [2, 0, 1]] * [-1.0, 1.0, -1.0]}))
     with pytest.raises(ConfigError, match="do not turn as its rates say"):
         checked_satellite_log(wrong, INNOCUBE)
 
