@@ -2,9 +2,7 @@ from __future__ import annotations
 
 import re
 
-import pytest
-
-from campaigns.agent_rows import ROWS, Row
+from campaigns.agent_rows import ROWS
 from rans.tasks import TASKS
 
 
@@ -33,28 +31,3 @@ def test_every_goal_has_a_target_a_figure_or_takes_it_from_the_optimum() -> None
             assert len(goal.targets) == (0 if goal.slack else len(goal.metrics)), (row.title, goal)
             assert all(0.0 < target <= 100.0 for target in goal.targets)
             assert goal.unit in ("%", "s", "m/s", "rad/s", "cm", "deg", "m", "N s")
-
-
-def test_targets_from_certificates() -> None:
-    """Twice 2.03 N s; one of eight valves open one period in five is 2.5 %."""
-    targets = {
-        goal.metrics[0]: goal.targets[0]
-        for row in ROWS
-        for goal in row.goals
-        if row.agent == "go-to-pose-2d-thrifty"
-    }
-    assert targets == pytest.approx(
-        {"settled": 100.0, "impulse": 4.06, "duty at rest": 100 / 8 / 5}
-    )
-
-
-@pytest.mark.parametrize(
-    ("row", "command"),
-    [
-        (Row("", "a", ()), "rans evaluate pretrained:a"),
-        (Row("", "a", (), "paper"), "rans evaluate pretrained:a --protocol paper"),
-        (Row("", "a", (), path="circle"), "rans follow pretrained:a circle"),
-    ],
-)
-def test_commands_that_repeat_a_row(row: Row, command: str) -> None:
-    assert row.command == command

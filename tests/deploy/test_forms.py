@@ -23,17 +23,13 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.exported import ExportedPython
-from rans.evaluation.fly.user_policy import user_policy
 from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.learn.config import FilterSettings, MemorySettings, PPOSettings
 from rans.fast.learn.run_folder import RunFolder
-from rans.flight import fly
 from rans.model.fields import atan2
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.pretrained import pretrained_folder
-from rans.scenario import scenarios
 from tests.support import packages
 from tests.support.exports import (
     FAST,
@@ -288,19 +284,6 @@ def test_places_are_about_the_centre_of_mass() -> None:
         assert np.subtract(b["position"], a["position"]) == pytest.approx([0.01, -0.02, 0.0])
 
 
-@pytest.mark.slow
-def test_an_exported_network_flies_as_the_agent_does(tmp_path: Path) -> None:
-    """With its memory, which begins anew with every flight, as a contestant."""
-    network, (craft, task, _, _, _) = shipped("go-to-pose-2d-robust")
-    written(tmp_path, network, "onnx")
-    policy = user_policy(f"onnx:{tmp_path / 'agent.onnx'}", craft, task)
-    starts = scenarios(task, craft, 3, 8)
-    timing = Timing(episode_steps=40)
-    expected = fly(craft, task, Agent(network, "agent"), starts, timing).commands
-    for _ in range(2):
-        np.testing.assert_array_equal(fly(craft, task, policy, starts, timing).commands, expected)
-
-
 def test_what_an_exported_agent_remembers_ends_with_its_episode(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -384,24 +367,6 @@ def test_without_its_package(
     assert main([*FAST, "onnx", "--output", str(tmp_path / "out")]) == 2
     assert "pip install 'rans[onnx]'" in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.slow
-def test_a_shipped_agent_is_exported_by_name(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([*FAST, "numpy", "--output", str(tmp_path / "mine")]) == 0
-    assert "has the agent, its contract and its card" in capsys.readouterr().out
-    assert {file.name for file in (tmp_path / "mine").iterdir()} == {
-        "agent.py",
-        "agent.npz",
-        "spacecraft.toml",
-        "contract.json",
-        "golden.json",
-        "card.json",
-    }
-    assert checked(tmp_path / "mine") == (500, 500)
-    assert json.loads((tmp_path / "mine/card.json").read_text())["name"] == "go-to-pose-2d"
 
 
 def test_a_layout_that_no_export_knows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -53,12 +53,6 @@ def test_a_command_follows_its_effector(head: str) -> None:
     assert expected.std(dim=1).mean() > 0.01
 
 
-def test_weights_have_the_same_shapes_whatever_a_craft_has() -> None:
-    more = replace(PLATFORM, thrusters=(*PLATFORM.thrusters, *PLATFORM.thrusters[:2]))
-    shapes = [attending(craft).architecture.shapes() for craft in (PLATFORM, more)]
-    assert shapes[0] == shapes[1]
-
-
 def test_members_compute_what_each_computes_alone() -> None:
     networks = [scatter(attending(PLATFORM), seed) for seed in (1, 2)]
     given = networks[0].architecture

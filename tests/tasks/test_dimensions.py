@@ -130,23 +130,6 @@ def test_code_that_works_nowhere_says_itself_what_is_wrong() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "shown", "not_shown"),
-    [
-        (FLAT, "Observation in the plane", "Observation in space"),
-        (DEEP, "Observation in space", "Observation in the plane"),
-    ],
-)
-def test_listed_is_where_it_works(
-    name: str, shown: str, not_shown: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["list", name]) == 0
-    said = capsys.readouterr().out
-    assert shown in said
-    assert not_shown not in said
-    assert "more than arithmetic" not in said
-
-
-@pytest.mark.parametrize(
     "name",
     [name for name in filter(TASKS.comes_with_rans, TASKS) if TASKS[name].dimensions != (2, 3)],
 )

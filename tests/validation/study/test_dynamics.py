@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft
 from rans.reference.plant import Plant
 from tests.support.crafts import nasty_planar, nasty_spatial
@@ -20,7 +19,6 @@ from validation.study.dynamics import (
     acceleration_checks,
     disturbance_checks,
     mass_checks,
-    tensor,
     thruster_checks,
     wrench_checks,
 )
@@ -142,12 +140,3 @@ def test_disturbances_are_as_strong_as_said(
     for part, most in ((forces, 0.5), (torques, 0.1)):
         assert 0.9 * most < part.max() <= most  # the largest of 60 is short of it by a sixtieth
         assert -most <= part.min() < -0.9 * most
-
-
-def test_the_inertia_as_a_matrix() -> None:
-    assert tensor(Body(1.0, (2.0,))).tolist() == [[2.0]]
-    assert tensor(Body(1.0, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))).tolist() == [
-        [1.0, 2.0, 3.0],
-        [2.0, 4.0, 5.0],
-        [3.0, 5.0, 6.0],
-    ]

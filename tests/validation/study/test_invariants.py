@@ -6,21 +6,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 
 import rans.model.dynamics
-from rans.model.body import Body
-from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance
-from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.dynamics import PlanarState, advance
 from rans.model.spacecraft import Spacecraft
 from tests.support.crafts import nasty_planar, nasty_spatial
 from validation.study import invariants
 from validation.study.invariants import (
-    _angular_momentum,
-    _energy,
-    _power,
-    _rotation_energy,
     invariant_checks,
 )
 
@@ -101,22 +94,3 @@ def test_a_lower_order_in_space_is_found(nodes: int, monkeypatch: pytest.MonkeyP
     rules = rans.model.dynamics.RULES
     monkeypatch.setitem(rules, rans.model.dynamics._SPATIAL_NODES, rules[nodes])
     assert "order of integration short of 6" in failed(SPACE)
-
-
-def test_energies_momentum_and_power_by_hand() -> None:
-    """2 kg at (1, 2, 0) m/s, 2, 4 and 6 kg m^2 at (1, 2, 3) rad/s, turned by 90 degrees about z."""
-    half = np.sqrt(0.5)
-    state = SpatialState(
-        Vec3(0.0, 0.0, 0.0), Quat(half, 0.0, 0.0, half), Vec3(1.0, 2.0, 0.0), Vec3(1.0, 2.0, 3.0)
-    )
-    body = Body(2.0, (2.0, 0.0, 0.0, 4.0, 0.0, 6.0))
-    assert _rotation_energy(state, body) == pytest.approx((2 + 16 + 54) / 2)
-    assert _energy(state, body) == pytest.approx(36 + (1 + 4))
-    assert _angular_momentum(state, body) == pytest.approx([-8.0, 2.0, 18.0])
-    # The force (3, 0, 0) in B points along y in W, where the speed is 2 m/s.
-    assert _power(state, Wrench(Vec3(3.0, 0.0, 0.0), Vec3(0.0, 5.0, 1.0))) == pytest.approx(
-        3 * 2 + 5 * 2 + 3
-    )
-    flat = PlanarState(Vec2(0.0, 0.0), Heading(np.pi / 2), Vec2(1.0, 2.0), 3.0)
-    assert _power(flat, Wrench(Vec2(3.0, 0.0), 5.0)) == pytest.approx(3 * 2 + 5 * 3)
-    assert _energy(flat, Body(2.0, (4.0,))) == pytest.approx(5 + 18)

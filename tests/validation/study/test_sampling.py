@@ -26,7 +26,6 @@ from validation.study.sampling import (
     growth,
     random_states,
     reach,
-    rollout,
 )
 
 SPHERE = ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 0.5))
@@ -134,16 +133,6 @@ def test_commands_of_a_gentle_craft_are_on_off_and_between() -> None:
 def test_commands_of_a_strong_craft_are_scaled_to_10_rad_per_s2(force: float, scale: float) -> None:
     """One thruster of F newtons at 0.5 m turns 0.5 kg m^2 by F rad/s^2; the other the other way."""
     assert gentle_commands(couple(force), 5, 50)[::2].max() == pytest.approx(scale)
-
-
-def test_a_rollout_by_hand() -> None:
-    """Both thrusters of 2 N push 2 kg by 2 m/s^2 for 0.5 s, then nothing does."""
-    start = planar([0.0, 1.0])
-    commands = np.zeros((2, 2, 2))
-    commands[0, 0] = 1.0
-    flown: Any = rollout(couple(2.0), start, commands, 0.5, 1)
-    assert flown.p.x == pytest.approx(np.array([[0.0, 1.0], [0.25, 1.0], [0.75, 1.0]]))
-    assert flown.v.x == pytest.approx(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0]]))
 
 
 def test_at_the_goal_a_restless_controller_is_wrong_one_time_in_twenty() -> None:
