@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,8 +10,7 @@ import pytest
 import rans
 from rans import abilities
 from rans.errors import ConfigError
-
-ROOT = Path(__file__).parents[1]
+from tests.support.processes import ROOT, printed
 
 
 @pytest.fixture
@@ -56,27 +53,21 @@ def hover() -> str:
     return tmp_path
 
 
-def printed(site: Path, *arguments: str) -> str:
-    done = subprocess.run(
-        [sys.executable, *arguments],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join((str(site), str(ROOT)))},
-        check=True,
-    )
-    return done.stdout
+def ran(site: Path, *arguments: str) -> str:
+    """What an interpreter prints that finds the package."""
+    return printed(*arguments, PYTHONPATH=os.pathsep.join((str(site), str(ROOT))))
 
 
 def test_a_package_adds_a_command_and_a_public_name(site: Path) -> None:
     assert (
-        printed(site, "-m", "rans", "hover", "--seconds", "3")
+        ran(site, "-m", "rans", "hover", "--seconds", "3")
         == "hovered for 3 s\nNext:\n  rans list\n"
     )
-    text = printed(site, "-m", "rans", "hover", "--help")
+    text = ran(site, "-m", "rans", "hover", "--help")
     assert "rans hover --seconds 3" in text
     assert "docs/hover.md" in text
     code = "import rans; assert 'hover' in dir(rans); print(rans.hover())"
-    assert printed(site, "-c", code) == "hovered\n"
+    assert ran(site, "-c", code) == "hovered\n"
 
 
 def test_what_is_absent_names_the_extra_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:

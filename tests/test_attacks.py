@@ -19,13 +19,11 @@ import pytest
 import rans
 from rans.cli import main
 from rans.errors import ConfigError, brief
-from rans.fast.engine import Engine
 from rans.fast.learn.run_folder import RunFolder
-from rans.files import Lock, open_regular, read_json, read_text, replace_file, write_text
+from rans.files import Lock, replace_file, write_text
 from rans.model.spacecraft_file import spacecraft_text
 from rans.tasks import TASKS
 from tests.support import packages
-from tests.support.engines import NEAR, PLATFORM, SHORT
 from tests.support.training import ignore, resumed
 
 ROOT = Path(__file__).parents[1]
@@ -137,36 +135,11 @@ def test_numbers_that_no_machine_holds(capsys: pytest.CaptureFixture[str], chang
     assert not Path("run").exists()
 
 
-@pytest.mark.parametrize("count", [2**31, 2**70])
-def test_an_engine_of_more_environments_than_can_be_numbered(count: int) -> None:
-    with pytest.raises(ConfigError, match=r">= 1 and < 2\^31, got "):
-        Engine(PLATFORM, NEAR, count, SHORT)
-
-
 def test_a_spacecraft_of_thousands_of_thrusters(capsys: pytest.CaptureFixture[str]) -> None:
     head, _, first = PLATFORM_TEXT.partition("[[thruster]]")
     thruster = "[[thruster]]" + first.partition("[[thruster]]")[0]
     write_text(Path("many.toml"), head + thruster * 1001)
     assert "at most 1000 thrusters, got 1001" in said(capsys, "list", "many.toml")
-
-
-READERS: dict[str, Callable[[Path], object]] = {
-    "text": read_text,
-    "json": read_json,
-    "any": open_regular,
-}
-
-
-@pytest.mark.parametrize("reader", READERS.values(), ids=READERS)
-@pytest.mark.parametrize("kind", ["pipe", "folder", "device"])
-def test_what_is_no_file_is_not_waited_for(
-    reader: Callable[[Path], object], kind: str, tmp_path: Path
-) -> None:
-    odd = Path("/dev/zero") if kind == "device" else tmp_path / "odd"
-    if kind != "device":
-        (os.mkfifo if kind == "pipe" else os.mkdir)(odd)
-    with pytest.raises(ConfigError, match="it is not a file, but a folder, a pipe or a device"):
-        reader(odd)
 
 
 def test_nothing_is_put_in_the_place_of_a_device(capsys: pytest.CaptureFixture[str]) -> None:

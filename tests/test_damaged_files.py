@@ -6,7 +6,6 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import rans
@@ -19,14 +18,13 @@ from rans.evaluation.fly.tuned import Tuned, arguments
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.sweep import read_configs
 from rans.files import write_json
-from rans.model.fields import leaves
 from rans.pretrained import pretrained_folder
-from rans.scenario import scenario
 from rans.show.pages.report import report_from_run
 from rans.tasks import GoToPose
 from tests.support import packages
 from tests.support.damage import COUNTS, check
 from tests.support.training import CONFIG
+from tests.support.written_files import RESULTS, TUNED, optimal_folder
 
 
 @pytest.fixture(scope="module")
@@ -63,39 +61,8 @@ def test_run_folders(trained: Path, tmp_path: Path, count: int) -> None:
 
 @COUNTS
 def test_optimal_folders(tmp_path: Path, count: int) -> None:
-    like = scenario(GoToPose(), 2, seed=0, episode=0)
-    write_json(tmp_path / "optimal.json", {"task": "go-to-pose", "objective": "energy"})
-    shutil.copy(
-        pretrained_folder("go-to-pose-2d") / "spacecraft.toml", tmp_path / "spacecraft.toml"
-    )
-    np.savez(
-        tmp_path / "optimal.npz",
-        commands=np.full((1, 2, 8), 0.5),
-        control_period=np.full(1, 0.2),
-        starts=[leaves(like.start)],
-        goals=[leaves(like.goal)],
-    )
+    optimal_folder(tmp_path)
     check([*tmp_path.iterdir()], lambda: flights(tmp_path), 2 * count)
-
-
-MEMBER = {"member": 0, "seed": 0, "lr": 1e-3, "solved": True, "steps": 1, "success": 1.0}
-ROW = {
-    "contestant": "lqr",
-    "settled": 1,
-    "starts": 2,
-    "flown": 1,
-    "median_settling_time": 3.0,
-    "mean_impulse": "inf",
-}
-HELD = {"value": 1.0, "low": 0.0, "high": 1.0}
-LEVEL = {"size": None, "contestants": {"lqr": {"held": HELD}}}
-CHECK = {"name": "n", "value": 1.0, "tolerance": 2.0, "unit": "m", "passed": True, "reason": "r"}
-RESULTS: dict[str, Any] = {
-    "sweep.json": {"members": [MEMBER], "best": 0},
-    "compare.json": {"title": "t", "failures": ["f"], "notes": ["n"], "summary": [ROW]},
-    "stress.json": {"title": "t", "failures": ["f"], "conditions": {"lab": LEVEL}},
-    "validation.json": {"title": "t", "checks": [CHECK], "skipped": [{"name": "n", "reason": "r"}]},
-}
 
 
 @COUNTS
@@ -127,9 +94,7 @@ def test_configs_of_sweeps(count: int, tmp_path: Path) -> None:
 
 @COUNTS
 def test_tuned_settings(count: int, tmp_path: Path) -> None:
-    folder = Path(rans.__file__).with_name("data") / "controllers"
-    file = tmp_path / "lqr.json"
-    shutil.copy(min(folder.glob("lqr*.json")), file)
+    file = Path(shutil.copy(TUNED, tmp_path / "lqr.json"))
     setup = Setup(rans.load_spacecraft("floating-platform"), GoToPose(), rans.Timing())
 
     def read() -> None:

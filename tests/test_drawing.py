@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -63,35 +63,6 @@ def centre(frame: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
     found = spots(frame, colour)
     assert len(found)
     return found.mean(axis=0)
-
-
-@pytest.mark.parametrize(("craft", "state"), [(PLATFORM, planar()), (FLYER, spatial())])
-def test_frame_is_an_image(craft: Spacecraft, state: Any) -> None:
-    frame = Scene(craft, TASK, 320, 200).render(state, state, shut(craft))
-    assert (frame.shape, frame.dtype) == ((200, 320, 3), np.uint8)
-    assert len(spots(frame, BODY)) > 100
-
-
-def test_equal_states_give_equal_frames() -> None:
-    first = Scene(PLATFORM, TASK)
-    second = Scene(PLATFORM, TASK)
-    second.render(planar(4.0, 2.0), planar(), opened(PLATFORM, 3))  # leaves no trace
-    arguments = (planar(1.0, 1.0, 0.3), planar(), opened(PLATFORM, 1), [(2.0, 2.0)])
-    np.testing.assert_array_equal(first.render(*arguments), second.render(*arguments))
-
-
-def test_world_x_is_right_and_y_is_up() -> None:
-    scene = Scene(PLATFORM, TASK)
-    goal = planar()
-    right = centre(scene.render(planar(FAR, 0.0), goal, shut(PLATFORM)), BODY)
-    left = centre(scene.render(planar(-FAR, 0.0), goal, shut(PLATFORM)), BODY)
-    up = centre(scene.render(planar(0.0, FAR), goal, shut(PLATFORM)), BODY)
-    down = centre(scene.render(planar(0.0, -FAR), goal, shut(PLATFORM)), BODY)
-    # The heading mark, the goal's outline and the nozzles cover some pixels of the 30 px disc.
-    np.testing.assert_allclose(right[1], left[1], atol=3.0)
-    np.testing.assert_allclose(up[0], down[0], atol=3.0)
-    assert right[0] - left[0] > 200
-    assert up[1] - down[1] > 200
 
 
 def test_only_open_thrusters_have_flames() -> None:

@@ -24,6 +24,7 @@ from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from rans.verdict import Failure
 from tests.support.missions import Pass
+from tests.support.played import Played
 
 PLATFORM = load_spacecraft("floating-platform")
 SHUT = (0.0,) * len(PLATFORM.thrusters)
@@ -62,25 +63,15 @@ def test_a_contact_between_two_commands_counts(mover: Any) -> None:
     assert float(wall.terms["violation"][0]) == 0.0
 
 
-class Steady:
+def steady(command: float) -> Played:
     """Gives every thruster one command."""
-
-    name = "steady"
-
-    def __init__(self, command: float) -> None:
-        self._command = command
-
-    def reset(self, count: int) -> None:
-        """Nothing to forget."""
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        return np.full((len(observation), len(SHUT)), self._command)
+    return Played(lambda _, count: np.full((count, len(SHUT)), command))
 
 
 @pytest.mark.parametrize("flying", [fly, fly_in_drake])
 def test_what_fails_after_the_contact_in_the_same_period_is_won(flying: Any) -> None:
     """At 0.6 m after 2 s it is too far away, but it was at the origin after 1.25 s; with one check it is lost."""
-    pilot = Steady(0.0)
+    pilot = steady(0.0)
     task = Pass(wall=9.0, fail_distance=0.5)
     starts = scenarios(task, PLATFORM, seed=1, count=2)
     for checks, failure in ((4, 0), (1, Failure.TERMINATED)):
@@ -150,18 +141,13 @@ def test_the_engine_and_environments_end_in_the_same_way() -> None:
 
 def test_looks_do_not_change_the_motion() -> None:
     """Turning, pushed, pulsed and late: the end of the period is the same however often one checks."""
-    pilot: Any = type("Open", (), {})()
-    pilot.name = "open"
-    pilot.reset = lambda count: None
+    commands = np.random.default_rng(3).integers(0, 2, (20, 4, 8)).astype(float)
     flown = []
     for checks, flying in ((1, fly), (3, fly), (3, fly_in_drake)):
-        rng = np.random.default_rng(3)
-        commands = iter(rng.integers(0, 2, (20, 4, 8)).astype(float))
-        pilot.act = lambda *_, commands=commands: next(commands)
         task = GoToPose()
         starts = scenarios(task, PLATFORM, seed=4, count=4)
         timing = Timing(0.2, 4, 20, checks)
-        flown.append(flying(PLATFORM, task, pilot, starts, timing).states.p.x)
+        flown.append(flying(PLATFORM, task, Played(commands), starts, timing).states.p.x)
     np.testing.assert_allclose(flown[1], flown[0], rtol=0, atol=1e-11)
     np.testing.assert_allclose(flown[2], flown[0], rtol=0, atol=1e-9)
 
@@ -169,7 +155,7 @@ def test_looks_do_not_change_the_motion() -> None:
 @pytest.mark.parametrize("flying", [fly, fly_in_drake])
 def test_a_flight_stands_still_once_its_mission_is_won(flying: Any) -> None:
     """At the origin after 1.25 s, so in the second period, at x = 0.6 m; what it passes later is nothing."""
-    pilot = Steady(0.0)
+    pilot = steady(0.0)
     timing = Timing(1.0, 1, 5, 4)
     task = Pass(wall=0.3)
     starts = scenarios(task, PLATFORM, seed=1, count=3)
@@ -230,7 +216,7 @@ def test_a_guard_stands_between_policy_and_effectors_in_every_engine() -> None:
         "rans/GoToPose2D-v0", task=task, timing=timing, spacecraft=PLATFORM, guard=guard
     )
     env.reset(seed=0)
-    pilot = Steady(1.0)
+    pilot = steady(1.0)
     starts = scenarios(task, PLATFORM, seed=0, count=2)
     for flying in (fly, fly_in_drake):
         flight = flying(PLATFORM, task, pilot, starts, timing, guard=guard)

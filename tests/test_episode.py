@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +16,6 @@ from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import goal_set
 from rans.fast import Engine
 from rans.flight import fly
-from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire, Drift, step_goal
 from rans.model.dynamics import PlanarState, State
 from rans.model.fields import Field, Heading, Vec2, leaves, map_leaves
@@ -37,12 +35,12 @@ from rans.tasks import (
     GoToPose,
     MultiTask,
     Transition,
-    observation_columns,
-    observation_width,
 )
 from rans.tasks.derived import watches_switching
 from rans.tasks.observation_terms import ObservationTerm, Scalar, VectorInW
+from tests.support.random_flights import Random
 from tests.support.switching import SwitchingGoToPose
+from validation.study.conditions import Watching
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")
@@ -84,27 +82,11 @@ class Counting(GoToPose):
         return {"moved": -sum(moved)}
 
 
-class Random:
-    """Opens thrusters at random, the same for the same number of episodes."""
-
-    name = "random"
-
-    def __init__(self, thrusters: int) -> None:
-        self._thrusters = thrusters
-
-    def reset(self, count: int) -> None:
-        self._rng = np.random.default_rng(3)
-        self._count = count
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        return self._rng.integers(0, 2, (self._count, self._thrusters)).astype(float)
-
-
 @pytest.mark.slow
 @BOTH
 def test_an_orbit_and_a_goal_on_it_are_the_same_in_drake(craft: Any) -> None:
     task = Chase()
-    pilot = Random(len(craft.thrusters))
+    pilot = Random(craft)
     starts = scenarios(task, craft, seed=4, count=3)
     exact = Timing(substeps=1 if craft.dimension == 2 else 8)
     ours, drakes = (flown(craft, task, pilot, starts, exact) for flown in (fly, fly_in_drake))
@@ -127,7 +109,7 @@ def test_an_orbit_and_a_goal_on_it_are_the_same_in_drake(craft: Any) -> None:
 def test_engine_environment_and_flight_take_the_same_steps(craft: Any) -> None:
     task = Chase()
     timing = Timing(episode_steps=20)
-    pilot = Random(len(craft.thrusters))
+    pilot = Random(craft)
     flight = fly(craft, task, pilot, scenarios(task, craft, seed=9, count=2), timing)
     engine = Engine(craft, task, 2, timing, seed=9, dtype=torch.float64)
     name = "rans/GoToPose2D-v0" if craft.dimension == 2 else "rans/GoToPose3D-v0"
@@ -191,37 +173,6 @@ def test_no_bound_of_free_flight_is_claimed_on_an_orbit(task: Any, reason: str) 
         ConfigError, match=f"free flight to a goal that stands still; Chase has {reason}"
     ):
         goal_set(task)
-
-
-@pytest.mark.parametrize(("dimension", "width"), [(2, 10 + 3), (3, 22 + 4)])
-def test_a_task_that_shows_more_has_more_columns(dimension: Any, width: int) -> None:
-    craft = PLATFORM if dimension == 2 else FLYER
-    columns = observation_columns(Counting(), dimension)
-    assert observation_width(Counting(), dimension) == width == len(columns)
-    engine = Engine(craft, Counting(), 3)
-    assert engine.observe().shape == (3, width)
-    assert columns[-1] == ("gust", "m", "-")
-
-
-@pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
-@pytest.mark.parametrize("number", [math.nan, math.inf])
-def test_a_state_that_is_no_number_has_failed(number: float) -> None:
-    """And with it the flight, which stops there; the others go on."""
-    rest = PlanarState(Vec2(1.0, 0.0), Heading(0.0), Vec2(0.0, number), 0.0)
-    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    outcome = step(World(Setup(PLATFORM, GoToPose())), Episode(rest, goal), (0.0,) * 8)
-    assert outcome.terminated
-    assert not outcome.truncated
-    starts = scenarios(GoToPose(), PLATFORM, seed=2, count=3)
-    body = replace(Body.of(PLATFORM), mass=np.array([1.0, number, 1.0]))
-    with np.errstate(all="ignore"), warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        flight = fly(PLATFORM, GoToPose(), Random(8), starts, Timing(episode_steps=10), body=body)
-    assert len(said) == math.isnan(number)  # an infinite mass is none that thrust moves
-    if math.isnan(number):
-        assert flight.failed().tolist() == [False, True, False]
-        assert np.isnan(flight.states.p.x[1:, 1]).all()
-        assert np.isfinite(flight.states.p.x[:, [0, 2]]).all()
 
 
 @pytest.mark.parametrize("way", [(1e8, 0.0), (0.0, 1e8), (-1e25, 0.0), (math.nan, 0.0)])
@@ -303,18 +254,7 @@ def test_reward_and_ends_are_of_the_true_state() -> None:
 
 
 def test_controllers_are_told_what_sensors_tell() -> None:
-    class Watching(Random):
-        def reset(self, count: int) -> None:
-            super().reset(count)
-            self.told = []
-            self.seen = []
-
-        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-            self.told.append(state)
-            self.seen.append(observation)
-            return super().act(state, goal, observation)
-
-    pilot = Watching(8)
+    pilot = Watching(PLATFORM, 1)
     starts = scenarios(GoToPose(), PLATFORM, seed=3, count=2)
     flight = fly(
         PLATFORM,
@@ -325,12 +265,13 @@ def test_controllers_are_told_what_sensors_tell() -> None:
         conditions=BLIND,
         draws=draws(3, 2),
     )
-    for k, (told, seen) in enumerate(zip(pilot.told, pilot.seen, strict=True)):
-        true = map_leaves(lambda x, i=k: x[i], flight.states)
-        assert (told.p - true.p).norm() == pytest.approx([50.0] * 2)
-        assert np.array_equal(told.v.columns(), true.v.columns())
+    goal = np.array(starts.goal.p.columns())
+    for k, (told, seen) in enumerate(zip(pilot.states, pilot.seen, strict=True)):
+        true = np.array(leaves(flight.states))[:, k]
+        assert np.hypot(*(told - true)[:2]) == pytest.approx([50.0] * 2)
+        assert np.array_equal(told[3:5], true[3:5])
         away = np.hypot(seen[:, 6], seen[:, 7])  # the way to go, m
-        np.testing.assert_allclose(away, (starts.goal.p - told.p).norm(), rtol=1e-6)
+        np.testing.assert_allclose(away, np.hypot(*(goal - told[:2])), rtol=1e-6)
 
 
 def test_conditions_without_draws_are_a_sentence() -> None:
@@ -346,7 +287,7 @@ def test_an_episode_of_conditions_that_promise_all_is_that_of_none() -> None:
         fly(
             PLATFORM,
             GoToPose(),
-            Random(8),
+            Random(PLATFORM),
             starts,
             timing,
             conditions=conditions,

@@ -225,13 +225,6 @@ def test_long_work_does_not_begin_without_a_place_for_its_results(
     assert said.out == ""
 
 
-def test_json(tmp_path: Path) -> None:
-    file = tmp_path / "x.json"
-    value = {"a": [1, 2.5, None, True], "ä": "ö"}
-    write_json(file, value)
-    assert read_json(file) == value
-
-
 def test_json_has_texts_for_what_is_not_finite(tmp_path: Path) -> None:
     """Wherever they are; and null, which files had before, was an infinity."""
     file = tmp_path / "x.json"
@@ -281,13 +274,6 @@ def test_a_line_of_something_else_is_a_sentence(tmp_path: Path, line: str) -> No
 def test_first_line() -> None:
     assert first_line(ValueError("Too bad.\nTry again.")) == "Too bad"
     assert first_line(EOFError()) == "EOFError"
-
-
-def test_environment() -> None:
-    known = environment()
-    assert known["numpy"].count(".") >= 1
-    assert known["cores"] == str(os.cpu_count())
-    assert all(isinstance(value, str) and value for value in known.values())
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,7 @@ from rans.randomization.conditions import Conditions, FaultConditions
 from rans.scenario import batch, draws, scenario, scenarios
 from rans.tasks import GoToPose, Transition, observation_width
 from tests.support.evaluation_flights import flight_of
+from tests.support.played import Played
 
 
 @dataclass
@@ -129,22 +130,6 @@ def test_a_reward_may_be_a_plain_number() -> None:
     np.testing.assert_allclose(returns(with_it) - returns(without), 4 * 0.5, rtol=1e-13)
 
 
-@pytest.mark.parametrize("index", [0, 4])
-def test_an_episode_does_not_depend_on_its_neighbours(shipped: Spacecraft, index: int) -> None:
-    task = GoToPose()
-    timing = Timing(episode_steps=10)
-    opened = (1, 2, 4)
-    count = len(shipped.thrusters)
-    many = fly(shipped, task, Recorded(count, opened), scenarios(task, shipped, 2, 5), timing)
-    alone = fly(
-        shipped, task, Recorded(count, opened), scenarios(task, shipped, 2, 1, index), timing
-    )
-    for a, b in zip(leaves(many.states), leaves(alone.states), strict=True):
-        np.testing.assert_allclose(
-            a[:, index], b[:, 0], rtol=0, atol=1e-13
-        )  # last digits of sin, cos
-
-
 @pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
 def test_what_is_no_longer_a_number_has_failed_and_stops_there() -> None:
     """The second of three spacecraft is commanded with infinity in the third period."""
@@ -167,20 +152,6 @@ def test_what_is_no_longer_a_number_has_failed_and_stops_there() -> None:
     for flown, told, start in zip(leaves(flight.states), shown, leaves(starts.start), strict=True):
         assert np.isnan(flown).tolist() == gone
         assert told[1] == start[1]  # the controller sees its start, not what is no number
-
-
-@dataclass
-class Answers:
-    """Always the same commands."""
-
-    commands: Any
-    name: str = "same"
-
-    def reset(self, count: int) -> None:
-        """There is nothing to forget."""
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> Any:
-        return self.commands
 
 
 PLANAR = load_spacecraft("floating-platform")
@@ -216,9 +187,9 @@ SPATIAL = load_spacecraft("free-flyer")
             lambda: Switching(PLANAR, "go-to-pose"),
             "switching was made for floating-platform",
         ),
-        (PLANAR, lambda: Answers(None), r"the shape \(3, 8\), got \(\)"),
-        (PLANAR, lambda: Answers(np.zeros((3, 5))), r"the shape \(3, 8\), got \(3, 5\)"),
-        (PLANAR, lambda: Answers(np.zeros((1, 8))), r"the shape \(3, 8\), got \(1, 8\)"),
+        (PLANAR, lambda: Played(lambda *_: None), r"the shape \(3, 8\), got \(\)"),
+        (PLANAR, lambda: Played(lambda *_: np.zeros((3, 5))), r"the shape \(3, 8\), got \(3, 5\)"),
+        (PLANAR, lambda: Played(lambda *_: np.zeros((1, 8))), r"the shape \(3, 8\), got \(1, 8\)"),
     ],
 )
 def test_who_cannot_fly_it_is_told(craft: Spacecraft, controller: Any, sentence: str) -> None:
@@ -241,7 +212,7 @@ def test_who_cannot_fly_it_is_told(craft: Spacecraft, controller: Any, sentence:
 )
 def test_what_is_no_batch_of_starts_is_told(starts: Any, sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
-        fly_named(PLANAR, "go-to-pose", Answers(None), starts, Timing(episode_steps=2))
+        fly_named(PLANAR, "go-to-pose", Played(lambda *_: None), starts, Timing(episode_steps=2))
 
 
 def test_a_spin_beyond_the_accuracy_is_reported_with_enough_substeps() -> None:

@@ -67,20 +67,23 @@ const pen = new Proxy({globalAlpha: 1}, {
 """A canvas's pen that lists what it is told."""
 
 
-def faces(place: str, tmp_path: Path) -> int:
-    """Number of faces of a box that are filled in the view of this projection."""
+def drawn(call: str, told: str, folder: Path) -> str:
+    """What Node.js prints of the calls of the pen after one of the script."""
     node = shutil.which("node")
     if node is None:
         pytest.skip("needs Node.js to run JavaScript")
     code = (files("rans.show.pages") / "craft.js").read_text("utf-8")
+    file = folder / "drawn.js"
+    file.write_text(f"{SCRIPT}{code}\n{call};\nconsole.log({told});", "utf-8")
+    done = subprocess.run([node, str(file)], check=True, capture_output=True, text=True)
+    return done.stdout.strip()
+
+
+def faces(place: str, folder: Path) -> int:
+    """Number of faces of a box that are filled in the view of this projection."""
     craft = "{planar: false, radius: 1, thrusters: [{at: [1, 0.5, 0.25], along: [1, 0, 0]}]}"
-    file = tmp_path / "hull.js"
-    file.write_text(
-        f'{SCRIPT}{code}\nhull(pen, {craft}, {place}, "red");\n'
-        'console.log(calls.filter(([name]) => name === "fill").length);',
-        "utf-8",
-    )
-    return int(subprocess.run([node, str(file)], check=True, capture_output=True).stdout)
+    filled = 'calls.filter(([name]) => name === "fill").length'
+    return int(drawn(f'hull(pen, {craft}, {place}, "red")', filled, folder))
 
 
 def test_a_box_shows_the_faces_towards_the_viewer(tmp_path: Path) -> None:
@@ -90,17 +93,8 @@ def test_a_box_shows_the_faces_towards_the_viewer(tmp_path: Path) -> None:
 
 
 def test_plumes_leave_against_the_force(tmp_path: Path) -> None:
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("needs Node.js to run JavaScript")
-    code = (files("rans.show.pages") / "craft.js").read_text("utf-8")
+    """The second is shut; 0.9 radii of 2 m, half the force, half open."""
     craft = "{planar: true, radius: 2, thrusters: [{at: [1, 0], along: [0, 0.5]}, {at: [0, 1], along: [1, 0]}]}"
-    file = tmp_path / "plumes.js"
-    file.write_text(
-        f'{SCRIPT}{code}\nplumes(pen, {craft}, point => point, [0.5, 0], "red", 1);\n'
-        'console.log(JSON.stringify(calls.filter(([name]) => name.endsWith("To"))));',
-        "utf-8",
-    )
-    done = subprocess.run([node, str(file)], check=True, capture_output=True, text=True)
-    # The second is shut; 0.9 radii of 2 m, half the force, half open.
-    assert done.stdout.strip() == '[["moveTo",1,0],["lineTo",1,-0.45]]'
+    call = f'plumes(pen, {craft}, point => point, [0.5, 0], "red", 1)'
+    ways = 'JSON.stringify(calls.filter(([name]) => name.endsWith("To")))'
+    assert drawn(call, ways, tmp_path) == '[["moveTo",1,0],["lineTo",1,-0.45]]'

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.support.processes import ROOT, printed
+
 FLIER = "steer:keep-distance-2d@puck"
 
 
@@ -23,21 +22,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     source = shutil.copytree(
         ROOT / "examples" / "plugin", folder / "source"
     )  # setuptools writes beside it
-    subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "pip",
-            "install",
-            "--quiet",
-            "--no-index",
-            "--no-build-isolation",
-            "--no-deps",
-            "--target",
-            str(folder / "site"),
-            str(source),
-        ],
-        check=True,
+    printed(
+        *("-m", "pip", "install", "--quiet", "--no-index", "--no-build-isolation", "--no-deps"),
+        *("--target", folder / "site", source),
     )
     return folder
 
@@ -54,16 +41,8 @@ def rans(place: Path, *commands: str) -> list[str]:
         "for line in sys.argv[1:]: assert main(line.split()) == 0, line; print(end='\\f')"
     )
     path = os.pathsep.join((str(place / "site"), str(ROOT)))
-    done = subprocess.run(
-        [sys.executable, "-c", script, *commands],
-        cwd=place,
-        capture_output=True,
-        text=True,
-        env=os.environ | {"PYTHONPATH": path, "COLUMNS": "160"},
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout.split("\f")[:-1]
+    text = printed("-c", script, *commands, cwd=place, PYTHONPATH=path, COLUMNS="160")
+    return text.split("\f")[:-1]
 
 
 @pytest.mark.slow

@@ -46,6 +46,7 @@ from tests.support.reader_questions import (
     written,
 )
 from tests.support.sources import sources
+from tests.support.written_files import TUNED, optimal_folder
 
 # planted files
 
@@ -115,16 +116,7 @@ def optimum(**changed: Any) -> Any:
     """A folder of `rans optimal` whose arrays say something else."""
 
     def plant(folder: Path) -> Callable[[], object]:
-        write_json(folder / "optimal.json", {"task": "go-to-pose", "objective": "energy"})
-        (folder / "spacecraft.toml").write_text(PLATFORM)
-        like = scenario(GoToPose(), 2, seed=0, episode=0)
-        arrays: dict[str, Any] = {
-            "commands": np.full((1, 2, 8), 0.5),
-            "control_period": np.full(1, 0.2),
-            "starts": np.array([leaves(like.start)]),
-            "goals": np.array([leaves(like.goal)]),
-        }
-        np.savez(folder / "optimal.npz", **(arrays | changed))
+        optimal_folder(folder, **changed)
         return lambda: flights(folder)
 
     return plant
@@ -171,8 +163,7 @@ def sb3(name: str) -> Any:
 
 def tuned(**changed: object) -> Any:
     def plant(folder: Path) -> Callable[[], object]:
-        source = min((ROOT / "rans/data/controllers").glob("lqr*.json"))
-        write_json(folder / "lqr.json", json.loads(source.read_text()) | changed)
+        write_json(folder / "lqr.json", json.loads(TUNED.read_text()) | changed)
         return lambda: Tuned.read(folder / "lqr.json")
 
     return plant

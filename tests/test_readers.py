@@ -5,19 +5,23 @@ from __future__ import annotations
 import ast
 import os
 import py_compile
-import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from rans.archives import read_arrays
 from rans.errors import ConfigError
 from rans.evaluation.compare.optima import flights
 from rans.evaluation.fly.exported import code_of
-from rans.files import read_bytes, read_json, read_json_lines, read_text, write_json
-from rans.pretrained import pretrained_folder
+from rans.files import (
+    open_regular,
+    read_bytes,
+    read_json,
+    read_json_lines,
+    read_text,
+)
 from tests.support.sources import sources
+from tests.support.written_files import optimal_folder
 
 READERS = {
     "rans.files": "reads bytes, texts and JSON",
@@ -166,15 +170,6 @@ def test_what_would_be_seen(text: str) -> None:
     assert opens(text)
 
 
-def optimal_folder(folder: Path, **arrays: np.ndarray) -> Path:
-    """Like one of `rans optimal`, with other arrays."""
-    write_json(folder / "optimal.json", {"task": "go-to-pose", "objective": "energy"})
-    source = pretrained_folder("go-to-pose-2d") / "spacecraft.toml"
-    shutil.copy(source, folder / "spacecraft.toml")
-    np.savez(folder / "optimal.npz", allow_pickle=False, **arrays)
-    return folder
-
-
 @pytest.mark.parametrize("name", ["optimal.json", "optimal.npz", "spacecraft.toml"])
 @pytest.mark.parametrize("kind", ["link", "pipe"])
 def test_an_optimal_folder_leads_nowhere_else(name: str, kind: str, tmp_path: Path) -> None:
@@ -184,10 +179,6 @@ def test_an_optimal_folder_leads_nowhere_else(name: str, kind: str, tmp_path: Pa
         (folder / name).symlink_to(tmp_path / "secret")
     else:
         os.mkfifo(folder / name)
-    arrays = {"commands": np.zeros((1, 1, 8)), "control_period": np.ones(1)}
-    arrays |= {"starts": np.zeros((1, 6)), "goals": np.zeros((1, 6))}
-    if name == "spacecraft.toml":
-        np.savez(folder / "optimal.npz", allow_pickle=False, **arrays)
     with pytest.raises(
         ConfigError, match="symbolic link" if kind == "link" else "it is not a file"
     ):
@@ -211,7 +202,8 @@ def test_what_is_trusted_is_the_text_that_lies_there(tmp_path: Path) -> None:
 def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    for read in (read_json, read_text, read_json_lines, lambda x: read_bytes(x, 1), read_arrays):
+    bounded = lambda x: read_bytes(x, 1)  # noqa: E731
+    for read in (open_regular, read_json, read_text, read_json_lines, bounded, read_arrays):
         for place in (pipe, tmp_path, Path("/dev/zero")):
             with pytest.raises(
                 ConfigError, match="it is not a file, but a folder, a pipe or a device"

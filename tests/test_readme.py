@@ -88,11 +88,19 @@ def test_examples_of_the_python_page_run() -> None:
     assert rans.load_agent("lqr:go-to-pose-2d@atmos").timing == Timing(0.2, episode_steps=125)
 
 
-def test_the_task_of_the_page_of_own_tasks_is_met_and_its_goal_moves() -> None:
+@pytest.fixture(scope="module")
+def own_tasks() -> dict[str, Any]:
+    """What the examples of the page of own tasks define."""
     names: dict[str, Any] = {}
     for example in blocks(ROOT / "docs" / "own_task.md", "python"):
         exec(example, names)
-    task = names["Meet"]()
+    return names
+
+
+def test_the_task_of_the_page_of_own_tasks_is_met_and_its_goal_moves(
+    own_tasks: dict[str, Any],
+) -> None:
+    task = own_tasks["Meet"]()
     flight = fly(CRAFT, task, rans.LQR(CRAFT, task), scenarios(task, CRAFT, 0, 4), Timing())
     moved = flight.goals.p - map_leaves(lambda x: x[0], flight.goals.p)
     # 25 s at 0.03 m/s
@@ -100,12 +108,11 @@ def test_the_task_of_the_page_of_own_tasks_is_met_and_its_goal_moves() -> None:
     assert flight.errors()["position"][-1].max() < task.position_tolerance
 
 
-def test_the_mission_of_the_page_of_own_tasks_is_won() -> None:
+def test_the_mission_of_the_page_of_own_tasks_is_won(
+    own_tasks: dict[str, Any],
+) -> None:
     """By LQR, which comes to rest at the point: softly, and long before the time is up."""
-    names: dict[str, Any] = {}
-    for example in blocks(ROOT / "docs" / "own_task.md", "python"):
-        exec(example, names)
-    task = names["Dock"]()
+    task = own_tasks["Dock"]()
     with pytest.warns(UserWarning, match="constraints"):
         lqr = rans.LQR(CRAFT, task)
     flight = fly(CRAFT, task, lqr, scenarios(task, CRAFT, 0, 4), task.timing)
@@ -117,12 +124,11 @@ def test_the_mission_of_the_page_of_own_tasks_is_won() -> None:
     assert flight.rewards()["done"].sum(axis=0).tolist() == [10.0] * 4
 
 
-def test_the_ball_of_the_page_of_own_tasks_is_checked_observed_and_drawn() -> None:
+def test_the_ball_of_the_page_of_own_tasks_is_checked_observed_and_drawn(
+    own_tasks: dict[str, Any],
+) -> None:
     """All by one object: its margin 1 m away from the origin is 0.6 m."""
-    names: dict[str, Any] = {}
-    for example in blocks(ROOT / "docs" / "own_task.md", "python"):
-        exec(example, names)
-    task = names["MeetBehind"]()
+    task = own_tasks["MeetBehind"]()
     here = scenarios(task, CRAFT, 0, 4)
     state = replace(here.start, p=Vec2(np.full(4, 0.6), np.full(4, 0.8)))
     np.testing.assert_allclose(task.constraints(state, here.goal)["ball"], 0.6, rtol=0, atol=1e-9)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from rans.model.spacecraft_file import SPACECRAFT
 from rans.randomization.conditions_file import CONDITIONS
 from rans.registry import Registry, typed
 from rans.tasks import TASKS, GoToPose, SingleTask
+from tests.support.processes import printed
 
 MODULE = """
 import sys
@@ -370,11 +370,7 @@ def test_start_up_knows_the_names_of_packages_without_importing_them(tmp_path: P
         "[rans.controllers]\nautopilot = rocketry:Pilot\n"
     )
     (tmp_path / "rocketry.py").write_text("raise RuntimeError('imported')\n")
-    subprocess.run(
-        [sys.executable, "-c", WITHOUT.format(str(tmp_path))],
-        check=True,
-        cwd=Path(__file__).parents[1],
-    )
+    printed("-c", WITHOUT.format(str(tmp_path)))
 
 
 def test_names_that_begin_with_the_given_one_are_suggested_first() -> None:

@@ -113,37 +113,9 @@ def test_a_number_out_of_range_is_one_sentence(seed: int, episode: int, says: st
         scenario(GoToPose(), 2, seed, episode)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_seed_words_may_be_fields(seed: int) -> None:
-    """Environments of one batch may each have their own seed."""
-    low, high = (np.array([w, w], dtype=np.int32) for w in seed_words(seed))
-    own = Random(2, low, high, np.array([5, 6], dtype=np.int32), np.float64).unit()
-    assert np.array_equal(own, draws(seed, [5, 6], 1)[0])
-
-
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_single_precision_changes_scenarios_only_by_rounding(dimension: Any) -> None:
-    torch = pytest.importorskip("torch")
-    task = GoToPose()
-    key = seed_words(11)
-    numbers = torch.arange(500, dtype=torch.int32)
-    double, single = (
-        [x for state in task.sample(Random(dimension, *key, numbers, dtype)) for x in leaves(state)]
-        for dtype in (torch.float64, torch.float32)
-    )
-    for a, b in zip(double, single, strict=True):
-        # a few float32 eps (6e-8) of lengths up to 4.5 m, magnified where a sphere's pole is near
-        np.testing.assert_allclose(np.asarray(a), np.asarray(b), rtol=0, atol=5e-6)
-
-
 def test_scenario_gives_plain_numbers() -> None:
     one = scenario(GoToPose(), 3, seed=5, episode=4)
     assert {type(x) for x in (*leaves(one.start), *leaves(one.goal))} == {float}
-    random = Random(3, *seed_words(5), np.arange(10, dtype=np.int32), np.float64)
-    start, goal = GoToPose().sample(random)
-    batch = [np.broadcast_to(x, 10)[4] for x in (*leaves(start), *leaves(goal))]
-    # sine and cosine may round differently in a vector register
-    np.testing.assert_allclose((*leaves(one.start), *leaves(one.goal)), batch, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("seed", [0, 1, -(2**40), 2**63])
@@ -151,13 +123,6 @@ def test_units_are_uniform_over_episodes(seed: int) -> None:
     for row in draws(seed, np.arange(20_000), 5):
         assert row.min() >= 0
         assert row.max() < 1
-        assert stats.kstest(row, "uniform").pvalue > FALSE_ALARM
-
-
-@pytest.mark.parametrize("stride", [1, 2**16, 2**32, 2**48])
-def test_units_are_uniform_over_seeds(stride: int) -> None:
-    rows = np.stack([draws(k * stride, [0], 4)[:, 0] for k in range(4000)], axis=1)
-    for row in rows:
         assert stats.kstest(row, "uniform").pvalue > FALSE_ALARM
 
 
@@ -185,12 +150,6 @@ def test_draws_of_neighbours_are_independent() -> None:
     for name, there in neighbours.items():
         cells, _, _ = np.histogram2d(here[0], there, bins=16, range=[[0, 1], [0, 1]])
         assert stats.chisquare(cells.ravel()).pvalue > FALSE_ALARM / len(neighbours), name
-
-
-def test_swapping_seed_and_episode_gives_other_draws() -> None:
-    numbers = np.arange(1, 200)
-    swapped = np.stack([draws(int(n), [1], 1)[0] for n in numbers], axis=1)[0]
-    assert np.mean(draws(1, numbers, 1)[0][1:] == swapped[1:]) < 0.05  # 2^-24 by chance
 
 
 def test_directions_are_isotropic() -> None:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-from tests.support.processes import ROOT
+from tests.support.processes import ROOT, printed
 
 FOLDER = ROOT / "examples" / "single_file"
 
@@ -19,16 +16,7 @@ FOLDER = ROOT / "examples" / "single_file"
 def ran(name: str, place: Path, *options: str) -> str:
     """What a copy of a file prints in an empty folder."""
     (place / name).write_text((FOLDER / name).read_text())
-    ended = subprocess.run(
-        [sys.executable, name, *options],
-        cwd=place,
-        env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert ended.returncode == 0, ended.stderr
-    return ended.stdout
+    return printed(name, *options, cwd=place)
 
 
 def solved(text: str) -> list[float]:

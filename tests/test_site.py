@@ -187,13 +187,6 @@ def test_pages_with_hidden_words_are_read_again_when_any_page_changes() -> None:
     assert SEARCH._outdated(None, env, set(), set(), set()) == []
 
 
-def test_decisions_are_not_searched() -> None:
-    pages = [*ROOT.glob("docs/decisions/*.md"), *ROOT.glob("packages/*/docs/decisions/*.md")]
-    assert pages
-    for page in pages:
-        assert page.read_text("utf-8").startswith("---\nnosearch: true\n---\n"), page
-
-
 def test_pages_are_ranked_as_the_script_of_the_site_does() -> None:
     """Worked by hand: 100 x 7 / 7 of an entry, 100 x 7 / 12 of a longer one, 15 x 7 / 13 + 1 of a title."""
     index = {

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
-from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.support.processes import printed
+
 TRAP = """
 import builtins
 with builtins.open({!r}, "a") as file:
@@ -44,35 +42,20 @@ def folder(tmp_path: Path) -> Path:
     return made
 
 
-def imported_in(folder: Path, command: Sequence[str | Path]) -> str:
-    """Names of the modules of the folder that a command, which must go well, imported there."""
-    done = subprocess.run(
-        command,
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )
+def imported_in(folder: Path, *command: str | Path) -> str:
+    """What Python prints there, which imports no module of the folder."""
+    text = printed(*command, cwd=folder)
     marker = folder.parent / "imported"
-    names = marker.read_text() if marker.exists() else ""
-    assert (names, done.returncode) == ("", 0), done.stderr
-    return done.stdout
+    assert not marker.exists(), marker.read_text()
+    return text
 
 
 def test_python_m_rans(folder: Path) -> None:
     """Except for what Python itself imports to find RANS, which nobody but ``python -P`` can help."""
-    needed = subprocess.run(
-        [sys.executable, "-P", "-c", "import runpy, sys; print(*sys.modules)"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    for name in needed.stdout.split():
+    needed = printed("-P", "-c", "import runpy, sys; print(*sys.modules)")
+    for name in needed.split():
         (folder / f"{name}.py").unlink(missing_ok=True)
-    assert "floating-platform" in imported_in(
-        folder, [sys.executable, "-m", "rans", "list", "SPACECRAFT"]
-    )
+    assert "floating-platform" in imported_in(folder, "-m", "rans", "list", "SPACECRAFT")
 
 
 WORKERS = """
@@ -88,7 +71,7 @@ def test_worker_processes(folder: Path, tmp_path: Path) -> None:
     """Nor does the process that multiprocessing starts to keep account of what is shared."""
     script = tmp_path / "script.py"
     script.write_text(WORKERS)
-    assert "7" in imported_in(folder, [sys.executable, script])
+    assert "7" in imported_in(folder, script)
 
 
 TYPED = """
@@ -108,7 +91,7 @@ def test_a_module_of_the_folder_that_was_typed_works_in_workers_too(
     )
     script = tmp_path / "script.py"
     script.write_text(TYPED)
-    assert imported_in(folder, [sys.executable, script]) == "42\n"
+    assert imported_in(folder, script) == "42\n"
 
 
 @pytest.mark.slow
@@ -124,5 +107,5 @@ def double(number):
 
 print(compiled(double)(21))
 """)
-    assert imported_in(folder, [sys.executable, script]) == "42\n"
+    assert imported_in(folder, script) == "42\n"
     assert not (folder / "kept").exists()

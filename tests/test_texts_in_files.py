@@ -12,7 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import rans
@@ -23,11 +22,10 @@ from rans.evaluation.compare.optima import flights
 from rans.evaluation.fly.tuned import Tuned
 from rans.fast.learn.config import to_table
 from rans.files import write_json
-from rans.model.fields import leaves
-from rans.scenario import scenario
 from rans.structure import read_toml
 from tests.support import plugins
 from tests.support.training import CONFIG
+from tests.support.written_files import RESULTS, TUNED, optimal_folder
 
 plugins.register()
 
@@ -231,21 +229,12 @@ def test_contract_of_an_export(here: Path, trained: Path) -> None:
         call(command("fly shipped --bus udp --seconds 0.1"))
 
 
-MEMBER = {"member": 0, "seed": 0, "solved": True, "steps": 1, "success": 1.0}
-ROW = {"contestant": "lqr", "settled": 1, "starts": 1, "flown": 1}
-HELD = {"value": 1.0, "low": 0.0, "high": 1.0}
-LEVEL = {"size": None, "contestants": {"lqr": {"held": HELD}}}
-RESULTS: dict[str, Any] = {
-    "sweep.json": {"members": [MEMBER], "best": "0"},
-    "compare.json": {"title": "t", "failures": ["f"], "notes": ["n"], "summary": [ROW]},
-    "stress.json": {"title": "t", "failures": ["f"], "conditions": {"lab": LEVEL}},
-    "validation.json": {"title": "t", "checks": [], "skipped": [{"name": "n", "reason": "r"}]},
-    "card.json": {"training": "x", "agent": "y"},
-}
-
-
 def test_results(here: Path) -> None:
-    for name, table in RESULTS.items():
+    more = {
+        "sweep.json": RESULTS["sweep.json"] | {"best": "0"},
+        "card.json": {"training": "x", "agent": "y"},
+    }
+    for name, table in (RESULTS | more).items():
         for _, changed in texts(table):
             shutil.rmtree("results", ignore_errors=True)
             write_json(Path("results") / name, changed)
@@ -253,28 +242,19 @@ def test_results(here: Path) -> None:
 
 
 def test_tuned_settings(here: Path) -> None:
-    shipped = Path(rans.__file__).with_name("data") / "controllers"
-    table = json.loads(min(shipped.glob("lqr*.json")).read_text())
+    table = json.loads(TUNED.read_text())
     setup = Setup(rans.load_spacecraft("floating-platform"), rans.GoToPose(), rans.Timing())
     for _, changed in texts(table):
         write_json(Path("lqr.json"), changed)
         call(lambda: Tuned.read(Path("lqr.json")).fits("lqr", setup))
 
 
-def test_optimal_folder(here: Path, trained: Path) -> None:
-    like = scenario(rans.GoToPose(), 2, seed=0, episode=0)
-    table = {"task": "go-to-pose", "objective": "energy", "command": "c", "starts": []}
-    for _, changed in texts(table):
-        write_json(Path("optimal/optimal.json"), changed)
-        shutil.copy(trained / "spacecraft.toml", "optimal/spacecraft.toml")
-        np.savez(
-            "optimal/optimal.npz",
-            commands=np.zeros((1, 2, 8)),
-            control_period=np.full(1, 0.2),
-            starts=[leaves(like.start)],
-            goals=[leaves(like.goal)],
-        )
-        call(lambda: flights(Path("optimal")))
+def test_optimal_folder(here: Path) -> None:
+    Path("optimal").mkdir()
+    folder = optimal_folder(Path("optimal"))
+    for _, changed in texts(json.loads((folder / "optimal.json").read_text())):
+        write_json(folder / "optimal.json", changed)
+        call(lambda: flights(folder))
         call(command("view optimal --save page.html"))
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,7 +23,7 @@ from rans.model.spacecraft_file import SPACECRAFT
 from rans.registry import trust_files
 from rans.tasks import TASKS, GoToPose
 from tests.support import packages
-from tests.support.processes import ROOT
+from tests.support.processes import printed
 from tests.support.training import CONFIG
 
 MODULE = """
@@ -168,14 +167,7 @@ def test_trust_is_known_to_processes_that_are_started(run: Path) -> None:
         "from pathlib import Path\nfrom rans.fast.learn.run_folder import RunFolder\n"
         "print(RunFolder(Path('run')).config().task)"
     )
-    found = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )
-    assert found.stdout == "strangers:Task\n", found.stderr
+    assert printed("-c", code, cwd=Path()) == "strangers:Task\n"
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -15,24 +15,19 @@ import rans
 from rans.effectors.motion import effectors_of, held
 from rans.errors import ConfigError
 from rans.fast.flights import Flights
-from rans.flight import Setup, fly
+from rans.flight import Setup
 from rans.model.accuracy import spin_up
 from rans.model.actuators import Throttle
 from rans.model.body import Body
-from rans.model.fields import leaves
 from rans.model.spacecraft import CommandRange, Spacecraft, can_turn
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.optimal.certificate.goal_set import check_certifiable
 from rans.optimal.trajectory.allocation import check_relaxation
-from rans.reference.flight import DrakeMover
 from rans.reference.plant import Plant
-from rans.scenario import scenarios
-from tests.support.effector_crafts import commands, states
-from tests.support.effector_flights import ALL, Scripted, untrained_policy
+from tests.support.effector_crafts import states
+from tests.support.effector_flights import ALL, untrained_policy
 from tests.support.torquer import TURNED, TURNED_IN_SPACE, Torquer
-
-both = pytest.mark.parametrize("craft", [TURNED, TURNED_IN_SPACE], ids=["plane", "space"])
 
 
 @pytest.mark.parametrize("craft", [*ALL, TURNED], ids=lambda craft: craft.name)
@@ -56,32 +51,6 @@ def test_torque_by_hand_until_the_charge_is_gone() -> None:
     np.testing.assert_allclose(second.w, 1.5 * gained, rtol=1e-12)
     np.testing.assert_allclose(first.stores[0], 0.5, rtol=1e-12)
     np.testing.assert_allclose(second.stores[0], 0.0, atol=1e-12)
-
-
-@both
-def test_engines_step_alike(craft: Spacecraft) -> None:
-    found = {}
-    for kind in ("program", "plain", "double"):
-        dtype = torch.float64 if kind == "double" else torch.float32
-        engine = rans.Engine(craft, "go-to-pose", 32, seed=3, plain=kind == "plain", dtype=dtype)
-        for k in range(8):
-            engine.step(torch.from_numpy(commands(craft, 32, seed=k)).to(dtype))
-        found[kind] = np.array([np.asarray(x, dtype=np.float64) for x in leaves(engine.state)])
-    assert found["double"][-1].min() < 1.0  # charge was used
-    np.testing.assert_allclose(found["program"], found["double"], rtol=0, atol=2e-4)
-    np.testing.assert_allclose(found["plain"], found["program"], rtol=0, atol=2e-4)
-
-
-@both
-def test_drake_flies_an_episode_alike(craft: Spacecraft) -> None:
-    task = rans.GoToPose()
-    timing = Timing(episode_steps=20, checks=2)
-    starts = scenarios(task, craft, 5, 3)
-    ours = fly(craft, task, Scripted(craft), starts, timing)
-    drake = fly(craft, task, Scripted(craft), starts, timing, DrakeMover(craft, timing))
-    for one, other in zip(leaves(ours.states), leaves(drake.states), strict=True):
-        np.testing.assert_allclose(one, other, rtol=0, atol=2e-6)
-    assert np.ptp(ours.states.stores[0]) > 1.0
 
 
 def test_gymnasium_knows_its_command() -> None:

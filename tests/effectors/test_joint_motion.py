@@ -22,6 +22,7 @@ from rans.optimal.trajectory.allocation import check_relaxation
 from rans.reference.flight import DrakeMover
 from rans.reference.further import DrakeMass, register
 from rans.scenario import scenarios
+from tests.support.played import Played
 
 RATE = 1.0
 """Drag for each m/s, N s/m."""
@@ -83,13 +84,7 @@ CRAFT = replace(PLATFORM, name="dragged", further_effectors=(Dragged(),))
 TASK = rans.GoToPose()
 
 
-class Coasting:
-    name = "coasting"
-
-    def reset(self, count: int) -> None: ...
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        return np.zeros((len(observation), CRAFT.command_count))
+COASTING = Played(lambda _, count: np.zeros((count, CRAFT.command_count)))
 
 
 @pytest.mark.parametrize("in_drake", [False, True], ids=["engine", "drake"])
@@ -100,7 +95,7 @@ def test_drag_slows_a_coasting_craft_by_its_closed_form(in_drake: bool) -> None:
     v = Vec2(np.array([0.3, -0.1]), np.array([0.1, 0.2]))
     starts = replace(starts, start=replace(starts.start, v=v))
     flight = fly(
-        CRAFT, TASK, Coasting(), starts, timing, DrakeMover(CRAFT, timing) if in_drake else None
+        CRAFT, TASK, COASTING, starts, timing, DrakeMover(CRAFT, timing) if in_drake else None
     )
     left = np.exp(-RATE / CRAFT.mass * flight.times)[:, None]
     np.testing.assert_allclose(flight.states.v.x, left * v.x, rtol=1e-6)

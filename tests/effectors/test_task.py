@@ -19,7 +19,7 @@ from rans.scenario import scenarios
 from rans.tasks.observation_terms import ObservationTerm, Scalar
 from rans.tasks.rewards import Transition
 from tests.support.effector_crafts import LANDER
-from tests.support.effector_flights import Scripted
+from tests.support.effector_flights import scripted
 
 MARS = 3.7114
 
@@ -76,7 +76,7 @@ def test_thrust_carries_the_lander_against_gravity() -> None:
 def test_drake_lands_alike_and_pays_alike() -> None:
     task = Descend()
     starts = scenarios(task, LANDER, 3, 3)
-    pilot = Scripted(LANDER)
+    pilot = scripted(LANDER)
     ours = fly(LANDER, task, pilot, starts, TIMING)
     mover = DrakeMover(LANDER, TIMING, task.drift)
     drake = fly(LANDER, task, pilot, starts, TIMING, mover)

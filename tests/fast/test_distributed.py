@@ -194,23 +194,6 @@ def test_alone_nothing_changes() -> None:
     assert join("cpu") is ALONE
 
 
-def test_rows_belong_to_processes_in_turn() -> None:
-    """So that chunks of everybody's rows are a chunk of the whole batch's."""
-    rows = torch.arange(12)
-    shares = [Processes(rank, 3).mine(rows).chunk(2) for rank in range(3)]
-    for number, chunk in enumerate(rows.chunk(2)):
-        assert sorted(torch.cat([share[number] for share in shares]).tolist()) == chunk.tolist()
-
-
-def test_random_numbers_belong_to_rows() -> None:
-    shares = []
-    for rank in (0, 1):
-        torch.manual_seed(3)
-        shares.append(Processes(rank, 2).uniform_like(torch.zeros(3, 4, 5)))
-    torch.manual_seed(3)
-    assert torch.equal(torch.stack(shares, dim=2).flatten(1, 2), torch.rand(3, 8, 5))
-
-
 def test_a_share_must_be_whole() -> None:
     with pytest.raises(ConfigError, match="n_envs must be a multiple of the 3 processes, got 16"):
         Processes(0, 3).portion("n_envs", 16)

@@ -7,18 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from rans_missions.tasks.inspect import Inspect
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings
 from rans.model.body import Body
-from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenario
 from rans.tasks import GoToPose, observation
-from rans.tasks.derived import check_dimension
 from tests.support.engines import (
     FLYER,
     NEAR,
@@ -115,42 +112,6 @@ def test_the_last_observation_of_a_lost_state_is_finite(
 
 
 @by_turns
-def test_observation_is_final_observation_until_the_end(backend: Any, craft: Spacecraft) -> None:
-    engine = backend(craft, NEAR, 32, SHORT, seed=1)
-    for action in actions(craft, 32, 45):
-        step = engine.step(action)
-        same = (step.observation == step.final_observation).all(dim=1)
-        # A new episode is at rest, the old one was not.
-        torch.testing.assert_close(same, ~(step.terminated | step.truncated))
-        torch.testing.assert_close(step.observation, engine.observe(), rtol=0, atol=0)
-
-
-@by_turns
-def test_reward_is_the_sum_of_its_terms(backend: Any, craft: Spacecraft) -> None:
-    engine = backend(craft, NEAR, 16, SHORT, seed=1)
-    for step in run(engine, 25):
-        # Four float32 numbers below 1 added in another order.
-        torch.testing.assert_close(step.reward, step.terms.sum(dim=0), rtol=0, atol=5e-7)
-
-
-@by_turns
-def test_a_batch_is_its_members(backend: Any, craft: Spacecraft) -> None:
-    """Environment 2 of 5 flies as one that starts alone in episode 2, until that ends."""
-    batch, alone = (backend(craft, NEAR, n, SHORT, seed=3, dtype=torch.float64) for n in (5, 1))
-    for _ in range(2):
-        alone.reset()
-    for action in actions(craft, 5, 20):
-        many = batch.step(action)
-        one = alone.step(action[2:3])
-        # The same operations on arrays of another length may round differently in the last place.
-        for x, y in ((many.final_observation, one.final_observation), (many.reward, one.reward)):
-            torch.testing.assert_close(x[2:3], y, rtol=0, atol=1e-13)
-        if one.terminated | one.truncated:
-            return
-    pytest.fail("the episode did not end")
-
-
-@by_turns
 def test_reset_goes_on_counting_and_a_seed_starts_over(backend: Any, craft: Spacecraft) -> None:
     engine = backend(craft, NEAR, 3, SHORT, seed=5)
     first = engine.observe()
@@ -171,23 +132,6 @@ def test_reset_forgets_the_steps(backend: Any) -> None:
         engine.step(still)
     engine.reset()
     assert [bool(engine.step(still).truncated.all()) for _ in range(5)] == [False] * 4 + [True]
-
-
-@by_turns
-def test_a_clock_counts_steps_and_episodes(backend: Any, craft: Spacecraft) -> None:
-    engine = backend(craft, NEAR, 32, SHORT)
-    steps = torch.zeros(32)
-    episodes = torch.zeros(32)
-    for action in actions(craft, 32, 60):
-        step = engine.step(action)
-        ended = step.terminated | step.truncated
-        steps = torch.where(ended, 0, steps + 1)
-        episodes = episodes + ended
-        clock = engine.save_state()["buffers"][-1]
-        # SHORT's twenty steps need five bits.
-        assert (clock % 32).tolist() == steps.tolist()
-        assert (clock // 32).tolist() == episodes.tolist()
-    assert len(set(episodes.tolist())) > 1
 
 
 def test_stagger_spreads_the_ends(backend: Any) -> None:
@@ -213,22 +157,6 @@ def test_stagger_forgets_the_steps_and_keeps_the_episodes(backend: Any) -> None:
     assert before.min() > 0
     assert torch.equal(clock // 32, before)
     assert torch.equal(clock % 32, torch.as_tensor(fresh.episode.clock))
-
-
-@by_turns
-def test_a_loaded_state_goes_on_bit_for_bit(backend: Any, craft: Spacecraft) -> None:
-    engine = backend(craft, NEAR, 16, SHORT, seed=9)
-    run(engine, 7)
-    saved = engine.save_state()
-    expected = run(engine, 45, seed=2)
-    other = backend(craft, NEAR, 16, SHORT, seed=123)
-    places = [x.data_ptr() for x in leaves(other.state)] if torch.is_tensor(other.state.p.x) else []
-    other.load_state(saved)
-    for a, b in zip(expected, run(other, 45, seed=2), strict=True):
-        for x, y in zip(a, b, strict=True):
-            assert torch.equal(x, y)
-    # A CUDA graph reads and writes these very places.
-    assert places == ([x.data_ptr() for x in leaves(other.state)] if places else [])
 
 
 def test_a_foreign_state_is_refused(backend: Any) -> None:
@@ -264,12 +192,6 @@ def test_actions_of_any_dtype_and_layout_mean_the_same(backend: Any) -> None:
         assert torch.equal(other, seen[0])
 
 
-def test_actions_of_another_shape_are_refused(backend: Any) -> None:
-    for wrong in ((8, 4), (4, 7), (1, 8), (4,)):
-        with pytest.raises(ConfigError, match=r"shape \(4, 8\) \(environments, commands\), got \("):
-            backend(PLATFORM, NEAR, 4).step(torch.zeros(wrong))
-
-
 def test_reached_is_within_every_tolerance_on_arrival(backend: Any) -> None:
     engine = backend(PLATFORM, NEAR, 32, SHORT, seed=1)
     seen = []
@@ -296,15 +218,6 @@ def test_errors_are_those_of_the_current_state(backend: Any) -> None:
 def test_wrong_number_of_environments(count: Any) -> None:
     with pytest.raises(ConfigError, match=r"whole number >= 1 and < 2\^31, got"):
         Engine(PLATFORM, NEAR, count)
-
-
-def test_what_is_no_spacecraft_and_no_name_of_one() -> None:
-    with pytest.raises(ConfigError, match="there is no spacecraft named 'platform'"):
-        Engine("platform", NEAR, 4)
-    with pytest.raises(
-        ConfigError, match=r"spacecraft, .* must be a rans\.Spacecraft, got GoToPose"
-    ):
-        Engine(NEAR, NEAR, 4)  # type: ignore[arg-type]
 
 
 def test_wrong_dtype_and_seed() -> None:
@@ -356,12 +269,6 @@ def test_odd_actions(actions: Any, said: str) -> None:
     engine.step(SHUT)
     with torch.no_grad():
         engine.step(SHUT.clone().requires_grad_())
-
-
-def test_a_mission_of_space_in_the_plane() -> None:
-    with pytest.raises(ConfigError, match="Inspect works in space only") as error:
-        check_dimension(Inspect(), 2)
-    assert "zip" not in str(error.value)
 
 
 @pytest.mark.parametrize("seed", [True, 1.5, -1, 2**32])

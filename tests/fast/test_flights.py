@@ -16,7 +16,6 @@ import pytest
 import torch
 
 from rans import processes
-from rans.compile.cpu.flights import CpuFlights
 from rans.episode import Setup
 from rans.errors import ConfigError, RansError
 from rans.evaluation.fly.agent import Agent
@@ -33,6 +32,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.policy.any_craft import for_craft
 from rans.policy.filter_bank import Filters
+from rans.policy.network import Network
 from rans.tasks import GoToPose
 from rans.verdict import Failure
 from tests.support.engines import FLYER, PLATFORM, both_crafts
@@ -52,6 +52,13 @@ def alike(
     assert np.abs(a.settled_at - b.settled_at).sum() <= 2 * different
     for name in QUANTITIES:
         np.testing.assert_allclose(a.sums[name].mean, b.sums[name].mean, rtol=share, err_msg=name)
+
+
+def as_stepped(found: FlightStatistics, network: Network, given: Setup, seed: int = 1) -> None:
+    """Programs round in another order; a command near to zero changes, and with it one flight of hundreds."""
+    expected = Flights(network, given, generated=False).fly(0, COUNT, seed)
+    alike(found, expected, different=2, share=1e-3)
+    assert expected.ways == {"stepping, cpu"}
 
 
 @both_crafts
@@ -92,14 +99,10 @@ def test_the_program_does_what_stepping_does(kind: str) -> None:
     craft, settings = KINDS[kind]
     network = policy(craft, **settings)
     given = setup(craft)
-    program = Flights(network, given)
-    stepped = Flights(network, given, generated=False)
-    assert isinstance(program._whole, CpuFlights)
-    a = program.fly(0, COUNT, 2**40 + 5)
-    b = stepped.fly(0, COUNT, 2**40 + 5)
-    alike(a, b, different=2, share=1e-3)
-    assert (a.ways, b.ways) == ({"CPU, float32"}, {"stepping, cpu"})
-    assert sum(count > 0 for count in a.failures.values()) >= 3
+    found = Flights(network, given).fly(0, COUNT, 2**40 + 5)
+    as_stepped(found, network, given, 2**40 + 5)
+    assert found.ways == {"CPU, float32"}
+    assert sum(count > 0 for count in found.failures.values()) >= 3
 
 
 @pytest.mark.parametrize("name", ["floating-platform", "pingu"])
@@ -110,10 +113,9 @@ def test_allocation_is_flown(name: str) -> None:
     assert isinstance(agent, Agent)
     network = for_craft(agent.network, craft, 0.1)
     given = Setup(craft, GoToPose(), Timing(0.1, 1, 40))
-    program = Flights(network, given)
-    stepped = Flights(network, given, generated=False)
-    assert isinstance(program._whole, CpuFlights)
-    alike(program.fly(0, COUNT, 5), stepped.fly(0, COUNT, 5), different=2, share=1e-3)
+    found = Flights(network, given).fly(0, COUNT, 5)
+    assert found.ways == {"CPU, float32"}
+    as_stepped(found, network, given, 5)
     uneven = replace(
         PLATFORM,
         thrusters=tuple(
@@ -145,8 +147,7 @@ def test_conditions_are_flown(effect: str) -> None:
     network = policy(PLATFORM)
     given = setup(PLATFORM, conditions=EFFECTS[effect])
     found = Flights(network, given).fly(0, COUNT, 1)
-    # Programs round in another order; a command as near to zero changes, and with it one flight of hundreds.
-    alike(found, Flights(network, given, generated=False).fly(0, COUNT, 1), different=2, share=1e-3)
+    as_stepped(found, network, given)
     assert perfect().sums["return"] != found.sums["return"]
 
 
@@ -156,6 +157,7 @@ def test_conditions_are_flown(effect: str) -> None:
         (FLYER, {"history": 3, "averages": (0.5,), "sided": False, "zoom": 4.0}),
         (PLATFORM, {"steady": (), "history": 2, "commands_only": True}),
         (FLYER, {"steady": (25.0, 25.0), "response": (2.0, 2.0), "gate": 5.0}),
+        (PLATFORM, {"sided": False, "units": 8}),
     ],
     ids=lambda x: getattr(x, "name", str(x)),
 )
@@ -169,17 +171,7 @@ def test_a_policy_with_a_memory(craft: Spacecraft, memory: Any) -> None:
     given = setup(craft, conditions=EFFECTS["sensors"])
     found = Flights(network, given).fly(0, COUNT, 1)
     assert found.ways == {"CPU, float32"}
-    # As above.
-    alike(found, Flights(network, given, generated=False).fly(0, COUNT, 1), different=2, share=1e-3)
-
-
-def test_a_recurrent_policy() -> None:
-    network = policy(PLATFORM, sided=False, units=8)
-    given = setup(PLATFORM, conditions=EFFECTS["sensors"])
-    found = Flights(network, given).fly(0, COUNT, 1)
-    assert found.ways == {"CPU, float32"}
-    # As above.
-    alike(found, Flights(network, given, generated=False).fly(0, COUNT, 1), different=2, share=1e-3)
+    as_stepped(found, network, given)
 
 
 def test_stepping_on_torch_is_stepping_on_numpy() -> None:

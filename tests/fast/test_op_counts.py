@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -21,7 +19,7 @@ from rans.fast.engine import Engine
 from rans.fast.learn.ppo import PPOLearner, act, losses, preprocessed
 from rans.fast.learn.rollout import gae, minibatches, remember
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT
-from tests.support.training import TINY, sb3_twin, tiny_learner
+from tests.support.training import tiny_learner
 
 SLACK = 1.1
 
@@ -102,10 +100,6 @@ def test_what_a_critic_is_told_of_conditions() -> None:
     assert operations(engine.privileged).total() == 3
 
 
-def test_a_further_step_of_a_rollout_adds_three_operations_of_gae() -> None:
-    assert updates(n_steps=16, batch_size=128) - updates(n_steps=8, batch_size=64) == 3 * 8
-
-
 def test_environments_add_none() -> None:
     few, many = (trained(n_envs=n, batch_size=n * 4) for n in (16, 64))
     assert operations(few.collect) == operations(many.collect)
@@ -119,25 +113,6 @@ def test_nothing_waits_for_the_device(craft: Any) -> None:
     found = operations(model.collect) + operations(model.update)
     assert found["aten::_local_scalar_dense"] == 0
     assert operations(lambda: torch.zeros(1).item())["aten::_local_scalar_dense"] == 1
-
-
-def test_stable_baselines3_needs_more_than_twice_as_many() -> None:
-    """On the same minibatches of the same network: it makes a distribution object for every thruster.
-
-    That is 2.9 times as many, or 3.8 where torch checks the distributions' arguments.
-    """
-    model = trained(batch_size=128)
-    twin = sb3_twin(model, replace(TINY, batch_size=128))
-    twin._setup_learn(10**6)
-    callback: Any = SimpleNamespace(
-        on_rollout_start=lambda: None,
-        update_locals=lambda _: None,
-        on_step=lambda: True,
-        on_rollout_end=lambda: None,
-    )
-    twin.collect_rollouts(twin.env, callback, twin.rollout_buffer, twin.n_steps)  # type: ignore[arg-type]
-    an_epoch = updates(batch_size=128, n_epochs=3) - updates(batch_size=128, n_epochs=2)
-    assert operations(twin.train).total() / twin.n_epochs > 2 * an_epoch
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections import Counter
 from collections.abc import Callable
@@ -16,7 +15,6 @@ import torch
 from torch import Tensor
 
 import rans
-from rans.cli import main
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
@@ -228,25 +226,6 @@ def test_plain_and_compiled_exclude_each_other() -> None:
         Engine(PLATFORM, "go-to-pose", 2, plain=True, compiled=True)
     with pytest.raises(ConfigError, match="set one of them"):
         TrainConfig("go-to-pose", GoToPose(), PLATFORM.name, plain=True, compiled=True)
-
-
-@pytest.mark.usefixtures("undrawn")
-@pytest.mark.slow
-def test_the_command_trains_plainly_and_its_config_says_so(tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    small = ["--set", "ppo.n_envs=8", "--set", "ppo.n_steps=16", "--set", "ppo.batch_size=64"]
-    given = [
-        "--set",
-        "total_timesteps=128",
-        "--device",
-        "cpu",
-        "--set",
-        "plain=true",
-        "--output",
-        str(run),
-    ]
-    assert main(["train", "go-to-pose", *small, *given]) == 0
-    assert json.loads((run / "config.json").read_text())["plain"] is True
 
 
 # What a newcomer reads.

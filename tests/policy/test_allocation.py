@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy.optimize import lsq_linear, minimize
+from scipy.optimize import minimize
 
 from rans.model.twists import authority_margin, balanced
 from rans.policy.allocated import ON_OFF, choice
@@ -37,17 +37,6 @@ def test_the_chosen_subset_is_the_best_of_all(seed: int, shared: bool) -> None:
     for demand, opened in zip(demands, found, strict=True):
         # A float64 sum in another order, and twists that count as equal, differ by this much.
         assert cost(opened, demand) <= min(cost(x, demand) for x in every) + 1e-4
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_subsets_follow_the_order_of_the_thrusters(seed: int) -> None:
-    columns = drawn(seed)
-    order = np.random.default_rng(seed).permutation(len(columns))
-    here = subsets(tuple(map(tuple, columns.tolist())), False, PRICE)
-    there = subsets(tuple(map(tuple, columns[order].tolist())), False, PRICE)
-    assert np.array_equal(here.slope, there.slope)
-    assert np.array_equal(here.offset, there.offset)
-    assert np.array_equal(here.opened[:, order], there.opened)
 
 
 def test_thrust_costs_less_where_thrusters_push_against_each_other() -> None:
@@ -91,30 +80,6 @@ def test_limits_and_charges_are_those_of_the_quadratic_program(seed: int) -> Non
         assert (many <= limits).all()
         # Both end within their own tolerances of the least cost.
         assert cost(many) == pytest.approx(exact.fun, abs=1e-5)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2))
-def test_continuous_shares_are_near_bounded_least_squares(seed: int) -> None:
-    columns = drawn(seed)
-    thrust = np.hypot(columns[:, 0], columns[:, 1])
-    # The price is one more row: |B u - d|^2 + p c u is that of a linear program's term, minimised exactly by
-    # many passes.
-    for demand in np.random.default_rng(seed).normal(size=(12, 3)):
-        few = np.array(shares(list(demand), columns, PRICE), dtype=float)
-        many = np.array(shares(list(demand), columns, PRICE, passes=400), dtype=float)
-
-        def cost(u: np.ndarray, demand: np.ndarray = demand) -> float:
-            error = columns.T @ u - demand
-            return float(error @ error + PRICE * (thrust @ u))
-
-        exact = lsq_linear(columns.T, demand, bounds=(0.0, 1.0)).x
-        assert cost(many) <= cost(exact) + 1e-6
-        free = np.array(shares(list(demand), columns, price=0.0, passes=2000), dtype=float)
-        residual = np.linalg.norm(columns.T @ free - demand)
-        assert residual == pytest.approx(np.linalg.norm(columns.T @ exact - demand), abs=1e-3)
-        # What a few passes leave is demanded again in the next period.
-        assert cost(few) <= cost(many) + 0.25 * float(demand @ demand)
 
 
 @pytest.mark.parametrize("shared", [False, True])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -247,31 +246,17 @@ def test_a_craft_never_seen_settles_from_its_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_drake_flies_a_craft_never_seen() -> None:
+@pytest.mark.parametrize("in_space", [False, True])
+def test_drake_flies_a_craft_never_seen(in_space: bool) -> None:
     pytest.importorskip("pydrake")
-    run = for_spacecraft(contestant(AGENT), own_craft())
-    flight = fly_episodes(run.controller, run.judged, 2023, 4, "drake", workers=1).flight
+    run = (
+        contestant("any-craft-3d@spheres")
+        if in_space
+        else for_spacecraft(contestant(AGENT), own_craft())
+    )
+    flight = fly_episodes(run.controller, run.judged, 2023, 3, "drake", workers=1).flight
     rows = {row.name: row for row in measure(flight).rows}
     assert rows["solved"].value == 100.0
-
-
-@pytest.mark.slow
-def test_drake_flies_a_craft_in_space() -> None:
-    pytest.importorskip("pydrake")
-    run = contestant("any-craft-3d@spheres")
-    flight = fly_episodes(run.controller, run.judged, 2023, 2, "drake", workers=1).flight
-    rows = {row.name: row for row in measure(flight).rows}
-    assert rows["solved"].value == 100.0
-
-
-def test_a_craft_in_space_outside_of_the_training_is_warned_of_with_the_number() -> None:
-    """A hundred times the mass of spheres, whose acceleration is then a hundredth."""
-    craft = load_spacecraft("spheres")
-    own = Authority.of_numbers(authority(craft, 0.2)).least_linear
-    heavy = replace(craft, mass=100.0 * craft.mass)
-    number = re.escape(f"{0.01 * own:.3g} m/s^2")
-    with pytest.warns(UserWarning, match=rf"linear authority of {number}.* from 0\.008 to 0\.7"):
-        for_craft(network(3), heavy, 0.2)
 
 
 def test_a_craft_outside_of_the_training_is_told_so_with_the_number() -> None:

@@ -18,7 +18,6 @@ from rans.fast.learn.config import FilterSettings
 from rans.flight import fly
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.policy import measurement_gate
 from rans.policy.architecture import Architecture
 from rans.randomization.conditions import Conditions, SensorConditions, SensorsConditions
 from rans.scenario import scenarios
@@ -149,20 +148,6 @@ def test_a_perfect_sensor_may_repeat_itself() -> None:
     readings = [rest] * 5 + [wild] + [rest] * 20
     found = gated(policy(PLATFORM), iter([(x, shut) for x in readings]))
     np.testing.assert_array_equal(found[-10:], [rest] * 10)
-
-
-def test_memory_of_a_gate_reads_as_it_was_written() -> None:
-    given = policy(PLATFORM)
-    body = given.layout.body
-    numbers = list(np.arange(measurement_gate.GateMemory.width(body), dtype=float))
-    memory = measurement_gate.GateMemory.unpacked(body, numbers)
-    assert [
-        *memory.last,
-        *memory.predicted,
-        *memory.thresholds,
-        memory.idle,
-        memory.noise_evidence,
-    ] == numbers
 
 
 class WildReading:

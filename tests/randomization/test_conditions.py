@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
-    DisturbanceConditions,
     FaultConditions,
     SensorConditions,
     SensorsConditions,
@@ -29,7 +27,6 @@ from rans.randomization.conditions import BodyConditions as Body
 from rans.randomization.conditions import FaultConditions as Faults
 from rans.randomization.conditions import ThrusterConditions as Thrusters
 from rans.randomization.parameters import EpisodeParameters
-from rans.structure import structure
 from rans.tasks import GoToPose
 
 
@@ -106,21 +103,6 @@ from rans.tasks import GoToPose
 def test_what_cannot_be_is_refused(make: Callable[[], Conditions], sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         make()
-
-
-def test_the_defaults_are_a_perfect_world() -> None:
-    perfect = Conditions()
-    assert (perfect.delay, perfect.lasting) == (0.0, 0.0)
-    assert (
-        Conditions(
-            BodyConditions(),
-            ThrusterConditions(),
-            FaultConditions(),
-            DisturbanceConditions(),
-            SensorsConditions(),
-        )
-        == perfect
-    )
 
 
 def test_how_long_a_command_is_felt() -> None:
@@ -233,10 +215,6 @@ def test_episodes_remember_for_the_longest_of_them() -> None:
     assert (
         World(Setup(PLATFORM, GoToPose(), conditions=replace(LATE, others=(slow,)))).remembered == 4
     )
-
-
-def test_they_go_to_json_and_back() -> None:
-    assert structure(json.loads(json.dumps(asdict(MIXED))), Conditions, "conditions") == MIXED
 
 
 def test_what_cannot_be_mixed() -> None:

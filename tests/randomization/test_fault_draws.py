@@ -46,15 +46,6 @@ def test_each_kind_does_what_it_says(kind: Any, gain: Any, leak: Any) -> None:
         assert low == high or values.std() > 0.1  # of a uniform range of a half: 0.14
 
 
-def test_faults_hit_distinct_thrusters_each_pair_as_likely() -> None:
-    gains, _ = health(FaultConditions(count=2.0, kinds=("dead",)))
-    assert ((gains == 0.0).sum(axis=0) == 2).all()
-    first, second = np.array([np.nonzero(column == 0.0)[0] for column in gains.T]).T
-    seen = np.bincount(first * 8 + second, minlength=64)
-    pairs = [a * 8 + b for a in range(8) for b in range(a + 1, 8)]
-    assert stats.chisquare(seen[pairs]).pvalue > LIKELY
-
-
 def test_named_thrusters_fail_in_every_episode_and_no_others() -> None:
     gains, leaks = health(FaultConditions(kinds=("dead", "stuck-open"), thrusters=(5, 2)))
     assert (gains[[2, 5]] == 0.0).all()
@@ -143,12 +134,6 @@ def test_kinds_with_sets_of_their_own_keep_them() -> None:
     dead = (np.array(body.gain) == 0.0) & (np.array(body.leak) == 0.0)
     assert stats.binomtest(int(dead.any(axis=0).sum()), COUNT).pvalue > LIKELY
     assert stats.chisquare(dead.sum(axis=1)).pvalue > LIKELY
-
-
-def test_a_fault_is_there_from_its_time_on() -> None:
-    faults = FaultConditions(count=1.0, kinds=("dead",), time=1.0)
-    for time, many in ((0.0, 0), (0.8, 0), (1.0, 20), (1.2, 20), (24.8, 20)):
-        assert (health(faults, time, 20)[0] == 0.0).sum() == many
 
 
 def test_who_does_not_fail_keeps_the_thrust_it_drew() -> None:

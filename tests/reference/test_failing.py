@@ -18,6 +18,7 @@ from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, FaultConditions, FaultKind, ThrusterConditions
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
+from tests.support.played import Played
 from tests.support.random_flights import TASK
 
 pytestmark = pytest.mark.filterwarnings("ignore:spacecraft 'one thruster'")
@@ -41,25 +42,10 @@ def craft(dimension: Any, kind: Any, arm: float) -> Spacecraft:
     return Spacecraft("one thruster", dimension, MASS, inertia, (nozzle,), actuators=kind)
 
 
-class Told:
-    """A command in each of two periods."""
-
-    name = "told"
-
-    def __init__(self, *commands: float) -> None:
-        self._commands = commands
-
-    def reset(self, count: int) -> None:
-        self._count, self._left = count, iter(self._commands)
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        return np.full((self._count, 1), next(self._left))
-
-
 def in_torch(
     one: Spacecraft,
     task: Any,
-    pilot: Told,
+    pilot: Played,
     starts: Any,
     timing: Timing,
     conditions: Conditions,
@@ -81,7 +67,8 @@ def gained(
 ) -> tuple[float, float, float]:
     """In the second period: speed, spin about z, and way beside that of the speed before."""
     # One step more than is flown: an engine begins the next episode with the last one.
-    pilot = Told(*commands, 0.0)
+    told = (*commands, 0.0)
+    pilot = Played(lambda step, count: np.full((count, 1), told[step]))
     timing = Timing(PERIOD, episode_steps=3)
     starts = scenarios(TASK, one, SEED, 1)
     own = draws(SEED, 1)

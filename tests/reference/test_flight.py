@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 from rans.flight import fly
@@ -27,12 +23,13 @@ from rans.reference.flight import (
     DrakeMover,
     fly_in_drake,
     replay,
-    rows_from_states,
-    states_from_rows,
 )
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, gymnasium_ids, observation_width
 from tests.support.crafts import ANY_CRAFT, nasty_planar, nasty_spatial, random_states
+from tests.support.played import Played
+from tests.support.random_flights import Random
+from validation.study.conditions import Watching
 from validation.study.sampling import Restless, gap
 
 TASK = GoToPose()
@@ -83,51 +80,26 @@ def test_other_bodies_on_an_orbit_fly_alike(craft: Spacecraft) -> None:
         assert max(gap(other.states, ours.states).values()) > 0.01
     commands = drake.commands[:, 0]
     start = map_leaves(lambda x: float(x[0]), starts.start)
-    alone = fly(craft, Low(), Recited(commands), map_leaves(lambda x: x[:1], starts), timing)
+    alone = fly(
+        craft, Low(), Played(commands[:, None]), map_leaves(lambda x: x[:1], starts), timing
+    )
     again = replay(craft, start, commands, timing, Low().drift)
     for told, flown in zip(leaves(again.p), leaves(alone.states.p), strict=True):
         np.testing.assert_allclose(told, flown[:, 0], rtol=0, atol=1e-8)
 
 
-class Recited:
-    """Gives commands by heart, (T, thrusters)."""
-
-    name = "recited"
-
-    def __init__(self, commands: np.ndarray) -> None:
-        self._commands = iter(commands)
-
-    def reset(self, count: int) -> None:
-        pass
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        return next(self._commands)[None]
-
-
 @by_name
 def test_controllers_see_what_the_task_shows(craft: Spacecraft) -> None:
-    class Watching(Restless):
-        def reset(self, count: int) -> None:
-            self.count = count
-            self.seen = []
-
-        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-            self.seen.append((state, observation))
-            return super().act(state, goal, observation)
-
     watching = Watching(craft, 2)
     flight = fly_in_drake(
         craft, TASK, watching, scenarios(TASK, craft, 0, 3), Timing(episode_steps=15)
     )
-    assert watching.count == 3
-    assert len(watching.seen) == 15
-    for step, (state, seen) in enumerate(watching.seen):
-        assert seen.shape == (3, observation_width(GoToPose(), craft.dimension))
-        assert seen.dtype == np.float32
-        # The flight records the states that were seen: headings wrapped, quaternions of unit length.
-        assert np.array_equal(
-            leaves(map_leaves(lambda x, k=step: x[k], flight.states)), leaves(state)
-        )
+    assert {x.shape for x in watching.seen} == {(3, observation_width(GoToPose(), craft.dimension))}
+    assert {x.dtype for x in watching.seen} == {np.dtype(np.float32)}
+    # The flight records the states that were seen: headings wrapped, quaternions of unit length.
+    assert np.array_equal(
+        np.array(leaves(flight.states))[:, :-1], np.stack(watching.states, axis=1)
+    )
 
 
 @by_name
@@ -152,15 +124,6 @@ def test_replay_does_not_wrap_the_heading() -> None:
     assert track.attitude.angle[-1] == pytest.approx(start.attitude.angle + 30.0, abs=1e-11)
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_rows_and_states_are_two_forms_of_the_same(dimension: Any) -> None:
-    states = random_states(dimension, 7, 0)
-    rows = rows_from_states(states)
-    assert rows.shape == (7, 6 if dimension == 2 else 13)
-    assert np.array_equal(rows[:, 0], states.p.x)
-    assert np.array_equal(leaves(states_from_rows(rows, states)), leaves(states))
-
-
 def test_a_craft_that_hardly_turns_flies_an_orbit_in_long_steps() -> None:
     """Its steps of half a second are as good as a fifth of them: both are far below a micrometre."""
 
@@ -175,26 +138,14 @@ def test_a_craft_that_hardly_turns_flies_an_orbit_in_long_steps() -> None:
         craft, thrusters=tuple(replace(one, force=1e-4 * one.force) for one in craft.thrusters)
     )
     starts = scenarios(Orbit(), weak, seed=1, count=2)
-    timing = Timing(10.0, 1, 10)
+    timing = Timing(10.0, 1, 4)
     flown = []
     for max_step in (None, 0.1):
-        flight = fly_in_drake(weak, Orbit(), _Random(), starts, timing, max_step=max_step)
+        flight = fly_in_drake(weak, Orbit(), Random(weak), starts, timing, max_step=max_step)
         flown.append(np.stack(leaves(flight.states)))
     np.testing.assert_allclose(flown[0], flown[1], rtol=0, atol=1e-9)
     mover = DrakeMover(weak, timing, Orbit().drift)
     assert mover._step_for(starts.start) == 0.5
-
-
-class _Random:
-    """Opens thrusters at random, the same in every flight."""
-
-    name = "random"
-
-    def reset(self, count: int) -> None:
-        self._rng = np.random.default_rng(3)
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        return self._rng.integers(0, 2, (len(observation), 8)).astype(float)
 
 
 # Every task with a craft that the shipped one does not resemble, by turns in the plane and in space.
@@ -251,34 +202,3 @@ def flown(env: Any) -> list[Any]:
             results.append(env.step(action))
             ended = results[-1][2] or results[-1][3]
     return results
-
-
-def test_sb3_trains_on_it() -> None:
-    env = gymnasium.make("rans/GoToPose2D-Drake-v0", timing=Timing(episode_steps=10))
-    model = PPO("MlpPolicy", env, n_steps=32, batch_size=16, n_epochs=1, seed=1, device="cpu")
-    before = [p.detach().clone() for p in model.policy.parameters()]
-    model.learn(64)
-    assert model.num_timesteps == 64
-    assert any((a != b).any() for a, b in zip(before, model.policy.parameters(), strict=True))
-
-
-def test_several_side_by_side() -> None:
-    envs = gymnasium.make_vec("rans/GoToPose3D-Drake-v0", num_envs=2, vectorization_mode="sync")
-    seen, _ = envs.reset(seed=1)
-    assert seen.shape == (2, 22)
-    assert envs.step(envs.action_space.sample())[1].shape == (2,)
-
-
-def test_registering_it_loads_no_drake() -> None:
-    program = (
-        "import sys, rans, gymnasium; gymnasium.spec('rans/GoToPose2D-Drake-v0'); "
-        "print('pydrake' in sys.modules)"
-    )
-    run = subprocess.run(
-        [sys.executable, "-c", program],
-        check=True,
-        capture_output=True,
-        text=True,
-        cwd=Path(__file__).parents[2],
-    )
-    assert run.stdout.strip() == "False"

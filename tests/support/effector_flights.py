@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
-
-import numpy as np
 
 import rans
 from rans.fast.learn.config import PPOSettings
@@ -14,6 +11,7 @@ from rans.model.actuators import Propellant
 from rans.model.spacecraft import Spacecraft
 from rans.policy.network import Network
 from tests.support.effector_crafts import BURNING, CUBESAT, LANDER, WHEELED, commands
+from tests.support.played import Played
 
 BOTH = replace(WHEELED, name="both", propellant=Propellant(0.5, 20.0))
 """On/off thrusters that use propellant, and a wheel."""
@@ -24,20 +22,9 @@ def task_of(craft: Spacecraft) -> str:
     return "track-velocity" if craft is LANDER else "go-to-pose"
 
 
-class Scripted:
+def scripted(craft: Spacecraft) -> Played:
     """Random commands, the same in every flight."""
-
-    name = "scripted"
-
-    def __init__(self, craft: Spacecraft) -> None:
-        self._craft = craft
-
-    def reset(self, count: int) -> None:
-        self._step = 0
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        self._step += 1
-        return commands(self._craft, len(observation), seed=self._step)
+    return Played(lambda step, count: commands(craft, count, seed=step + 1))
 
 
 def untrained_policy(craft: Spacecraft) -> Network:

@@ -33,6 +33,7 @@ from rans.scenario import Scenario, draws, scenarios
 from rans.tasks import GoToPose
 from tests.support.packages import is_installed
 from tests.support.pair_oracle import Oracle, SwingingOracle
+from tests.support.played import Played
 from validation.study.sampling import Restless, gaps
 
 _SECTIONS: dict[str, Any] = {
@@ -261,23 +262,6 @@ class Flown(NamedTuple):
     draws: Draws
 
 
-class Repeated:
-    """Gives the commands of a flight again, whatever the states are."""
-
-    name = "repeated"
-
-    def __init__(self, commands: np.ndarray) -> None:
-        self._commands = commands
-
-    def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`."""
-        self._left = iter(self._commands)
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`."""
-        return next(self._left)
-
-
 def flown(
     effects: Collection[str],
     dimension: Literal[2, 3],
@@ -344,7 +328,7 @@ def compare_with_drake(
 ) -> Apart:
     """Fly a random craft under some effects in RANS, and its commands again in Drake."""
     flight, starts, conditions, own = flown(effects, dimension, period, seed, seconds)
-    again = Repeated(flight.commands)
+    again = Played(flight.commands)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*can hardly be controlled")
         judged = fly_in_drake(

@@ -45,6 +45,20 @@ def python(*arguments: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
+def printed(*arguments: str | Path, cwd: Path = ROOT, **environment: str) -> str:
+    """What another interpreter prints, which knows this checkout and must end well."""
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": str(ROOT)} | environment,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
 def wait_until(holds: Callable[[], bool]) -> None:
     """Look until something holds."""
     deadline = time.monotonic() + PATIENCE
@@ -60,11 +74,5 @@ def loaded(statement: str) -> set[str]:
 
 def modules_loaded(statement: str) -> set[str]:
     """Full names of all modules in memory after a statement, which may print, in a fresh interpreter."""
-    run = subprocess.run(
-        [sys.executable, "-c", f"{statement}\nimport sys; print(); print(*sys.modules)"],
-        cwd=ROOT,
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    return set(run.stdout.splitlines()[-1].split())
+    text = printed("-c", f"{statement}\nimport sys; print(); print(*sys.modules)")
+    return set(text.splitlines()[-1].split())

@@ -277,13 +277,6 @@ def test_an_agent_is_not_read_that_is_larger_than_any(alone: Path) -> None:
         opened(alone)
 
 
-def test_a_pipe_is_refused_at_once(folder: Path) -> None:
-    (folder / "policy.zip").unlink()
-    os.mkfifo(folder / "policy.zip")
-    with pytest.raises(ConfigError, match="it is not a file, but a folder, a pipe or a device"):
-        opened(folder)
-
-
 def spoilt(folder: Path, change: Callable[[dict[str, Any]], object]) -> str:
     """What is said of an agent whose table somebody changed."""
 
@@ -311,7 +304,16 @@ _FILTERS = {
     "share": [[0.0, 0.0, 0.0]] * 5,
 }
 """Of a craft with three thrusters."""
-_OWN = _FILTERS | {"push": [[0.1, 0.0]] * 8, "twist": [[0.1]] * 8}
+
+
+def architecture(**changes: Any) -> Callable[[dict[str, Any]], object]:
+    return lambda table: table["architecture"].update(changes)
+
+
+def own_filters(**changes: Any) -> Callable[[dict[str, Any]], object]:
+    """Filters of the agent's own craft, but for the changes."""
+    own = {"push": [[0.1, 0.0]] * 8, "twist": [[0.1]] * 8}
+    return architecture(filters=_FILTERS | own | changes)
 
 
 @pytest.mark.parametrize(
@@ -320,68 +322,34 @@ _OWN = _FILTERS | {"push": [[0.1, 0.0]] * 8, "twist": [[0.1]] * 8}
         (number, *one)
         for number, one in enumerate(
             [
-                (
-                    lambda t: t["architecture"].update(layers=[10**6, 10**6]),
-                    "not those of the network",
-                ),
-                (
-                    lambda t: t["architecture"].update(layers=[1] * 10**6),
-                    "not those of the network",
-                ),
-                (lambda t: t["architecture"].update(layers=[-1]), "is damaged"),
-                (lambda t: t["architecture"].update(activation="exec"), "is damaged"),
-                (lambda t: t["architecture"].update(thrusters=2**70), "is damaged"),
-                (lambda t: t["architecture"].update(surprise=1), "is damaged"),
+                (architecture(layers=[10**6, 10**6]), "not those of the network"),
+                (architecture(layers=[1] * 10**6), "not those of the network"),
+                (architecture(layers=[-1]), "is damaged"),
+                (architecture(activation="exec"), "is damaged"),
+                (architecture(thrusters=2**70), "is damaged"),
+                (architecture(surprise=1), "is damaged"),
                 (
                     lambda t: t["architecture"]["symmetries"]["place"].fill_(99),
                     "symmetries are of another spacecraft",
                 ),
-                (
-                    lambda t: t["architecture"].update(zoom=math.nan),
-                    "in its zoom there are numbers that are not finite",
+                (architecture(zoom=math.nan), "in its zoom there are numbers that are not finite"),
+                (own_filters(drift=[math.nan]), "in its filters there are numbers"),
+                (architecture(filters=_FILTERS), "its filters are of another spacecraft"),
+                (architecture(filters=_FILTERS | {"drift": "all"}), "is damaged"),
+                (architecture(filters={"drift": [1.0]}), "is damaged"),
+                *(
+                    (own_filters(**wrong), "its filters are of another")
+                    for wrong in (
+                        {"period": [0.2]},
+                        {"drift": [[1.0]]},
+                        {"response": 1.0},
+                        {"response": [1.0] * 2},
+                        {"gate": [5.0]},
+                        {"gate": 1e-200},
+                    )
                 ),
-                (
-                    lambda t: t["architecture"].update(filters=_OWN | {"drift": [math.nan]}),
-                    "in its filters there are numbers",
-                ),
-                (
-                    lambda t: t["architecture"].update(filters=_FILTERS),
-                    "its filters are of another spacecraft",
-                ),
-                (
-                    lambda t: t["architecture"].update(filters=_FILTERS | {"drift": "all"}),
-                    "is damaged",
-                ),
-                (lambda t: t["architecture"].update(filters={"drift": [1.0]}), "is damaged"),
-                (
-                    lambda t: t["architecture"].update(filters=_OWN | {"period": [0.2]}),
-                    "its filters are of another",
-                ),
-                (
-                    lambda t: t["architecture"].update(filters=_OWN | {"drift": [[1.0]]}),
-                    "its filters are of another",
-                ),
-                (
-                    lambda t: t["architecture"].update(filters=_OWN | {"response": 1.0}),
-                    "its filters are of another",
-                ),
-                (
-                    lambda t: t["architecture"].update(filters=_OWN | {"response": [1.0] * 2}),
-                    "its filters are of",
-                ),
-                (
-                    lambda t: t["architecture"].update(filters=_OWN | {"gate": [5.0]}),
-                    "its filters are of another",
-                ),
-                (
-                    lambda t: t["architecture"].update(filters=_OWN | {"gate": 1e-200}),
-                    "its filters are of another",
-                ),
-                (lambda t: t["architecture"].update(filters=_OWN), "not those of the network"),
-                (
-                    lambda t: t["architecture"].update(filters=_OWN | {"steady": 25.0}),
-                    "train it anew",
-                ),
+                (own_filters(), "not those of the network"),
+                (own_filters(steady=25.0), "train it anew"),
                 (
                     lambda t: t["architecture"]["layout"][0].__setitem__(0, "os.system"),
                     "unknown kind os.system",

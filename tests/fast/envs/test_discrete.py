@@ -35,15 +35,6 @@ def test_bits_open_thrusters() -> None:
     np.testing.assert_array_equal(wrapped.step(np.int64(3))[0], after)
 
 
-@pytest.mark.parametrize("count", [1, 10])
-def test_up_to_ten_thrusters(count: int) -> None:
-    env = make()
-    env.action_space = gymnasium.spaces.MultiDiscrete([2] * count)
-    wrapped = DiscreteThrusters(env)
-    assert wrapped.action_space == gymnasium.spaces.Discrete(2**count)
-    assert wrapped.action(np.int64(2**count - 1)).tolist() == [1] * count
-
-
 def test_others_are_refused() -> None:
     with pytest.raises(ConfigError, match="up to 10 thrusters, got 16, which are 65,536"):
         DiscreteThrusters(make("free-flyer", 3))

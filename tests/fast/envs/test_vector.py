@@ -124,21 +124,6 @@ def start_single(env: SpacecraftEnv, episode: int) -> np.ndarray:
     return env.reset(options={"scenario": scenario(NEAR, env.craft.dimension, 7, episode)})[0]
 
 
-@BOTH_IDS
-def test_one_environment_counts_as_the_single_one(name: str) -> None:
-    vector = make(name, 1)
-    single = gymnasium.make(name, task=NEAR, timing=SHORT)
-    seen = vector.reset(seed=5)[0]
-    expected = single.reset(seed=5)[0]
-    for action in commands(vector, 60):
-        np.testing.assert_allclose(seen[0], expected, rtol=0, atol=1e-4)  # 20 steps in float32
-        seen, _, terminated, truncated, _ = vector.step(action)
-        expected, *ended = single.step(action[0].numpy())
-        assert [bool(terminated), bool(truncated)] == ended[1:3]
-        if ended[1] or ended[2]:
-            expected, _ = single.reset()
-
-
 def test_success_counts_only_at_the_end_of_time() -> None:
     """With tolerances that everything meets, time decides."""
     lenient = dataclasses.replace(NEAR, position_tolerance=9.0, attitude_tolerance=9.0)
@@ -151,16 +136,6 @@ def test_success_counts_only_at_the_end_of_time() -> None:
         assert torch.equal(info["_final_info"], terminated | truncated)
         ends += int(terminated.sum())
     assert ends > 5
-
-
-def test_seeds() -> None:
-    env = make()
-    first = env.reset(seed=3)[0]
-    second = env.reset()[0]
-    assert (first != second).any(dim=1).all()
-    assert torch.equal(env.reset(seed=3)[0], first)
-    assert torch.equal(env.reset()[0], second)
-    assert torch.equal(make(count=12).reset(seed=3)[0], torch.cat((first, second)))
 
 
 def test_without_a_seed_episodes_are_random() -> None:

@@ -101,6 +101,7 @@ def test_wrong_masks(options: Any, message: str) -> None:
 def test_seeds_are_whole_numbers_of_any_kind() -> None:
     env = make()
     first = env.reset(seed=3)[0].clone()
+    assert (env.reset()[0] != first).any(dim=1).all()  # episodes are counted on
     assert torch.equal(env.reset(seed=np.int64(3))[0], first)  # type: ignore[arg-type]
     alone = [gymnasium.make(PLANE, task=NEAR, timing=SHORT).reset(seed=seed)[0] for seed in SEEDS]
     np.testing.assert_allclose(

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from rans.fast.distributed import ALONE
 from rans.fast.learn.adam import EPSILON, Adam
-from rans.fast.learn.policy_file import load_moments, moments
+from rans.fast.learn.policy_file import moments
 from rans.policy.architecture import Architecture
 from rans.policy.network import Network
 from rans.tasks import GoToPose
@@ -64,22 +64,3 @@ def test_every_member_steps_as_with_torchs_adam() -> None:
             assert memory["step"] == kept[place]["step"] == 4
             for name in ("exp_avg", "exp_avg_sq"):
                 torch.testing.assert_close(memory[name], kept[place][name], rtol=1e-12, atol=1e-16)
-
-
-def test_it_goes_on_from_what_it_gave() -> None:
-    """Its first moments count for more than the later ones, so the number of steps matters."""
-    network = made(3)
-    other = made(3)
-    adam = Adam(network, RATES[:1])
-    norms = NORMS[1:]
-    for step in range(3):
-        descend(adam, network, step, norms)
-    again = Adam(other, torch.ones(1, dtype=torch.float64))
-    with torch.no_grad():
-        for x, y in zip(learnt(other), learnt(network), strict=True):
-            x.copy_(y)
-    load_moments(again, moments(adam, 0), float(RATES[0]))
-    for optimizer, own in ((adam, network), (again, other)):
-        descend(optimizer, own, 3, norms)
-    for x, y in zip(learnt(other), learnt(network), strict=True):
-        torch.testing.assert_close(x, y, rtol=0, atol=0)

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +17,7 @@ from rans.fast.learn.config import TrainConfig, from_table, to_table
 from rans.fast.learn.curriculum import Curriculum, Ramp, check_ramps, task_at
 from rans.tasks import GoToPose, MultiTask
 from tests.support.engines import PLATFORM, SHORT, actions, run, way_to_go
-from tests.support.training import CONFIG, after, ignore, resumed, tiny_trainer, weights
+from tests.support.training import CONFIG, tiny_trainer
 
 TASK = GoToPose(spawn_distance=(0.5, 4.5), thrust_weight=0.2)
 NEARER = Ramp("spawn_distance", (0.25, 0.5), duration=1000, begin=200)
@@ -132,13 +131,6 @@ def test_impossible_values(change: dict[str, Any], message: str) -> None:
         Ramp(**(possible | change))
 
 
-def test_through_json_and_back() -> None:
-    config = replace(
-        CONFIG, settings=TASK, curriculum=(*RAMPS, Ramp("fail_spin", 1.0, 9, 3, "sigmoid"))
-    )
-    assert from_table(json.loads(json.dumps(to_table(config)))) == config
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -228,23 +220,6 @@ RAMPED = replace(
         Ramp("thrust_weight", 0.0, 2000, shape="sigmoid"),
     ),
 )
-
-
-def test_a_resumed_training_goes_on_where_the_ramp_was(tmp_path: Path) -> None:
-    whole = tiny_trainer(tmp_path / "whole", RAMPED)
-    whole.train(ignore)
-    tiny_trainer(tmp_path / "cut", RAMPED).train(ignore, after(5))
-    trainer = resumed(tmp_path / "cut")
-    assert trainer.steps == 5 * 128
-    trainer.train(ignore)
-    assert torch.equal(weights(trainer.learner.network), weights(whole.learner.network))
-    # The last iteration began after 1920 steps.
-    final = task_at(RAMPED.settings, RAMPED.curriculum, 1920)
-    for task in (trainer.engine.task, whole.engine.task):
-        assert isinstance(task, GoToPose)
-        assert isinstance(final, GoToPose)
-        assert float(task.thrust_weight) == pytest.approx(final.thrust_weight)
-        assert [float(x) for x in task.spawn_distance] == [0.5, 4.5]
 
 
 def test_the_agent_is_judged_on_the_final_task(tmp_path: Path) -> None:

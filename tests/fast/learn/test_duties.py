@@ -8,7 +8,6 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
-import torch
 
 from rans.deploy.export import write_export
 from rans.errors import ConfigError
@@ -23,9 +22,7 @@ from rans.model.spacecraft_file import to_toml
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
 from tests.support.engines import PLATFORM
-from tests.support.training import CONFIG, after, as_sb3, ignore, resumed, seen, weights
-
-KINDS = pytest.mark.parametrize("kind", [Throttle(), Pulsed(4, 1)], ids=["throttle", "pulsed"])
+from tests.support.training import CONFIG, after, as_sb3, ignore, seen
 
 
 def begun(folder: Path, kind: Actuators, head: Head = "auto") -> Trainer:
@@ -45,7 +42,11 @@ def begun(folder: Path, kind: Actuators, head: Head = "auto") -> Trainer:
     ids=["throttle", "pulsed"],
 )
 def test_an_agent_is_trained_saved_and_flown(kind: Actuators, tmp_path: Path) -> None:
-    begun(tmp_path, kind).train(ignore)
+    trainer = begun(tmp_path, kind)
+    trainer.train(ignore)
+    assert (
+        float(trainer.learner.rollout.all.action.min()) < 0.0
+    )  # what is learnt from is not clipped
     loaded = load_policy(tmp_path / "run")
     agent = loaded.controller
     craft = loaded.craft
@@ -83,18 +84,6 @@ def test_gates_need_thrusters_that_may_be_throttled(tmp_path: Path) -> None:
     config = replace(CONFIG, ppo=replace(CONFIG.ppo, head="gated"))
     with pytest.raises(ConfigError, match=r"the head 'gated' needs .* \(thruster 0\)"):
         checked_architecture(config)
-
-
-@pytest.mark.slow
-@KINDS
-def test_it_resumes_bit_for_bit(kind: Actuators, tmp_path: Path) -> None:
-    (tmp_path / "whole").mkdir()
-    whole = begun(tmp_path / "whole", kind)
-    whole.train(ignore)
-    begun(tmp_path, kind).train(ignore, after(5))
-    again = resumed(tmp_path / "run")
-    again.train(ignore)
-    assert torch.equal(weights(whole.learner.network), weights(again.learner.network))
 
 
 def test_an_agent_for_other_actuators_is_refused(tmp_path: Path) -> None:

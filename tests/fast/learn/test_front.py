@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +20,7 @@ from rans.fast.learn.config import MemorySettings, ScheduleSettings
 from rans.model.actuators import ON_OFF, Actuators, Throttle
 from rans.model.timing import Timing
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT
+from tests.support.processes import printed
 from tests.support.training import scatter, seen, weights
 
 SMALL: dict[str, Any] = {"n_steps": 8, "layers": (16, 16)}
@@ -159,16 +157,8 @@ def test_prediction_needs_no_environment_and_no_compiler(tmp_path: Path) -> None
         "model = stable_baselines3.PPO.load('policy.zip', device='cpu'); "
         "print(*model.predict(numpy.load('observation.npy'), deterministic=True)[0][0])"
     )
-    root = str(Path(__file__).parents[3])
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        env=os.environ | {"PATH": "", "PYTHONPATH": root},
-        check=True,
-    )
-    assert done.stdout.split() == [str(int(x)) for x in model.predict(observation)[0][0]]
+    said = printed("-c", script, cwd=tmp_path, PATH="")
+    assert said.split() == [str(int(x)) for x in model.predict(observation)[0][0]]
 
 
 def test_defaults_fit_the_engine() -> None:
@@ -234,25 +224,3 @@ def test_every_kind_learns(kind: dict[str, Any], actuators: Actuators) -> None:
     )
     assert late["train/value_loss"] < 0.75 * early["train/value_loss"]
     assert late["return/position"] > early["return/position"]
-
-
-def test_a_head_for_duties_opens_in_sb3(tmp_path: Path) -> None:
-    from rans.fast.agent_files.agent import read_policy
-    from rans.fast.policy import write_policy
-    from tests.support.training import TINY, scatter, tiny_learner
-
-    learner = tiny_learner(continuous=True)
-    learner.collect()
-    learner.update()
-    assert float(learner.rollout.all.action.min()) < 0.0  # what is learnt from is not clipped
-    network = scatter(learner.network)
-    write_policy(tmp_path / "policy.zip", network.architecture, network.member(0), TINY, 128)
-    loaded = stable_baselines3.PPO.load(tmp_path / "policy.zip", device="cpu")
-    observations = seen(PLATFORM, 50)
-    expected = network.evaluate(observations).policy.mode().detach().numpy()
-    said, _ = loaded.predict(observations.numpy(), deterministic=True)
-    np.testing.assert_allclose(said, expected, rtol=0, atol=1e-6)  # float32
-    again = read_policy(tmp_path / "policy.zip").network.evaluate(observations).policy.mode()
-    np.testing.assert_array_equal(again.detach().numpy(), expected)
-    assert 0.1 < said.mean() < 0.9
-    assert (said.min(), said.max()) == (0.0, 1.0)

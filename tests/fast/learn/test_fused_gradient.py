@@ -70,29 +70,18 @@ def agree(kernel: FusedGradient, learner: PPOLearner, batch: Batch, share: float
         assert (found - gradient).norm() <= share * gradient.norm(), name
 
 
-CASES = pytest.mark.parametrize(
+@pytest.mark.parametrize("own_critic", [False, True])
+@pytest.mark.parametrize(
     ("craft", "settings"),
     [
-        (PLATFORM, {"layers": (64, 64), "symmetric": True}),
+        (PLATFORM, {"layers": (64, 64), "activation": "relu", "symmetric": True}),
         (FLYER, {"layers": (40, 128), "activation": "elu", "zoom": 4.0}),
     ],
     ids=["plane", "space, elu, idle units and a second look"],
 )
-
-
-@CASES
-def test_products_find_what_autograd_finds(craft: Any, settings: Any) -> None:
+def test_products_find_what_autograd_finds(craft: Any, settings: Any, own_critic: bool) -> None:
     history = {"memory": MemorySettings("history", 2, (0.5,))}
-    learner, batch = collected(craft, **{"activation": "relu"} | settings | history)
-    agree(MatrixGradient(learner.network, learner.adam, learner.coefficients), learner, batch, 0.03)
-
-
-@CASES
-def test_products_find_what_autograd_finds_of_a_critic_of_its_own(
-    craft: Any, settings: Any
-) -> None:
-    history = {"memory": MemorySettings("history", 2, (0.5,))}
-    learner, batch = collected(craft, **settings, **history, privileged_critic=True)
+    learner, batch = collected(craft, **settings, **history, privileged_critic=own_critic)
     agree(MatrixGradient(learner.network, learner.adam, learner.coefficients), learner, batch, 0.03)
 
 

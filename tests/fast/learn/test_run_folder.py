@@ -127,14 +127,6 @@ def test_nobodys_spacecraft_is_written_over(tmp_path: Path) -> None:
     RunFolder(tmp_path / "killed").begin(CONFIG, "rans train")
 
 
-def test_the_number_of_substeps_is_left_open_or_kept(run: RunFolder) -> None:
-    text = run.config_file.read_text()
-    assert '"substeps": null' in text
-    assert run.config() == CONFIG
-    run.config_file.write_text(text.replace('"substeps": null', '"substeps": 1'))
-    assert run.config() == replace(CONFIG, timing=replace(CONFIG.timing, substeps=1))
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -100,13 +100,6 @@ def test_a_member_learns_what_it_would_alone(craft: Any, kind: dict[str, Any]) -
             assert (ours[name] - before[number][name]).abs().max() > 1e-3, name
 
 
-def test_starts_are_not_shared() -> None:
-    """Glued together, each member flies the episodes of its own seed."""
-    alone = [together(only=number).engine.observe() for number in range(3)]
-    assert torch.equal(together().engine.observe(), torch.cat(alone))
-    assert not torch.equal(alone[0], alone[1])
-
-
 def test_an_engine_of_members_is_their_engines(backend: Callable[..., Engine]) -> None:
     """Through many restarts, with settings that are fields: numbers, ranges, and one that adds a term."""
     engines = [backend(PLATFORM, task, 16, SHORT, seed=seed) for seed, task in enumerate(TASKS)]

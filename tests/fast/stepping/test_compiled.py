@@ -5,18 +5,16 @@ from __future__ import annotations
 import copy
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
 
 from rans.fast.engine import Engine
-from rans.fast.learn.curriculum import Curriculum, Ramp
 from rans.fast.stepping.compiled import ArrayStep
 from rans.fast.stepping.step import step_arrays
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, ThrusterConditions
-from rans.tasks import TASKS, GoToPose
+from rans.tasks import TASKS
 from tests.support.crafts import ANY_CRAFT
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions
 from tests.support.host_kernels import compare
@@ -71,21 +69,10 @@ def test_what_would_be_too_long_a_program_is_none() -> None:
     assert not is_straight(engine)
 
 
-def test_a_curriculum_moves_its_settings() -> None:
-    curriculum = Curriculum([GoToPose()], [Ramp("thrust_weight", 0.5, 100)], np.float32)
-    plain, straight = pair(PLATFORM, curriculum.task, 8, SHORT)
-    for steps in (0, 50, 100):
-        curriculum.move_to(steps)
-        compare(plain, straight, 3)
-
-
-def test_results_stay_and_copies_fly_on_by_themselves() -> None:
+def test_copies_fly_on_by_themselves() -> None:
     engine = Engine(PLATFORM, NEAR, 8, SHORT, seed=1)
-    first, second, third = actions(PLATFORM, 8, 3)
-    kept = engine.step(first)
-    before = [x.clone() for x in kept]
-    engine.step(second)
-    assert all(map(torch.equal, kept, before))
+    first, second = actions(PLATFORM, 8, 2)
+    engine.step(first)
     twin = copy.deepcopy(engine)
-    ours = engine.step(third)
-    assert all(map(torch.equal, twin.step(third), ours))
+    ours = engine.step(second)
+    assert all(map(torch.equal, twin.step(second), ours))

@@ -29,7 +29,7 @@ from rans.randomization.conditions import (
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
 from tests.support.effector_crafts import commands, states
-from tests.support.effector_flights import Scripted
+from tests.support.effector_flights import scripted
 from tests.support.host_kernels import (
     engine_on_host,  # noqa: F401  (a fixture)
     needs_compiler,
@@ -161,8 +161,8 @@ def test_drake_flies_it_alike(liquid: Liquid, how: str) -> None:
     starts = scenarios(task, craft, 5, 3)
     seeds: Draws | None = draws(5, 3) if how == "drawn" else None
     given: Any = {"conditions": UNEVEN if how == "drawn" else None, "draws": seeds}
-    ours = fly(craft, task, Scripted(craft), starts, timing, **given)
-    drake = fly_in_drake(craft, task, Scripted(craft), starts, timing, **given)
+    ours = fly(craft, task, scripted(craft), starts, timing, **given)
+    drake = fly_in_drake(craft, task, scripted(craft), starts, timing, **given)
     pairs = [*zip(leaves(ours.states), leaves(drake.states), strict=True)]
     for number, (one, other) in enumerate(pairs):
         gap = np.abs(np.asarray(one) - np.asarray(other))

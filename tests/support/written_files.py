@@ -1,0 +1,62 @@
+"""Files as commands write them, which tests then change, damage or replace."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import rans
+from rans.files import write_json
+from rans.model.fields import leaves
+from rans.pretrained import pretrained_folder
+from rans.scenario import scenario
+
+TUNED = min((Path(rans.__file__).parent / "data" / "controllers").glob("lqr*.json"))
+"""Settings of a controller as `rans tune` writes them."""
+
+_ROW = {
+    "contestant": "lqr",
+    "settled": 1,
+    "starts": 2,
+    "flown": 1,
+    "median_settling_time": 3.0,
+    "mean_impulse": "inf",
+}
+_HELD = {"value": 1.0, "low": 0.0, "high": 1.0}
+_LEVEL = {"size": None, "contestants": {"lqr": {"held": _HELD}}}
+_CHECK = {"name": "n", "value": 1.0, "tolerance": 2.0, "unit": "m", "passed": True, "reason": "r"}
+RESULTS: dict[str, Any] = {
+    "sweep.json": {
+        "members": [
+            {"member": 0, "seed": 0, "lr": 1e-3, "solved": True, "steps": 1, "success": 1.0}
+        ],
+        "best": 0,
+    },
+    "compare.json": {"title": "t", "failures": ["f"], "notes": ["n"], "summary": [_ROW]},
+    "stress.json": {"title": "t", "failures": ["f"], "conditions": {"lab": _LEVEL}},
+    "validation.json": {
+        "title": "t",
+        "checks": [_CHECK],
+        "skipped": [{"name": "n", "reason": "r"}],
+    },
+}
+"""What `rans report` reads, by the names of files."""
+
+
+def optimal_folder(folder: Path, **changed: Any) -> Path:
+    """Write what `rans optimal` does, with other arrays."""
+    like = scenario(rans.GoToPose(), 2, seed=0, episode=0)
+    about = {"task": "go-to-pose", "objective": "energy", "command": "c", "starts": []}
+    write_json(folder / "optimal.json", about)
+    shutil.copy(pretrained_folder("go-to-pose-2d") / "spacecraft.toml", folder)
+    arrays: dict[str, Any] = {
+        "commands": np.full((1, 2, 8), 0.5),
+        "control_period": np.full(1, 0.2),
+        "starts": np.array([leaves(like.start)]),
+        "goals": np.array([leaves(like.goal)]),
+    }
+    np.savez(folder / "optimal.npz", **(arrays | changed))
+    return folder
