@@ -1,4 +1,7 @@
-"""Frames of the motion of a spacecraft, and lines of what it flies among."""
+"""Frames of the motion of a spacecraft, and lines of what it flies among.
+
+Lengths are in m in W; pixels come last. Frames of equal states are equal (`tests/test_drawing.py`).
+"""
 
 from __future__ import annotations
 
@@ -76,7 +79,7 @@ class Scene:
         command: Sequence[float] | np.ndarray,
         trail: Sequence[Sequence[float]] | np.ndarray = (),
     ) -> np.ndarray:
-        """Frame (height, width, 3), uint8.
+        """Frame (height, width, 3), uint8. Sets the view and the pen that the private methods draw with.
 
         Args:
             state: state of numbers.
@@ -113,7 +116,10 @@ class Scene:
         return np.asarray(image.reduce(_SMOOTHING))
 
     def _look_at(self, points: list[np.ndarray]) -> None:
-        """Set the centre and the scale of the picture so that it contains these points of W."""
+        """Set the centre and the scale of the picture so that it contains these points of W. Points are (3,), m.
+
+        `_pixels` and all that draws reads what this sets.
+        """
         flat = np.array(points) @ self._view.T[:, :2]
         low = flat.min(axis=0)
         high = flat.max(axis=0)
@@ -142,7 +148,7 @@ class Scene:
     def _draw_goal(
         self, position: np.ndarray, turn: np.ndarray, toleranced: Collection[str]
     ) -> None:
-        """Draw the position, pose or attitude of the goal, depending on the tolerances of the task."""
+        """Draw position (3,), pose or attitude (3, 3) of the goal in W, depending on the task's tolerances."""
         if "attitude" in toleranced:
             self._draw_axes(
                 position, turn, (True, False), _GOAL, 1.5 if "position" in toleranced else 2.3
@@ -153,7 +159,7 @@ class Scene:
             self._disc(position, _GOAL, _GOAL, 0.25)
 
     def _arrow(self, start: np.ndarray, tip: np.ndarray, colour: str) -> None:
-        """Draw an arrow between two points of W, unless they coincide."""
+        """Draw an arrow between two points of W (3,), m, unless they coincide in the picture."""
         (x, y), (tip_x, tip_y) = self._pixels([start, tip])
         length = math.hypot(tip_x - x, tip_y - y)
         if length < 2.0 * _SMOOTHING:
@@ -167,7 +173,7 @@ class Scene:
         self._pen.polygon([(tip_x, tip_y), *corners], fill=colour)
 
     def _draw_grid(self, target: np.ndarray) -> None:
-        """Draw lines at whole metres; in the plane they extend beyond the picture."""
+        """Draw lines at whole metres around a point (3,) of W; in the plane they extend beyond the picture."""
         visible = _SMOOTHING * max(self.width, self.height) / self._scale
         half = math.ceil(visible if self.craft.dimension == 2 else float(self._reach.max()))
         middle = np.append(np.round(target[:2]), target[2])
@@ -201,7 +207,10 @@ class Scene:
                 self._line(list(centre + ring[start : start + 2]), _SHADOW, 1.0)
 
     def _draw_craft(self, position: np.ndarray, turn: np.ndarray, command: np.ndarray) -> None:
-        """Draw the craft from back to front: thrusters and axes behind the body, the body, those before it."""
+        """Draw the craft from back to front: thrusters and axes behind the body, the body, those before it.
+
+        The position is (3,), m, and ``turn`` (3, 3) takes B to W.
+        """
         nozzles = [
             Nozzle(turn @ nozzle.root, turn @ nozzle.mouth, turn @ nozzle.exhaust, nozzle.strength)
             for nozzle in self._outline.nozzles
@@ -217,7 +226,7 @@ class Scene:
                 self._draw_thruster(position, nozzles[index], command[index])
 
     def _draw_thruster(self, position: np.ndarray, nozzle: Nozzle, opening: float) -> None:
-        """Draw a nozzle of a craft at a position; its vectors are in W."""
+        """Draw a nozzle of a craft at a position (3,), m; its vectors are in W, and ``opening`` is 0 to 1."""
         radius = self.craft.radius
         mouth = position + nozzle.mouth
         if opening > 0.0:
@@ -284,7 +293,7 @@ def _circle(first: np.ndarray, second: np.ndarray, radius: float) -> np.ndarray:
 
 
 def _cone_lines(apex: Any, axis: Any, half_angle: float, length: float) -> list[np.ndarray]:
-    """Sides of a cone with this length, and between their ends an arc (plane) or a rim (space)."""
+    """Sides of a cone (apex in m, unit axis), and between their ends an arc (plane) or a rim (space), (K, 3)."""
     tip = columns(apex)
     along = columns(axis)
     if isinstance(apex, Vec2):

@@ -1,4 +1,7 @@
-"""Base class of Gymnasium environments of one spacecraft, and helpers that all environments share."""
+"""Base class of Gymnasium environments of one spacecraft, and helpers that all environments share.
+
+Two of them exist, in the fast engine and in Drake (`rans.reference`); both must give equal episodes.
+"""
 
 from __future__ import annotations
 
@@ -106,7 +109,7 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start the next episode.
+        """Start the next episode. Begins seed, episode number, draws, command and trail anew.
 
         Args:
             seed: seed of the episodes, of which this one has number 0; None: the next episode of the last seed, or
@@ -211,7 +214,7 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
         return self._scene.render(now.state, now.goal, self._command, self._trail)
 
     def _show(self) -> None:
-        """Display the newest frame in the render mode "human"."""
+        """Display the newest frame in the render mode "human"; the first call opens the window."""
         if self.render_mode != "human":
             return
         if self._window is None:

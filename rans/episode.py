@@ -2,7 +2,8 @@
 
 Everything is a pure function over fields (`rans.model.fields`) without branches, so that the same source steps one
 spacecraft of numbers, a batch of NumPy or torch, and the symbols of a GPU kernel. Drivers differ in the function
-that moves the spacecraft (the equations of RANS, or Drake) and in how the next episode begins.
+that moves the spacecraft (the equations of RANS, or Drake) and in how the next episode begins. An operation in
+another order changes every recorded flight (`tests/test_recorded.py`).
 """
 
 from __future__ import annotations
@@ -298,7 +299,7 @@ class World:
 
     @cached_property
     def remembered(self) -> int:
-        """Number of commands that an episode stores."""
+        """Number of last commands that an episode stores: the most that lag, faults, guard and reward look back."""
         delay = getattr(self.setup.guard, "delay", 0.0)
         queued = math.ceil(delay / self.timing.control_period - 1e-9)
         return max(

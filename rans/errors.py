@@ -139,7 +139,7 @@ class NamedArguments:
     """
 
     def __new__(cls, *_: Any, **named: Any) -> Self:
-        """See the class; positional arguments are checked by ``__init__``."""
+        """Refuse names that ``__init__`` lacks, naming the nearest; it checks positional arguments itself."""
         parameters = inspect.signature(cls.__init__).parameters
         # A derived class may hand arguments on by **; the class that reads them is not known here.
         if any(one.kind is inspect.Parameter.VAR_KEYWORD for one in parameters.values()):

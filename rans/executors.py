@@ -1,4 +1,7 @@
-"""Work of many jobs on any `concurrent.futures.Executor`: Dask, submitit, MPI, or the user's own."""
+"""Work of many jobs on any `concurrent.futures.Executor`: Dask, submitit, MPI, or the user's own.
+
+Jobs and answers are pickled by cloudpickle, so that what a worker gets may not hold files or sockets.
+"""
 
 from __future__ import annotations
 
@@ -143,11 +146,13 @@ def answers(
     _sent.append(len(jobs))
     state = cloudpickle.dumps((make, arguments))
     version = package_version("rans")
+    # Futures report here, in the order in which they end.
     ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
     numbers: dict[Future[Any], int] = {}
     attempts = [0] * len(jobs)
 
     def submit(number: int) -> None:
+        """Submit the job with this number, once more if its worker was lost."""
         content = cloudpickle.dumps((function, jobs[number]))
         try:
             future = executor.submit(_job, version, state, content)
@@ -252,7 +257,7 @@ def _job(version: str, state: bytes, content: bytes) -> tuple[Any, Exception | N
 
 
 def _unpickled(content: bytes) -> Any:
-    """An object that came from another machine."""
+    """An object that came from another machine; a module that is missing here ends in a sentence."""
     try:
         return cloudpickle.loads(content)
     except ModuleNotFoundError as error:
@@ -274,7 +279,7 @@ def use_one_thread() -> None:
 
 
 def _opened(text: str) -> AbstractContextManager[Executor]:
-    """Context with the executor of a text; see `run_on`."""
+    """The executor of a text, as a context that shuts it down; see `run_on`."""
     kind, _, rest = text.partition(":")
     if text == "mpi":
         return _package("mpi4py.futures", "mpi4py").MPIPoolExecutor()
@@ -293,7 +298,7 @@ def _opened(text: str) -> AbstractContextManager[Executor]:
 
 
 def _package(module: str, package: str) -> Any:
-    """A module of a package that RANS does not install."""
+    """A module of a package that RANS does not install, or a `ConfigError` that says how to get it."""
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
@@ -397,7 +402,7 @@ class _Submitit(Executor):
             time.sleep(_PERIOD)
 
     def _begin(self, new: Sequence[tuple[Future[Any], tuple[Any, ...]]]) -> None:
-        """Submit calls as one array."""
+        """Submit calls as one array of jobs; if that fails, each future has the exception."""
         try:
             with self._jobs.batch():
                 jobs = [self._jobs.submit(*call) for _, call in new]

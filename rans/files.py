@@ -471,7 +471,7 @@ def first_line(error: BaseException) -> str:
 
 
 def environment() -> dict[str, str]:
-    """Versions and hardware of a measurement."""
+    """Versions, revision of the code and hardware, which JSON files of measurements have under "environment"."""
     torch = sys.modules.get("torch")  # only if it is already loaded
     gpu = (
         torch.cuda.get_device_name() if torch is not None and torch.cuda.is_available() else "none"

@@ -1,4 +1,7 @@
-"""Flights: trajectories of a controller from a batch of scenarios, in one form for every engine."""
+"""Flights: trajectories of a controller from a batch of scenarios, in one form for every engine.
+
+Engines, pages and tables read this form; (T + 1, N) states include the start, (T, N, n) commands do not.
+"""
 
 from __future__ import annotations
 
@@ -178,7 +181,7 @@ class Flight(NotebookRepr):
         return Path(file)
 
     def rewards(self) -> dict[str, np.ndarray]:
-        """Reward terms of every step by name, (T, N)."""
+        """Reward terms of every step by name, (T, N); 0 after an episode's end."""
         after = map_leaves(lambda x: x[1:], self.states)
         goals = map_leaves(lambda x: x[1:] if x.ndim == 2 else x, self.goals)
         command = np.moveaxis(self.commands, 2, 0)
@@ -245,7 +248,7 @@ class Flight(NotebookRepr):
         return Episode(map_leaves(now, self.states), map_leaves(now, self.goals), clock=clock)
 
     def _outcomes(self) -> Iterator[Outcome]:
-        """Outcome of every step of all N episodes, without rewards."""
+        """Outcome of every step of all N episodes for `rans.verdict`, without rewards, T in all."""
         violated = self.violated_when()
         for k, commands in enumerate(self.commands):
             episode = self._episode(k + 1)

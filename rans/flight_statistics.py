@@ -109,7 +109,7 @@ class FlightStatistics:
 
     @classmethod
     def none(cls, steps: int, listed: int = 100_000) -> FlightStatistics:
-        """Statistics of no flight."""
+        """Statistics of no flight, to which those of parts are added; lists at most ``listed`` failures."""
         return cls(
             0,
             steps,

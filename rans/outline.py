@@ -47,7 +47,7 @@ class Outline:
 
     @cached_property
     def nozzles(self) -> tuple[Nozzle, ...]:
-        """In the order of its thrusters."""
+        """Nozzles in the order of the thrusters, in B about the centre of mass, m; strengths are 0 to 1."""
         largest = max((thruster.force for thruster in self.craft.thrusters), default=1.0)
         result = []
         for thruster in self.craft.thrusters:

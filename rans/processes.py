@@ -53,6 +53,7 @@ def submitted(
         prepare: called once in every process before its first job; defined at the top level of a module.
         arguments: arguments of ``prepare``.
     """
+    # Processes start with signals held back, and die with this block.
     others = set(multiprocessing.active_children())
     with contextlib.ExitStack() as files:
         file = files.enter_context(_pickled(prepare, arguments))
@@ -177,7 +178,7 @@ class Workers(Generic[State]):
         jobs: Sequence[tuple[Any, ...]],
         dead: Callable[..., Answer] | None = None,
     ) -> Generator[tuple[int, Answer]]:
-        """Answers of the jobs from a user's executor."""
+        """Number and answer of each job from a user's executor, as they end."""
         return answers(executor, self._make, self._arguments, function, jobs, dead, self._work)
 
     def _here(
@@ -190,7 +191,7 @@ class Workers(Generic[State]):
     def _submitted(
         self, function: Callable[..., Answer], jobs: Sequence[tuple[Any, ...]]
     ) -> contextlib.AbstractContextManager[list[Future[Answer]]]:
-        """Context of a pool whose processes work on all jobs."""
+        """Context of a pool whose processes work on all jobs, as futures in order; no more processes than jobs."""
         return submitted(
             _with_state,
             [(function, *job) for job in jobs],

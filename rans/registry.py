@@ -269,7 +269,7 @@ class Registry(Mapping[str, T]):
             ) from error
 
     def _resolve(self, name: str) -> Any:
-        """Object of a name as its module defines it."""
+        """Object of a name as its module defines it, unchecked; modules of packages are imported only here."""
         if name in self.built_in:
             return resolve(self.built_in[name])
         if name not in self._offered:
@@ -371,6 +371,7 @@ def resolve(reference: str) -> Any:
         if name.endswith(".toml"):
             return (resources.files(module) / name).read_text("utf-8")
         result: Any = importlib.import_module(module)
+        # Only objects that the module itself names: no module within it.
         for part in name.split("."):
             if not hasattr(result, part):
                 raise ConfigError(f"{module} has no {brief(part)}{meant(part, vars(result))}.")

@@ -75,6 +75,7 @@ def settled_alone(function: Callable[Arguments, Result]) -> Callable[Arguments, 
 
     @functools.wraps(function)
     def inner(*arguments: Arguments.args, **options: Arguments.kwargs) -> Result:
+        """The function with the settings of a new process; the user's random numbers go on as if it had not run."""
         # Libraries draw from it when they are imported.
         state = random.getstate()
         try:

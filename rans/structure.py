@@ -185,6 +185,7 @@ def _refusing_texts(kind: Any, converter: cattrs.Converter) -> Callable[[Any, An
     usual = converter.get_structure_hook(of)
 
     def hook(value: Any, _: Any) -> Any:
+        """A list of a file as a tuple of ``size`` values of the type, or a `ConfigError`."""
         if isinstance(value, str | Mapping):
             raise ConfigError(
                 f"must be a list, such as [0.5, 4.5], with texts and keys in double quotes, got {brief(value)}"
@@ -198,7 +199,7 @@ def _refusing_texts(kind: Any, converter: cattrs.Converter) -> Callable[[Any, An
 
 
 def _range(converter: cattrs.Converter, value: Any, kind: Any) -> Any:
-    """A number or a pair of numbers of a file."""
+    """A number or a pair of numbers of a file; None where the type allows it."""
     if value is None and kind != Range:
         return None
     pair = isinstance(value, list | tuple)

@@ -32,7 +32,7 @@ class Table:
     """CSS colours of columns in a page, by their names: those of contestants in its charts."""
 
     def is_numeric(self, k: int) -> bool:
-        """Whether a column holds numbers, which stand right; a dash stands where its column does."""
+        """Whether column k holds numbers, which stand right; a dash stands where its column does."""
         cells = [row[k] for row in self.rows if len(row) > 1]
         return self.columns[k] in self.right or (
             bool(cells)

@@ -266,7 +266,7 @@ def _blocks(heads: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> 
 
 
 def rendered(table: Table) -> rich.table.Table:
-    """A table for Rich; long words are folded."""
+    """A table for Rich: long words are folded, columns named by `whole` are not, numbers stand right."""
     printed = _Titled(title=table.title or None, caption=table.note or None)
     whole = table.whole or table.columns[:1]
     for k, column in enumerate(table.columns):
@@ -295,7 +295,7 @@ class _Bar(BarColumn):
 
 
 def progress() -> Progress:
-    """Progress bars on a terminal, which disappear at the end."""
+    """Progress bars on a terminal (stderr), which disappear at the end; nothing elsewhere."""
     terminal = Terminal(stderr=True)
     return Progress(
         TextColumn("{task.description}", markup=False),
@@ -323,6 +323,7 @@ def stages(bars: Progress) -> Stages:
         return _in_log
 
     def stage(name: str, total: int | None, /) -> Step:
+        """Begin a bar of this name (total None: unknown), and return what advances it; finished ones go."""
         for task in bars.tasks:
             if task.total is None or task.finished:
                 bars.remove_task(task.id)

@@ -281,7 +281,7 @@ class FlightAccumulator:
         return replace(self, running=self.running & ~terminated, won=won)
 
     def failure(self) -> Field:
-        """Number of the `Failure` of flights that have ended, int; 0: solved."""
+        """Number (field) of the `Failure` of flights that have ended, int; 0: solved."""
         if self.won is None:
             outside = where(self.inside, Failure.LATE.value, Failure.UNSETTLED.value)
             lasts = where(self.missed, where(self.left, Failure.LEFT.value, outside), 0)

@@ -61,7 +61,7 @@ class Window:
         open_browser(self.url)
 
     def show(self, frame: np.ndarray) -> None:
-        """Display a frame (height, width, 3), uint8, when it is due."""
+        """Display a frame (height, width, 3), uint8, when it is due: it waits until then."""
         from PIL import Image  # which pages without frames do not need
 
         time.sleep(max(0.0, self._due - time.monotonic()))

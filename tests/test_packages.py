@@ -143,3 +143,19 @@ def test_what_two_packages_build_on_is_named_in_one_module() -> None:
         made = getattr(value, "__name__", "") == "<lambda>"
         if (isinstance(value, type) or inspect.isfunction(value)) and not made:
             assert value.__doc__, name
+
+
+def test_tests_that_docstrings_name_exist() -> None:
+    """A reader of a function learns from its module which test would fail, by its path in repository or package."""
+    files = [*ROOT.glob("rans/**/*.py"), *ROOT.glob("packages/*/rans_*/**/*.py")]
+    named = [
+        (file.relative_to(ROOT), path)
+        for file in files
+        for path in re.findall(r"`(tests(?:/\w+)+(?:\.py)?)`", file.read_text("utf-8"))
+    ]
+    assert len(named) > 20
+    assert not [
+        (file, path)
+        for file, path in named
+        if not any((ROOT / home / path).exists() for home in ("", *file.parents))
+    ]

@@ -32,6 +32,7 @@ class AgentData:
         return repr(self.run)
 
     def _repr_html_(self) -> str:
+        """Table of the notebook: task, spacecraft, conditions, control period and run folder."""
         from rans.show.pages.notebook import listed
 
         conditions = self.conditions

@@ -374,7 +374,7 @@ def check_free(file: Path, overwrite: bool = False) -> None:
 def _tensor(
     inertia: float | Sequence[float], dimension: int
 ) -> tuple[tuple[float, float, float], ...]:
-    """One moment for every axis, or in space three."""
+    """Tensor (3, 3), kg m^2, of one moment for every axis, or in space of three."""
     if isinstance(inertia, int | float):
         moments = (float(inertia),) * 3
     else:

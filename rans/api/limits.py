@@ -76,7 +76,7 @@ def state(
 
 
 def _numbers(what: str, values: Any, count: int | None = None) -> list[float]:
-    """So many finite numbers; `ConfigError` where they are not."""
+    """Finite numbers, ``count`` of them unless it is None; else a `ConfigError` that names what they are."""
     try:
         results = [float(x) for x in values]
     except (TypeError, ValueError) as error:
@@ -155,6 +155,7 @@ def optimal_trajectory(
             f"zones must be a list of zones, as in [(1.5, 0.0, 0.4)], got {brief(zones)}."
         )
     balls = tuple(tuple(_numbers("zone", zone)) for zone in zones)
+    # The user's limits beside those of the task.
     limits = PathLimits(most_speed, most_spin, balls)
     limits = None if limits == PathLimits() else limits
     tried = None if guesses is None else whole("guesses", guesses)
@@ -232,6 +233,7 @@ def certify(
     (single,) = each(scenario)
     event = Event(kind, horizon)
     number = _OWN if isinstance(start, State) else start
+    # The certified bound of this event alone.
     result = bound(
         number, question(craft, judged, control_period, event, SearchEffort(seconds), single)
     )

@@ -169,6 +169,7 @@ def view(
         raise ConfigError('say who flies, as in rans.view("go-to-pose-2d").')
     if save is not None:
         check_file_of_flights(Path(save))
+    # What is wrong is refused before anything flies.
     endpoints = own_endpoints(start, goal, zones)
     count = whole("episodes", episodes)
     first = whole("episode", episode, least=0)
@@ -179,6 +180,7 @@ def view(
         raise ConfigError(
             "start, goal and zones are for flights, and an optimum has its own: leave them out."
         )
+    # Flights first, then optima; the replay shows them in this order.
     shown = [flown(run, count, seed, engine, first, endpoints) for run in runs]
     for folder in folders:
         shown += _optima(Path(str(folder)), range(first, first + count))
@@ -342,7 +344,7 @@ def export(
 def exported(
     agent: str | Path | AgentData, output: str | Path | None, format: str, episodes: int
 ) -> tuple[Path, dict[str, Any]]:
-    """Folder and card of an export; see `export`."""
+    """Write an export and return its folder and card; see `export`, whose arguments these are."""
     from rans.deploy.export import EXPORTERS, write_export
     from rans.deploy.forms import FORMATS, Form, forms
     from rans.evaluation.fly.contestant_name import ContestantName

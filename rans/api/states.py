@@ -90,7 +90,7 @@ class WrittenEndpoints(Endpoints):
     """
 
     def applied(self, sampled: Scenario) -> Scenario:
-        """See `Endpoints.applied`.
+        """Words become states of the sampled ones' kind, whose other values stay; see `Endpoints.applied`.
 
         Raises:
             ConfigError: see `read_state`; or a file cannot be read or has other keys.
@@ -139,7 +139,7 @@ def _by_key(words: Sequence[str], dimension: int, option: str) -> list[str]:
 
 
 def _number(word: str, option: str, is_angle: bool) -> float:
-    """A length in m, or an angle in degrees."""
+    """A length in m, or an angle in degrees unless it ends in "rad"; other units are refused (`ConfigError`)."""
     unit = next((unit for unit in _UNITS if word.endswith(unit)), "")
     try:
         value = float(word.removesuffix(unit)) * _UNITS.get(unit, 1.0)

@@ -1,4 +1,7 @@
-"""Training of agents, sweeps over seeds and hyper-parameters, and tuning of controllers."""
+"""Training of agents, sweeps over seeds and hyper-parameters, and tuning of controllers.
+
+Commands and Python share these functions, so that a config made by either is equal (`tests/api/test_training.py`).
+"""
 
 from __future__ import annotations
 
@@ -104,6 +107,7 @@ def train(
     from rans.show.progress import watched_training
 
     # The config is complete before a folder is made.
+    # The config decides everything; all of it is checked before the run folder is made.
     config = config_of(
         task,
         spacecraft,
@@ -253,6 +257,7 @@ def sweep(
         raise ConfigError(
             "members of a sweep name their spacecraft: write it to a TOML file, and give its name."
         )
+    # A member is one seed with one combination; results keep this order.
     configs = members(
         task,
         {key: value if isinstance(value, list) else [value] for key, value in settings.items()},

@@ -93,7 +93,7 @@ class OptimalTrajectory(Optimum, ControlHistory):
     """Balls that the trajectory keeps out of: the coordinates of the centre in W, then the radius, m."""
 
     def plot(self) -> Figure:
-        """See `ControlHistory.plot`; with the balls of ``keep_out``."""
+        """As `ControlHistory.plot`, with the balls of ``keep_out`` around the goal at the end."""
         from rans.show.figures.panels import keep_out
 
         figure = super().plot()

@@ -62,6 +62,7 @@ def main(arguments: list[str] | None = None) -> int:
             code = _run(arguments)
             sys.stdout.flush()
             return code
+    # Mistakes of the user, then what is missing, interrupts and limits of the machine: a sentence each.
     except RansError as error:
         sentence = f"rans: {error}"
         return 2 if leave_sentence(sentence) else _end(sentence, 2)
@@ -139,6 +140,7 @@ def _run(arguments: list[str]) -> int:
         ):  # tyro would print them
             raise ConfigError(f"an option has control characters: {brief(word)}.")
     _warn_of_repeated_options(arguments)
+    # Options that every command has are taken off before its own run.
     command = _parse(arguments or ["--help"])
     # Options of the machines on which the command runs.
     arguments, gpus = without_gpus(arguments)

@@ -81,7 +81,7 @@ class Benchmark(Options):
     def _compare(
         self, console: Terminal, device: str, result: list[tuple[PeerResult, list[Ratio]]]
     ) -> None:
-        """Measure peers, and ratios to them."""
+        """Append to ``result`` peers as they are measured, and ratios to them; an interrupt keeps those."""
         from validation.peers.runner import default_folder
         from validation.speed.ratios import compare_peers
         from validation.speed.suite import effort
@@ -106,7 +106,7 @@ class Benchmark(Options):
         measured: list[Measurement],
         compared: list[tuple[PeerResult, list[Ratio]]],
     ) -> None:
-        """Print and write the results so far, if there are any."""
+        """Print and write the results so far, if there are any; an interrupt ends here too."""
         import torch
 
         from validation.peers.unmeasured import UNMEASURED
@@ -189,7 +189,7 @@ def _digits(value: float) -> str:
 
 
 def _peer(p: PeerResult) -> tuple[str, ...]:
-    """Row of another simulator or trainer, or why it was not measured."""
+    """Row of another simulator or trainer with its M steps/s, or why it was not measured."""
     figures = p.figures
     rate = figures.get("steps_per_s") or figures.get("trained_steps_per_s")
     return (

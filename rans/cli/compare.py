@@ -55,7 +55,7 @@ class Compare(Options):
         return (shlex.join(["rans", "view", *self.contestants]),)
 
     def run(self) -> int:
-        """Print the table of scores."""
+        """Print the table of scores, and write page and numbers; 1 if a contestant could not fly."""
         from rans.evaluation.fly.contestant_name import ContestantName
 
         self._check()

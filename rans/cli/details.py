@@ -46,7 +46,7 @@ def kind_of_object(reference: str) -> str:
 
 
 def _all_tasks() -> Table:
-    """Table of all tasks with their Gymnasium names."""
+    """Table of all tasks with their Gymnasium names; a task that cannot be loaded has its reason in its row."""
 
     def row(name: str) -> tuple[str, ...]:
         return "\n".join(_environments(name)), _flag(TASKS[name]), _summary(TASKS[name])
@@ -59,7 +59,7 @@ def _all_tasks() -> Table:
 
 
 def _agent_details(name: str) -> Iterable[str | Table]:
-    """What a pretrained agent is, and the figures on its card."""
+    """What a pretrained agent is, and the figures on its card, which were measured when it was made."""
     from rans.evaluation.measure.statistics import interval, quantity
 
     card = pretrained_card(name)
@@ -113,7 +113,7 @@ def prospects(craft: Spacecraft) -> Iterator[str]:
 
 
 def _task_details(name: str) -> Iterable[str | Table]:
-    """A task with its observation, rewards, ends and settings."""
+    """A task by name: its observation, rewards, ends and settings, and the commands that change them."""
     task = load_task(name)
     yield f"{name}: {_summary(type(task))}"
     own = " or ".join(
@@ -161,7 +161,7 @@ def _environments(task: str) -> tuple[str, ...]:
 
 
 def _task_facts(name: str) -> dict[str, Any]:
-    """A task as data for other programs."""
+    """A task as data for `rans list NAME --json`; keys are an interface that other programs read."""
     task: Any = load_task(name)
     parts = task.parts()
     works = dimensions(task)
@@ -179,7 +179,7 @@ def _task_facts(name: str) -> dict[str, Any]:
 
 
 def _spacecraft_facts(name: str) -> dict[str, Any]:
-    """A spacecraft as data for other programs."""
+    """A spacecraft as data for `rans list NAME --json`, in SI units; keys are an interface of other programs."""
     craft = load_spacecraft(name)
     return asdict(craft) | {
         "actuators": {"kind": craft.actuators.kind, **asdict(craft.actuators)},

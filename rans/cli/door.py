@@ -119,6 +119,7 @@ def command_of(
     """
 
     def decorate(described: Described) -> Described:
+        """Make the command's class: its fields are the arguments in the function's order, then its own."""
         declared = inspect.unwrap(function)
         parameters = inspect.signature(declared).parameters
         own = inspect.get_annotations(described)
@@ -187,7 +188,7 @@ def _sentence(text: str) -> str:
 
 
 def _kind(name: str, parameter: inspect.Parameter, function: Callable[..., Any]) -> Any:
-    """Type that the terminal reads for a parameter of a function."""
+    """Type that the terminal reads for a parameter of a function, from its annotation, as tyro takes it."""
     if name == "trust":
         return Trust
     kind = eval(

@@ -121,6 +121,7 @@ class Evaluate(Options):
         if self._many(run):
             self._judge_many(run)
             return True
+        # Few enough to keep: fly, measure, print, write.
         flights = self._fly(run)
         measured = {name: measure(flight) for name, flight in flights.items()}
         console = Terminal(room=ROOM)
@@ -183,7 +184,7 @@ class Evaluate(Options):
         )
 
     def _judge_many(self, run: LoadedRun) -> None:
-        """Print and write the statistics of many flights."""
+        """Print and write the statistics of flights that are too many to be stored (`_KEPT`), from one kernel."""
         from rans.evaluation.measure.aggregate import ROOM
         from rans.evaluation.measure.many import measure_many
         from rans.fast.device import torch_device
@@ -220,7 +221,7 @@ class Evaluate(Options):
         Terminal().say(f"Written to {file}.")
 
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
-        """Flights by engine."""
+        """Flights from the same starts, by the engine that computed them; "fast" comes first."""
         own = own_endpoints(self.start, self.goal, self.zones)
         engines: tuple[EngineName, ...] = get_args(EngineName)
         return {
@@ -266,7 +267,7 @@ class Evaluate(Options):
         return written
 
     def _output(self, run: LoadedRun) -> tuple[Path, str]:
-        """Folder of the results, and the suffix of their file names."""
+        """Folder of the results, and the suffix of their file names, with every option that changes figures."""
         from rans.randomization.conditions import Conditions
         from rans.randomization.conditions_file import conditions_label
 
@@ -300,7 +301,7 @@ class Evaluate(Options):
         return conditions.description or self.conditions or changes or "everything as designed"
 
     def _conditions(self, run: LoadedRun) -> dict[str, Any]:
-        """Options under which results are comparable."""
+        """Options under which results are comparable; results in the same file under other options are dropped."""
         options: dict[str, Any] = {
             "contestant": str(self.agent),
             "protocol": self.protocol,

@@ -43,7 +43,7 @@ class Export(Options):
         return (shlex.join(["rans", "view", self.agent]),)
 
     def run(self) -> int:
-        """Write the export and print its files."""
+        """Write the export and print its files, its margins and what to run next; the exit code is 0."""
         from rans.deploy.margins import margin_lines
         from rans.evaluation.fly.policy_text import is_user_policy
 

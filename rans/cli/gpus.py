@@ -52,6 +52,7 @@ def on_gpus(arguments: Sequence[str], text: str) -> int:
         raise ConfigError(
             "--gpus starts the processes itself: run the command without torchrun, or leave --gpus out."
         )
+    # As many processes as GPUs, or as were asked for.
     available = torch.cuda.device_count()
     if text == "all" and available:
         count = available
@@ -98,7 +99,7 @@ def _sentences_in(folder: Path) -> Iterator[None]:
 
 
 def _launched(arguments: Sequence[str], count: int) -> int:
-    """Exit code of so many processes of a command under torchrun."""
+    """Exit code of ``count`` processes of a command under torchrun: the first failure's, or 128 + signal."""
     from torch.distributed.elastic.multiprocessing.api import SignalException
     from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
     from torch.distributed.run import get_args_parser, run

@@ -187,7 +187,7 @@ def _default(value: str) -> str:
 
 
 def _metavar(name: str, hint: Any) -> str | None:
-    """Placeholder of an option's value; None: that of tyro."""
+    """Placeholder of an option's value in help, such as FILE; None: that of tyro."""
     parts = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     kinds = [part for part in parts if part is not NoneType]
     if len(kinds) != 1:

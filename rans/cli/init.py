@@ -67,7 +67,7 @@ class Init(Options):
         return (f"rans list {shlex.quote(str(self.file))}",)
 
     def run(self) -> int:
-        """Ask, check, write and draw; the exit code is 0."""
+        """Ask, check, write and draw; the exit code is 0. Nothing is written before the last answer."""
         from rans.api.drafting import check_free, check_target
 
         if not self.file.name:
@@ -89,7 +89,7 @@ class Init(Options):
         return 0
 
     def _given(self) -> dict[str, Any]:
-        """Values of --set, by their keys."""
+        """Values of --set by their keys, of the kinds of `_KINDS`; a wrong one is refused (`ConfigError`)."""
         from rans.model.spacecraft_draft import numbers_of_text
 
         values: dict[str, Any] = {}
@@ -113,7 +113,7 @@ class Init(Options):
         return values
 
     def _drafted(self, answers: dict[str, Any]) -> Draft:
-        """Draft from the options and these answers."""
+        """Draft from the options and these answers, which win over options."""
         options: dict[str, Any] = {
             "name": self.file.stem,
             "base": self.base,
@@ -281,7 +281,7 @@ def ask(question: str, read: Callable[[str], Answer], default: str | None = None
 
 
 def _ask_each(noun: str, read: Callable[[str], Answer], least: int) -> tuple[Answer, ...]:
-    """Ask for several answers, one per line, until an empty one."""
+    """Ask for ``least`` or more answers, one a line, until an empty one; a wrong answer is asked again."""
     results: list[Answer] = []
     while True:
         text = input(f"{noun} {len(results)} (empty: no more): ").strip()

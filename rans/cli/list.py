@@ -48,7 +48,7 @@ class List:
     """Print JSON for other programs."""
 
     def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`; what is for programs, or is a file of conditions, has none."""
+        """Commands to run next with what was listed; none for programs (--json) and conditions."""
         kind = self._kind()
         if self.json or kind == "conditions":
             return ()

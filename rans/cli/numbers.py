@@ -25,7 +25,7 @@ def registry() -> ConstructorRegistry:
 
 
 def _one(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
-    """How tyro reads a single number; None for other types."""
+    """How tyro reads a single number, an int or a float that may be None; None for other types."""
     if get_origin(info.type) not in (None, Union, UnionType):
         return None
     types = set(get_args(info.type)) or {info.type}
@@ -45,7 +45,7 @@ def _one(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
 
 
 def _many(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
-    """How tyro reads several whole numbers; None for other types."""
+    """How tyro reads several whole numbers, a tuple of ints; None for other types."""
     if info.type != tuple[int, ...]:
         return None
     return PrimitiveConstructorSpec(

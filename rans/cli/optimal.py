@@ -91,7 +91,7 @@ class Optimal(Options):
         return ("rans list CONTROLLERS",)
 
     def run(self) -> int:
-        """Print a table of the starts."""
+        """Print a table of the starts, and write trajectories, figures and bounds; 1 if a start was lost."""
         from rans.evaluation.compare.bounds import no_certificate
         from rans.evaluation.compare.optima import optima, optima_table, write
         from rans.evaluation.problems import problem_of
@@ -291,6 +291,7 @@ class Optimal(Options):
         every_start = [*each(starts)]
         costs = [a.trajectory.cost if same and a.good else math.nan for a in answers]
         costs = costs or [math.nan] * len(every_start)
+        # Bounds of the trajectories' own event, and for the objective time also of settling.
         events = {bounds.Event(horizon=horizon): (objective.measure, costs)}
         if horizon is None:  # the trajectories arrive, which is another event
             events[bounds.Event("settling")] = "time s to settle", [math.nan] * len(costs)

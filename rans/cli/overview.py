@@ -24,7 +24,7 @@ def _everything() -> Iterable[str | Table]:
 
 
 def _all_spacecraft() -> Table:
-    """Table of all spacecraft."""
+    """Table of all spacecraft by name; one that cannot be read has its reason in its row."""
 
     def row(name: str) -> tuple[str, ...]:
         c = SPACECRAFT[name].craft
@@ -42,7 +42,7 @@ _PLACES = {2: "plane", 3: "space"}
 
 
 def _tasks() -> Table:
-    """Table of all tasks."""
+    """Table of all tasks by name and summary, without importing those of packages."""
     return Table(
         ("name", "what"),
         [
@@ -54,7 +54,7 @@ def _tasks() -> Table:
 
 
 def _all_conditions() -> Table:
-    """Table of all sets of conditions."""
+    """Table of all sets of conditions but those that only trainings use."""
 
     def row(name: str) -> tuple[str, ...]:
         return (CONDITIONS[name].conditions.description,)
@@ -96,7 +96,7 @@ def or_why_not(row: Callable[[str], tuple[str, ...]], name: str) -> tuple[str, .
 
 
 def _all_agents() -> Iterable[str | Table]:
-    """Installed agents, and how to install the others."""
+    """Installed agents with spacecraft and share solved, and how to install the others."""
     cards = map(pretrained_card, pretrained_names())
     yield Table(
         ("name", "spacecraft", "solved"),
@@ -126,7 +126,7 @@ PARTS: dict[str, Callable[[], Iterable[str | Table]]] = {
 
 
 def _names() -> dict[str, list[str]]:
-    """Names of everything as data, by kind."""
+    """Names of everything by kind, for `rans list --json`; keys are an interface of other programs."""
     return {
         "spacecraft": list(SPACECRAFT),
         "tasks": list(TASKS),

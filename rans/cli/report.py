@@ -28,7 +28,7 @@ class Report(Options):
         return ("rans list AGENTS",)
 
     def run(self) -> int:
-        """Write report.html into the run folder and print a summary."""
+        """Write report.html into the run folder and print a summary; the exit code is 0."""
         from rans.show.pages.report import report_from_run
 
         file = self.run_folder / "report.html"

@@ -49,7 +49,7 @@ class Reproduce:
         return ("rans validate floating-platform",)
 
     def run(self) -> int:
-        """Run the campaign of the checkout."""
+        """Run the campaign of the checkout in a process of its own, and return its exit code."""
         if not (_CHECKOUT / "campaigns" / "reproduce.py").is_file():
             raise ConfigError(
                 "rans reproduce needs a checkout of the sources, whose folders campaigns and docs/validation "

@@ -95,6 +95,7 @@ class Sweep(Options):
             f"{trained or f'{sweep.seconds:.1f} s of training{rate}'}, "
             f"{time.monotonic() - STARTED:.1f} s in all. The best agent is {folder}/best."
         )
+        # What to do next: go on, or judge the best.
         config = sweep.members[0].config
         trust = trust_option(config, craft_of(config))
         if stop.requested:
@@ -109,7 +110,7 @@ class Sweep(Options):
         return stop.code
 
     def _trainings(self) -> Trainings:
-        """Sweep that is ready to train."""
+        """Sweep that is ready to train: of the options, or of the folder that --resume names and nothing else."""
         from rans.fast.distributed import join
         from rans.fast.learn.sweep import Sweep as Trainings
         from rans.fast.learn.sweep import read_configs
@@ -145,7 +146,7 @@ def _choices(text: str) -> tuple[str, list[Any]]:
 
 
 def _table(sweep: Trainings) -> Table:
-    """Table with one row per member, the best marked."""
+    """Table with one row per member in the order of the sweep, the best marked."""
     from rans.fast.learn.sweep import short
     from rans.tasks.quantities import QUANTITIES
 
@@ -185,7 +186,7 @@ def _table(sweep: Trainings) -> Table:
 
 
 def describe_batch(sweep: Trainings, batch: Sequence[Member]) -> str:
-    """Steps, solved members and speed of the batch in training."""
+    """Steps, solved members and speed (steps/s) of the batch in training, as one line of a log."""
     last: dict[str, Any] = max((member.rows[-1] for member in batch), key=lambda row: row["steps"])
     solved = sum(member.solved for member in sweep.members)
     success = sorted(member.rows[-1]["success"] for member in batch)[len(batch) // 2]

@@ -261,7 +261,7 @@ class Train(Options):
         return 0
 
     def _next(self, trainer: Trainer) -> list[str]:
-        """Commands that a user may want to run next."""
+        """Commands to run next, with the options that this run needs too (`tests/cli/test_printed.py`)."""
         path = str(trainer.run.path)
         guard = ["--guard"] if trainer.config.guard else []
         same = [*guard, *trust_option(trainer.config, trainer.engine.craft)]
@@ -571,7 +571,7 @@ _COUNT = re.compile(r"[0-9][0-9_.]*[kMG]?")
 
 
 def _changes(words: Sequence[str]) -> dict[str, Any]:
-    """Values by name of words KEY=VALUE."""
+    """Values by name of words KEY=VALUE, read by `value_of`; a name may come once (`ConfigError`)."""
     changes: dict[str, Any] = {}
     for change in words:
         key, equals, text = change.partition("=")
@@ -612,7 +612,10 @@ class StopGently:
             signal.signal(number, handler)
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
-        """Ask the training to stop at the first signal; at the second one end at once."""
+        """Ask the training to stop at the first signal; at the second one end at once.
+
+        Sets ``requested`` and ``code``, which the training loop reads.
+        """
         if not self.requested:
             self.requested = True
             self._number = number

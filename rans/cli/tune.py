@@ -53,7 +53,7 @@ class Tune(Options):
         return ("rans list CONTROLLERS",)
 
     def run(self) -> int:
-        """Print default and tuned settings with their costs."""
+        """Search, then print and write default and tuned settings with their costs; the exit code is 0."""
         from rans.api.names import load_spacecraft
         from rans.evaluation.compare.tuning import ranges
         from rans.evaluation.fly.controllers import CONTROLLERS

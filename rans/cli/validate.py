@@ -49,7 +49,7 @@ class Validate(Options):
         return training(load_spacecraft(typed(self.spacecraft)), self.spacecraft)
 
     def run(self) -> int:
-        """Print a table of layers or checks."""
+        """Print a table of layers or checks, write the report, and return 1 if a check failed."""
         laboratory.enter()
         if self.judges is not None:
             return self._judge(self.judges)
@@ -82,7 +82,7 @@ class Validate(Options):
         return 1 if failed or nothing else 0
 
     def _judge(self, folders: tuple[Path, ...]) -> int:
-        """Print what others say."""
+        """Print how other software's logs of the same flights agree; 1 if one is beyond its bound."""
         from validation.judges.table import judged, table
 
         if len(folders) > 1:

@@ -49,7 +49,7 @@ class View(Options):
         return (shlex.join(["rans", "compare", first]),)
 
     def run(self) -> int:
-        """Serve the page, or write the requested files."""
+        """Serve the page until an interrupt, or write the requested files; the exit code is 0."""
         if not self.contestants:
             raise ConfigError("name at least one contestant, as in `rans view runs/first`.")
         check_count("--episodes", self.episodes)
@@ -86,7 +86,7 @@ class View(Options):
             )
 
     def _write_page(self, runs: list[LoadedRun], file: Path) -> int:
-        """Write the page of one agent."""
+        """Write the page in which one agent flies; the exit code is 0."""
         from rans.show.pages.playground import playground
 
         if len(runs) != 1:

@@ -1,7 +1,8 @@
 """Traced programs as the text of JavaScript functions, which a browser runs in double precision.
 
 A function takes arrays of numbers and returns an object of arrays. Dense layers are calls of ``dense``, which
-whoever runs the text provides: ``dense(name, activation, [..])`` gives the outputs of the layer of this name.
+whoever runs the text provides: ``dense(name, activation, [..])`` gives the outputs of the layer of this name. Pages
+of flights run it; `tests/show/pages/test_playground.py` compares a page with Python.
 """
 
 from __future__ import annotations
@@ -106,7 +107,7 @@ class _Lines:
         )
 
     def values(self, roots: Iterable[Symbol]) -> Iterator[str]:
-        """Lines that give names to the roots and to what they are made of."""
+        """Lines that name the roots and their operands in order, short ones used once in place; changes `names`."""
         for symbol in ordered(roots, computed=self.names):
             if symbol.operation != "constant":
                 operands = map(self.operand, symbol.args)
@@ -128,7 +129,7 @@ class _Lines:
 
 
 def _number(symbol: Symbol) -> str:
-    """A constant as JavaScript writes it."""
+    """A constant as JavaScript writes it, with all digits of a double, in parentheses if negative."""
     value = symbol.value
     if symbol.kind == "bool":
         return "true" if value else "false"

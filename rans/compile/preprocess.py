@@ -53,7 +53,8 @@ def compiled_preprocessor(
 ) -> ColumnExecutor:
     """Fastest preprocessor for a network whose tensors have the device and dtype of ``like``.
 
-    On a CPU without llvmlite, and there in double precision, which only serves comparisons, it is torch's.
+    On a CPU without llvmlite, and there in double precision, which only serves comparisons, it is torch's. Its
+    columns are (N, width); all executors see the same numbers to rounding.
     """
     plain = TorchPreprocessor(architecture, views)
     if like.is_cuda:
@@ -91,6 +92,7 @@ def row_programs(architecture: Architecture) -> list[tuple[RowProgram, int]]:
 
     # Memory of the filters, after the command is known.
     def next_filter_memory(row: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
+        """The filters' next memory of a row of body columns, memory and command, in the order of `widths`."""
         widths = {
             "body": architecture.read_count,
             "filters": architecture.filtering,
@@ -151,7 +153,7 @@ class CpuPreprocessor(ColumnExecutor):
     def whole(
         self, observation: Tensor, tensors: Mapping[str, Tensor]
     ) -> tuple[Tensor, Tensor] | None:
-        """See `ColumnExecutor`."""
+        """Log-odds (N, thrusters) and values (N,), or None; see `ColumnExecutor`. Compiled once a network."""
         weight = tensors["value_net.weight"]
         if weight.dim() > 2 or torch.is_grad_enabled() or not _is_plain_forward(observation):
             return None
@@ -162,7 +164,7 @@ class CpuPreprocessor(ColumnExecutor):
         return None if run is None else run(observation)
 
     def _compiled_actor_critic(self, tensors: Mapping[str, Tensor]) -> CpuActorCritic | None:
-        """The whole network as machine code; None if it has parts that this lacks."""
+        """The whole network as machine code with these tensors; None if it has parts that this lacks."""
         from rans.compile.cpu.actor_critic import CpuActorCritic  # LLVM, which a GPU does not need
 
         architecture = self._architecture
@@ -196,7 +198,10 @@ class CpuPreprocessor(ColumnExecutor):
         return {}
 
     def _rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """Outputs (N, k) and integers (N,) of a program, by its index, of rows (N, width)."""
+        """Outputs (N, k) and integers (N,) of a program, by its index, of rows (N, width).
+
+        Memory is made once for each length of the rows; the results are copies.
+        """
         assert self._programs is not None
         if (memory := self._memory.get((number, len(rows)))) is None:
             self._memory[number, len(rows)] = memory = self._programs[number].memory(len(rows))

@@ -83,7 +83,10 @@ class Substeps:
         growth: tuple[Field, Field] | None = None,
         rotors: Sequence[float] = (),
     ) -> AnyState:
-        """`rans.model.dynamics.advance` on symbols: the motion over a part of a control period."""
+        """`rans.model.dynamics.advance` on symbols: the motion over a part of a control period.
+
+        State, wrenches and body as there, of symbols; `_kinds` gets the program of a kind that was not there yet.
+        """
         # Where loads change from substep to substep, one function makes all of them.
         constant = last is None and momentum is None and growth is None and drift.steady
         together = 1 if constant else substeps

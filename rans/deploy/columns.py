@@ -75,7 +75,10 @@ def column_meanings(task: Task, state: State, goal: State) -> list[str]:
 
 
 def _quantities(state: State, goal: State) -> dict[str, Sequence[Field]]:
-    """What a task may let a policy observe of state and goal, in words, with the columns of each."""
+    """What a task may let a policy observe of state and goal, in words, with the columns of each.
+
+    Only these are looked for in a task's columns, in this order.
+    """
     offset = (goal.p - state.p).columns()
     return {
         "p_WG - p_WB: position of the goal minus own": offset,
@@ -126,6 +129,7 @@ def valid_ranges(task: Task, dimension: Dimension, seen: np.ndarray) -> list[tup
 def _known_range(
     entry: ObservationTerm, low: float, high: float, more: float
 ) -> tuple[float, float]:
+    """Range of a column in training, widened by ``more`` unless its kind of term bounds it."""
     if isinstance(entry, TradeOff):
         return 0.0, 1.0
     if isinstance(entry, RelativeRotation):

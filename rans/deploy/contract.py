@@ -1,4 +1,8 @@
-"""Interface contract of an exported agent as JSON: observation columns, thrusters, timing and test vectors."""
+"""Interface contract of an exported agent as JSON: observation columns, thrusters, timing and test vectors.
+
+Firmware and other languages rely on its keys, so that a change of meaning needs a new version; the tests fly by the
+contract alone.
+"""
 
 from __future__ import annotations
 
@@ -141,7 +145,7 @@ def recorded(
 def _recorded(
     controller: Controller, setup: Setup, seed: int, count: int
 ) -> tuple[RecordedFlights, np.ndarray]:
-    """What an agent observed and commanded in its first control periods, and which flights failed."""
+    """Observations and commands (T, N, ...) of the first `STEPS` periods, and (N,) which flights failed."""
     recorder = ActionRecorder(controller)
     timing = setup.timing
     short = replace(timing, episode_steps=min(timing.episode_steps, STEPS), substeps=None)
@@ -319,7 +323,7 @@ def _safety_filter(task: Task, craft: Spacecraft, timing: Timing) -> dict[str, A
 
 
 def changed_settings(value: Any) -> dict[str, Any]:
-    """What a dataclass has that is not its default, as JSON."""
+    """What a dataclass has that is not its default, as JSON; nested ones likewise."""
     result: dict[str, Any] = {}
     for field in fields(value):
         own = getattr(value, field.name)
@@ -390,7 +394,7 @@ def _meanings(task: Task, craft: Spacecraft) -> list[str]:
 
 
 def _flagged(called: str, task: Task, craft: Spacecraft) -> list[dict[str, Any]]:
-    """Flag and columns of every task that the agent flies."""
+    """Flag and columns of every task that the agent flies, from example states, as the contract has them."""
     parts: dict[str, Task] = {"": task} if is_one_task(task) else dict(task.parts())
     results = []
     for name, part in parts.items():
@@ -446,9 +450,10 @@ def golden(
 ) -> dict[str, Any]:
     """Pairs of observations and commands, episode after episode; ``begins`` where the memory is zero.
 
-    Of on/off thrusters those flights are taken in which no choice is close, so that rounding turns none. Of
-    flights the states and goals are kept beside the observations that they gave; with a craft and a task
-    also ``wiring``, of states and goals that differ in everything, with the observation of each.
+    Of on/off thrusters those flights are taken in which no choice is close, so that rounding turns none. Of flights
+    the states and goals are kept beside the observations that they gave; with a craft and a task also ``wiring``,
+    of states and goals that differ in everything, with the observation of each. Observations are (T, N, width),
+    computed again in float64; commands are as the craft takes them.
     """
     flights = None
     if isinstance(seen, RecordedFlights):

@@ -242,6 +242,7 @@ def write_agent(
     Of golden pairs the form "c" makes a program that checks it. Only programs give commands in the craft's
     ranges: the other forms hold a policy, whose outputs are 0 to 1.
     """
+    # Each form has its own writer; what packages add is in `FORMATS`.
     network = saved.network
     ports = Ports.of(network.architecture)
     if form == "onnx":

@@ -76,6 +76,7 @@ def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[
     """
 
     def measure(several: Sequence[Conditions]) -> list[float]:
+        """Shares solved under each of several conditions, flown together as a mixture of equal weights."""
         parts = [
             replace(part, others=(), weight=part.weight / sum(variant.weight for variant in every))
             for level in several
@@ -137,12 +138,14 @@ def margins_around(
         for quantity in QUANTITIES
         for value in grids[quantity.name]
     }
+    # Equal conditions of several quantities fly once.
     several = list(dict.fromkeys([conditions, *tried.values()]))
     rates = dict(zip(several, measure(several), strict=True))
     perfect = Conditions()
     if perfect not in rates:  # apart: a mixture may differ in ranges only
         rates |= zip([perfect], measure([perfect]), strict=True)
 
+    # Intervals around the training in which enough flights are solved.
     result: dict[str, Any] = {
         "wanted_share": WANTED,
         "training": round(rates[conditions], 4),

@@ -91,7 +91,7 @@ def printed(program: Program) -> tuple[list[str], list[str]]:
 
 
 def _broken(line: str) -> str:
-    """The line of a function, over several where it is long."""
+    """The line of a function, over several lines and in parentheses where it is longer than `_LINE`."""
     if len(line) + 4 > _LINE:
         name, _, text = line.partition(" = ")
         line = f"{name} = ({text})"

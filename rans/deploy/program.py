@@ -70,7 +70,7 @@ def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
 
 
 def _opened(program: Program) -> Program:
-    """A program whose layers are ONNX's own operations."""
+    """A program with ONNX's own operations: "Dense" becomes "Gemm" and an activation."""
     result = Program()
     result.constants = dict(program.constants)
     result.parameters = dict(program.parameters)

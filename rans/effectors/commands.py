@@ -1,4 +1,7 @@
-"""Commands of a craft: their Gymnasium space, their bounds and checks, and commands from policy outputs."""
+"""Commands of a craft: their Gymnasium space, their bounds and checks, and commands from policy outputs.
+
+The order of commands is that of `Spacecraft.commands`, which every trained network has too.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ _ROUNDING = 1e-6
 
 
 def action_space(craft: Spacecraft) -> spaces.Space[np.ndarray]:
-    """Gymnasium action space of a craft: MultiDiscrete for on/off thrusters alone, else a Box of the bounds."""
+    """Gymnasium action space (n,): MultiDiscrete for on/off thrusters alone, else a Box of the bounds."""
     from gymnasium import spaces
 
     if not craft.is_continuous:
@@ -40,7 +43,7 @@ def command_bounds(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
 
 
 def limits(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper bound that `check_commands` accepts for each command; it has a tolerance where not on/off.
+    """Lower and upper bound (n,) that `check_commands` accepts, with a tolerance where not on/off.
 
     What is accepted beyond a bound has to be `clipped`.
     """
@@ -94,7 +97,7 @@ def per_velocity(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], .
 
 
 def allowed(craft: Spacecraft) -> str:
-    """Ranges of the craft's commands, in words."""
+    """Ranges of the craft's commands in words, in their order, for sentences about wrong commands."""
     parts = [f"{craft.actuators.allowed}, one per thruster"]
     if craft.wheels:
         parts.append("-1 to 1 (the largest torque on the wheel either way), one per wheel")
@@ -132,7 +135,7 @@ def check_commands(craft: Spacecraft, values: Any, *batch: int) -> None:
 
 
 def is_possible(craft: Spacecraft, values: np.ndarray) -> bool:
-    """Whether every command (..., n) is in range; NaN is not."""
+    """Whether every command (..., n) of an array is in range (`limits`); NaN is not."""
     choices = [
         k for k, command_range in enumerate(craft.commands) if command_range.kind == "on-off"
     ]
@@ -165,7 +168,7 @@ def is_identity(craft: Spacecraft) -> bool:
 
 
 def _command(command_range: CommandRange, output: Field) -> Field:
-    """A command in its range, from an output in [0, 1]."""
+    """A command (field) in its range from an output in [0, 1]; an on/off thruster opens from 0.5 on."""
     if command_range.kind == "on-off":
         return where(output < 0.5, output * 0.0, output * 0.0 + 1.0)
     scaled = (
@@ -177,7 +180,7 @@ def _command(command_range: CommandRange, output: Field) -> Field:
 
 
 def _shown(commands: np.ndarray, shape: tuple[int, ...], values: Any) -> str:
-    """Text of wrong commands: all values if they are few, else their shape or range."""
+    """Text of wrong commands, an array of any shape: all values if they are few, else their shape or range."""
     if commands.size <= 32:
         return " ".join(brief(values).split())
     if commands.shape != shape:

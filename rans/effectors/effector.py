@@ -33,7 +33,7 @@ class Growth:
 
     @classmethod
     def of(cls, values: Sequence[Field], rule: Rule) -> Growth:
-        """Growth from its values at the nodes of a quadrature rule over the part (`rans.model.dynamics.RULES`)."""
+        """Growth from values (fields) at the nodes of a quadrature rule (`rans.model.dynamics.RULES`)."""
         mean, first, second = (
             reduce(
                 add,
@@ -91,7 +91,7 @@ class Push:
     in space, scalars about z in the plane. None: no wheels."""
 
     def with_torque(self, torque: Any) -> Push:
-        """The part with an additional constant torque in B, N m."""
+        """The part with an additional constant torque in B, N m, which grows as the part's own wrench does."""
         begins, ends = (torque, torque) if self.growth is None else self.growth.line(torque)
         last = self.last
         return replace(

@@ -190,6 +190,7 @@ def begin_actions(
         ConfigError: an effector moves a mass in the craft (`JointMotion`) without `Effector.moves_mass`.
     """
     actions = []
+    # Commands and stores follow one another in the order of the effectors, as in `Spacecraft`.
     taken = stored = 0
     effectors = effectors_of(craft)
     own = len(effectors) - len(craft.further_effectors)

@@ -46,8 +46,9 @@ class Tank:
         """Divide a piece into parts with thrust and with an empty tank, each with the propellant left after it.
 
         Wrenches are scaled to the full craft (`Growth`). With the mass dm that the piece consumes of the mass m,
-        the error of the velocity change is of order (dm / m)^6 for thrust that does not turn, and of order
-        (dm / m)^2 times the square of the angle turned for thrust that does.
+        the error of the velocity change is of order (dm / m)^6 for thrust that does not turn, and of order (dm /
+        m)^2 times the square of the angle turned for thrust that does. Recorded flights of craft with propellant
+        change with any other order of these operations.
 
         Args:
             piece: piece of the thrusters, with their exhaust.
@@ -101,7 +102,7 @@ def _without_exhaust(wrench: Wrench) -> Wrench:
 
 
 def divided(piece: Piece, count: int) -> Iterator[Piece]:
-    """Equal parts of a piece, in order."""
+    """``count`` equal parts of a piece, in order; wrenches at their ends lie on the piece's line."""
     duration, first, last, longest = piece
     for k in range(count):
         begins, ends = first, last
@@ -144,7 +145,10 @@ class _Burning(Action):
         self._fastest = fastest
 
     def pushes(self, pushes: Iterable[Push]) -> Iterator[Push]:
-        """Parts of the period with wrenches scaled to the full craft (`Tank.burned`)."""
+        """Parts of the period with wrenches scaled to the full craft (`Tank.burned`).
+
+        Takes the propellant of each part from what is left: iterate once, and read `stores` afterwards.
+        """
         tank = self._tank
         for push in pushes:
             parts = math.ceil(push.longest * self._fastest / _MOST_BURNED - 1e-9)

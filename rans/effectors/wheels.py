@@ -50,7 +50,10 @@ class _Spinning(Action):
         self._elapsed: Field = 0.0
 
     def pushes(self, pushes: Iterable[Push]) -> Iterator[Push]:
-        """Parts of the period with the reaction torque of the motors and the momentum of the wheels."""
+        """Parts of the period with the reaction torque of the motors and the momentum of the wheels.
+
+        Counts the time that has passed: iterate once, in the order of time.
+        """
         wheels = self._wheels
         for push in pushes:
             turn = along_axes(wheels, self._motors)
@@ -78,7 +81,7 @@ def motor_torques(
     """Torque of each motor on its wheel, N m, constant over the control period.
 
     A motor follows its command, but gives less torque if the momentum of the wheel would exceed its limit by the
-    end of the period.
+    end of the period. Momenta and commands are fields; the torque on the craft has the other sign.
 
     Args:
         wheels: reaction wheels.

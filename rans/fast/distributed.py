@@ -174,6 +174,7 @@ def leave_when_stuck(patience: float = 15.0) -> None:
     """
 
     def leave() -> None:
+        """End this process ``patience`` (s) after another sends a byte: a collective call waits for ever."""
         receiver.recv(1)
         time.sleep(patience)
         sys.stderr.write(

@@ -1,4 +1,7 @@
-"""Batched episodes on one device: states are tensors, and one call steps every spacecraft."""
+"""Batched episodes on one device: states are tensors, and one call steps every spacecraft.
+
+`tests/fast` compares it with `rans.environment` and NumPy, row by row: rows never depend on one another.
+"""
 
 from __future__ import annotations
 
@@ -191,7 +194,7 @@ class Engine:
 
     @cached_property
     def term_names(self) -> tuple[str, ...]:
-        """Names of the reward terms, in the order of `Step.terms`."""
+        """Names of the reward terms in the order of `Step.terms`, from one example step."""
         zero = leaves(self.state)[0] * 0.0
         shut = (zero,) * self.craft.command_count
         transition = Transition(
@@ -387,10 +390,7 @@ def _check_actions(
 
 
 def _check_range(actions: np.ndarray, craft: Spacecraft, is_usual: bool) -> None:
-    """Reject (`ConfigError`) actions outside the ranges of the commands, including NaN.
-
-    It takes 0.5 % of a step of 16,384 environments.
-    """
+    """Reject (`ConfigError`) actions (N, n) outside the ranges of the commands, including NaN."""
     if not is_usual:
         if not is_possible(craft, actions):
             check_commands(craft, actions, len(actions))

@@ -151,7 +151,7 @@ class Flights:
         yield from Workers(Flights, state, _processors(), "flew").ordered(Flights.fly, jobs)
 
     def _stepped(self, seed: int, numbers: np.ndarray) -> FlightStatistics:
-        """Statistics of one batch, flown step by step."""
+        """Statistics of the batch with these numbers (N,), flown step by step where no kernel can."""
         verdict = self.judged(self.draws(seed, numbers), effort=True)
         values = (verdict.failure(), verdict.settles, verdict.settled, *leaves(verdict.effort))
         arrays = [torch.as_tensor(x).cpu().numpy() for x in values]

@@ -122,7 +122,7 @@ class AgentPolicy(ActorCriticPolicy):
     """
 
     def _build(self, lr_schedule: Any) -> None:
-        """As SB3, with the last layer required by the head of the agent."""
+        """As SB3, with the last layer required by the head of the agent. SB3 calls it in its constructor."""
         super()._build(lr_schedule)
         extractor = self.features_extractor
         if not isinstance(extractor, NormalisedMlp):
@@ -148,7 +148,7 @@ class AgentPolicy(ActorCriticPolicy):
         return returned, value[:, None], policy.log_prob(action)
 
     def get_distribution(self, obs: Any) -> Distribution:
-        """As SB3."""
+        """SB3's distribution of the commands for observations (N, width), from the agent's own heads."""
         policy = self._evaluated(obs).policy
         distribution = cast("Any", self.action_dist)
         if isinstance(policy, ClippedGaussian):
@@ -176,7 +176,7 @@ class AgentPolicy(ActorCriticPolicy):
         episode_start: np.ndarray | None = None,
         deterministic: bool = False,
     ) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
-        """As SB3, see `predict`."""
+        """Commands (N, n) and next memory, as SB3's `predict` and `rans.policy.predict.predict`."""
         return predict(network_of(self), observation, state, episode_start, deterministic)
 
 
@@ -224,6 +224,7 @@ def write_policy(
     with torch.no_grad():
         for name, path in names.items():
             path.copy_(tensors[name])
+    # What SB3 reads, beside the file that RANS reads.
     optimizer = policy.optimizer.state_dict()
     if adam:
         optimizer["state"] = adam
@@ -240,6 +241,7 @@ def write_policy(
     agent = agent_bytes(architecture, tensors, settings, steps, adam or {}, rate)
 
     def write(draft: Path) -> None:
+        """Write SB3's archive into a draft, and the agent's file beside it in the same archive."""
         with draft.open(
             "w+b"
         ) as stream:  # not a path: SB3 adds ".zip" to one that has another ending

@@ -181,7 +181,7 @@ class Pulsed(Actuators):
         return [self._width(duty) * (1.0 / self.counts) for duty in command]
 
     def pulses(self, command: Command) -> Iterator[tuple[Field, Command]]:
-        """See `Actuators.pulses`: pieces end at every count, or at the sorted closing times if these are fewer."""
+        """Pieces that end at every count, or at the closing times if fewer; see `Actuators.pulses`."""
         widths = [self._width(duty) for duty in command]
         begun = past = 0.0
         regular = self.counts <= len(widths) + 1

@@ -34,7 +34,7 @@ def along_arc(p: Vec3, v: Vec3, radius: Field, climb: Field) -> tuple[Vec3, Vec3
 
 
 def from_arc(p: Vec3, v: Vec3, radius: Field, climb: Field) -> tuple[Vec3, Vec3]:
-    """Position and velocity in the Hill frame of what `along_arc` gives; arguments are alike."""
+    """Position (m) and velocity (m/s) in the Hill frame of what `along_arc` gives; arguments are alike."""
     angle = p.y / radius
     turning = (v.y - climb * angle) / radius
     distance = radius + p.x

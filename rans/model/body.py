@@ -89,6 +89,7 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
     def in_fields(
         bounds: Mapping[str, str], written: tuple[Any, ...], usual: tuple[Any, ...]
     ) -> tuple[Any, ...]:
+        """Values as fields, in the order of ``bounds``; what was not written is usual. A wrong count is refused."""
         if len(written or usual) != len(usual):
             raise ConfigError(
                 f"the body's {next(iter(bounds)).split()[0]} has {len(written)} entries; this "

@@ -131,6 +131,7 @@ def part(
         between = Rotation.from_quat(np.array(attitude, float), scalar_first=True)
     centre = _three(state.p.columns())
     speed = _three(state.v.columns())
+    # Each part's centre of mass moves with the joined craft's spin.
     results = []
     count = len(first.stores)
     own = (state.stores[:count], state.stores[count:])
@@ -150,7 +151,7 @@ def part(
 
 
 def _moving(craft: Spacecraft, state: Any, which: str) -> _Moving:
-    """Motion of a craft, or `ConfigError`."""
+    """Motion of a craft in W, in arrays (3,); `ConfigError` if the state is of another craft, or it has a tank."""
     if len(state.p.columns()) != craft.dimension or len(state.stores) != len(craft.stores):
         raise ConfigError(
             f"the state of the {which} craft has {len(state.p.columns())} components of position and "
@@ -209,7 +210,7 @@ def _state(
     turn: Rotation,
     stores: tuple[float, ...],
 ) -> Any:
-    """A state of the same kind."""
+    """A state of the same kind as another, from position, velocity and spin (3,) in W; its own spin is in B."""
     x, y, z = map(float, p)
     u = tuple(map(float, v))
     if isinstance(like, PlanarState):

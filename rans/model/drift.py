@@ -109,7 +109,7 @@ class UniformGravity(Drift):
             )
 
     def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
-        """Position and velocity after a time t (s) on a parabola.
+        """Position (m) and velocity (m/s), vectors of fields, after a time t (s) on a parabola.
 
         Raises:
             ConfigError: the acceleration has another dimension than the position.
@@ -151,7 +151,7 @@ class ClohessyWiltshire(Drift):
             )
 
     def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
-        """Position and velocity after a time t (s), in closed form.
+        """Position and velocity, vectors of fields, after a time t (s), in closed form.
 
         1 - cos(n t) is computed as 2 sin(n t / 2)^2, which keeps its digits at short times.
         """
@@ -168,7 +168,7 @@ class ClohessyWiltshire(Drift):
         return Vec3(x, y, z), Vec3(v_x, v_y, v_z)  # pyrefly: ignore[bad-return]
 
     def kicked(self, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
-        """As `carry` from W's origin, without its terms of the position."""
+        """As `carry` from W's origin with a velocity v (m/s) and without its terms of the position; t in s."""
         s, rise, by_s, by_rise, along = self._transition(t, v.x)
         x = v.x * by_s + v.y * by_rise
         y = v.y * along - v.x * by_rise

@@ -1,8 +1,9 @@
 """Equations of motion, written once over fields; torch, NumPy and CasADi run the same source.
 
-World frame W, body frame B at the centre of mass. Thrust is constant in B over a control period (zero-order
-hold) or over each of its pieces. Disturbances are constant in W. Without both, a spacecraft follows its drift
-(`rans.model.drift`); there is no friction.
+World frame W, body frame B at the centre of mass. Thrust is constant in B over a control period (zero-order hold)
+or over each of its pieces. Disturbances are constant in W. Without both, a spacecraft follows its drift
+(`rans.model.drift`); there is no friction. Kernels, controllers and certificates trace this source: the order of
+operations decides recorded flights bit by bit.
 """
 
 from __future__ import annotations
@@ -116,7 +117,7 @@ class Wrench:
 def thrust(
     craft: Spacecraft, command: Sequence[Field], body: Body | None = None
 ) -> tuple[Field, ...]:
-    """Share of its full force that each thruster gives, after faults and the limit of the supply.
+    """Shares (fields) of its full force that each thruster gives, after faults and the limit of the supply.
 
     Args:
         craft: spacecraft.
@@ -179,7 +180,7 @@ def wrench(craft: Spacecraft, command: Sequence[Field], body: Body | None = None
 
 
 def wrench_of(craft: Spacecraft, openings: Sequence[Field], body: Body | None) -> Wrench:
-    """Wrench of thrusters that give these shares of their full force; linear in the shares."""
+    """Wrench in B about the true centre of mass (N, N m) of thrusters with these shares, linear in them."""
     forces = [thruster.force for thruster in craft.thrusters]
     exhaust = None if craft.propellant is None else _dot(openings, forces)
     planar = craft.dimension == 2
@@ -285,6 +286,7 @@ def advance(
     swell = None
     if growth is not None:
         swell = (growth[0], (growth[1] - growth[0]) * (1.0 / substeps))
+    # Each substep begins where the lines of the wrench then are.
     state = _relative_to(state, drift, 1.0)
     for _ in range(substeps):
         load = _Load(applied, change, disturbance, body, drift, momentum, swell, rotors)
@@ -405,6 +407,7 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
     if whole is not None:
         frames: list[Any] = [drift.turn(node * h) for node, _ in rule]
         starts = [frame.inverse().times(state.attitude) for frame in frames]
+    # Spin and attitude in the axes of B at the start; torques constant in W turn with it.
     torque = [load.thrust.torque, *([] if load.change is None else [load.change.torque])]
     steady = None
     carried = []

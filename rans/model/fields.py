@@ -350,7 +350,7 @@ class Quat(Attitude):
     z: Field
 
     def rotate(self, v: Vec3) -> Vec3:
-        """Vector expressed in W, from v expressed in B: (w^2 - u.u) v + 2 (u.v) u + 2 w u x v, u = (x, y, z).
+        """Vector expressed in W, from a vector v in B: (w^2 - u.u) v + 2 (u.v) u + 2 w u x v, u = (x, y, z).
 
         For a quaternion that is not of unit length this form scales the vector but still rotates it exactly; the
         shorter v + 2 u x (u x v + w v) does not.
@@ -361,7 +361,7 @@ class Quat(Attitude):
         return along + u.cross(v).scale(2.0 * w)
 
     def times(self, other: Quat) -> Quat:
-        """Hamilton product: first the other rotation, then this one."""
+        """Hamilton product of fields: first the other rotation, then this one; it is not normalised."""
         a = self
         b = other
         return Quat(

@@ -140,7 +140,7 @@ def _mode(craft: Spacecraft) -> str:
 
 
 def _numbers(values: Sequence[float], count: int, what: str) -> np.ndarray:
-    """Numbers (count,), or `ConfigError`."""
+    """Finite numbers as an array (count,), or `ConfigError`."""
     sentence = f"the {what} must be {count} finite numbers, got {brief(values)}."
     try:
         found = np.atleast_1d(np.array(values, dtype=float))

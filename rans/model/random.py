@@ -1,4 +1,7 @@
-"""Counter-based random numbers: the draws of an episode are a function of its seed and number alone."""
+"""Counter-based random numbers: the draws of an episode are a function of its seed and number alone.
+
+Engines, kernels and pages draw the same numbers, so that the order of draws is part of every recorded flight.
+"""
 
 from __future__ import annotations
 
@@ -51,6 +54,8 @@ def generator(seed: int) -> np.random.Generator:
 
 def hash4(a: Field, b: Field, c: Field, d: Field) -> tuple[Field, ...]:
     """Four random 32-bit words from four counters, each an int32 field with wrap-around arithmetic.
+
+    Every scenario follows from it: a change changes all starts (`tests/test_scenario.py`).
 
     Source: PCG4D of Jarzynski and Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020, the cheapest of
     their hashes from four words to four words that passes the statistical tests.
@@ -130,7 +135,7 @@ class Random:
         self._spare: Field = None
 
     def unit(self) -> Field:
-        """Uniform in [0, 1): a multiple of 2^-24, and thus the same in float32 and float64."""
+        """Uniform in [0, 1), the next word of a hash: a multiple of 2^-24, the same in float32 and float64."""
         if not self._words:
             low, high = (self._episode * 0 + word for word in self._key)
             self._words = hash4(self._episode, self._episode * 0 + self._block, low, high)
@@ -159,7 +164,10 @@ class Random:
         )
 
     def normal(self) -> Field:
-        """Draw from the standard normal distribution (Box and Muller, 1958)."""
+        """Draw from the standard normal distribution (Box and Muller, 1958).
+
+        Every second call takes the number that the one before left.
+        """
         if self._spare is not None:
             result = self._spare
             self._spare = None

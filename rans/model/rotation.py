@@ -149,7 +149,7 @@ def symmetric_times(entries: Sequence[Field], v: Vec3) -> Vec3:
 
 
 def symmetric_inverse(entries: Sequence[Field]) -> tuple[Field, ...]:
-    """Inverse of a symmetric 3x3 tensor by cofactors, as its six entries."""
+    """Inverse of a symmetric 3x3 tensor by cofactors; entries (fields) in the order xx, xy, xz, yy, yz, zz."""
     xx, xy, xz, yy, yz, zz = entries
     a = yy * zz - yz * yz
     b = xz * yz - xy * zz

@@ -1,8 +1,9 @@
 """Description of a spacecraft: mass properties and the geometry of its effectors.
 
 A spacecraft is described in a body-fixed frame G with an origin of the author's choice. The body frame B of the
-equations has the same axes and its origin at the centre of mass. Derived quantities such as wrenches are
-computed from the description.
+equations has the same axes and its origin at the centre of mass. Derived quantities such as wrenches are computed
+from the description. Every trained network has the order of its commands; a new field needs a default, since files
+of agents lack it.
 """
 
 from __future__ import annotations
@@ -465,6 +466,7 @@ def check_spacecraft(craft: Spacecraft) -> None:
         _require(holds, craft, key, getattr(craft, key), bound)
     has_name = isinstance(craft.name, str) and bool(craft.name.strip())
     _require(has_name, craft, "name", craft.name, "a non-empty text")
+    # Parts and their numbers, then what they give together.
     for key in ("thrusters", "solids", "wheels", "further_effectors"):
         _require(isinstance(getattr(craft, key), tuple), craft, key, getattr(craft, key), "a tuple")
     if not craft.command_count:
@@ -710,8 +712,9 @@ def wrenches_either_way(craft: Spacecraft) -> np.ndarray:
 def positively_spans(columns: np.ndarray) -> bool:
     """Whether the columns (n, m) positively span R^n: sums with factors >= 0 give every vector.
 
-    This is the case if and only if they span R^n and zero is a combination of them with strictly positive
-    factors (Davis, "Theory of positive linear dependence", 1954).
+    This is the case if and only if they span R^n and zero is a combination of them with strictly positive factors
+    (Davis, "Theory of positive linear dependence", 1954). It decides which craft are warned about, and which
+    `Allocation` takes.
     """
     columns = columns / np.linalg.norm(columns, axis=0)
     if np.linalg.matrix_rank(columns, tol=1e-9) < len(columns):

@@ -194,7 +194,7 @@ def _body_lines(craft: Spacecraft) -> Iterator[str]:
 
 
 def _actuator_lines(actuators: Actuators) -> Iterator[str]:
-    """Keys of the actuators: their kind and its numbers."""
+    """Lines of a file with the keys of the actuators: their kind, its numbers and what they mean."""
     meanings = {
         "counts": "steps into which valves divide a control period",
         "least": "shortest pulse, counts"

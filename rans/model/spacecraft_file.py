@@ -1,4 +1,7 @@
-"""Spacecraft from TOML files, read strictly: an unknown key is an error."""
+"""Spacecraft from TOML files, read strictly: an unknown key is an error.
+
+Errors name the key and its place; `to_toml` writes what this reads, and tests go both ways.
+"""
 
 from __future__ import annotations
 
@@ -173,7 +176,7 @@ def spacecraft_text(name_or_file: str | Path) -> str:
 
 
 def _file_text(given: str) -> str:
-    """Text of a user's file with the meshes that it names."""
+    """Text of a user's file with the meshes that it names, whose paths are relative to it; size is limited."""
     file = Path(given)
     if not os.path.exists(file) and not meant_file(file):
         raise ConfigError(
@@ -309,6 +312,7 @@ def _thrusters(tables: Any, key: str, lengths: tuple[int, ...]) -> tuple[Thruste
 
 
 def _thruster(table: dict[str, Any], index: int, lengths: tuple[int, ...]) -> Thruster:
+    """Thruster of the table with this number; a direction gets unit length, vectors have one of ``lengths``."""
     where = f"thruster {index}"
     _check_keys(table, ("direction", "force", "position"), ("supply",), where, f"{where}: ")
     direction = _unit(table["direction"], f"{where} direction", lengths)
@@ -365,7 +369,7 @@ def _effector(table: Any, key: str, kind: str, lengths: tuple[int, ...]) -> Any:
 
 
 def _further(tables: Any, key: str, lengths: tuple[int, ...]) -> tuple[Any, ...]:
-    """Effectors of the tables ``[[effector]]``."""
+    """Effectors of the tables ``[[effector]]`` in their order, which is that of their commands."""
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigError(f"{key} must be [[effector]] tables, got {brief(tables)}.")
     parts = []
@@ -394,7 +398,7 @@ def _solids(tables: Any, key: str) -> tuple[Solid, ...]:
 
 
 def _actuators(table: Any, key: str) -> Actuators:
-    """The kind of valves of a file, with its numbers."""
+    """The kind of valves of a file with its numbers, by `KINDS`; unknown kinds and keys are refused."""
     if not isinstance(table, dict) or "kind" not in table:
         raise ConfigError(f'{key} must be a table with the key "kind", got {brief(table)}.')
     kind = KINDS.get(_text(table["kind"], "kind"))
@@ -416,7 +420,7 @@ def _check_keys(
     where: str,
     prefix: str,
 ) -> None:
-    """Reject unknown keys, and tables without the required ones."""
+    """Reject unknown keys with the nearest allowed one, and tables without the required ones (`ConfigError`)."""
     allowed = sorted({*needed, *optional})
     for key in table:
         if key not in allowed:

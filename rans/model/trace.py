@@ -103,7 +103,7 @@ class Symbol:
 
     @classmethod
     def apply(cls, operation: str, *operands: Operand) -> Symbol:
-        """Result of an operation; that of constants is a constant."""
+        """Result of an operation on symbols and numbers, folded and simplified; equal ones are one object."""
         args = _alike(operation, operands)
         if all(arg.operation == "constant" for arg in args):
             return cls.constant(

@@ -191,7 +191,7 @@ def _possible(reach: float) -> float:
 
 
 def _balanced_by_programs(columns: np.ndarray) -> np.ndarray:
-    """`balanced` of thrusters with a shared supply."""
+    """`balanced` (2 d,) of thrusters (n, d) with a shared supply, by a linear program for each way."""
     from scipy.optimize import linprog
 
     count, width = columns.shape

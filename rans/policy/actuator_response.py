@@ -72,7 +72,7 @@ class Response(NamedTuple):
         )
 
     def updated(self, innovation: Columns, variance: Field) -> Response:
-        """Response after the innovation of a reading, by recursive least squares.
+        """Response after a reading's innovation, by recursive least squares.
 
         Args:
             innovation: velocity as read less velocity as predicted, m/s or rad/s in B.

@@ -69,7 +69,7 @@ class Allocated(Backbone):
         return architecture.last.weights * _width(architecture.tokens)
 
     def outputs(self, network: NetworkView, features: Tensor) -> Tensor:
-        """See `Backbone`."""
+        """Outputs (N, n) for features (N, features and what is known): shares or log-odds; see `Backbone`."""
         architecture = network.architecture
         weight, bias = architecture.last.folded(*network.layer("action_net"))
         features, known = features.tensor_split([architecture.features], dim=-1)
@@ -104,7 +104,7 @@ class Allocated(Backbone):
         return opened
 
     def traced(self, program: Program, architecture: ArchitectureView, features: str) -> str:
-        """See `Backbone`."""
+        """As `outputs`, written into a program whose row it returns; tests compare both. See `Backbone`."""
         width = _width(architecture.tokens)
         demand = program.dense(features, "head", width, architecture.features)
         symbols = inputs("demand", width)

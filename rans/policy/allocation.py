@@ -147,6 +147,7 @@ def shares(
     left = list(demand)
     result: list[Field] = [0.0] * len(columns)
     order = in_order(columns)
+    # One thruster at a time, with the demand that the others leave.
     for turn in range(passes):
         for k in order:
             column = [float(x) for x in columns[k]]

@@ -243,6 +243,7 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
                 RansWarning,
                 stacklevel=2,
             )
+    # What changes with the craft; weights stay.
     tokens = effects(craft, period)
     bound = farthest(craft, own)
     farthest_lost = _farthest_lost(craft, own, tokens) if old.adapts else 0.0

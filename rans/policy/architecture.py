@@ -172,7 +172,7 @@ class Architecture:
         return of_authority.layout(self.layout)
 
     def preprocessed(self, observation: Columns) -> list[Field]:
-        """Columns of a reading (`read_count`), of those of an observation."""
+        """Columns of a reading (`read_count`), of those of an observation; all are fields, as everywhere here."""
         if self.authority and not self.adapts:
             from rans.policy import authority as of_authority
 
@@ -303,7 +303,7 @@ class Architecture:
         return modules | BACKBONES[self.backbone].modules(self)
 
     def _layers(self, width: int, layers: Sequence[int]) -> nn.Sequential:
-        """Dense layers with an activation after each."""
+        """Dense layers with an activation after each; their order decides the names of weights in files."""
         return nn.Sequential(
             *(
                 module

@@ -99,7 +99,7 @@ class Authority(NamedTuple):
         return cls(period, linear, angular, min(linear), min(angular), reach)
 
     def faster(self, linear: Field, angular: Field) -> Authority:
-        """The authority with accelerations times factors."""
+        """The authority with linear and angular accelerations times factors, fields."""
         return self._replace(
             linear=[linear * x for x in self.linear],
             angular=[angular * x for x in self.angular],
@@ -322,7 +322,7 @@ def _place_of_rest(
     time: Field,
     factor: Field = 1.0,
 ) -> list[Field]:
-    """Error along each axis after a time without thrust and then a braking, by a factor times ``ways``."""
+    """Error along each axis after a time (s) without thrust and then a braking, by ``factor`` times ``ways``."""
     return [
         e
         - v * time
@@ -381,7 +381,7 @@ def of_body(
     farthest: tuple[Field, Field] | None = None,
     frugality: Frugality = AS_TRAINED,
 ) -> list[Field]:
-    """Columns of an observation whose vectors are in B; see `of_observation`."""
+    """Columns of an observation whose fields are in B; see `of_observation`. The order of changes is trained."""
     dimension = _dimension(observed)
     axes = 2 * dimension - 3
     velocity, spin = body[:dimension], body[dimension : dimension + axes]

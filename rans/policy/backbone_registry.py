@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def _checked(loaded: Any) -> Backbone:
-    """An object of the class, checked to be a backbone."""
+    """An object of the class, checked to be a backbone (`ConfigError`)."""
     from rans.policy.backbones import Backbone  # needs torch, which names do not
 
     if not (isinstance(loaded, type) and issubclass(loaded, Backbone)):

@@ -97,7 +97,7 @@ class Filters(NamedTuple):
 
     @property
     def each(self) -> tuple[Filter, ...]:
-        """The filters."""
+        """The filters, in the order in which their estimates follow one another in an observation."""
         return tuple(
             Filter(
                 drift=drift,
@@ -145,7 +145,10 @@ class Filters(NamedTuple):
     def after(
         self, layout: Layout, read: Columns, memory: Columns, command: Columns
     ) -> list[Field]:
-        """Memory after a reading and a command (thrusters,); other arguments as of `estimates`."""
+        """Memory after a reading and a command (thrusters,); other arguments as of `estimates`.
+
+        Its order is that of `estimates`.
+        """
         reading = self._gated(layout, read, memory)
         with_memory = list(self._with_memory(layout, memory))
         after = [

@@ -25,7 +25,8 @@ def cross(a: Columns, x: Columns) -> list[Field]:
 def vector_in_rotated_frame(x: Columns, half_turn: Columns) -> list[Field]:
     """Components of a vector in a frame that has rotated by about twice ``half_turn``, rad.
 
-    Cayley's transform, which keeps lengths exactly: the angle is 2 atan |half_turn|.
+    Cayley's transform, which keeps lengths exactly: the angle is 2 atan |half_turn|. The vector x and the half turn
+    have one component in the plane, or three.
     """
     scale = 2.0 / (1.0 + sum(a * a for a in half_turn))
     once = cross(half_turn, x)

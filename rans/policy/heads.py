@@ -204,7 +204,7 @@ class GatedGaussian(NamedTuple):
         certain as throttles: as often as not a gate of even odds would push for no reason.
 
         Bengio, Leonard and Courville, "Estimating or propagating gradients through stochastic neurons for
-        conditional computation", 2013: the straight-through estimator.
+        conditional computation", 2013: the straight-through estimator. Actions and gates are (N, n).
         """
         fires, throttle = self._drawn(uniform, self.log_std.exp())
         probability = torch.sigmoid(self.logit)
@@ -406,7 +406,7 @@ class GuidedHead(Head):
     def distribution(
         self, outputs: Tensor, log_std: Tensor | None, advice: Tensor | None = None
     ) -> ClippedGaussian:
-        """See `Head`; a command's standard deviation is proportional to the recommendation.
+        """A command's standard deviation is proportional to the recommendation (N, n); see `Head`.
 
         Exploration so ends where nothing is left to be done. The entropy is that of the shares.
         """

@@ -197,7 +197,7 @@ class Filter(NamedTuple):
         return [*state.columns, xx, xv, vv, *responses]
 
     def _unpacked(self, layout: Layout, memory: Columns) -> _State:
-        """State of a memory, the inverse of `_packed`."""
+        """State of a memory, the inverse of `_packed`, whose order is that of trained networks."""
         size = self._width_without_responses(layout)
         columns = memory[: layout.width]
         rest = memory[layout.width : size]
@@ -216,7 +216,7 @@ class Filter(NamedTuple):
     # The update by a reading.
 
     def _updated(self, layout: Layout, read: Columns, prediction: _State) -> _State:
-        """State after a reading: the prediction, corrected by Kalman's gains times the innovation."""
+        """State after a reading: the prediction, corrected by Kalman's gains times the innovation, in B."""
         # Gains of poses, velocities and accelerations, each for the innovations of pose and of velocity.
         # A reading's noise is the unit, so that its variance is 1.
         xx, xv, xa, vv, va, aa = prediction.covariance
@@ -306,7 +306,7 @@ class Filter(NamedTuple):
     def _updated_responses(
         self, prediction: _State, innovations: tuple[Columns, Columns]
     ) -> tuple[Response, ...]:
-        """Responses after the innovations of velocity and spin; empty if the filter does not estimate them."""
+        """Responses after the innovations of velocity and spin (m/s, rad/s); empty if they are not estimated."""
         xx, _, _, vv, *_ = prediction.covariance
         return tuple(
             response.updated(innovation, (vv + 1.0) * strongest**2).restarted(
@@ -332,7 +332,8 @@ class Filter(NamedTuple):
     def _predicted(self, layout: Layout, state: _State, command: Columns) -> _State:
         """State a period later of a rigid body on which only thrusters and steady accelerations act.
 
-        Forces are constant in B; its rotation within the period is taken into account to first order.
+        Forces are constant in B; its rotation within the period is taken into account to first order. Drift and
+        responses are those of the filter; `command` has a number (0 to 1) a thruster.
         """
         # Changes of velocity and of spin in B, by thrusters and by steady accelerations.
         axes = len(self.push[0])

@@ -1,4 +1,7 @@
-"""The actor-critics of K members as one network: every weight and statistic is stacked to (K, ...)."""
+"""The actor-critics of K members as one network: every weight and statistic is stacked to (K, ...).
+
+Executors and exported files are compared with it; torch's own order of sums is theirs to rounding only.
+"""
 
 from __future__ import annotations
 
@@ -84,7 +87,7 @@ class Network(Remembering):
         dtype: torch.dtype,
         preprocessor: MakePreprocessor = TorchPreprocessor,
     ) -> Network:
-        """A copy of K members' weights and statistics."""
+        """A copy of K members' weights and statistics on a device, stacked to (K, ...); one member has no K."""
         lead = torch.stack if len(tables) > 1 else lambda lone: lone[0].clone()
         return cls(
             architecture,

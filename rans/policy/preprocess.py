@@ -95,7 +95,7 @@ class TorchPreprocessor(ColumnExecutor):
         return torch.stack(columns, dim=1), which
 
     def next_filter_memory(self, rows: Tensor) -> Tensor:
-        """See `ColumnExecutor`."""
+        """Next memory (N, m) of filters from rows (N, body, memory and command); see `ColumnExecutor`."""
         architecture = self._architecture
         if architecture.adapts:
             adaptation = architecture.adaptation

@@ -51,7 +51,7 @@ class Prospect(NamedTuple):
 
     @property
     def reason(self) -> str:
-        """Why flights will not settle; "" if all are expected to."""
+        """Why flights will not settle, for a sentence; "" if all are expected to."""
         if self.margin < MARGIN.low:
             return f"its authority margin is {self.margin:.2g}, and hardly a craft below {MARGIN.low:g} settles"
         if self.margin < self.sure:

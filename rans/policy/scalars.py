@@ -197,7 +197,7 @@ class _Stages:
         self._uses = Counter([*requested, *(name for step in steps for name in step.inputs)])
 
     def through(self, step: Step, row: Sequence[Field]) -> Sequence[Field]:
-        """Record a layer, and give inputs that stand for its outputs; see `Dense`."""
+        """Record a layer in `stages`, and give inputs that stand for its outputs; see `Dense`."""
         source, weight, bias = step.inputs
         (name,) = step.outputs
         units = int(step.attributes["units"])
@@ -220,7 +220,7 @@ def _row(values: Iterable[Field], shape: tuple[int, ...] | None = None) -> Row:
 
 
 def _result(step: Step, arguments: Sequence[Any], dense: Dense, gather: Gather | None) -> Any:
-    """Value of a step, or its values for a split."""
+    """Value of a step, an array of fields, or its values for a split; new operations are a case here."""
     operation = step.operation
     if operation in _EACH:
         return _each(_EACH[operation], [np.asarray(x, object) for x in arguments])
@@ -277,7 +277,7 @@ def _number(x: Any) -> Field:
 
 
 def _largest(values: Sequence[Field]) -> _ArgMax:
-    """Index of the largest value; of equal ones the first."""
+    """Index of the largest field as conditions, of equal ones the first: as NumPy's and torch's argmax."""
     best = values[0]
     conditions = []
     for value in values[1:]:

@@ -79,7 +79,7 @@ def timing_for(craft: Spacecraft, usual: Timing, period: float | None = None) ->
 
 
 def _period(craft: Spacecraft, own: Authority) -> float:
-    """Control period for a craft with an authority, s."""
+    """Control period for a craft with an authority, s, short enough that it turns and pulses gently."""
     short, long = PERIODS
     slow = own.least_angular * long <= LARGEST_TURN
     if craft.dimension == 2:

@@ -370,7 +370,7 @@ def _check_alike(first: Any, second: Any, section: str) -> None:
 
 
 def _mixed(parts: Sequence[Any], ends: Sequence[float], chance: Field) -> Any:
-    """The first part with the ranges of the part to whose share of [0, 1) the number belongs."""
+    """The first part with the ranges of the part to whose share of [0, 1) the field ``chance`` belongs."""
     changed: dict[str, Any] = {}
     for range_field in fields(parts[0]):
         values = [getattr(part, range_field.name) for part in parts]
@@ -389,7 +389,7 @@ def _mixed(parts: Sequence[Any], ends: Sequence[float], chance: Field) -> Any:
 
 
 def piecewise(values: Sequence[float], ends: Sequence[float], chance: Field) -> Field:
-    """Value to whose share of [0, 1) the number belongs; ``ends`` are the ends of all shares but the last."""
+    """Value (field) to whose share of [0, 1) ``chance`` belongs; ``ends`` are those of all shares but the last."""
     zero = chance * 0.0
     last = values[0]
     result = zero + last
@@ -446,7 +446,7 @@ _BOUNDS: tuple[tuple[str, Callable[[Any], Any], str], ...] = (
 
 
 def _check_faults(faults: FaultConditions) -> None:
-    """Reject thrusters that cannot be chosen so."""
+    """Reject (`ConfigError`) more faults than are possible, and named thrusters beside drawn ones."""
     one_of("faults.among", faults.among, get_args(FaultChoice))
     limit = MOST_FAULTS if faults.among == "any" else 2
     bound = f'at most {limit} with faults.among = "{faults.among}"'

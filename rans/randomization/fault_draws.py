@@ -96,7 +96,7 @@ def _scattered(faults: FaultConditions, thrusters: Field, random: Random) -> Los
 
 
 def _alike(faults: FaultConditions, craft: Spacecraft, count: Field, random: Random) -> Lost:
-    """A recoverable or an unrecoverable set of thrusters, all with the same fault kind."""
+    """A recoverable or an unrecoverable set of thrusters, all with one fault kind; three numbers in this order."""
     chance = random.unit()
     severity = random.within(faults.share)
     which = random.unit()
@@ -112,7 +112,7 @@ def _alike(faults: FaultConditions, craft: Spacecraft, count: Field, random: Ran
 def _places(
     faults: FaultConditions, craft: Spacecraft, count: int, chance: Field, which: Field
 ) -> tuple[Field, ...]:
-    """Indices of the thrusters of a set of ``count``, for the fault kind that ``chance`` selects."""
+    """Indices (fields) of the thrusters of a set of ``count``, for the fault kind that ``chance`` selects."""
     by_count: dict[tuple[tuple[int, ...], ...], tuple[Field, ...]] = {}
     result: tuple[Field, ...] = ()
     for k, kind in enumerate(faults.kinds):
@@ -142,7 +142,7 @@ def _member(sets: Sequence[tuple[int, ...]], which: Field) -> tuple[Field, ...]:
 
 
 def _failure(kinds: Sequence[FaultKind], chance: Field, severity: Field) -> tuple[Field, Field]:
-    """Gain and leak of the fault kind that a number in [0, 1) selects."""
+    """Gain and leak (fields) of the fault kind that a number in [0, 1) selects, all kinds alike."""
     none = chance * 0.0
     full = chance * 0.0 + 1.0
     gain, leak = failed(kinds[0], severity, none, full)

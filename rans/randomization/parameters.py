@@ -144,7 +144,7 @@ class EpisodeParameters:
     """Standard deviation of each thrust over its force, drawn anew in every control period."""
 
     def body_at(self, time: Field) -> Body:
-        """Body at a time since the start of the episode, s."""
+        """Body at a time since the start of the episode (s), with the fault once it has begun."""
         if self.fault is None:
             return self.body
         failed = time >= self.fault.begins
@@ -202,7 +202,8 @@ class EpisodeParameters:
     def disturbance(self, step: Field, period: float) -> Wrench | None:
         """Disturbance wrench of a control period, constant in W; None if the conditions have no disturbances.
 
-        A sinusoidal disturbance has its value at the middle of the period.
+        A sinusoidal disturbance has its value at the middle of the period. `step` counts control periods, a field;
+        N and N m.
         """
         parts = [] if self.push is None else [self.push]
         if self.swing is not None:
@@ -216,7 +217,7 @@ class EpisodeParameters:
 
 
 def scaled(body: Body, factors: Sequence[Field]) -> Body:
-    """Body whose thrusters have forces times these factors."""
+    """Body whose thrusters have forces times these factors (fields); a gain or leak of 0 stays constant."""
     gain, leak = (
         tuple(
             x if isinstance(x, float) and x == 0.0 else x * k
@@ -306,6 +307,7 @@ def draw(
         further = random("effectors")
         factors = [further.within(conditions.factor(quantity)) for quantity in craft.factors]
         body = replace(body, factors=tuple(factors))
+    # Every effect has a stream of its own: a new one gets a new number in `_STREAMS`.
     pushes = conditions.disturbances
     return EpisodeParameters(
         number=number,

@@ -69,7 +69,7 @@ def implausible(conditions: Conditions, craft: Spacecraft) -> list[str]:
 
 
 def _pushes(every: Sequence[Conditions], craft: Spacecraft) -> Iterator[str]:
-    """Disturbances that are stronger than all effectors together."""
+    """Sentences of disturbances (N, N m) stronger than all effectors together, and of kicks that no craft takes."""
     wrenches = craft.wrenches
     force = float(np.linalg.norm(wrenches[:, : craft.dimension], axis=1).sum())
     torque = float(np.linalg.norm(wrenches[:, craft.dimension :], axis=1).sum())

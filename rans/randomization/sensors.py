@@ -107,6 +107,7 @@ def reading(
     """
     stores = states[0].stores  # effectors report them without delay or error
     state = replace(states[0], stores=())
+    # Each quantity's numbers: noise first, then whether it drops out.
     streams = [random(PER_STEP + quantity * 4) for quantity in range(4)]
     for age, old in enumerate(states[1:], 1):
         late = sensors.delay >= age

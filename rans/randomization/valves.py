@@ -129,7 +129,7 @@ def _between(first: Wrench, last: Wrench, fraction: Field) -> Wrench:
 
 
 def _either(condition: Field, first: Piece, second: Piece) -> Piece:
-    """The first piece where the condition is true, else the second."""
+    """The first piece where the condition is true, else the second, field by field."""
 
     def choose(a: Field, b: Field) -> Field:
         return where(condition, a, b)
@@ -164,7 +164,7 @@ def _once(before: Wrench, jump: Jump, lag: Lag, period: float) -> Iterator[Piece
 def _commanded(
     craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], period: float
 ) -> tuple[Wrench, list[Jump]]:
-    """Wrench at the start of the oldest command, and every later change."""
+    """Wrench at the start of the oldest command, and every later change; times are from this period's start, s."""
     when = []
     thrusts = []
     # Every thrust that was commanded, from the oldest on; a pulse is two changes.

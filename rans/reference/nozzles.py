@@ -107,7 +107,7 @@ class Nozzles:
             yield Segment(end, thrust, rate)
 
     def _flow(self, actuators: Actuators, commands: Sequence[np.ndarray], duration: float) -> _Flow:
-        """Flow through the valves over the control period; arguments as for `segments`."""
+        """Flow through the valves over the control period (s) by commands (N, n), the newest first."""
         patterns = [
             (begin - age * duration, self.force_shares(opened))
             for age, command in reversed(list(enumerate(commands)))

@@ -93,6 +93,7 @@ def spatial_inertia(
     xx, xy, xz, yy, yz, zz = left * moments
     mass = left * own([body.mass])[0]
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    # Off goes what is a body of its own: wheels, then masses that move.
     for wheel in craft.wheels:
         axis = np.array(wheel.axis)
         tensor -= 0.5 * wheel.inertia * (np.eye(3) - np.outer(axis, axis))
@@ -122,7 +123,7 @@ def thrust_pose(thruster: Thruster) -> RigidTransform:
 
 
 def mounted(craft: Spacecraft, body: Body, k: int) -> Iterator[Thruster]:
-    """Thrusters of spacecraft number k where they truly are, by the errors of their mountings."""
+    """Thrusters of spacecraft number k in G, where they truly are by the errors of their mountings (m)."""
     for number, thruster in enumerate(craft.thrusters):
         if not body.mountings:
             yield thruster
@@ -209,7 +210,10 @@ class OrbitForces(LeafSystem):
         self.total = self.DeclareVectorOutputPort("total", count, self._pull)
 
     def _pull(self, context: Context, output: BasicVector) -> None:
-        """Output of the system: generalised forces that act in a frame that turns, added to those of others."""
+        """Output of the system: generalised forces that act in a frame that turns, added to those of others.
+
+        In W; it writes the output and changes nothing else.
+        """
         state = np.array(self.state.Eval(context))
         total = np.array(self.others.Eval(context))
         masses = np.array(self.masses.Eval(context))

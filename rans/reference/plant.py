@@ -1,7 +1,7 @@
 """The judge: a Drake plant built from masses, inertia and thruster geometry, and none of our equations.
 
-It imports nothing of RANS but descriptions: a spacecraft, its actuators, its body, its drift (a test reads
-the imports). An error shared by the fast engine and the optimal controllers cannot be shared by their judge.
+It imports nothing of RANS but descriptions: a spacecraft, its actuators, its body, its drift (a test reads the
+imports). An error shared by the fast engine and the optimal controllers cannot be shared by their judge.
 
 States are rows of plain arrays, for the frame B at the centre of mass:
 
@@ -11,7 +11,8 @@ States are rows of plain arrays, for the frame B at the centre of mass:
 
 Behind them stands what effectors hold, in the order of the craft's ``stores``: propellant left, kg, and the
 absolute momentum of each reaction wheel about its axis, N m s. Commands are those of the thrusters, 0 to 1, then
-those of the wheels, -1 to 1.
+those of the wheels, -1 to 1. `tests/reference/test_plant.py` reads its imports: nothing of ours may enter, least of
+all equations.
 """
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged and leave ports untyped.
@@ -118,6 +119,7 @@ class Plant:
         """Where targets are on their orbits at time 0, rad."""
         self._given = np.zeros((count, sum(len(effector.places()) for effector in self._further)))
         """What further effectors give at each of their places."""
+        # The plant: bodies, joints, thrusters, wheels, then what drives them.
         builder = DiagramBuilder()
         self._plant = MultibodyPlant(time_step=0.0)
         builder.AddSystem(self._plant)
@@ -321,7 +323,7 @@ class Plant:
         return np.array(states)
 
     def _add_wheel(self, k: int, number: int) -> Joint:
-        """One wheel of one spacecraft, with its motor."""
+        """Wheel ``number`` of spacecraft number k as a body with a joint, and the motor that turns it."""
         wheel = self.craft.wheels[number]
         name = f"W{number} of G{k}"
         body = self._plant.AddRigidBody(name, wheel_inertia(self.craft, wheel))
@@ -370,7 +372,7 @@ class Plant:
         return propeller, thrust
 
     def _export_forces(self, builder: DiagramBuilder) -> None:
-        """The input for disturbances, through the orbit's pull where there is an orbit."""
+        """The input for disturbances, through the orbit's pull where there is an orbit. Sets `_orbit`."""
         forces = self._plant.get_applied_generalized_force_input_port()
         if self._frame is None:
             for mass in self._masses:
@@ -438,7 +440,7 @@ class Plant:
         return np.array([wheel.axis for wheel in self.craft.wheels]).reshape(-1, 3).T
 
     def _drive(self, commands: np.ndarray, momenta: np.ndarray, duration: float) -> None:
-        """Motors give the commanded torque, or what keeps the momentum within its limit for the duration (s)."""
+        """Motors give the commanded torque (N, wheels), or what keeps momenta in limits for a duration (s)."""
         if not self.craft.wheels:
             return
         strongest, largest = np.array(
@@ -524,6 +526,7 @@ class Plant:
         per_share = np.array([t.force for t in self.craft.thrusters]) / tank.exhaust_speed
         left = left.copy()
         begin = 0.0
+        # Short steps within each segment, in which mass is nearly constant.
         for end, thrust, rate in segments:
             steps = math.ceil(_WEIGHINGS * (end - begin) / duration)
             if np.any(rate):
@@ -557,7 +560,7 @@ class Plant:
             begin = end
 
     def _set(self, states: np.ndarray, commands: np.ndarray, duration: float = math.inf) -> None:
-        """Put states and commands into the context; of further effectors for a control period, s."""
+        """Put states (N, width) and commands (N, n) into the context, for a control period (s)."""
         states = self._with_stores(states)
         stores = states[:, self._width :]
         states = states[:, : self._width]
@@ -596,7 +599,7 @@ class Plant:
         self._open(self._nozzles.force_shares(opened), np.zeros(opened.shape))
 
     def _begin_further(self, commands: np.ndarray, stores: np.ndarray, duration: float) -> None:
-        """Begin a control period (s) of further effectors."""
+        """Begin a control period (s) of further effectors by commands (N, n) and stores (N, stores)."""
         commands = self._with_wheels(commands)
         first = self.craft.wheel_commands.stop
         bare = self._first_of_further(stores)
@@ -612,7 +615,7 @@ class Plant:
             self._given = np.hstack([effector.values(*begun) for effector, *begun in self._begun])
 
     def _open(self, thrust: np.ndarray, rate: np.ndarray) -> None:
-        """Shares of full force that nozzles give from now on, and how fast they change, 1/s."""
+        """Shares (N, n) of full force that nozzles give from now on, and how fast they change, 1/s."""
         if self._begun:
             thrust = np.hstack([thrust, self._given])
             rate = np.hstack([rate, np.zeros(self._given.shape)])
@@ -630,7 +633,7 @@ class Plant:
         self._simulator.get_system().GetInputPort("disturbance").FixValue(self._context, forces)
 
     def _get(self) -> np.ndarray:
-        """Read the states from the context."""
+        """Read the states (N, width) from the context, in the order of the module's head; it changes nothing."""
         q = self._plant.GetPositions(self._plant_context)[self._position]
         v = self._rows(self._plant.GetVelocities(self._plant_context))
         if self.craft.dimension == 2:

@@ -52,7 +52,7 @@ class TrainingProgress(Progress):
         self._terms = terms
 
     def show(self, row: dict[str, Any]) -> None:
-        """Show the newest row."""
+        """Show the newest row of metrics, as a live line or, without a terminal, now and then as text."""
         text = describe(row, self._total)
         self.update(self._bar, completed=row["steps"], description=text)
         if self.disable:
@@ -130,6 +130,7 @@ def watched() -> Iterator[Stages]:
     line = NotebookLine()
 
     def stage(name: str, total: int | None, /) -> Callable[[int], None]:
+        """Begin a stage of this name; returns what counts its work up (total None: unknown)."""
         done = 0
 
         def advance(count: int, /) -> None:

@@ -252,7 +252,7 @@ def goal_after(task: Task, goal: State, state: State, time: Field) -> State:
 def reward_terms(
     task: Task, transition: Transition, done: Field | None, violated: Field | None
 ) -> dict[str, Field]:
-    """Terms of a task's reward by name, with those for success and for violated constraints."""
+    """Terms (fields) of a task's reward by name, with those for success and for violated constraints."""
     terms = task.reward(transition)
     if not isinstance(terms, Mapping):
         raise ConfigError(

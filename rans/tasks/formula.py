@@ -140,7 +140,7 @@ def _text_and_strength(symbol: Symbol, divided: bool) -> tuple[str, int]:
 
 
 def _times(factor: float, rest: Symbol, divided: bool) -> tuple[str, int]:
-    """Text of a product with a number, and how strongly it binds."""
+    """Text of a product with a number, and how strongly it binds, which decides on parentheses."""
     sign = "-" if factor < 0 else ""
     size = abs(factor)
     if size == 0.5 and (beyond := _half_of(rest)) is not None:

@@ -104,7 +104,7 @@ class MultiTask(Task):
         return goal.notes.flag
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start and goal of the drawn task."""
+        """Start and goal of the drawn task, whose flag is in the goal's notes; every task draws."""
         parts = tuple(self.parts().values())
         draw = random.unit() * len(self.tasks)
         flag = draw * 0.0 + float(parts[0].flag)

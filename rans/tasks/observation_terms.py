@@ -238,7 +238,7 @@ class Block(NamedTuple):
     choices: tuple[Choice, ...] = ()
 
     def mirrored(self, columns: Columns, view: Turned, hand: Field, flag: Field) -> Columns:
-        """The columns in B under a symmetry of the spacecraft, for a task flag."""
+        """Columns (fields) in B under a symmetry of the spacecraft, for a task flag."""
         result = self.kind.mirrored(columns, view, hand)
         for choice, blocks in self.choices:
             images = [

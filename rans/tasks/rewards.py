@@ -207,7 +207,7 @@ def paid(terms: dict[str, Field], terminated: Field) -> tuple[dict[str, Field], 
     """Reward terms by name and their sum, with zeros where an episode has failed and the sum is not finite.
 
     The reward of a lost state is not defined, and trainers cannot use NaN. In an episode that continues NaN is
-    kept, because there the reward of the task is wrong, which trainers report.
+    kept, because there the reward of the task is wrong, which trainers report. Values are fields.
     """
     total = sum(terms.values())
     is_paid = finite(total) | ~terminated

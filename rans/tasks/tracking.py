@@ -92,7 +92,7 @@ class TrackVelocity(Tracking):
         return {"velocity": (goal.v - state.v).norm(), "spin": speed(state.spin())}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """Terms: exp(-error / scale) of the original system, a narrower copy, low spin, and prices."""
+        """Terms (fields): exp(-error / scale) of the original system, a narrower copy, low spin, and prices."""
         errors = self.errors(transition.state, transition.goal)
         velocity, spin = errors.values()
         return {
@@ -170,7 +170,7 @@ class TrackTwist(Tracking):
         return {"velocity": (goal.v - state.v).norm(), "spin": speed(spin_difference(state, goal))}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """Terms exp(-error / scale) of both velocities, narrower copies, and prices."""
+        """Terms (fields) exp(-error / scale) of both velocities, narrower copies, and prices."""
         errors = self.errors(transition.state, transition.goal)
         velocity, spin = errors.values()
         terms = {
@@ -239,7 +239,7 @@ class TrackVelocityHeading(Tracking):
         return {"velocity": (goal.v - state.v).norm(), "attitude": angle}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """Terms: exp(-error / scale) of both as in the original system, a narrower and a wider copy, and prices."""
+        """Terms (fields): exp(-error / scale) of both, a narrower and a wider copy, and prices."""
         errors = self.errors(transition.state, transition.goal)
         velocity, angle = errors.values()
         return {

@@ -143,6 +143,7 @@ class CpuActorCritic:
         starts = [sum(sizes[:at]) * WIDTH for at in range(len(sizes))]
 
         def tile(number: Value, _: list[Value]) -> list[Value]:
+            """Print both networks for tile ``number``: `WIDTH` columns, by way of ``scratch``."""
             first = code.mul(number, width)
             offsets = [code.add(first, LONG(v * LANES)) for v in range(TILE)]
             # Features of the tile, from observations, into the first rows of the scratch memory.

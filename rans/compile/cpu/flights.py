@@ -93,7 +93,7 @@ class CpuFlights:
         )
 
     def _memory(self, count: int) -> tuple[Any, ...]:
-        """This thread's; most calls are for as many flights."""
+        """This thread's memory for ``count`` flights, made anew only when the count changes."""
         memory = getattr(self._own, "memory", None)
         if memory is None or self._own.count != count:
             self._own.count = count

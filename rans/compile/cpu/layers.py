@@ -112,7 +112,7 @@ class CpuLayers:
         """Print all layers for one tile of `WIDTH` spacecraft after another."""
 
         def tile(number: Value, _: list[Value]) -> list[Value]:
-            """Print all layers for the `WIDTH` spacecraft of one tile."""
+            """Print all layers for one tile: `WIDTH` columns of ``rows`` become those of ``out``."""
             first = code.mul(number, LONG(WIDTH))
             source = code.at(rows, first, FLOAT)
             step = stride
@@ -139,4 +139,5 @@ class CpuLayers:
                 step = LONG(WIDTH)
             return []
 
+        # Rows are read once a tile; between layers they are in the scratch memory.
         code.repeat(tiles, [], tile)

@@ -1,4 +1,7 @@
-"""Functions of vectors as machine code of this processor, by LLVM through llvmlite, which numba brings."""
+"""Functions of vectors as machine code of this processor, by LLVM through llvmlite, which numba brings.
+
+Users print only through `Code`, whose operations round as NumPy's do unless they say otherwise.
+"""
 
 from __future__ import annotations
 
@@ -120,7 +123,7 @@ class Code(ir.IRBuilder):
         return self.fdiv(self.fmul(x, above), below)
 
     def exp(self, x: Value) -> Value:
-        """The exponential of numbers below 88; below -87 its value there. Cephes' expf."""
+        """The exponential of numbers x below 88; below -87 its value there. Cephes' expf."""
         x = self.within(x, -87.0, 88.0)
         magic = self.everywhere(_MAGIC)
         rounded = self.times_plus(x, self.everywhere(math.log2(math.e)), magic)
@@ -142,7 +145,7 @@ class Code(ir.IRBuilder):
         return self.fmul(z, self._polynomial(self.fmul(z, z), [2 / k for k in range(15, 0, -2)]))
 
     def total(self, x: Value) -> Value:
-        """The sum of a vector's numbers, always in the same order."""
+        """The sum of a vector's `LANES` numbers, always by halves, so that runs agree bit by bit."""
         count = LANES
         while count > 1:
             count //= 2
@@ -162,7 +165,7 @@ class Code(ir.IRBuilder):
         return result
 
     def activation(self, name: str, x: Value) -> Value:
-        """One of `rans.policy.activations.ACTIVATIONS`, or none ("")."""
+        """One of `rans.policy.activations.ACTIVATIONS`, or none (""); it is torch's to rounding."""
         match name:
             case "tanh":
                 return self.tanh(x)
@@ -270,7 +273,7 @@ class MachineModule:
     def compiled(self, name: str) -> Callable[..., None]:
         """The function of this name, when all are there; arguments are addresses and whole numbers.
 
-        It lives as long as the program.
+        It lives as long as the program. The first call compiles the module, after which no function can be added.
         """
         if self._engine is None:
             # which is larger than the code

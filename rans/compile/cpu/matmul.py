@@ -1,7 +1,8 @@
 """Matrix products as printed machine code; columns are samples or spacecraft, `LANES` to a vector.
 
 Matrices are float32 in memory, row by row. A value that is called an array is the address of its first number, and
-strides are in numbers.
+strides are in numbers. The order of sums is fixed, so that a training is repeated bit by bit; strips are `ROWS`
+rows by `TILE` vectors.
 """
 
 from __future__ import annotations
@@ -39,12 +40,14 @@ def matrix_product(
 
     # Groups of as many rows as registers hold sums of.
     def group(first: Value, count: int) -> None:
+        """Print the sums of ``count`` rows from row ``first``, `TILE` vectors each, and hand them to ``finish``."""
         begins = [
             code.at(weights, code.mul(code.add(first, LONG(u)), LONG(steps[0])), FLOAT)
             for u in range(count)
         ]
 
         def summand(k: Value, sums: list[Value]) -> list[Value]:
+            """Print number k of the inner sums: a weight of each row times `TILE` vectors of the source's row k."""
             offset = code.mul(k, stride)
             along = code.mul(k, LONG(steps[1]))
             x = [code.read(source, code.add(offset, LONG(v * LANES))) for v in range(TILE)]
@@ -127,7 +130,11 @@ def row_correlations(
     rows, columns = shape
 
     def row_group(first_row: Value, group_rows: int) -> None:
+        """Print the products of ``group_rows`` rows of a with all rows of b."""
+
         def column_group(first_column: Value, column_count: int) -> None:
+            """Print the products of this group's rows with ``column_count`` rows of b, added to the output."""
+
             def vectors_at(
                 k: Value, x: Value, stride: Value, begin: Value, count: int
             ) -> list[Value]:
@@ -161,9 +168,11 @@ def row_correlations(
 
 
 def row_sums(code: Code, rows: int, a: Value, stride: Value, vectors: Value, output: Value) -> None:
-    """Print output (rows,) += the sum of each row of ``a``, of so many vectors."""
+    """Print output (rows,) += the sum of each row of ``a``, which has ``vectors`` vectors of `LANES` numbers."""
 
     def row_group(first: Value, count: int) -> None:
+        """Print the sums of ``count`` rows from ``first``, added to the output."""
+
         def summand(k: Value, sums: list[Value]) -> list[Value]:
             offset = code.mul(k, LONG(LANES))
             return [

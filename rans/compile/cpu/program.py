@@ -1,6 +1,7 @@
 """A traced program run by NumPy: every operation once, in memory that stays in a processor's caches.
 
 One that is run often becomes machine code, but for what only NumPy computes (`rans.compile.cpu.program_code`).
+Engines on a CPU rest on it: `tests/compile/cpu/test_program.py` asks for NumPy's bits.
 """
 
 from __future__ import annotations
@@ -96,7 +97,10 @@ class CompiledProgram:
 
     @cached_property
     def stretches(self) -> list[list[Callable[..., None] | _Operation]]:
-        """The parts as machine code where there is arithmetic, and operations of NumPy's between."""
+        """The parts as machine code where there is arithmetic, and operations of NumPy's between.
+
+        Fixes the machine module: a later change of the program would not be seen.
+        """
         groups = list[tuple[int, bool, list[_Operation]]]()
         for part, program in enumerate(self._programs):
             for operation in program:
@@ -157,7 +161,10 @@ class ProgramMemory:
         return self._inputs[symbol]
 
     def run(self, part: int) -> list[Any]:
-        """The values of one part's symbols; they are overwritten when it is run again."""
+        """The values of one part's symbols; they are overwritten when it is run again.
+
+        Counts runs, and compiles at run `_OFTEN`.
+        """
         if part == 0:
             self._runs += 1
             if self._runs == _OFTEN:

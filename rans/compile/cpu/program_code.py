@@ -74,7 +74,10 @@ def write_function(
     """
 
     def body(code: Code, memory: Value, stride: Value, vectors: Value) -> None:
+        """Print the loop over the vectors of a row."""
+
         def vector(number: Value, _: list[Value]) -> list[Value]:
+            """Print the symbols for vector ``number``: loads where needed, stores of what ``stored`` names."""
             values = dict[Symbol, Value]()
 
             def address(symbol: Symbol) -> Value:

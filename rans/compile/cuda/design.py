@@ -159,7 +159,7 @@ class Design:
         return 32 * 4 * self.stride_out
 
     def packed(self, tensors: Mapping[str, Tensor]) -> Tensor:
-        """Weights and statistics of one member in one piece, uint8 on the CPU, in the order of `places`."""
+        """Weights and statistics of one member in one piece, uint8 on the CPU; the kernel reads it at `places`."""
         table = {name: x.detach().cpu().float() for name, x in tensors.items()}
         mean = table[f"{EXTRACTOR}mean"]
         variance = table[f"{EXTRACTOR}variance"]
@@ -187,8 +187,8 @@ class Design:
         """Weights (units, width) as threads read them, part after part.
 
         For so many units ``together`` and 16 columns at a time, every thread of a warp finds its operands of
-        `mma.m16n8k16` side by side (PTX ISA, "Matrix fragments for mma.m16n8k16"); of the head's units,
-        columns come first.
+        `mma.m16n8k16` side by side (PTX ISA, "Matrix fragments for mma.m16n8k16"); of the head's units, columns
+        come first. Each weight is the sum of `parts` bfloat16 numbers, and the kernel reads this order.
         """
         rest = padded(weight, (units, width))
         parts = []

@@ -21,7 +21,7 @@ def open_ahead() -> None:
 
 
 def _open(number: int) -> None:
-    """Whatever fails here, fails again where somebody says so."""
+    """Begin the device's context for torch; a failure here is silent, because torch will report it."""
     try:
         driver = CDLL(LIBRARY)
     except OSError:

@@ -1,7 +1,7 @@
 """The text of a flight's kernel in CUDA C++, from its program and the design of its network.
 
-A thread flies one scenario after the other, a warp 32 at a time: what each sees goes through the network
-together.
+A thread flies one scenario after the other, a warp 32 at a time: what each sees goes through the network together.
+What it prints must equal the engine's own flights: tests run the text on a CPU and compare.
 """
 
 from __future__ import annotations
@@ -142,7 +142,10 @@ class _Writer(Lines):
         yield f"float* const outputs = reinterpret_cast<float*>({own} + {design.inputs_bytes // 16});"
 
     def _flight(self) -> Iterator[str]:
-        """Lines of the kernel: start of a flight, then a loop over its control periods."""
+        """Lines of the kernel: start of a flight, then a loop over its control periods.
+
+        Names that the loop's body gives to values are forgotten after it.
+        """
         program = self._program
         recalled = self._architecture.rows
         yield "const unsigned index = group * 32 + lane();"
@@ -253,7 +256,7 @@ class _Writer(Lines):
         yield "}"
 
     def _commands(self) -> Iterator[str]:
-        """The likeliest ones, of thrusters as the craft has them."""
+        """Lines that read the network's outputs and compute each command; names the outputs for what follows."""
         policy = self._program.policy
         (stage,) = policy.stages
         place = f"outputs[lane() * {self._design.stride_out} + {{}}]"

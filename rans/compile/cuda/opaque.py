@@ -38,7 +38,7 @@ def opaque(kernels: RowKernels) -> Callable[[int, Tensor], tuple[Tensor, Tensor]
 
 @cache
 def _operation() -> Callable[[int, int, Tensor], tuple[Tensor, Tensor]]:
-    """A kernel of some object, by the number of the object; torch knows an operation by its name alone."""
+    """Torch's operation for kernels of ours; its first argument is the number of an object in `_KNOWN`."""
 
     @torch.library.custom_op(
         "rans::rows",

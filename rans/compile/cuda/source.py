@@ -1,7 +1,8 @@
 """The text of a step's kernel in CUDA C++, from its program.
 
-A thread steps one spacecraft, or two neighbours, whose numbers it then reads and writes in pairs. Reads come
-first, so that they all wait together.
+A thread steps one spacecraft, or two neighbours, whose numbers it then reads and writes in pairs. Reads come first,
+so that they all wait together. `rans.fast.stepping.kernel` launches it; tests compile the same text for a CPU and
+compare with NumPy, so that an operand's order is not free.
 """
 
 from __future__ import annotations
@@ -60,6 +61,7 @@ def source(
         "const int processes",
         "const int ahead",
     )
+    # The arguments' order is that of `rans.fast.stepping.kernel`.
     return "\n".join(
         (
             f"typedef {real} real;",
@@ -79,7 +81,7 @@ class Lines:
         self.names: dict[Symbol, str] = {}
 
     def values(self, roots: Iterable[Symbol]) -> Iterator[str]:
-        """Lines that give names to the roots and to what they are made of."""
+        """Lines that name the roots and their operands in order; changes `names`, so that each is computed once."""
         for symbol in ordered(roots, computed=self.names):
             if symbol.operation == "input":
                 self.names[symbol] = symbol.value
@@ -190,7 +192,10 @@ class _Writer(Lines):
         yield from self._results(store for store in always if store in late)
 
     def _final_observation(self) -> Iterator[str]:
-        """One row where an episode ended, four numbers a write: 16 bytes of floats, the most there is."""
+        """One row where an episode ended, four numbers a write: 16 bytes of floats, the most there is.
+
+        Names within the branch are forgotten after it.
+        """
         finals = [store.value for store in self._program.at_end if store.array == "final"]
         yield from self.values(
             symbol for symbol in self._unnamed(finals) if symbol not in self._rare
@@ -213,7 +218,10 @@ class _Writer(Lines):
             yield f"{_name(store)}.of[k] = {self.operand(store.value)};"
 
     def _draw(self) -> Iterator[str]:
-        """By all threads of a warp where one episode ends: one alone would hold the others up as long."""
+        """By all threads of a warp where one episode ends: one alone would hold the others up as long.
+
+        Draws within the branch leave it by the variables drawn_N, which alone keep their names.
+        """
         ended = self.names[self._program.ended]
         kept = [store for store in self._program.at_end if store.array == "memory"]
         roots = [*self._drawn, *(store.value for store in kept)]

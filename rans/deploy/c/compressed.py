@@ -70,7 +70,7 @@ class Packed(NamedTuple):
         return np.packbits(flat, bitorder="little") if self.is_bits else flat
 
     def entry(self, name: str, row: str, column: str, width: int) -> str:
-        """Entry of a row and a column, in C."""
+        """Entry of a row and a column, all three as C text; ``width`` columns make a row."""
         blocks, longest = self.values.shape
         own = row if blocks == 1 or len(self.indices) > self.rows else f"{row} % {self.rows}"
         at = f"{own} * {width} + {column}" if width > 1 else own
@@ -103,6 +103,7 @@ class Stepped(NamedTuple):
 
     @classmethod
     def _in_bits(cls, table: np.ndarray, bits: int) -> Stepped | None:
+        """Rows as whole steps of a size of their own, exact to the last bit; None: some row is not."""
         largest = np.abs(table).max(axis=1)
         guess = np.where(largest > 0.0, largest / np.float32(STEPS[bits]), np.float32(1.0))
         size = guess.copy()

@@ -120,7 +120,7 @@ def filled(text: str, values: Mapping[str, Any]) -> str:
 
 
 def _ranges(columns: Sequence[Mapping[str, Any]], width: int) -> str:
-    """Tables of valid and of refused ranges."""
+    """C tables of the valid and refused ranges of ``width`` columns; valid ones have a slack for float32."""
     texts = []
     for name, slack in (("valid", 1e-5), ("refused", 0.0)):
         for end, side in (("low", 0), ("high", 1)):
@@ -136,7 +136,7 @@ def _ranges(columns: Sequence[Mapping[str, Any]], width: int) -> str:
 
 
 def _checked(pairs: Mapping[str, Any]) -> dict[str, Any]:
-    """Golden pairs, as agent_check.c has them."""
+    """Golden pairs (`rans.deploy.contract.golden`) as the names that agent_check.c has between its marks."""
 
     def flat(rows: Sequence[Sequence[float]]) -> str:
         return rows_of([literal(float(x)) for row in rows for x in row])

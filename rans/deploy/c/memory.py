@@ -19,7 +19,7 @@ class Scratch:
         self._taken: dict[str, tuple[int, int]] = {}
 
     def taken(self, name: str, size: int) -> int:
-        """First index of a new array: the lowest where it has room."""
+        """First index of a new array of ``size`` numbers, the lowest with room; remembers it and the total."""
         start = 0
         for first, end in sorted(self._taken.values()):
             if start + size <= first:

@@ -1,4 +1,8 @@
-"""The steps of a program as lines of one C function, and the tables that they read."""
+"""The steps of a program as lines of one C function, and the tables that they read.
+
+It prints what `rans.deploy.program` makes of a policy, in float32; `tests/deploy/c` compiles it and asks for the
+golden commands.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +78,7 @@ class Printer:
         return self._lines
 
     def tables(self) -> list[str]:
-        """Constant arrays that the lines use."""
+        """Constant arrays that the lines use, in the order of their first use; to be called after all lines."""
         texts = []
         for name in self._used:
             value = self._constants[name]
@@ -103,7 +107,7 @@ class Printer:
         self._lines.append(f"for (int i = 0; i < {size}; ++i) {{ {target}[i] = {text}; }}")
 
     def _value(self, name: str) -> Value:
-        """The C text, shape and kind of an operand."""
+        """The C text, shape and kind of an operand; constants get tables on first use, equal ones share one."""
         if name not in self._known:
             constant = self._constants[name]
             kind = "int" if constant.dtype.kind == "i" else "float"
@@ -152,7 +156,10 @@ class Printer:
             self._lines.append(f"const {value.kind} {value.text} = {text};")
 
     def _elementwise(self, step: Step) -> None:
-        """An operation on single numbers; those on arrays of a size that follow each other have one loop."""
+        """An operation on single numbers; those on arrays of a size that follow each other have one loop.
+
+        Lines wait in `_loop` until a step has another size or reads an entry of another place.
+        """
         name = step.outputs[0]
         values = [self._value(operand) for operand in step.inputs]
         shape = np.broadcast_shapes(*(array.shape for array in values))
@@ -199,7 +206,10 @@ class Printer:
         self._lines.append("}")
 
     def _print(self, step: Step) -> None:
-        """Print one step of the program: element-wise operations in a shared loop, others on their own."""
+        """Print one step of the program: element-wise operations in a shared loop, others on their own.
+
+        Ends the waiting loop first, so that lines keep the program's order.
+        """
         if step.operation in ROWS and step.outputs[0] not in self._scores.parts:
             self._elementwise(step)
             return
@@ -256,7 +266,8 @@ class Printer:
     def _split_table(self, name: str) -> list[str]:
         """Names of tables of its first rows and of the others, if they are smaller than it; else its own.
 
-        Prices of effectors are one of two numbers, and slopes before them are not.
+        Prices of effectors are one of two numbers, and slopes before them are not. Adds the halves to the
+        constants.
         """
         table = self._constants[name]
         if name not in self._packable:
@@ -276,7 +287,7 @@ class Printer:
         return halves
 
     def _product(self, step: Step) -> str:
-        """Entry i of a row times a table."""
+        """Entry i of a row (1, k) times a table (k, n), as one C expression."""
         row, table = step.inputs
         a = self._value(row)
         tables = [self._value(name) for name in self._halves.get(table, [table])]
@@ -287,7 +298,10 @@ class Printer:
         )
 
     def _split(self, step: Step, widths: Sequence[int]) -> None:
-        """Print the parts of a value along the last axis as values of their own."""
+        """Print the parts of a value along the last axis as values of their own.
+
+        One row needs no copy: its parts are places in it.
+        """
         value = self._value(step.inputs[0])
         rows = math.prod(value.shape[:-1])
         start = 0
@@ -305,7 +319,7 @@ class Printer:
             start += width
 
     def _concat(self, name: str, parts: Sequence[Value]) -> None:
-        """Set values side by side along the last axis."""
+        """Print values side by side along the last axis as one array; all have the same rows."""
         width = sum(part.shape[-1] for part in parts)
         outer = parts[0].shape[:-1]
         rows = math.prod(outer)
@@ -327,7 +341,10 @@ class Printer:
             start += own
 
     def _gemm(self, name: str, x: Value, weight: Value, bias: Value) -> None:
-        """Print a product of rows with a matrix, weight times x plus bias."""
+        """Print a product of rows with a matrix, weight times x plus bias.
+
+        `x` is (rows, inputs), the weight (outputs, inputs). Sums begin with the bias, as NumPy's form does.
+        """
         outputs, inputs = weight.shape
         if x.shape[0] > 1:
             self._rows_through(name, x, weight, bias)
@@ -356,7 +373,7 @@ class Printer:
         ]
 
     def _rows_through(self, name: str, x: Value, weight: Value, bias: Value) -> None:
-        """A layer of several rows."""
+        """Print a layer of several rows: x (rows, inputs), weight (outputs, inputs) and bias (outputs,)."""
         outputs, inputs = weight.shape
         rows = x.shape[0]
         result = self._result(name, (rows, outputs))
@@ -373,7 +390,7 @@ class Printer:
         ]
 
     def _products(self, name: str, a: Value, b: Value) -> None:
-        """A product of two matrices of one spacecraft."""
+        """Print a product of matrices a (1, rows, inner) and b (1, inner, columns) of one spacecraft."""
         first, rows, inner = a.shape
         columns = b.shape[-1]
         result = self._result(name, (first, rows, columns))
@@ -388,7 +405,7 @@ class Printer:
         ]
 
     def _reduced(self, step: Step) -> None:
-        """The largest number of each row, or their sum."""
+        """Print the largest number of each row, or their sum in the order of the columns."""
         value = self._value(step.inputs[0])
         width = value.shape[-1]
         result = self._result(step.outputs[0], (*value.shape[:-1], 1))
@@ -413,7 +430,7 @@ class Printer:
         ]
 
     def _argmax(self, step: Step) -> None:
-        """Number of the largest entry, the first of equal ones."""
+        """Print the number of the largest entry, the first of equal ones, as NumPy's argmax."""
         name = step.outputs[0]
         result = Value(variable(name), (1,), "int")
         if name in self._scores.whole:

@@ -1,6 +1,6 @@
 """Lower bounds for each start: the certificate where one exists, else the hull or the tube bound.
 
-docs/certificate.md proves all three.
+docs/certificate.md proves all three. A change must leave every bound below every control that is found, as tests ask.
 """
 
 from __future__ import annotations
@@ -413,6 +413,7 @@ def bounds_table(
     tube = ("tube bound",) if has_tube else ()
 
     def row(answer: Bound, cost: float) -> tuple[str, ...]:
+        """Row of the table for one start: hull, tube, ``cost`` of the trajectory, certified bounds and gap."""
         lower = answer.lower
         upper = answer.upper
         is_certified = lower is not None and lower < math.inf and answer.kind == "arrival"

@@ -128,7 +128,7 @@ class Contest:
         return np.array(seconds)
 
     def title(self) -> str:
-        """Title in one line: task, spacecraft, episodes and engine."""
+        """Title in one line: starts, spacecraft, time, task, conditions and engine."""
         world = (
             ""
             if self.conditions is None

@@ -84,7 +84,7 @@ class MissionBounds:
         return spent if math.isnan(ratio) else f"{spent} ({ratio:.3f})"
 
     def sentence(self, entries: Sequence[Entry]) -> str:
-        """Mean ratio of every contestant, in a sentence."""
+        """Mean ratio of every contestant's spending to the bound, and of how many starts, in a sentence."""
         parts = []
         for entry in entries:
             ratios = self.ratios(entry)

@@ -86,7 +86,7 @@ class Optimum:
         return "solved" if self.good else "solved, but Drake flies elsewhere"
 
     def to_json(self) -> dict[str, Any]:
-        """Data for `rans.files.write_json`; missing numbers are NaN."""
+        """Entry of a start in optimal.json; numbers that are missing are NaN. Units are those of `Trajectory`."""
         path = self.trajectory
         result = 1.0 if path.solved else math.nan
         kkt = path.optimality
@@ -153,7 +153,7 @@ def optima(
 
 
 def _judged(start: int, trajectory: Trajectory, flight: Flight) -> Optimum:
-    """Optimum of a trajectory and its flight in Drake."""
+    """Optimum of a trajectory flown in Drake: largest distance between both (m), and errors at the end."""
     last = len(trajectory.commands) if trajectory.control_period > 0.0 else 0
     planned = map_leaves(lambda x: x[: last + 1, 0], flight.states)
     end = map_leaves(lambda x: float(x[-1]), planned)
@@ -183,6 +183,7 @@ def episode(
     if period == 0.0:  # the start is the goal: all thrusters stay shut
         period = timing.control_period
         planned = 0
+    # The trajectory's own period divides the episode; thrusters are shut after its end.
     steps = max(planned, math.ceil(timing.episode_steps * timing.control_period / period - 1e-9))
     planned_commands = trajectory.commands[:planned]
     commands = np.vstack([planned_commands, np.zeros((steps - planned, craft.thruster_count))])
@@ -190,6 +191,7 @@ def episode(
     states = map_leaves(
         lambda x: x[:, None], replay(craft, scenario.start, commands, own, task.drift)
     )
+    # Goals that move are those of the task's own law.
     goals = map_leaves(lambda x: np.array([x]), scenario.goal)
     if moves_goal(task):
         times = period * np.arange(steps + 1.0)
@@ -274,6 +276,7 @@ def write(
     """
     paths = [answer.trajectory for answer in answers]
     # NaN for starts without a solution.
+    # Rows of trajectories that were not solved are NaN.
     solved = np.array([1.0 if p.solved else np.nan for p in paths])[:, None, None]
     save_arrays(
         folder / "optimal.npz",

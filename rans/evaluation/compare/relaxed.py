@@ -80,6 +80,7 @@ def solve(
     guesses = max(_GUESSES, usual) if isinstance(objective, MaximumReward) else usual
     # Starts from which there is a trajectory in this time.
     horizon = objective.horizon if isinstance(objective, MinimumFuel) else math.inf
+    # Starts whose arrival the horizon forbids are rows without a flight.
     late = {k for k, least in enumerate(earliest) if least > horizon}
     possible = [k for k in range(contest.episodes) if k not in late]
     starts = map_leaves(lambda x: x[possible], contest.starts)
@@ -114,7 +115,7 @@ def _too_early(objective: Objective, start: int, least: float) -> Relaxed:
 
 
 def _scored(contest: Contest, objective: Objective, optimum: Optimum) -> Relaxed:
-    """The scores of one relaxed optimum, of its flight in Drake."""
+    """Scores of one relaxed optimum, of its flight in Drake; only its sentence if it has no good flight."""
     trajectory = optimum.trajectory
     flight = optimum.flight
     head = (objective, optimum.start, optimum.sentence, optimum.good, trajectory.seconds)

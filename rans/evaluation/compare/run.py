@@ -236,6 +236,7 @@ class Comparison(NotebookRepr):
         """
         if opponents is None:
             opponents = default_opponents(self.contest.task)
+        # Contestants first: what opponents and bounds cost is not lost with an interrupt of theirs.
         for spec, contestant in contestants.items():
             with _noted(self, spec):
                 self.entries.append(_entry(self, contestant, stages, workers, in_detail))
@@ -275,7 +276,8 @@ class Comparison(NotebookRepr):
     ) -> None:
         """After `fly`, fly the other positions of trade-offs, and certify the front.
 
-        The bounds take about ``seconds``; see `certify_front`.
+        The bounds take about ``seconds``; see `certify_front`. Sets ``front``, and adds to ``notes`` and
+        ``failures``.
         """
         # Flights of the other positions.
         front = Front(self.contest, self.front_horizons(), [*self.entries])

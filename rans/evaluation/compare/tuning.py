@@ -70,6 +70,7 @@ def tuned_settings(
     random = np.random.default_rng(TUNING_SEED)
     begun = _processor_time()
     # Candidates: the defaults first, then samples that close in on the best as the budget is spent.
+    # First anywhere, then near the best (`_candidate`), until candidates or seconds are over.
     for number in range(candidates):
         spent = _processor_time() - begun
         if results and spent >= seconds:

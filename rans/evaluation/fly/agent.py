@@ -45,7 +45,9 @@ class Agent:
 
     @torch.no_grad()
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; reads the observation and the memory of the policy only.
+        """Commands (N, n) for observations (N, width).
+
+        Remembers the policy's memory, and reads neither state nor goal.
 
         Raises:
             ConfigError: the observation has another width than those that it was trained on.

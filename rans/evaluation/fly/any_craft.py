@@ -125,6 +125,7 @@ def write_for_spacecraft(
     saved = read_policy(run.agent_file)
     config = run.config()
     network = _adapting(saved.network) if adapts else saved.network
+    # Its own craft keeps its control period; another gets one that suits it.
     timing = config.timing
     if craft is None:
         craft = run.spacecraft()

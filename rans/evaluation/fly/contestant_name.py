@@ -1,4 +1,7 @@
-"""Names of contestants: the text of a user, parsed once into a value."""
+"""Names of contestants: the text of a user, parsed once into a value.
+
+The command line, Python, files and pages name contestants by its text, so that old texts must stay readable.
+"""
 
 from __future__ import annotations
 

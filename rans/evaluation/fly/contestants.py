@@ -253,7 +253,7 @@ def _named_setup(contestant_name: ContestantName, period: float | None) -> Setup
 
 
 def _picked(setup: Setup, name: ContestantName) -> Setup:
-    """The setup with one task of its multi-task."""
+    """The setup with the task that the name picks of a multi-task, or itself if it picks none."""
     part = name.part
     parts = setup.task.parts()
     if part and part not in parts:

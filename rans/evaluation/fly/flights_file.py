@@ -87,7 +87,7 @@ class FlightsFile:
         columns: Sequence[str],
         rows: Iterable[Sequence[str]],
     ) -> dict[int, dict[int, np.ndarray]]:
-        """Commands or changes of velocity by the number of the start and of the control period."""
+        """Commands (n,) or changes of velocity (d,), m/s, by the number of the start and of the control period."""
         flights: dict[int, dict[int, np.ndarray]] = {}
         for line, row in enumerate(rows, start=2):
             if not any(map(str.strip, row)):
@@ -122,7 +122,7 @@ class FlightsFile:
         self._step = 0
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; the attitude alone is read, for changes of velocity."""
+        """Commands (N, n) of this period's row; changes of velocity are turned to B. Counts periods."""
         given = self._given[min(self._step, len(self._given) - 1), : len(observation)]
         self._step += 1
         if self._levers is None:
@@ -159,7 +159,7 @@ class FlightsFile:
         return int(start), step, values
 
     def _check(self) -> None:
-        """Refuse (`ConfigError`) what the spacecraft cannot give."""
+        """Refuse (`ConfigError`) what the spacecraft cannot give in a period; rounds on/off commands in place."""
         craft, period = self._setup.craft, self._setup.timing.control_period
         if self._levers is None:
             flat = self._given.reshape(-1, craft.command_count)
@@ -182,7 +182,7 @@ class FlightsFile:
 
 
 def _number(where: str, name: str, text: str) -> float:
-    """A finite number in a cell."""
+    """A finite number in a cell, or a `ConfigError` of where it stands."""
     try:
         value = float(text)
     except ValueError:

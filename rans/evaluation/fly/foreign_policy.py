@@ -8,6 +8,9 @@ A policy is more than its network. Each of its parts is flown with it, or the po
   change observations or actions are refused by their names;
 - stacked observations, another order or scale of actions: the spaces must be those of the task and the craft;
 - numbers: observations are float32, as RANS's environments give them.
+
+Observations are (N, width) float32, actions (N, n); who adds a kind adds its refusals to
+`tests/evaluation/fly/test_foreign_policy.py`.
 """
 
 from __future__ import annotations
@@ -64,7 +67,10 @@ def policy_of(policy: Any, craft: Spacecraft, task: Task) -> ForeignPolicy:
 def _predicting(
     who: str, policy: Any, scale: Callable[[np.ndarray], np.ndarray] | None
 ) -> ForeignPolicy:
-    """The policy of an object with ``predict``, whose second result is its memory."""
+    """The policy of an object with ``predict``, whose second result is its memory.
+
+    Observations (N, width) are scaled first; the memory goes in and comes out as the object has it.
+    """
     try:
         parameters = inspect.signature(policy.predict).parameters
     except (TypeError, ValueError):  # a function of a compiled module
@@ -75,6 +81,7 @@ def _predicting(
     takes = [name for name in ("state", "episode_start") if anything or name in parameters]
 
     def decide(observation: np.ndarray, memory: Any, starts: np.ndarray) -> Decision:
+        """Actions and next memory for observations (N, width); ``starts`` (N,) is true where an episode begins."""
         options = {
             name: value
             for name, value in (("state", memory), ("episode_start", starts))
@@ -147,7 +154,7 @@ def _check_module(who: str, module: Any) -> None:
 
 
 def _called(function: Callable[[Any], Any], observation: np.ndarray) -> Any:
-    """Commands of a torch module or a function."""
+    """Commands of a torch module, on its own device, or of a function, for observations (N, width)."""
     import torch
 
     if isinstance(function, torch.nn.Module):
@@ -217,7 +224,10 @@ _LARGEST_STATISTICS = 2**24
 def _normalization(
     file: Path, craft: Spacecraft, task: Task
 ) -> Callable[[np.ndarray], np.ndarray] | None:
-    """Normalisation of observations by the VecNormalize beside a trusted SB3 file; None: there is none."""
+    """Normalisation of observations by the VecNormalize beside a trusted SB3 file; None: there is none.
+
+    It is unpickled, which runs code: only for files that the user trusts. Observations are (N, width).
+    """
     statistics = _statistics_file(file)
     if statistics is None:
         return None
@@ -256,7 +266,7 @@ def _met_scaled_observations(data: dict[str, Any], craft: Spacecraft) -> bool:
 
 
 def _ours(file: Path, craft: Spacecraft, task: Task) -> ForeignPolicy:
-    """Policy of an agent that RANS wrote, which holds no pickle."""
+    """Policy of an agent file that RANS wrote, which holds no pickle and is read without trust."""
     from rans.fast.agent_files.agent import is_agent, read_policy
     from rans.policy.predict import policy_spaces, predict
 
@@ -334,7 +344,8 @@ def of_onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
     """Policy of an ONNX network, whose first input is the observation and whose first output is the command.
 
     Its states are the inputs after the first: (N, m), or (layers, N, m) as layers of torch have them. Outputs of
-    the same names give them again, or else those after the first or the last ones, in the same order.
+    the same names give them again, or else those after the first or the last ones, in the same order. The name is
+    that of a file; of unknown shapes the first run decides.
     """
     onnxruntime = require("onnxruntime")
     _check_file(name)
@@ -420,7 +431,7 @@ class OnnxPolicy:
         return last if fits[1] else first
 
     def _port(self, taken: Any, given: Any) -> _Port:
-        """A state, of the same shape as it is taken and given."""
+        """A state with its N at axis 0 or 1, of equal shape in and out; one row at a time sets `_is_single`."""
         shape = list(taken.shape)
         # The axis of episodes is the first of (N, m) and the second of (layers, N, m).
         axis = len(shape) - 2
@@ -452,7 +463,10 @@ class OnnxPolicy:
             )
 
     def __call__(self, observation: np.ndarray, memory: Any, starts: np.ndarray) -> Decision:
-        """Commands (N, commands) for observations (N, width), and the states after them."""
+        """Commands (N, commands) for observations (N, width), and the states after them.
+
+        The first call with several rows checks that rows do not depend on one another, and remembers that it has.
+        """
         count = len(observation)
         states = [port.zeros(count) for port in self._ports]
         if memory is not None:
@@ -501,7 +515,7 @@ class OnnxPolicy:
         return self._session.run(self._asked_for, {self._observation: observation, **named})
 
     def _run(self, observation: np.ndarray, states: list[np.ndarray]) -> list[np.ndarray]:
-        """Commands in the order of the observations, and the states after them; other outputs are not read."""
+        """Commands (N, n) in the order of the observations (N, width), and the states after them."""
         if not self._is_single:
             return self._asked(observation, states)
         rows = [self._of_row(observation, states, k) for k in range(len(observation))]
@@ -543,7 +557,7 @@ def _along(starts: np.ndarray, port: _Port) -> np.ndarray:
 
 
 def of_python(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
-    """The policy that is MODULE:FUNCTION of observations, whose module runs."""
+    """The policy that is MODULE:FUNCTION of observations (N, width); importing it runs its code."""
     module, colon, function = name.rpartition(":")
     if not module or not colon or not function:
         raise ConfigError(

@@ -97,7 +97,7 @@ class CheckedController:
             self.command = self._command
 
     def _command(self, state: Any, goal: Any) -> tuple[Field, ...]:
-        """Commands as arithmetic on fields."""
+        """Commands as arithmetic on fields; what a class of the user raises becomes a `ConfigError`."""
         try:
             return tuple(self._made.command(state, goal))
         except RansError:

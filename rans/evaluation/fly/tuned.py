@@ -58,7 +58,7 @@ class Tuned:
 
     @classmethod
     def read(cls, file: Path) -> Tuned:
-        """Read a file.
+        """Read a file of `rans tune`, without following links.
 
         Raises:
             ConfigError: it is damaged.

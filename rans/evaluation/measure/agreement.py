@@ -53,7 +53,7 @@ class EngineComparison:
         return all(pair.passed is not False for pair in self.pairs)
 
     def to_json(self) -> dict[str, Any]:
-        """Data for `rans.files.write_json`."""
+        """Content of "both" in evaluation.json: values of both engines with 95 % intervals, and verdicts."""
         pairs = [
             {
                 "name": p.name,
@@ -78,7 +78,7 @@ class EngineComparison:
         }
 
     def table(self) -> Table:
-        """Its pairs."""
+        """Row for each pair of values, with the gap and what is allowed; the reason stands below."""
         columns = ("quantity", "fast (95 %)", "Drake (95 %)", "gap", "allowed", "verdict")
         return Table(
             columns,
@@ -123,6 +123,7 @@ def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
 
 
 def _texts(pair: Pair) -> tuple[str | bool, ...]:
+    """Cells of a pair, in the order of `EngineComparison.table`."""
     allowed = "" if pair.bound is None else f"{pair.bound[0]:+.2g}, {pair.bound[1]:+.2g}"
     return (
         f"{pair.name}, {pair.unit}",

@@ -36,7 +36,7 @@ def measure_many(statistics: FlightStatistics, controller: str, setup: Setup) ->
 
 
 def _rows(result: FlightStatistics, period: float, task: Task) -> Iterator[Metric]:
-    """Metrics of counts and sums, with exact intervals of shares."""
+    """Metrics of counts and sums, named as those of stored flights, with exact intervals of shares."""
     count = result.flights
     of_solved, of_settled, of_time = metric_definitions(task)
     yield _percentage("success", "solved", of_solved, count - result.unsolved, count)

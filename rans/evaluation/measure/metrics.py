@@ -1,7 +1,8 @@
 """Metrics of single episodes, of which `rans.evaluation.measure.aggregate` makes statistics.
 
 "Steps" are the T states after the commands, without the start. The "last fifth" is the last T/5 of them, rounded
-down but at least one.
+down but at least one. Names, units and order are those of evaluation.json and of every table
+(`tests/evaluation/measure/test_aggregate.py`).
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ def further_samples(flight: Flight) -> Iterator[Sample]:
 
 
 def samples(flight: Flight) -> Iterator[Sample]:
-    """All metrics of a flight of any task."""
+    """All metrics of a flight of any task, (N,) values each, in the order of the tables."""
     yield from _success(flight)
     if asks_rest(flight.task):
         yield from _goal_set(flight)
@@ -263,7 +264,7 @@ def _solved_to(flight: Flight) -> Iterator[Sample]:
 
 
 def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Sample]:
-    """Metrics of the errors (T + 1, N) of a quantity."""
+    """Metrics of the errors (T + 1, N) of a quantity in SI units; shown ones are in its display unit."""
     declared = QUANTITIES[quantity]
     factor, unit = declared.display
     after = error[1:]

@@ -84,7 +84,7 @@ def scope(setup: Setup, begun: Scenario) -> Scope:
 
 
 def requirement(setup: Setup) -> str:
-    """What a flight must do to count as solved."""
+    """What a flight must do to count as solved, in words and units: `rans.verdict` in a sentence."""
     task = setup.task
     bounds = ", ".join(
         f"{name} within {_number(QUANTITIES[name].display[0] * bound)} {QUANTITIES[name].display[1]}"

@@ -130,7 +130,7 @@ def _weak(percent: float) -> Conditions:
 
 
 def _of_body() -> Iterator[Effect]:
-    """Effects on mass, inertia and centre of mass."""
+    """Effects on mass and inertia (factors) and on the centre of mass (cm), from the nominal size upwards."""
     group = "Body"
     for quantity in ("mass", "inertia"):
         make = _only("body", quantity)

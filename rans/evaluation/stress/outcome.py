@@ -35,7 +35,7 @@ class StressOutcome:
 
     @classmethod
     def joined(cls, parts: Sequence[StressOutcome]) -> StressOutcome:
-        """Join the outcomes of consecutive episodes."""
+        """Join the outcomes of consecutive episodes, (N,) arrays in their order."""
         errors = {
             name: np.concatenate([part.errors[name] for part in parts]) for name in parts[0].errors
         }

@@ -1,8 +1,9 @@
 """Agent files: weights as safetensors with their description as JSON in the header; reading one runs no code.
 
-A training stores its agent in ``agent.safetensors``, an exported agent has that file without critic and
-optimizer. The ``policy.zip`` of an export for Stable-Baselines3 holds it beside pickled files, which RANS does not
-read (docs/decisions/security.md).
+A training stores its agent in ``agent.safetensors``, an exported agent has that file without critic and optimizer.
+The ``policy.zip`` of an export for Stable-Baselines3 holds it beside pickled files, which RANS does not read
+(docs/decisions/security.md). Files of every release must stay readable (`tests/test_pretrained.py`): new keys have
+defaults.
 """
 
 from __future__ import annotations
@@ -223,7 +224,7 @@ def _damage_as_config_error(file: Path) -> Iterator[None]:
 
 
 def _read(table: dict[str, Any]) -> SavedPolicy:
-    """Agent from the table of `agent_bytes` or `actor_bytes`."""
+    """Agent from the table of `agent_bytes` or `actor_bytes`; ValueError or KeyError if it is damaged."""
     architecture = _architecture(table["architecture"])
     weights = table["weights"]
     steps = int(table["steps"])
@@ -242,7 +243,7 @@ def _read(table: dict[str, Any]) -> SavedPolicy:
 def _further(
     architecture: Architecture, table: Mapping[str, Mapping[str, Tensor]]
 ) -> dict[float, dict[str, Tensor]]:
-    """Weights at frugalities from 0 to 1; ValueError if the table is wrong."""
+    """Weights by name at frugalities from 0 to 1; ValueError if the table is wrong."""
     further = dict(sorted((float(value), weights) for value, weights in table.items()))
     if not architecture.authority or len(further) < 2 or (min(further), max(further)) != (0.0, 1.0):
         raise ValueError(
@@ -291,7 +292,7 @@ def _network(
 
 
 def _table(architecture: Architecture) -> dict[str, Any]:
-    """Table of an architecture for `pack`."""
+    """Table of an architecture, as `_architecture` reads it: a renamed field of either breaks every file."""
     views = architecture.symmetries
     own = {
         field.name: plain(getattr(architecture, field.name))
@@ -366,6 +367,7 @@ def _check_craft(architecture: Architecture) -> None:
     bank, views = architecture.filters, architecture.symmetries
     if bank is not None and not bank.fits(architecture.layout.body, architecture.thrusters):
         raise ValueError("its filters are of another spacecraft")
+    # Sizes of tokens, then those of an agent for any craft.
     backbone = BACKBONES[architecture.backbone]
     widths = [[width] * architecture.thrusters for width in backbone.token_widths]
     if backbone.has_tokens and [*map(len, architecture.tokens)] not in widths:
@@ -429,7 +431,7 @@ def _check_craft(architecture: Architecture) -> None:
 
 
 def _check_numbers(architecture: Architecture) -> None:
-    """Refuse (`ValueError`) numbers that are not finite."""
+    """Refuse (`ValueError`) numbers that are not finite, in every table of an architecture that has numbers."""
     numbers = {
         "filters": architecture.filters or (),
         "symmetries": architecture.symmetries or (),

@@ -83,7 +83,7 @@ def _checksum(table: str, tensors: dict[str, Tensor]) -> str:
 
 
 def _split(value: Any, path: str, tensors: dict[str, Tensor]) -> Any:
-    """The value with names in place of tensors, which are collected in ``tensors``."""
+    """The value with names in place of tensors, which are added to ``tensors`` by their paths, on the CPU."""
     if isinstance(value, Tensor):
         tensors[path] = value.detach().cpu().contiguous().clone()  # members' weights share memory
         return {_TENSOR: path}

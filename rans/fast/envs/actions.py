@@ -62,6 +62,7 @@ class Actions:
         return taken
 
     def _possible(self, action: Tensor) -> Tensor:
+        """Whether all of an action (N, n) is in range, as a tensor, so that the device is not waited for."""
         craft = self._engine.craft
         if not craft.is_continuous:
             return ((action == 0) | (action == 1)).all()

@@ -58,7 +58,10 @@ class SB3VecEnv(VecEnv):
 
     @settled
     def reset(self) -> VecEnvObs:
-        """Start new episodes; returns the observation (N, width), float32."""
+        """Start new episodes; returns the observation (N, width), float32.
+
+        Seeds and options that were set hold for this reset alone.
+        """
         seed = self._seeds[0]
         self._reset_seeds()
         self._reset_options()

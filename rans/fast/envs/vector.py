@@ -106,6 +106,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         plain: bool = False,
         max_episode_steps: int | None = None,
     ) -> None:
+        """Make the environments: arguments are those of the class."""
         self.render_mode = checked_render_mode(render_mode)
         self.autoreset_mode = _mode(autoreset_mode)
         craft, task = choose(task_name, dimension, spacecraft, task)
@@ -239,7 +240,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         return observation.clamp(-self._high, self._high).contiguous()
 
     def _stepped(self, actions: Tensor) -> Step:
-        """Step the environments whose episodes are not over; with NEXT_STEP the others begin new ones."""
+        """Step (N, n) actions where episodes are not over; with NEXT_STEP the others begin new ones."""
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
             return self.engine.step(actions)
         if self.autoreset_mode == AutoresetMode.DISABLED and self._over.any():
@@ -318,7 +319,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
 
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:
-    """Gymnasium's mode of resets by its name."""
+    """Gymnasium's mode of resets, by its name in any case (`ConfigError`)."""
     try:
         return mode if isinstance(mode, AutoresetMode) else AutoresetMode[str(mode).upper()]
     except KeyError as error:
@@ -373,7 +374,7 @@ class Film:
         self._remember()
 
     def frames(self) -> tuple[np.ndarray, ...]:
-        """Frames (240, 320, 3), uint8, of the rendered environments."""
+        """Frames (240, 320, 3), uint8, of the rendered environments as `_remember` last saw them."""
         engine = self.engine
         filmed = zip(
             self._states, self._rows(self.engine.goal), self._commands, self._trails, strict=True
@@ -395,7 +396,7 @@ class Film:
             self._window = None
 
     def _remember(self) -> None:
-        """Extend the trails of the picture by the present positions, and show it in its window."""
+        """Extend the trails by the present positions, and show the picture; changes `_states` and `_trails`."""
         self._states = self._rows(self.engine.state)
         for trail, state in zip(self._trails, self._states, strict=True):
             trail.append(state[: self.engine.craft.dimension])

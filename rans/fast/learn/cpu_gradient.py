@@ -2,6 +2,7 @@
 
 One function is printed for each network. It goes through a minibatch in tiles, whose activations fit a core's
 cache: forward pass, losses and backward pass of a tile before the next. Gradients overwrite activations.
+`tests/fast/learn/test_cpu_gradient.py` asks for autograd's gradients; equal trainings need a fixed order of sums.
 """
 
 from __future__ import annotations
@@ -251,7 +252,9 @@ class CpuGradient:
             for layer in range(1, len(sizes))
         ]
 
+        # Forward, losses and backward of one tile before the next, in the cache.
         def one_tile(number: Value, _: list[Value]) -> list[Value]:
+            """Print forward pass, losses and backward pass of the tile with this number; gradients are added up."""
             first = code.mul(number, tile)
             sources = [
                 (code.at(arguments.inputs, first, FLOAT), stride),
@@ -283,6 +286,7 @@ class CpuGradient:
         """Print the outputs of a layer for a tile, `WIDTH` samples at a time; the last has no activation."""
 
         def block(number: Value, _: list[Value]) -> list[Value]:
+            """Print a layer's outputs for `WIDTH` columns of the tile."""
             begin = code.mul(number, LONG(WIDTH))
             dense_layer(
                 code,
@@ -325,6 +329,7 @@ class CpuGradient:
         zero = code.everywhere(0.0)
 
         def vector(number: Value, sums: list[Value]) -> list[Value]:
+            """Print the losses of `LANES` transitions, add them to the sums, and overwrite outputs by gradients."""
             first = code.mul(number, LONG(LANES))
             rows = [code.add(first, code.mul(tile, LONG(i))) for i in range(self._sizes[-1])]
             *logits, value = [code.read(outputs, row) for row in rows]
@@ -386,6 +391,7 @@ class CpuGradient:
         # Gradients of the inputs, which take the place of the activations that they were.
 
         def block(number: Value, _: list[Value]) -> list[Value]:
+            """Print the gradients of a layer's inputs for `WIDTH` columns, in place of the inputs themselves."""
             begin = code.mul(number, LONG(WIDTH))
 
             def finish(first: Value, sums: list[Sequence[Value]]) -> None:

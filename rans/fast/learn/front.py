@@ -82,6 +82,8 @@ class PPO:
     def learn(self, total_timesteps: int, report: Callable[[PPO], object] = lambda _: None) -> PPO:
         """Train for further environment steps, rounded up to whole rollouts.
 
+        It changes weights, `num_timesteps` and `log`, and returns itself.
+
         Args:
             total_timesteps: number of further environment steps.
             report: called after every iteration with this object; see `log` and `num_timesteps`.

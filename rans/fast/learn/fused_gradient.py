@@ -161,7 +161,7 @@ class FusedGradient(ABC):
         """
 
     def _packed(self) -> tuple[Tensor, Tensor]:
-        """Weights and biases in the layout of `_sums`.
+        """Weights (bfloat16) and biases (float32) in the layout of `_sums`, from the flat parameters of Adam.
 
         The second layer's biases are rounded as in torch's bfloat16 layers.
         """
@@ -201,7 +201,7 @@ class MatrixGradient(FusedGradient):
         self._losses = fused(self._output_gradients, self._device)
 
     def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
-        """Gradient of all weights and biases, and sums of losses, of a minibatch, laid out by `UpdateDesign`."""
+        """(1, size) sums of gradients and losses of a minibatch, laid out by `UpdateDesign`; see the base."""
         design = self.design
         first_weight, second_weight, head, head_remainder = design.matrices(weights)
         second_bias, head_bias = biases.tensor_split([len(second_weight)])

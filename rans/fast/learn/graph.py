@@ -72,6 +72,7 @@ class _Graphed:
         self._recorded: tuple[torch.cuda.CUDAGraph, Tensor] | None = None
 
     def __call__(self) -> Tensor:
+        """Result of the function: the first calls run it, one records a graph, and later ones replay that."""
         if self._compiles != _compiles:  # the recorded kernels are other ones
             self._calls = 0
             self._recorded = None

@@ -254,6 +254,7 @@ def statistics(
             f"training produced a value that is not finite after {steps} steps "
             f"(losses {losses}); {cause}."
         )
+    # Where no episode ended nothing is known of rewards.
     table = {f"train/{name}": value for name, value in losses.items()} | {
         "train/learning_rate": rate
     }

@@ -2,7 +2,8 @@
 
 Up to rounding every member learns as it would alone with the same random numbers: advantages and observations are
 normalised, gradients clipped and step sizes adapted per member. On a GPU an iteration is two CUDA graphs without
-synchronisation.
+synchronisation. `tests/fast/learn/test_ppo.py` holds it against SB3; another order of random numbers is another
+training.
 """
 
 from __future__ import annotations
@@ -135,7 +136,7 @@ class PPOLearner:
 
     @torch.no_grad()
     def load(self, saved: dict[str, Any]) -> None:
-        """Continue from the result of `state`."""
+        """Continue from the result of `state`; weights are copied in place, since graphs hold their addresses."""
         for name, tensor in self.network.tensors.items():
             tensor.copy_(saved["weights"][name])
         self.adam.load(saved["adam"])
@@ -148,7 +149,7 @@ class PPOLearner:
 
     @torch.no_grad()
     def _collect(self) -> Tensor:
-        """Fly a rollout; returns the rewards (T, N)."""
+        """Fly a rollout into the buffer, whose memory is replaced; returns the rewards (T, N)."""
         engine = self.engine
         rollout = self.rollout
         rollout.begin()
@@ -225,7 +226,7 @@ class PPOLearner:
         )
 
     def _update(self) -> Tensor:
-        """Compute advantages, descend on all minibatches of all epochs, and adapt step sizes; as `learn`."""
+        """Descend on all minibatches of all epochs and adapt step sizes; (K, statistics) as `learn` returns."""
         batch = self.batch()
         parts = minibatches(batch, self.members, self._minibatches)
         # Standardise the advantages of every member in every minibatch.

@@ -155,6 +155,7 @@ def training_of_quality(
         result = replace(_config(file, quick.device), spacecraft=quick.spacecraft)
         if quick.timing != quick.settings.timing:
             result = replace(result, timing=quick.timing)
+    # Under conditions a network needs a memory, as base-adaptive has it.
     ppo = result.ppo
     if randomized and ppo.memory.kind == "none":  # the spacecraft varies between episodes
         table = _table(RECIPE_FOLDER / "base-adaptive.toml")["ppo"]
@@ -186,7 +187,7 @@ def _to_the_end(quick: TrainConfig) -> TrainConfig:
 
 
 def _recipe_file(task: str, dimension: int, quality: Quality, randomized: bool) -> Path | None:
-    """Recipe file of a quality; None: this task has none."""
+    """Recipe file of a quality, by the names that recipes have; None: this task has none."""
     space = "plane" if dimension == 2 else "space"
     own = RECIPE_FOLDER / f"{quality}-{task}-{space}.toml"
     if not (quality == "best" and randomized) and ":" not in task and own.exists():
@@ -214,7 +215,7 @@ def preset(task: str, dimension: int, device: str) -> PPOSettings:
 
 
 def _config(file: Path, device: str) -> TrainConfig:
-    """Training config of a recipe file on a device."""
+    """Training config of a recipe file on a device; errors name the file."""
     try:
         table = _on_device(_table(file), device)
         named = table.pop("conditions", None)
@@ -227,7 +228,7 @@ def _config(file: Path, device: str) -> TrainConfig:
 
 
 def _table(file: Path) -> dict[str, Any]:
-    """Table of a recipe file merged over that of its ``base``."""
+    """Table of a recipe file merged over that of its ``base``, and of the base's own."""
     table = read_toml(read_text(file, LARGEST_TOML))
     refuse_other_file(table, "recipe")
     base = table.pop("base", None)

@@ -49,6 +49,7 @@ class Selection:
 
         # An engine a task: the evaluation's starts of every member, one group of episodes behind the other.
         def engine(name: str) -> Engine:
+            """Engine of one task: `EPISODES` rows a member, the same starts for each, without a curriculum."""
             fixed = [each[name].for_evaluation() for each in judged]
             task = Curriculum(fixed, (), field_dtype(device, plain=plain), device, EPISODES).task
             seeds = [SELECTION_SEED] * members
@@ -80,7 +81,7 @@ class Selection:
         return [self._named(values) for values in self._flight().tolist()]
 
     def _named(self, values: Sequence[float]) -> dict[str, float]:
-        """Figures of an evaluation by their names in the log."""
+        """Figures of an evaluation by their names in the log, in the order in which `judge` computes them."""
         left = iter(values)
         duties = []
         success_rates = []

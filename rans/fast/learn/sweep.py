@@ -137,7 +137,7 @@ class Sweep:
             raise WorkerLost(f"{error} {advice}") from error
 
     def _gather_results(self) -> None:
-        """Bring the results of all processes into this one."""
+        """Bring the results of all processes into this one, replacing ``members`` and sums of time and steps."""
         local = [number for batch in self.processes.mine(self._batches) for number in batch]
         results = {
             number: ((member := self.members[number]).rows, member.weights, member.in_a_row)
@@ -157,7 +157,7 @@ class Sweep:
         report: Callable[[Sequence[Member]], object],
         stop: Callable[[], bool],
     ) -> None:
-        """Train a batch of members together, from where their run folder is."""
+        """Train a batch of members together in a run folder; replaces these ``members`` and adds up seconds."""
         configs = [self.members[number].config for number in batch]
         if "torch._dynamo" in sys.modules:
             torch.compiler.reset()  # what earlier batches compiled counts towards the compiler's limit

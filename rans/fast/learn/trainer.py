@@ -1,4 +1,8 @@
-"""Training from configs until the task is solved or the steps are used up, with regular checkpoints."""
+"""Training from configs until the task is solved or the steps are used up, with regular checkpoints.
+
+A checkpoint continues bit by bit (`tests/fast/learn/test_trainer.py`), so that whatever a step changes is in
+`_checkpoint`.
+"""
 
 from __future__ import annotations
 
@@ -203,7 +207,10 @@ class Trainer:
     def _train(
         self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool]
     ) -> None:
-        """Imitate a teacher if there is one, train until the end or a stop, and save."""
+        """Imitate a teacher if there is one, train until the end or a stop, and save.
+
+        Weights of members that still run are stored in them.
+        """
         if self.processes.is_first and not self._events:
             folders = [inside_for_others(self.run.path, "tensorboard")]
             if len(self.members) > 1:
@@ -227,7 +234,7 @@ class Trainer:
         self.save()
 
     def _imitate(self, expert: Network, report: Callable[[Sequence[Member]], object]) -> None:
-        """Learn from an agent for any craft; a training that ends once the task is solved may end here."""
+        """Learn from an agent for any craft, changing network, Adam and counts; may end a training once solved."""
         begun = time.monotonic()
         member = self.members[0]
         may_end = self.config.solved_share is not None and len(self.members) == 1
@@ -263,7 +270,7 @@ class Trainer:
         stop: Callable[[], bool],
         over: Callable[[], bool] = lambda: False,
     ) -> bool:
-        """Train until the end, ``stop`` or ``over``; whether it was ``stop``."""
+        """Train until the end, ``stop`` or ``over``; whether it was ``stop``. Saves now and then."""
         finished = self._ended
         self._warm_up()
         if self._ended and not finished:  # the warm-up took all steps
@@ -300,7 +307,10 @@ class Trainer:
         return (left if self.config.solved_share is None else took) > _COMPILING
 
     def _warm_up(self) -> None:
-        """On a GPU, compile (or load) and record all graphs in training iterations that are timed separately."""
+        """On a GPU, compile (or load) and record all graphs in training iterations that are timed separately.
+
+        Its time counts as ``warm_up``.
+        """
         begun = time.monotonic()
         steps = self.steps
         if self.engine.device.type == "cuda" and not self._ended:
@@ -316,7 +326,7 @@ class Trainer:
         return self.steps // self._rollout % self.config.report_interval == 0
 
     def _iterate(self) -> None:
-        """Run one iteration of the learner."""
+        """Run one iteration of the learner, advancing curriculum, ``steps`` and statistics; a NaN is raised."""
         self.curriculum.move_to(self.steps)
         self.learner.slow_down(max(0.0, 1 - self.steps / self.config.total_timesteps))
         losses = self.learner.learn().tolist()
@@ -338,7 +348,10 @@ class Trainer:
         report: Callable[[Sequence[Member]], object],
         judged: Sequence[dict[str, float]] | None = None,
     ) -> None:
-        """Evaluate the members, if they are not ``judged``, and write metrics; solved members have ended."""
+        """Evaluate the members, if they are not ``judged``, and write metrics; solved members have ended.
+
+        Changes their rows, weights and whether they are solved.
+        """
         judged = judged or self.selection.judge()
         rate = self._rate_since(self._reported)
         due = self._is_report_due()
@@ -386,7 +399,7 @@ class Trainer:
             write_learner(self.run.trained_file, self.learner, self.config.ppo, self.steps)
 
     def _checkpoint(self) -> dict[str, Any]:
-        """What a training needs to go on as if it had not stopped."""
+        """What a training needs to go on as if it had not stopped; `_restore` reads the same keys."""
         cuda = torch.cuda.get_rng_state() if self.config.device.startswith("cuda") else None
         members = [
             {"in_a_row": member.in_a_row, "weights": member.weights if member.solved else {}}

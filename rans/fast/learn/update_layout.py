@@ -118,6 +118,7 @@ class UpdateDesign:
         def beside(layers: Iterable[Tensor], *shape: int) -> tuple[Tensor]:
             return (torch.cat([padded(x, shape, zero) for x in layers]),)
 
+        # Layers of both trunks side by side, then the heads below each other.
         names = ("trunk", "critic")[: self.trunks]
         (width, features) = self.widths
         first, bias = zip(*(one(f"{EXTRACTOR}{name}.0") for name in names), strict=True)

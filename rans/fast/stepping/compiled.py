@@ -137,7 +137,7 @@ class ArrayStep:
         return ArrayStep, ()
 
     def __call__(self, world: World, episode: Episode, action: Tensor, draws: Draws) -> Step:
-        """Step as `rans.fast.stepping.step.step_arrays` does."""
+        """Step actions (N, n) as `step_arrays`; the first call traces the program, or warns once."""
         small = len(episode.memory()) <= _MOST
         by_values = getattr(world.setup.guard, "by_values", False)
         if not self._tried and draws.dtype is np.float32 and small and not by_values:
@@ -167,7 +167,7 @@ class TorchCompiledStep:
         self._step = torch.compile(step_tensors, fullgraph=True, dynamic=False)
 
     def __call__(self, world: World, episode: Episode, action: Tensor, draws: Draws) -> Step:
-        """Step as `rans.fast.stepping.step.step_tensors` does."""
+        """Step actions (N, n) as `step_tensors`; what torch cannot compile is stepped as written from then on."""
         from torch._dynamo.exc import Unsupported  # the import takes seconds
 
         try:
@@ -187,7 +187,7 @@ class TorchCompiledStep:
 def stepping(
     backend: Backend, compiled: bool, plain: bool = False
 ) -> Callable[[World, Episode, Tensor, Draws], Step]:
-    """Function that steps the episodes of one engine."""
+    """Function that steps one engine's episodes; all of them agree to rounding (`tests/fast/stepping`)."""
     if plain:
         return partial(step_tensors, plain=True)
     if compiled:

@@ -169,6 +169,7 @@ class Kernel:
         numbers: tuple[int, ...],
         together: int,
     ) -> None:
+        """Launch the kernel on torch's current stream; addresses and numbers are in the order of the text."""
         with torch.cuda.device(self._device):
             stream = torch.cuda.current_stream().cuda_stream
             blocks = -(-numbers[0] // (THREADS * together))

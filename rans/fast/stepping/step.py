@@ -1,4 +1,7 @@
-"""One step of an engine, which begins the next episode where one ended, and the buffers that it changes."""
+"""One step of an engine, which begins the next episode where one ended, and the buffers that it changes.
+
+All ways to step (NumPy, torch, kernels) call `stepped`; results of one are those of the others to rounding.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +68,7 @@ def stepped(
 def step_tensors(
     world: World, episode: Episode, action: Tensor, draws: Draws, plain: bool = False
 ) -> Step:
-    """One step on tensors, which changes the episode's buffers in place; torch compiles it, or it runs eagerly."""
+    """Step actions (N, n), changing the episode's buffers in place; torch compiles it, or it runs eagerly."""
     # Results are computed first, because final observations may be views of the buffers.
     results, after = stepped(world, episode, action, draws, plain)
     values = after.memory()
@@ -225,7 +228,7 @@ def divisible(num_envs: object, members: int) -> int:
 
 
 def require_device(device: str | torch.device) -> None:
-    """Refuse (`ConfigError`) a device that is not available."""
+    """Refuse (`ConfigError`) a device that is neither cpu nor cuda, or that torch does not see."""
     try:
         kind = torch.device(device).type
     except RuntimeError:
@@ -263,7 +266,7 @@ def restoring(memory: Sequence[Any], held: Tensor) -> Iterator[None]:
 def snapshot(
     world: World, episode: Episode, seed: Sequence[Any], processes: Processes
 ) -> dict[str, Any]:
-    """Result of `Engine.save_state`."""
+    """Result of `Engine.save_state`, with the rows of all processes; `load_state` reads it."""
     buffers = [processes.whole(torch.as_tensor(buffer)).clone() for buffer in episode.memory()]
     return {
         "buffers": buffers,

@@ -2,12 +2,13 @@
 
 A convex relaxation, as `rans.optimal.certificate.hull`, for any commands between 0 and 1 that may change at any
 instant. Two things make it closer: the attitude at every instant lies in a tube, which the largest torque leaves
-around the attitude of the start and of the goal, and one set of thrusters has to push and to turn.
-Reaction wheels turn the craft without a price; the limit of their momentum is left out.
+around the attitude of the start and of the goal, and one set of thrusters has to push and to turn. Reaction wheels
+turn the craft without a price; the limit of their momentum is left out.
 
 Multipliers are found by cutting planes (J. E. Kelley, "The cutting-plane method for solving convex programs", 1960)
 and linear programs. Whatever multipliers a solver returns, the bound is computed from them anew and holds
-(docs/certificate.md proves it), so that the tolerance of the solver does not matter.
+(docs/certificate.md proves it), so that the tolerance of the solver does not matter. Whatever it changes must stay
+a lower bound: tests hold it below linear programs and every trajectory found.
 """
 
 from __future__ import annotations
@@ -594,7 +595,7 @@ def _turned_in_space(
     tolerances: GoalSet,
     by_impulse: bool,
 ) -> _Turned | None:
-    """Rotation in space."""
+    """Attitude over time in space, as tubes at the edges (K,) of intervals (s); None if that is too short."""
     moments, principal = np.linalg.eigh(inertia(craft))
     time = float(edges[-1])
     left = time - edges
@@ -694,7 +695,7 @@ def _leaning(
 
 
 def _matrix(state: State) -> np.ndarray:
-    """(3, 3) rotation matrix R_WB."""
+    """(3, 3) rotation matrix R_WB of a state of numbers."""
     w, x, y, z = (float(value) for value in leaves(state.attitude))
     return np.array(
         [

@@ -313,7 +313,7 @@ class _Dual:
         return self._mass * float(switching - spared) - used
 
     def ascend(self) -> float:
-        """The best bound found, from thrust ahead and then back."""
+        """The best bound found, s or N s, by Nelder and Mead from thrust ahead and then back; any point bounds."""
         from scipy.optimize import minimize
 
         response = self._way if self._aimed[1, 0] else self._gain

@@ -32,7 +32,7 @@ class LinearMotion:
 
     @classmethod
     def of(cls, drift: Drift, dimension: Literal[2, 3], time: float) -> LinearMotion:
-        """The motion of one drift over a time, s."""
+        """The motion of one drift over a time (s): matrices of (2 d,) states, exact for thrust held over it."""
         vector: Any = Vec2 if dimension == 2 else Vec3
 
         def carried(x: np.ndarray, duration: float) -> np.ndarray:

@@ -75,7 +75,7 @@ class LQR(ModelBased):
 
     @classmethod
     def sweep(cls, craft: Spacecraft, task: Task, timing: Timing) -> dict[str, LQR]:
-        """One for every factor of `SWEEP` on its weights, by name."""
+        """One for every factor of `SWEEP` on its weights, by name; fronts of comparisons fly them."""
         weights = asdict(_WEIGHTS)
         return {
             f"{cls.name} x {factor:g}": cls(

@@ -186,7 +186,10 @@ class MPC(ModelBased):
         return self._rounding.round(self._planned(state, goal, rest), rest, state.stores)
 
     def _planned(self, state: Any, goal: Any, rest: np.ndarray) -> np.ndarray:
-        """The wrench on B, (N, 3 or 6), with which better plans begin; those that rest plan nothing."""
+        """The wrench on B, (N, 3 or 6), with which better plans begin; those that rest plan nothing.
+
+        Changes the plans, and counts failures.
+        """
         errors = shortest(state, goal)
         goals = self._goals(state, goal)
         holding = self._holding(state, goal)
@@ -255,6 +258,7 @@ class _Program:
         period: float,
         margins: ca.Function | None = None,
     ) -> None:
+        """Make the program once: its matrices do not depend on states, only vectors change between solutions."""
         thrusters = craft.thruster_count
         self._wheels = craft.wheel_count
         self._nozzles = thrusters + self._wheels
@@ -356,7 +360,7 @@ class _Program:
         )
 
     def _cost(self, plan: np.ndarray, error: np.ndarray, goals: np.ndarray, slope: Any) -> float:
-        """What a plan costs as it is flown, with what its margins lack."""
+        """What a plan (nozzles, horizon) costs as it is flown, with what its margins lack; see `improved`."""
         assert self._missing is not None
         flown, _ = self._linearised(error, plan, goals)
         variables = ca.vertcat(ca.vec(ca.DM(plan)), ca.vec(flown))

@@ -156,7 +156,7 @@ class ObserverMPC(MPC):
         )
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; looks at the state, not at the observation."""
+        """Commands (N, n) from the state, not the observation, which the observer learns from."""
         self._observer.see(state)
         rest = self._deadband.holds(
             self._craft,

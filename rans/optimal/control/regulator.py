@@ -144,7 +144,7 @@ class Deadband:
 
 
 def holding(motion: LinearMotion, held: bool, state: Any, goal: Any, later: Any) -> np.ndarray:
-    """Acceleration in W, (d, N) m/s^2, that keeps craft at their goals for the time of a motion.
+    """Acceleration in W, (d, N) m/s^2, that keeps craft at their goals for the time of a motion. d is 2 or 3.
 
     Args:
         motion: of free points.

@@ -125,7 +125,7 @@ class MPPI(ModelBased):
         self._chances = np.full((count, PERIODS, len(self._forces)), _FIRST)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; looks at the state, not at the observation."""
+        """Commands (N, n) from the state, not the observation; remembers each episode's chances of opening."""
         rest = self._deadband.holds(self._craft, self._task, state, goal, period=self._period)
         if self._afterwards is not None:
             goal = self._afterwards.goal(state, goal)

@@ -1,4 +1,7 @@
-"""Phase-plane switching: the fastest of the simple controllers, and it never throttles."""
+"""Phase-plane switching: the fastest of the simple controllers, and it never throttles.
+
+Ties between patterns decide recorded flights: the order of candidates is not free.
+"""
 
 from __future__ import annotations
 
@@ -186,7 +189,7 @@ class Switching(ModelBased):
         self._last = memory
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; looks at the state, not at the observation."""
+        """Commands (N, n) from the state, not the observation; remembers the last patterns."""
         rest = self._deadband.holds(self._craft, self._task, state, goal, period=self._period)
         if self._afterwards is not None:
             goal = self._afterwards.goal(state, goal)

@@ -1,4 +1,7 @@
-"""From a wanted wrench to commands, between 0 and 1 or on/off."""
+"""From a wanted wrench to commands, between 0 and 1 or on/off.
+
+Wrenches are (N, d) about the centre of mass in B, N and N m; LQR, MPC and guidance of missions command by it.
+"""
 
 from __future__ import annotations
 
@@ -160,7 +163,7 @@ class Allocation:
         return np.maximum(supply, command[:, self._thrusters :].max(axis=1, initial=0.0))
 
     def _unbounded(self, wrench: np.ndarray) -> np.ndarray:
-        """Commands >= 0 of least squares that give the wrenches, by Newton steps on the dual."""
+        """Commands (N, n) >= 0 of least squares that give the wrenches (N, d), by Newton steps on the dual."""
         columns = self._columns
         scale = np.abs(wrench).max(initial=1.0)
         dual = 2.0 * wrench @ np.linalg.inv(columns @ columns.T)
@@ -469,7 +472,7 @@ class Proportional:
     def round(
         self, wrench: np.ndarray, rest: np.ndarray | None = None, stores: Sequence[Any] = ()
     ) -> np.ndarray:
-        """See `Rounding`."""
+        """Commands (N, n) for wrenches (N, d); changes what is owed. See `Rounding`."""
         rest = np.zeros(len(wrench), bool) if rest is None else rest
         within_reach = wrench / np.maximum(self._allocation.load(wrench), 1.0)[:, None]
         debt = np.where(rest[:, None], 0.0, self.owed + within_reach)
@@ -535,7 +538,7 @@ class WithWheels:
     def round(
         self, wrench: np.ndarray, rest: np.ndarray | None = None, stores: Sequence[Any] = ()
     ) -> np.ndarray:
-        """See `Rounding`."""
+        """Commands (N, n) for wrenches (N, d): wheels first, then thrusters, then wheels again. See `Rounding`."""
         count = len(wrench)
         rest = np.zeros(count, bool) if rest is None else rest
         low, high = self._wheels.bounds(stores, count)

@@ -88,7 +88,10 @@ def guess(
 def _translation(
     aims: Collection[str], start: State, goal: State, duration: float, s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Cubic in time (Hermite), or constant acceleration where no place is asked for: p and v."""
+    """Cubic in time (Hermite), or constant acceleration without a goal position: p and v, (d, T).
+
+    `s` (T,) is the elapsed share of the duration (s).
+    """
     p0, p1, v0, v1 = (np.array(x.columns())[:, None] for x in (start.p, goal.p, start.v, goal.v))
     if "velocity" not in aims:
         v1 = v0
@@ -110,7 +113,8 @@ def _rotation(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Attitude and w of a turn about one axis at the pace 3 s^2 - 2 s^3, or with constant angular acceleration.
 
-    Where an attitude is asked for, the rates of start and goal are not matched.
+    Where an attitude is asked for, the rates of start and goal are not matched. `s` (T,) is the elapsed share of
+    the duration (s); results are (2 or 4, T) and (1 or 3, T).
     """
     if "attitude" in aims:
         turn = rotation_vector(start.attitude.to(goal.attitude))
@@ -158,7 +162,7 @@ def _bowed(
 def _turning(
     start: State, duration: float, s: np.ndarray, number: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Attitude and w of a turn that is done after a third of the time, to where nobody asks for."""
+    """Attitude and w over shares s (T,) of a turn that is done after a third of the time, to anywhere."""
     if isinstance(start.attitude, Heading):
         turn = np.array([(-1.0) ** number * math.pi / 4.0 * ((number + 1) // 2)])
     else:
@@ -224,7 +228,7 @@ def _time(
     rate: tuple[str, np.ndarray],
     acceleration: float,
 ) -> float:
-    """Time to cross an offset from rest to rest and to cancel a rate, at most at this acceleration, s."""
+    """Time (s) to cross an offset (k,) from rest to rest and to cancel a rate (k,), at an acceleration."""
     far, fast = (float(np.linalg.norm(x)) if name in aims else 0.0 for name, x in (offset, rate))
     if far == fast == 0.0:
         return 0.0

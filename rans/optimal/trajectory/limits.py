@@ -46,7 +46,7 @@ class PathLimits:
                 )
 
     def margins(self, state: Any) -> dict[str, Field]:
-        """How far a state is within each limit, in SI units; negative beyond it.
+        """How far a state of fields is within each limit, in SI units; negative beyond it.
 
         Raises:
             ConfigError: a ball is for the other dimension.

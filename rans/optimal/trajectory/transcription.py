@@ -293,8 +293,9 @@ class Transcription:
     def _build(self, goal_width: int) -> None:
         """Variables: (commands, wrench, state after) of every interval, then the control period.
 
-        Constraints: intervals join, wrenches are the commands', arrival, with shared thrust the sums of
-        commands, and margins of the task's constraints.
+        Constraints: intervals join, wrenches are the commands', arrival, with shared thrust the sums of commands,
+        and margins of the task's constraints. Sets the functions and sizes that all other methods read, in this
+        order of variables.
         """
         # Symbols of the variables and parameters.
         count = self._objective.intervals
@@ -402,7 +403,7 @@ class Transcription:
     def _trajectory(
         self, solution: dict[str, Any], start: State, goal: State, seconds: float
     ) -> Trajectory:
-        """The trajectory of a solution of the nonlinear program."""
+        """The trajectory of a solution of the nonlinear program, whose variables are in the order of `_build`."""
         statistics = self._solver.stats()
         variables = np.array(solution["x"]).ravel()
         table = variables[:-1].reshape(self._objective.intervals, -1)
@@ -470,7 +471,10 @@ class Transcription:
     def _guess(
         self, start: State, goal: State, count: int, period: float, number: int
     ) -> np.ndarray:
-        """Arrives at the end, where the goal is then; where no end is prescribed, soon, and then moves on."""
+        """Arrives at the end, where the goal is then; where no end is prescribed, soon, and then moves on.
+
+        States are (leaves, count).
+        """
         moving = count
         if self._objective.ending == "free":
             moving = min(
@@ -486,7 +490,7 @@ class Transcription:
         )
 
     def _commands(self, start: State, states: np.ndarray, period: float) -> np.ndarray:
-        """(thrusters, T) about what a guessed motion takes."""
+        """(thrusters, T) about what a guessed motion (leaves, T) takes, away from the bounds."""
         if self._allocation is None:
             openings = np.full((self._rows[0], states.shape[1]), _COMMAND_GUESS)
             return self._low + (self._high - self._low) * openings

@@ -82,7 +82,7 @@ def thruster_turns(craft: Spacecraft) -> np.ndarray:
 
 
 def _thrusters_turn(craft: Spacecraft, torque: np.ndarray) -> bool:
-    """Whether open thrusters give a torque and its opposite, without a force."""
+    """Whether open thrusters give a torque in B (1 or 3,) and its opposite, without a force."""
     if not craft.thrusters:
         return False
     from scipy.optimize import nnls

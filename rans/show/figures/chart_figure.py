@@ -120,7 +120,7 @@ def inline(chart: Chart) -> Markup:
 
 
 def _draw(axes: Axes, chart: Chart) -> None:
-    """Everything of a chart but its legend."""
+    """Everything of a chart but its legend: shaded ranges, series, axes; ids name them for dark pages."""
     for number, (low, high, _) in enumerate(chart.shaded):
         band = axes.axvspan(low, high, color=GREY, alpha=0.16, linewidth=0)
         band.set(label="provably impossible", gid=f"shade {number}")
@@ -156,7 +156,7 @@ def _lowest(chart: Chart) -> tuple[float, float]:
 
 
 def _draw_series(axes: Axes, series: Series, number: int, lowest: tuple[float, float]) -> None:
-    """The line of a series, and its marks with their intervals."""
+    """The line of a series, and its marks with their intervals; marks below the axis stand at its edge."""
     marks = series.finite
     if not marks:
         return

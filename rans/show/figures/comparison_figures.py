@@ -44,7 +44,7 @@ def _bars(estimate: Estimate) -> np.ndarray:
 
 @styled
 def gap_histograms(gaps: dict[str, dict[str, np.ndarray]], questions: Sequence[str]) -> Figure:
-    """Histograms of the gaps of flights to certified bounds: a panel for each of these questions of `gaps`."""
+    """Histograms of gaps (N,) to certified bounds by question and contestant: a panel for each question."""
     names = list(dict.fromkeys(name for question in questions for name in gaps[question]))
     figure = Figure(figsize=(4.6 * len(questions), 1.3 + 0.5 * len(names)), layout="constrained")
     grid = figure.subplots(1, len(questions), squeeze=False)[0]
@@ -173,7 +173,7 @@ def side_by_side(flights: Sequence[tuple[str, Flight, int]], contestants: int) -
 
 
 def _common_limits(flights: Sequence[tuple[str, Flight, int]]) -> Iterator[tuple[float, float]]:
-    """One range per axis of W for all paths, m, equally wide."""
+    """One range per axis of W around the goal for all paths, m, equally wide."""
     paths = [[x[:, episode] for x in panels.from_goal(flight)] for _, flight, episode in flights]
     low, high = (
         np.array([pick(np.concatenate([[0.0], *x])) for x in zip(*paths, strict=True)])

@@ -70,7 +70,7 @@ def _closest(points: np.ndarray) -> float:
 
 
 def _outline(axes: Any, craft: Spacecraft) -> None:
-    """Draw the outer radius around the centre of mass."""
+    """Draw the outer radius (m) around the centre of mass, a disc in the plane and a sphere in space."""
     centre = Outline(craft).centre
     if craft.dimension == 2:
         axes.grid(color=_GRID)

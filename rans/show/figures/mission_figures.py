@@ -55,6 +55,7 @@ def spent_over_time(entries: Sequence[Entry], bounds: MissionBounds) -> Figure:
         spent = float(bounds.spent(entry)[0])
         axes.plot([time], [spent], marker, color=colour, markersize=7, label=entry.name)
         top.append(spent)
+    # Room above the highest, and the region that the bounds exclude.
     on_orbit = bounds.spending == "impulse"
     high = max(top, default=1.0)
     low = 0.0 if on_orbit else min(top, default=0.0)

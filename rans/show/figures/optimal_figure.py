@@ -36,6 +36,7 @@ def optimal_figure(answers: Sequence[Optimum], zones: Sequence[Sequence[float]] 
     speeds = figure.add_subplot(1, count, 2)
     sums = figure.add_subplot(1, count, 3)
     alpha = 1.0 if len(paths) == 1 else 0.5
+    # Paths, speeds and sums of all; then goals, and the commands of one alone.
     for path in paths:
         positions = np.array(path.states.p.columns())
         times = np.arange(positions.shape[1]) * path.control_period

@@ -161,7 +161,7 @@ def errors(every: Axes, summarised: Axes, flight: Flight, rank: int, letters: st
 
 
 def summary(axes: Axes, times: np.ndarray, values: np.ndarray, best: Pick, worst: Pick) -> None:
-    """Mean and spread over episodes, with the episodes whose means over time are best and worst."""
+    """Mean and spread of values (T, N), with the episodes whose means over time are best and worst."""
     mean = values.mean(axis=1)
     spread = values.std(axis=1)
     ranking = values.mean(axis=0)
@@ -183,7 +183,7 @@ def summary(axes: Axes, times: np.ndarray, values: np.ndarray, best: Pick, worst
 
 
 def trajectories(axes: Axes, flight: Flight) -> None:
-    """Every path around its goal, seen along z."""
+    """Every path around its goal (m), seen along z, with starts and goal."""
     x, y = from_goal(flight)[:2]
     _lines(axes, x, y)
     axes.scatter(x[0], y[0], s=2, linewidths=0, color=GREY, rasterized=True, label="starts")
@@ -279,7 +279,7 @@ def keep_out(axes: Any, balls: Sequence[Sequence[float]], origin: Sequence[float
 
 
 def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:
-    """The errors of one episode as multiples of their tolerances."""
+    """The errors of one episode over time (s), as multiples of their tolerances."""
     errors = flight.errors()
     bounds = flight.task.tolerances().items()
     for (quantity, bound), colour in zip(bounds, (BLUE, ORANGE, GREEN, PURPLE), strict=False):

@@ -192,7 +192,7 @@ def _extent(axes: Axes) -> Bbox:
 def _document(
     group: ET.Element, box: list[str], shared: dict[str, ET.Element], style: ET.Element | None
 ) -> str:
-    """A file of one group, with whatever it refers to."""
+    """A file of one group, with the definitions, styles and gradients that it refers to."""
     sizes = {"viewBox": " ".join(box), "width": f"{box[2]}pt", "height": f"{box[3]}pt"}
     root = ET.Element(f"{{{_SVG}}}svg", sizes)
     if style is not None:

@@ -52,7 +52,7 @@ def _curve(axes: Axes, member: Member, colour: str, **style: Any) -> None:
 
 
 def _ends(axes: Axes, row: int, members: Sequence[Member], best: Member, colour: str) -> None:
-    """One mark a member, apart enough that equal ones are seen."""
+    """One mark a member at its last step, apart enough that equal ones are seen; crosses have not solved it."""
     for column, member in enumerate(members):
         height = row + 0.6 * ((column + 0.5) / len(members) - 0.5)
         axes.scatter(

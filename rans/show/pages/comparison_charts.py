@@ -85,7 +85,7 @@ def _certified(comparison: Comparison) -> Iterator[Series]:
 
 
 def _relaxed(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
-    """Optima of thrust that may be throttled."""
+    """Median time and impulse of optima of throttled thrust from these starts; none where none is solved."""
     marks = []
     lost = False
     for name, rows in comparison.relaxed.items():
@@ -103,7 +103,7 @@ def _relaxed(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
 
 
 def _swept(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
-    """The LQR of all weights, in their order."""
+    """Median time and impulse of the LQR of all weights, in their order, as one line."""
     marks = []
     for entry in comparison.curve:
         x, y = (
@@ -115,7 +115,7 @@ def _swept(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
 
 
 def _contestant(entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: int) -> Series:
-    """A mark with its intervals; the name says how many never get there."""
+    """A mark with its intervals in style k; the name says how many never get there."""
     colour, marker = series_style(k)
     x, y = (bootstrap.median(values[starts]) for values in (entry.arrival, entry.arrival_thrust))
     count = int(np.isfinite(entry.arrival[starts]).sum())
@@ -144,6 +144,7 @@ def front_chart(front: Front, curve: Sequence[Entry] = (), entries: Sequence[Ent
         return styles[names[0]]
 
     # From the back to the front: bounds, a curve of weights, trade-offs of agents, and all others.
+    # Bounds below, then lines of agents and of one controller's weights, then single rivals.
     series = []
     shaded = []
     if bounds := front.front():

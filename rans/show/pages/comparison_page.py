@@ -256,7 +256,7 @@ _TILES = {
 
 
 def _tile(key: str, own: tables.Scores, others: tables.Scores, rival: str | None) -> Tile:
-    """Tile of a score with its interval, and that of a rival."""
+    """Tile of a score with its interval, and that of a rival; figures are those of the table."""
     unit = key.partition(", ")[2]
     value = own[key]
     # Of one start there is no interval.
@@ -303,6 +303,7 @@ def _race(comparison: Comparison) -> Race | None:
         return f"start {k}: {when}"
 
     def tracks(k: int) -> Iterator[Track]:
+        """What flies in the replay of start k: contestants, then the best that certificates found."""
         for entry in comparison.entries[:_RACERS]:
             yield Track(entry.name, entry.flight, k, float(entry.arrival[k]))
         # The optimal trajectory is called certified only if its bounds have met.
@@ -374,7 +375,7 @@ def time_and_impulse(comparison: Comparison) -> Chart | None:
 
 
 def _plane(comparison: Comparison) -> Iterator[Section]:
-    """Time and impulse when first in the goal set."""
+    """Section of time and impulse when first in the goal set, above what is certified; none without flights."""
     chart = time_and_impulse(comparison)
     if chart is None:
         return

@@ -113,7 +113,10 @@ class InteractiveFlight:
         self.restart()
 
     def restart(self, episode: int | None = None) -> None:
-        """Begin the episode anew, or another one of the seed; faults, delay and noise stay."""
+        """Begin the episode anew, or another one of the seed; faults, delay and noise stay.
+
+        Forgets the past to which one can go back.
+        """
         self.number = self.number if episode is None else episode
         craft = self.world.craft
         samples = scenarios(self.world.task, craft, self.seed, 1, first=self.number)
@@ -162,6 +165,8 @@ class InteractiveFlight:
     def place_goal(self, pose: Sequence[float]) -> None:
         """Move the goal: its position, m in W, and if it follows its attitude, a heading in rad or a quaternion.
 
+        Later goals of the task's own motion are not changed.
+
         Raises:
             ConfigError: this task's goal cannot be moved by hand.
         """
@@ -182,7 +187,7 @@ class InteractiveFlight:
     def step(self) -> list[Any]:
         """Fly one control period; the states within it to draw, the last one at its end.
 
-        Once the episode is over nothing moves.
+        Once the episode is over nothing moves. Remembers the step before it, so that one can go back.
         """
         if self.over:
             return [self.state]

@@ -73,7 +73,7 @@ class Live:
             return self._said(states)
 
     def _said(self, states: Sequence[Any]) -> dict[str, Any]:
-        """The flight now, and the poses of these states."""
+        """Message to the page: the flight now, and the poses of these states; live.js reads its keys."""
         flight = self.flight
         task = flight.world.task
         seen = {

@@ -32,7 +32,7 @@ class Picture:
 
     @classmethod
     def of(cls, figure: Figure | str, caption: str) -> Picture:
-        """A drawn one, or the text of an SVG file."""
+        """A picture from a figure, or from the text of an SVG file that is ours."""
         from rans.show.figures.svg import (
             data_uri,
             panels,
@@ -133,7 +133,7 @@ class Page:
 
     @property
     def verdict(self) -> str:
-        """In one sentence."""
+        """The page's verdict in one sentence: its conclusion, or whether everything passed."""
         return (
             self.conclusion
             or {

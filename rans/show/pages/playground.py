@@ -96,7 +96,7 @@ class Playground:
     """Whether there is a button for whoever commands next."""
 
     def html(self) -> str:
-        """The page, which fetches nothing."""
+        """The page as one text, which fetches nothing: script, data and template are in it."""
         draws = bool(self.data.get("drawing"))
         return filled(
             "playground.html.j2",
@@ -350,6 +350,7 @@ class _Traced:
             if step.operation == "Dense" and "head.weight" in step.inputs
             for name in step.outputs
         )
+        # The page allocates the demand itself, so that the program ends before the head's choice.
         outputs, stages = symbols(program, values, [head])
         arguments = {"carried": self.carried, "errors": errors, "authority": numbers}
         stages = [

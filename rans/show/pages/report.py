@@ -88,6 +88,7 @@ def report_from_run(run: Path) -> Page:
             f"{run} holds no results to report{missing}; rans train, evaluate, compare, stress, assure and prove "
             "write them."
         )
+    # What made the run stands on top.
     header = (
         _read(run / "config.json", _header)
         or _read(run / "validation.json", _header)
@@ -372,7 +373,7 @@ def _title(file: Path) -> str:
 
 
 def _outcome(row: Mapping[str, Any]) -> str:
-    """Sentence with what a contestant of a comparison reached."""
+    """Sentence with what a contestant of a comparison reached, from its row of compare.json."""
     verb = "succeeds" if row.get("ends") else "settles"
     text = f"{verb} from {row['settled']} of {counted(row['starts'], 'start')}"
     for key, what in (
@@ -388,7 +389,7 @@ def _outcome(row: Mapping[str, Any]) -> str:
 
 
 def _evaluation(file: Path, evaluation: Any) -> Section:
-    """Section of an evaluation: its metrics and its pictures."""
+    """Section of an evaluation: its metrics, and those of its pictures that the folder holds."""
     pictures = []
     for name, caption in (("evaluation", "All episodes."), ("episode", "One episode.")):
         picture = inside(file.parent, f"{file.stem.replace('evaluation', name)}.svg")

@@ -36,7 +36,7 @@ class Screen:
 
     @classmethod
     def of(cls, page: Page) -> Screen:
-        """The parts of a page that answer first."""
+        """The parts of a page that answer first: sentence, tiles, first replay, charts, two pictures at most."""
         races = [section.race for section in page.sections if section.race is not None]
         charts = [chart for section in page.sections for chart in section.charts]
         pictures = [
@@ -49,7 +49,7 @@ class Screen:
         return cls(page.hero, page.tiles, next(iter(races), None), charts, chosen)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values, for `rans.files.write_json`."""
+        """Plain values for a JSON file, which `_chart` and its like read back and check."""
         return {
             "hero": self.hero,
             "tiles": [asdict(tile) for tile in self.tiles],
@@ -82,7 +82,7 @@ class Screen:
 
 
 def _chart(content: Mapping[str, Any]) -> Chart:
-    """A chart of the JSON file, whose values are checked."""
+    """A chart of a stranger's JSON file, whose values become numbers and texts or are refused."""
     low_high = content["y_range"]
     return Chart(
         str(content["x_label"]),

@@ -93,7 +93,7 @@ def hull_parts(
 
 
 def _platform(r: float, shape: str, body: Rgba) -> Iterator[Part]:
-    """Two round decks on three air pads, with an air tank (a sphere or a cylinder) and a computer."""
+    """Two round decks on three air pads, with an air tank (sphere or cylinder) and a computer; r is the radius."""
 
     def at(x: float, y: float, z: float) -> RigidTransform:
         return RigidTransform([x * r, y * r, z * r])
@@ -114,7 +114,7 @@ def _platform(r: float, shape: str, body: Rgba) -> Iterator[Part]:
 
 
 def _flyer(r: float, shape: str, body: Rgba) -> Iterator[Part]:
-    """A body of eight sides (or round) with solar cells, two tanks and a camera that looks along x."""
+    """A body of eight sides (or round) with solar cells, two tanks and a camera along x; r is the radius."""
     eighth_turn = RotationMatrix.MakeZRotation(math.pi / 8.0)
     yield Part(
         "bus",

@@ -61,7 +61,7 @@ def _instants(flight: Flight, episode: int, count: int) -> np.ndarray:
 
 
 def _camera(motion: SceneMotion, k: int) -> Camera:
-    """Looking at the middle between spacecraft and goal."""
+    """Camera at instant k, looking at the middle between spacecraft and goal from so far that both are in sight."""
     points = np.array([motion.poses[k].translation(), motion.goal_at(k).translation()])
     target = points.mean(axis=0)
     arrows = [*motion.velocities, *motion.goal_velocities] if "velocity" in motion.wanted else []

@@ -107,7 +107,7 @@ class Renderer:
         return self._poses.GetPose(time)
 
     def _moving(self, time: float, k: int) -> Iterator[tuple[RigidTransform, Part]]:
-        """Everything that is elsewhere at another time, each part with its frame."""
+        """Everything that is elsewhere at another time (s) or instant k, each part with its frame in W."""
         motion = self.motion
         pose = self.pose(time)
         if motion.craft.dimension == 2:

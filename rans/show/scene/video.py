@@ -91,6 +91,7 @@ def save_video(flights: Sequence[Flight], file: Path, stages: Stages = unseen_st
     size = (len(flights) * width, len(panels) * height)
 
     def frames() -> Iterator[Image.Image]:
+        """Frames of all panels at each time (s), side by side; reports progress."""
         progress = stages("rendering", len(times))
         for time in times:
             picture = Image.new("RGB", size, "white")
@@ -126,7 +127,7 @@ class _Panel:
         )
 
     def draw(self, time: float) -> Image.Image:
-        """At a time; what has ended stays as it was."""
+        """Picture of a time (s): what has ended stays as it was, so that films of several lengths fit."""
         motion = self.motion
         k = instant(self.motion, time)
         frame = self._ground.copy()
@@ -150,7 +151,7 @@ class _Panel:
 
 
 def _encode(file: Path, size: tuple[int, int], ending: str, frames: Iterator[Image.Image]) -> None:
-    """Write frames as a film by ffmpeg."""
+    """Write frames as a film by ffmpeg; whoever calls removes a half one."""
     import imageio_ffmpeg
 
     logging.getLogger("imageio_ffmpeg").setLevel(logging.ERROR)

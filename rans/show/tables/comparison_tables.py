@@ -1,4 +1,7 @@
-"""A comparison in numbers: rows for the page, the terminal and the JSON file."""
+"""A comparison in numbers: rows for the page, the terminal and the JSON file.
+
+Keys of `to_json` and headings of scores are an interface: campaigns, reports and pages read them.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,8 @@ DETAILS = (
 def measures(task: Task) -> dict[str, Callable[[Entry], np.ndarray]]:
     """Measures that are compared start by start, by heading.
 
-    Missions that end have other measures: when they succeed without breaking a limit, and what they spend.
+    Missions that end have other measures: when they succeed without breaking a limit, and what they spend. Values
+    are (N,).
     """
     if ends(task):
         return {
@@ -127,7 +131,7 @@ def _broken(entry: Entry) -> Scores:
 
 
 def _goal_scores(entry: Entry, bootstrap: Bootstrap) -> Scores:
-    """Scores of a task that lasts to the end of the episode."""
+    """Scores of a task that lasts to the end of the episode, by headings with units."""
     result = {"settled, %": share(np.isfinite(entry.settling)).scaled(100.0), **_broken(entry)}
     for name, of in measures(entry.flight.task).items():
         if name not in (_IMPULSE, "return"):
@@ -222,7 +226,7 @@ def verdict(comparison: Comparison) -> str:
 
 
 def _dominated(comparison: Comparison, pairs: Sequence[tuple[str, str]]) -> str:
-    """Sentence about who dominates whom, ours and others alike."""
+    """Sentence about who dominates whom, ours and others alike; pairs are (winner, loser)."""
     starts = counted(comparison.contest.episodes, "start")
     same = f"from the same {starts}" if comparison.contest.episodes > 1 else "from this start"
     if not pairs:
@@ -276,7 +280,7 @@ def gaps(comparison: Comparison) -> dict[str, dict[str, np.ndarray]]:
 
 
 def _ratios(comparison: Comparison, event: Event) -> dict[str, np.ndarray]:
-    """What contestants need for an event over its certified lower bound, by start, and the best that was found."""
+    """What contestants need for an event over its certified lower bound, (starts,) each, and the best found."""
     lower, upper = comparison.bounds(event)
     possible = np.isfinite(lower.values) & (lower.values > 0)
     starts = np.array(comparison.certified_starts())[possible]
@@ -327,7 +331,7 @@ def _median(rows: list[Relaxed], key: str) -> float | None:
 
 
 def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
-    """For `rans.files.write_json`."""
+    """Content of compare.json in SI units, of which `rans report` and campaigns read rows by these keys."""
     board = scoreboard(comparison)
     result = outcome(comparison, board)
     return (
@@ -388,7 +392,7 @@ def _estimates(table: dict[str, Scores]) -> dict[str, dict[str, tuple[float, ...
 
 
 def _summary(comparison: Comparison, board: dict[str, Scores]) -> Iterator[dict[str, Any]]:
-    """A row per contestant."""
+    """Row of each contestant for reports; `outcome` heads the file with them."""
     for entry in comparison.entries:
         times = _times(entry)
         row = board[entry.name]
@@ -422,7 +426,7 @@ def _bound_summary(comparison: Comparison) -> Iterator[dict[str, Any]]:
 
 
 def _starts(entry: Entry) -> Iterator[dict[str, Any]]:
-    """Results of a contestant as data, a row for each start."""
+    """Results of a contestant as data, a row for each start in SI units; what never happened is infinite."""
     for k, failed in enumerate(entry.flight.failed()):
         row: dict[str, Any] = {
             "start": k,
@@ -446,7 +450,7 @@ def _starts(entry: Entry) -> Iterator[dict[str, Any]]:
 
 
 def _relaxed_row(row: Relaxed) -> dict[str, Any]:
-    """A relaxed optimum as data."""
+    """A relaxed optimum as data, in SI units; NaN where it was not flown."""
     return {
         key: getattr(row, key)
         for key in (

@@ -111,7 +111,7 @@ def _reason(verdict: Verdict, rival: Point, quantity: str, factor: float, unit: 
 
 
 def front_json(front: Front) -> dict[str, Any]:
-    """For `rans.files.write_json`; SI units."""
+    """Content of "front" in compare.json, in SI units; what is said is in it word by word."""
     return {
         "horizon": front.contest.duration,
         "starts": front.contest.episodes,

@@ -19,7 +19,7 @@ from rans.tasks.quantities import QUANTITIES
 
 
 def spacecraft_listing(craft: Spacecraft) -> Table:
-    """Masses and shape."""
+    """Masses and shape in SI units, and how soon it moves a metre and turns by half."""
     moments = "\n".join(vector_text(row, 4) for row in craft.inertia)
     if craft.dimension == 2:  # the axis of the plane is the only one
         moments = f"{craft.inertia[2][2]:.4g}"
@@ -70,7 +70,7 @@ def _further(craft: Spacecraft) -> Iterator[tuple[str, str]]:
 
 
 def thruster_listing(craft: Spacecraft) -> Table:
-    """A row a thruster, its torque about the centre of mass."""
+    """A row for each thruster, in G and in SI units, with its torque about the centre of mass."""
     axes = craft.dimension
     columns = ("thruster", "position, m", "direction", "force, N", "torque, N m")
     rows = []
@@ -101,7 +101,7 @@ def task_listings(task: Task, prefix: str = "") -> Iterator[Table]:
 
 
 def _reward(task: Task, name: str, dimension: Dimension) -> Table:
-    """Terms of a reward as formulas of the errors."""
+    """Terms of a reward as formulas of the errors, evaluated on symbols; or that they cannot be read."""
     quantities = task.errors(*example_state(task, dimension))
     errors = ", ".join(f"{error} ({QUANTITIES[error].unit})" for error in quantities)
     formulas = reward_formulas(task, dimension)

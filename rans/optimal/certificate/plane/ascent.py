@@ -133,7 +133,7 @@ def ascend(
 def _highest(
     cuts: list[Cut], centre: np.ndarray, trust: float, normal: np.ndarray | None
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """The point of the box where the lowest cut is highest, its height, and the cuts' weights."""
+    """Where (4,) in the box the lowest cut is highest, its height, and the cuts' weights (cuts,)."""
     from scipy.optimize import linprog
 
     planes = np.array([np.append(-cut.slope, 1.0) for cut in cuts])

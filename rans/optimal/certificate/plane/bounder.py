@@ -81,7 +81,7 @@ class PlanarBounder:
         return True
 
     def least_fuel(self, problem: Problem, steps: int, effort: SearchEffort) -> Found:
-        """See `Bounder`; the `ConfigError` is that of `Relaxation`, which has too many points for long times."""
+        """Certified least fuel, and commands if found; `TooManyPoints` for long times. See `Bounder`."""
         lattice = self.lattice
         nodes = 0
         open_levels = 0
@@ -196,7 +196,7 @@ def _levels(lattice: Lattice, net: set[int], level: float, highest: float) -> It
 
 
 def _root_ascent(relaxation: Relaxation, target: float, effort: SearchEffort) -> Ascent:
-    """Lower bound before the search branches."""
+    """Lower bound before the search branches, with the weights of paths from which commands are tried first."""
     return ascend(
         relaxation,
         relaxation.reachable(),
@@ -257,7 +257,7 @@ def _commands(
     effort: SearchEffort,
     evaluated: set[bytes],
 ) -> np.ndarray | None:
-    """Try the paths that weigh most in the relaxation's mixture, then other nozzles for them."""
+    """Commands (T, thrusters) of the paths that weigh most, or None; adds to ``evaluated``."""
     for index in np.argsort(-result.weights)[:2]:
         path = result.cuts[index].path
         commands = replayed_within_cost(relaxation, path, level)

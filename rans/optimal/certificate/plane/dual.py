@@ -192,7 +192,7 @@ class Relaxation:
         return np.isin(n, list(self.net))[:, None] & (error <= self.goal_set.heading + margin)
 
     def _costs(self, costate: np.ndarray, branch: Branch) -> Any:
-        """`lattice_kernel.Costs` of patterns under a costate of the final velocity and position."""
+        """`lattice_kernel.Costs` of patterns under a costate (4,) of the final velocity and position."""
         velocity = complex(*costate[:2])
         position = complex(*costate[2:])
         left = (self.steps - np.arange(self.steps)) * self.lattice.period
@@ -263,7 +263,7 @@ class Relaxation:
         )
 
     def constant(self, costate: np.ndarray) -> tuple[float, np.ndarray]:
-        """Part of the dual function beside the inner minimum, and its supergradient."""
+        """Part of the dual function beside the inner minimum under a costate (4,), and its supergradient (4,)."""
         value = float(costate @ self.miss)
         slope = self.miss.copy()
         for part, radius in (
@@ -285,7 +285,7 @@ class Relaxation:
         return self.points(path)[1] + self._origin
 
     def inside(self, path: np.ndarray, branch: Branch) -> bool:
-        """Whether a path belongs to the branch."""
+        """Whether a path (T,) of patterns belongs to the branch: points and patterns alike."""
         n, a = self.points(path)
         k = np.arange(self.steps + 1)
         i = n + self._reach
@@ -321,7 +321,7 @@ class Relaxation:
         return complex(gained.sum()), complex(displacement.sum())
 
     def margin(self, costate: np.ndarray) -> float:
-        """More than rounding and inexact torques can change a value by (docs/certificate.md)."""
+        """More than rounding and inexact torques can change a value by, at a costate (4,); docs/certificate.md."""
         h = self.lattice.period
         mass = self.lattice.craft.mass
         time = self.steps * self.lattice.period

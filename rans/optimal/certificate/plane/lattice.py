@@ -162,7 +162,7 @@ class Lattice:
 
 
 def _check(craft: Spacecraft) -> None:
-    """Reject (`ConfigError`) craft whose motion has no lattice."""
+    """Reject (`ConfigError`) craft whose motion has no lattice: space, shared thrust, other valves than on/off."""
     if craft.dimension != 2:
         raise ConfigError(
             f"spacecraft {craft.name!r}: the on/off certificate exists for planar motion only, "

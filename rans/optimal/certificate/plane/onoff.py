@@ -57,7 +57,7 @@ def replayed_within_cost(
 def _choices(
     relaxation: Relaxation, path: np.ndarray, bound: DualValue, limit: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Period and pattern of every choice worth offering, and its velocity and position at the end."""
+    """Period, pattern, final speed and displacement (C,) of every choice within the limit for a path (T,)."""
     patterns = relaxation.lattice.patterns
     same = patterns.torque[path][:, None] == patterns.torque
     everything = np.broadcast_to(np.arange(len(patterns.torque)), same.shape)
@@ -83,7 +83,7 @@ def _solve(
     limit: float,
     work: float,
 ) -> np.ndarray | None:
-    """Indices of one choice per period, in their order."""
+    """Indices (T,) of one choice a period, in their order, by an integer program; None: none within ``work``."""
     from scipy.optimize import Bounds, LinearConstraint, milp
     from scipy.sparse import csr_matrix
 
