@@ -9,6 +9,8 @@ commands of these. Its gains follow by recursive least squares, and its odds by 
 A command answers a reading with its noise, so that the noise of the reading before the command would look like an
 effect of it. Therefore the change is taken from the reading one period earlier, and only the last command corrects
 the gains: it is the instrument of the regression (Young, "Recursive estimation and time-series analysis", 1984).
+Sequences of fields (N,) hold one entry an axis of the twist; the traced program of the policy prints the same
+functions, so only arithmetic on fields is allowed.
 """
 
 from __future__ import annotations

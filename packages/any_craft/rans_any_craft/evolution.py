@@ -1,10 +1,11 @@
 """Weights of an agent for any craft at every frugality, by evolution strategies on flights of random layouts.
 
-Weights are linear in the frugality between three nodes (`NODES`). Two networks of a pair, whose weights differ
-from those of a value by the same random numbers with both signs, fly the same craft from the same starts. The
-difference of their costs moves the weights of the nodes. The cost counts what tables do: settling time and thrust.
-Gradients through flights lose them at high prices of thrust, and know nothing of coasting near the goal
-(docs/decisions/any_craft_frugal.md).
+Weights are linear in the frugality between three nodes (`NODES`). Two networks of a pair, whose weights differ from
+those of a value by the same random numbers with both signs, fly the same craft from the same starts. The difference
+of their costs moves the weights of the nodes. The cost counts what tables do: settling time and thrust. Gradients
+through flights lose them at high prices of thrust, and know nothing of coasting near the goal
+(docs/decisions/any_craft_frugal.md). `rans_any_craft.agents` writes the result into the shipped agents; new numbers
+drawn anywhere here, or in another order, train other weights.
 """
 
 from __future__ import annotations
@@ -183,7 +184,8 @@ def _period(
 ) -> tuple[Motion, Tensor, Tensor, Tensor]:
     """State, twist, time when it was last outside of the tolerances, and thrust, after a period.
 
-    The period ends ``end`` periods after the start.
+    The period ends ``end`` periods after the start. All are (n,) or (n, k) tensors of n craft; `_flown` calls it,
+    and on a GPU a graph records it, so it may not branch on values.
     """
     layers = list(zip(flat[::2], flat[1::2], strict=True))
     law = partial(_demands, layers=layers, coast=coast)
@@ -201,7 +203,11 @@ def _flown(
     generator: torch.Generator,
     period_of: Callable[..., tuple[Motion, Tensor, Tensor, Tensor]],
 ) -> Flown:
-    """Flights of G networks with layers (G, o, i)."""
+    """Flights of G networks with layers (G, o, i): the crafts are dealt out to them in equal parts, in order.
+
+    Draws one normal number a reading from `generator`, the same for both halves of the crafts: pairs of networks
+    differ in their weights alone.
+    """
     batch = crafts.batch
     state = batch.state
     period = batch.authority.period
@@ -241,6 +247,8 @@ class Evolution:
         settings: EvolutionSettings,
     ) -> None:
         """Begin with the weights of networks.
+
+        Stores moments of Adam like `theta`, and the running average that `weights` gives.
 
         Args:
             network: of the dimension and size; its weights do not count.
@@ -307,7 +315,11 @@ class Evolution:
         return line
 
     def _move(self, gradient: Tensor, part: float) -> None:
-        """A step of Adam, whose size rises within the first twentieth of the time and falls to nothing."""
+        """Change `theta` and its average by a step of Adam along a gradient (3, k).
+
+        ``part`` of the time, 0 to 1, is over. The size rises within the first twentieth of the time and falls to
+        nothing.
+        """
         self._count += 1
         self._mean.lerp_(gradient, _MEAN)
         self._square.lerp_(gradient.square(), _SQUARE)
@@ -373,7 +385,7 @@ class Evolution:
         return lost.tolist(), quicker.tolist()
 
     def named(self, rows: Tensor) -> list[dict[str, Tensor]]:
-        """Weights (G, k) by name."""
+        """Weights (G, k), flat in the order of `_shapes`, as a dictionary of tensors by name for each row."""
         sizes = [math.prod(shape) for shape in self._shapes.values()]
         return [
             {
@@ -406,7 +418,10 @@ class Evolution:
         return _twice(_Crafts(batch, coast, _between(own.prices, value)))
 
     def _fly(self, layers: Layers, crafts: _Crafts) -> Flown:
-        """Flights; on a GPU their operations are recorded once for each kind of thruster, and replayed."""
+        """Flights; on a GPU their operations are recorded once for each kind of thruster, and replayed.
+
+        The recording reads `crafts` and `layers` from where it was made, so new values are copied there.
+        """
         continuous = crafts.batch.continuous
         steps, generator = self._settings.steps, self._generator
         alone = partial(_period, continuous=continuous)

@@ -6,6 +6,10 @@ As in that plugin the force acts at the link's centre of mass along its z axis. 
 
 Sources: wiki.ros.org/urdf/XML, sdformat.org/spec, gz-sim ``SpacecraftThrusterModel.cc``, and ``42init.c`` of
 github.com/ericstoneking/42.
+
+`rans.model.foreign` finds the two readers by entry points; everything here is in SI units and in the axes of the
+file's root, and refusals are `ConfigError`. The files that `packages/any_craft/tests` reads come from those
+programs.
 """
 
 from __future__ import annotations
@@ -76,7 +80,7 @@ class _Link:
 
 
 def _rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Rotation about fixed x, then y, then z, as URDF and SDF have it."""
+    """Rotation matrix (3, 3) of angles (rad) about fixed x, then y, then z, as URDF and SDF have it."""
     cr, cp, cy = np.cos([roll, pitch, yaw])
     sr, sp, sy = np.sin([roll, pitch, yaw])
     return np.array(
@@ -89,7 +93,7 @@ def _rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
 
 
 def _check_body(what: str, mass: float, inertia: np.ndarray) -> None:
-    """Refuse (`ConfigError`) a mass or an inertia that no body has; both may be zero."""
+    """Refuse (`ConfigError`) a mass (kg) or an inertia (3, 3) (kg m^2) that no body has; both may be zero."""
     if mass < 0.0:
         raise ConfigError(f"the mass of {what} must be at least 0 kg, got {mass:g}.")
     low, middle, high = np.linalg.eigvalsh(inertia)
@@ -164,7 +168,10 @@ def _xml(text: str) -> ET.Element:
 
 
 def _numbers(text: str | None, count: int, what: str) -> np.ndarray:
-    """As many finite numbers, separated by spaces."""
+    """Exactly ``count`` finite numbers within +-1e9, separated by spaces, as an array.
+
+    Else a `ConfigError` of ``what``.
+    """
     try:
         values = np.array([float(word) for word in (text or "").split()])
     except ValueError:
@@ -229,7 +236,7 @@ def _forces(
 
 
 def _actuator_number(text: str | None, link: str) -> int | None:
-    """Number of a thruster's command; None: not stated."""
+    """Number of a thruster's command, which orders the thrusters of the craft; None: the file does not state it."""
     if text is None:
         return None
     if not re.fullmatch(r"\d{1,6}", text, re.ASCII):
@@ -242,7 +249,10 @@ def _actuator_number(text: str | None, link: str) -> int | None:
 def _inertia(
     element: ET.Element | None, read: Callable[[ET.Element, str], str | None]
 ) -> np.ndarray:
-    """Tensor from ixx, ixy, ixz, iyy, iyz and izz."""
+    """Tensor (3, 3), kg m^2, from ixx, ixy, ixz, iyy, iyz and izz; zeros without an element.
+
+    ``read`` gets an entry's text.
+    """
     if element is None:
         return np.zeros((3, 3))
     values = {}
@@ -300,7 +310,7 @@ def _urdf(root: ET.Element, name: str) -> Foreign:
 
 
 def _urdf_link(link: ET.Element) -> _Link:
-    """Mass, centre and inertia of a link of URDF."""
+    """Mass, centre and inertia of a link of URDF; without an inertial element it weighs nothing, as URDF says."""
     inertial = link.find("inertial")
     if inertial is None:
         return _Link(0.0, _AT_ORIGIN, np.zeros((3, 3)))
@@ -325,7 +335,7 @@ def _urdf_origin(element: ET.Element) -> _Pose:
 
 
 def _distinct(root: ET.Element, tag: str, read: Callable[[ET.Element], _Link]) -> dict[str, _Link]:
-    """Elements by their names, which must differ."""
+    """Elements of the root by their names, which must differ, 1 to `_MOST_LINKS` of them (else `ConfigError`)."""
     result: dict[str, _Link] = {}
     for element in root.findall(tag):
         name = element.get("name", "")
@@ -407,7 +417,7 @@ def _is_silent(link: ET.Element) -> bool:
 
 
 def _sdf_link(link: ET.Element) -> _Link:
-    """Mass, centre and inertia of a link of SDF."""
+    """Mass, centre and inertia of a link of SDF; what it leaves out is 1 kg and the unit tensor, as SDF says."""
     inertial = link.find("inertial")
     name = link.get("name", "")
     if inertial is None:  # SDF's default
@@ -464,7 +474,7 @@ class _Lines:
         return [(k, value) for k, value, remark in self.rows if remark.startswith(comment)]
 
     def numbers(self, comment: str, count: int, entry: int = 0) -> np.ndarray:
-        """Numbers of the line of an entry."""
+        """The ``count`` numbers of the line with this comment, of the entry with this number."""
         rows = self.all(comment)
         if len(rows) <= entry:
             raise ConfigError(
@@ -492,6 +502,7 @@ def table(text: str, name: str) -> Foreign:
             "a .txt file must be a spacecraft file of 42, whose first line has '42: Spacecraft Description File', "
             f"got {brief(lines[0])}."
         )
+    # Sections and their lines, by the titles between asterisks.
     words = ("body", "wheel", "thruster", "mtb", "dynamics flags")
     sections = {word: _Lines(word) for word in words}
     current: _Lines | None = None
@@ -503,6 +514,7 @@ def table(text: str, name: str) -> Foreign:
             value, _, comment = line.partition("!")
             current.rows.append((number, value.strip(), comment.strip().lower()))
     body, wheel, thruster, *_ = sections.values()
+    # Mass properties. Products of inertia of 42 have the other sign than a tensor's entries.
     bodies = body.count("number of bodies")
     if bodies != 1:
         raise ConfigError(f"it must have one body, got {bodies}: joints are not read.")
@@ -512,6 +524,7 @@ def table(text: str, name: str) -> Foreign:
     xy, xz, yz = -body.numbers("products of inertia", 3)
     tensor = np.array([[x, xy, xz], [xy, y, yz], [xz, yz, z]])
     _check_body("its body", mass, tensor)
+    # Thrusters, then wheels.
     nozzles = []
     for k in range(thruster.count("number of thrusters")):
         position = None

@@ -1,9 +1,10 @@
 """Random layouts of thrusters in the plane and in space: what an agent for any craft is trained on.
 
 A layout is drawn in the frame B of a craft with unit mass and unit radius of gyration, so that a thruster is three
-numbers in the plane, what it does to the velocity along x and y and to the spin, and six in space. For a rigid
-body in the plane nothing else matters; in space the ratios of the moments of inertia enter once more, where it
-spins fast. A reaction wheel is two columns that push nowhere, one for each way.
+numbers in the plane, what it does to the velocity along x and y and to the spin, and six in space. For a rigid body
+in the plane nothing else matters; in space the ratios of the moments of inertia enter once more, where it spins
+fast. A reaction wheel is two columns that push nowhere, one for each way. Training, its held-out test (`canonical`)
+and the shipped agents' pools depend on the order in which numbers are drawn here.
 """
 
 from __future__ import annotations
@@ -55,7 +56,8 @@ def sample_layout(random: np.random.Generator, ranges: LayoutRanges | None = Non
     """Draw a layout that can push and turn every way: columns (n, 3) of F_x, F_y and torque, or (n, 6) in space.
 
     Mass and inertia are 1 (in space the mean of the principal moments), the mean force is 1, and the root mean
-    square of the lever arms is 1. Columns of wheels come last.
+    square of the lever arms is 1. Columns of wheels come last. Draws again until the layout has the least authority
+    that the ranges ask for.
     """
     ranges = ranges or LayoutRanges()
     drawn = _drawn if ranges.dimension == 2 else _drawn_in_space
@@ -86,7 +88,8 @@ def canonical(columns: np.ndarray, digits: int = 3) -> frozenset[Shape]:
 
     In space a second thruster then lies in the plane of the first two axes. Two layouts are equal up to the order
     of their thrusters, a turn of the axes, a mirror, and the units of mass, inertia and force if the sets have a
-    member in common. Numbers are rounded to so many digits. Wheels, which push nowhere, do not count.
+    member in common. Numbers are rounded to so many digits. Wheels, which push nowhere, do not count. Training
+    leaves out every layout whose set meets that of a shipped craft.
     """
     columns = columns[thrust(columns) > 0.0]
     pushing = directions(columns.shape[1])

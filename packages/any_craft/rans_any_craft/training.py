@@ -1,10 +1,12 @@
 """Training of a policy for any craft, by gradients through flights of random layouts.
 
-The network gives a demanded change of twist (`rans.policy.authority` is what it is given,
-`rans.policy.allocation` what becomes of its demand). Each craft of a batch has its own layout, scale, control
-period and errors. Backwards, thrusters that are neither shut nor open all the time follow the demand, and
-others the less the farther they are from that, so that the price of thrust has a gradient too. Planar craft fly in
-the plane z = 0 of space.
+The network gives a demanded change of twist (`rans.policy.authority` is what it is given, `rans.policy.allocation`
+what becomes of its demand). Each craft of a batch has its own layout, scale, control period and errors. Backwards,
+thrusters that are neither shut nor open all the time follow the demand, and others the less the farther they are
+from that, so that the price of thrust has a gradient too. Planar craft fly in the plane z = 0 of space. Tensors are
+of n craft: vectors (n, 3) in W unless said otherwise, with unit quaternions (n, 4), w first.
+`rans_any_craft.agents` trains with it and `rans_any_craft.evolution` flies `one_period`; the shipped weights follow
+from the order of the random numbers.
 """
 
 from __future__ import annotations
@@ -197,7 +199,10 @@ class _Drawing:
         self._shipped = shipped_shapes(dimension)
 
     def rows(self, first: int, end: int) -> list[tuple[Any, ...]]:
-        """Entries of the pool for the layouts with these numbers."""
+        """Entries of the pool for layouts first to end - 1.
+
+        The number seeds a layout, so that it does not depend on the others.
+        """
         ranges = RANGES_OF_LAYOUTS[self._dimension]
         rows = []
         for number in range(first, end):
@@ -207,7 +212,11 @@ class _Drawing:
         return [row for row in rows if row is not None]
 
     def _row(self, drawn: np.ndarray, is_shared: bool) -> tuple[Any, ...] | None:
-        """Entry of the pool for a layout (n, d); None: it is left out."""
+        """Entry of the pool for a layout (n, d), padded with zeros to the most thrusters; None: it is left out.
+
+        Left out are layouts of shipped craft (the held-out test), and those that a craft which shares thrust cannot
+        steer. The order of an entry is that of `Pool`.
+        """
         dimension = self._dimension
         ranges = RANGES_OF_LAYOUTS[dimension]
         size = drawn.shape[1]
@@ -297,7 +306,7 @@ class Cube:
         return np.full((1, 1), hand) if self.dimension == 2 else hand * g
 
     def on_columns(self, number: int) -> np.ndarray:
-        """What an element does to the columns of `rans.policy.authority`."""
+        """Matrix (m, m) of what an element of the group does to the m columns of `rans.policy.authority`."""
         g = self.elements[number]
         axial = self._axial(number)
         blocks = [g] * VECTORS + [axial] * TURNS + [np.eye(SCALARS), _on_ways(g), _on_ways(axial)]
@@ -361,7 +370,7 @@ class DemandNetwork(torch.nn.Module):
         return [(weight[0], bias[0]) for weight, bias in stacked]
 
     def stacked(self, weights: Mapping[str, Tensor]) -> list[tuple[Tensor, Tensor]]:
-        """Layers (n, o, i), (n, o) of n networks with these parameters (n, ...) by name."""
+        """Dense layers (n, o, i) and (n, o) of n networks with these parameters (n, ...); see `of_layers`."""
         first, second, last = (weights[name] for name in ("first", "second", "last"))
         units = self.sides * first.shape[1]
         # Unit (c, g) has its input as from the side g.
@@ -376,7 +385,10 @@ class DemandNetwork(torch.nn.Module):
 
     @classmethod
     def of_layers(cls, layers: Layers, dimension: int) -> DemandNetwork:
-        """The network whose dense layers (`layers`) these are."""
+        """The network whose dense layers (`layers`) these are.
+
+        Of every orbit of the group it reads the first row.
+        """
         (first, first_bias), (second, second_bias), (last, _) = (
             (weight.detach(), bias.detach()) for weight, bias in layers
         )
@@ -493,7 +505,11 @@ def draw_batch(
     continuous: bool,
     perturbed: bool = True,
 ) -> Batch:
-    """Draw craft and starts."""
+    """Draw as many craft and starts as the settings say, with random numbers of `generator` on its device.
+
+    Accelerations are bounded for the control period, so that on/off pulses stay small against the tolerances.
+    Without ``perturbed`` every craft is as its file says. The order of draws decides what is trained.
+    """
     count = settings.crafts
     dimension = settings.dimension
     device = generator.device
@@ -676,7 +692,10 @@ def _rotation(vector: Tensor) -> Tensor:
 def _inputs(
     state: Motion, authority: Authority, dimension: int
 ) -> tuple[list[Tensor], tuple[Tensor, list[Tensor]], list[Tensor], list[Tensor], Authority]:
-    """Arguments of `rans.policy.authority.columns`."""
+    """Arguments of `rans.policy.authority.columns`, from states (n, ...) in W.
+
+    Errors, velocities and spins are turned to B.
+    """
     back = state.q * state.q.new_tensor([1.0, -1.0, -1.0, -1.0])
     error = _turned(back, -state.p).unbind(dim=1)
     velocity = _turned(back, state.v).unbind(dim=1)
@@ -704,7 +723,9 @@ def one_period(
 ) -> tuple[Motion, Tensor, Tensor, Tensor, Tensor]:
     """State after a period, twist of this period, cost without thrust, nearness to the goal, and thrust.
 
-    Demands are those of the law, or else those of a network, whose layers are ``flat``.
+    Demands are those of the law, or else those of a network, whose layers are ``flat``. Everything is a tensor of n
+    craft; ``before`` (n, size) is the twist of the period before, ``drawn`` (n, 2 size) normal numbers of the
+    sensors, ``fields`` the batch in the order that `fly` gives it.
     """
     period, ways, scale, gain, late, noise, centre, moments, weight, *rows = fields
     size = scale.shape[1]
@@ -953,7 +974,10 @@ class _Gradients:
             self._record()
 
     def of(self, batch: Batch) -> Outcome:
-        """Write the gradients of a batch into the network's parameters."""
+        """Write the gradients of a batch into the network's parameters.
+
+        A recorded graph reads it from the first batch's place.
+        """
         if self._graph is None:
             self._batch = batch
             return self._computed()
@@ -963,6 +987,10 @@ class _Gradients:
         return self._outcome
 
     def _computed(self) -> Outcome:
+        """Outcome of the recorded batch, whose clipped cost has been sent back.
+
+        The parameters' gradients are replaced.
+        """
         # Gradients keep their memory, in which recorded operations write.
         self._network.zero_grad(set_to_none=False)
         outcome = fly(
@@ -973,6 +1001,7 @@ class _Gradients:
         return outcome
 
     def _record(self) -> None:
+        """Record `_computed` as a CUDA graph, after two runs on another stream, which libraries need."""
         # Compilers and libraries begin on another stream, before the recording.
         stream = torch.cuda.Stream()
         stream.wait_stream(torch.cuda.current_stream())
@@ -987,7 +1016,7 @@ class _Gradients:
 
 
 def _tensors(batch: Batch) -> Iterator[Tensor]:
-    """Tensors of a batch, one after the other."""
+    """Tensors of a nested batch, last entries first: two batches of one structure pair up in this order."""
     pending: list[Any] = list(batch)
     while pending:
         entry = pending.pop()

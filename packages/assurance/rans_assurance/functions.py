@@ -90,6 +90,7 @@ def stress(
     from rans_assurance.pages.stress_page import StressReport
     from rans_assurance.stress.run import prepared
 
+    # Names and options, refused before anything flies.
     first, invited = invitations(contestants)
     contest = contest_of(
         first, whole("episodes", episodes), seed, trust=trust, guard=guard, slack=guard_slack
@@ -103,6 +104,7 @@ def stress(
         folder = ready_folder(Path(output))
         inside(folder, "stress")  # a symbolic link is rejected before the flights
     maker = made_by("rans.stress")
+    # The report exists before the flights, so that an interrupt has what was flown.
     report = StressReport(planned, folder, whole("worst", worst, least=0), maker)
 
     def end() -> None:
@@ -218,6 +220,10 @@ def assure(
             written = time.monotonic()
 
     def end() -> None:
+        """Write and show what was flown so far.
+
+        It also ends an interrupted call, and nothing is written before a flight.
+        """
         if not assurance.campaign.flights:
             return
         if file is not None:

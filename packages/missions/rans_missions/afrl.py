@@ -169,6 +169,10 @@ class AfrlInspection(_Afrl):
         self._centres: list[np.ndarray] = [np.zeros((0, 3))] * count
 
     def _observed(self, p: np.ndarray, v: np.ndarray, goal: Any) -> np.ndarray:
+        """Observation (N, width) as the network's own simulation has it, of p and v (N, 3), m and m/s.
+
+        Remembers the centres of clusters in `_centres`, which begin the next call.
+        """
         count = len(p)
         inspected = np.stack(
             [np.broadcast_to(known, count) for _, known in self._task.markers(goal)], axis=1

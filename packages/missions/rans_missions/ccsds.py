@@ -486,7 +486,10 @@ def _message(
     rows: list[str],
     last: dict[str, str] | None = None,
 ) -> str:
-    """An ephemeris message with one segment."""
+    """An ephemeris message with one segment.
+
+    ``last`` are further keywords of the metadata, which AEM of version 1 has.
+    """
     header = {key: version, "CREATION_DATE": _text(datetime.now(UTC)), "ORIGINATOR": "RANS"}
     segment = {
         "OBJECT_NAME": name,

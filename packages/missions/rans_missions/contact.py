@@ -7,7 +7,8 @@ all valves are shut and latches close: springs and dampers that draw the spacecr
 fails if a latch is loaded beyond its strength, or if the spacecraft has not come to rest in the port.
 
 Frames: W has its origin in the target's centre. B is at the spacecraft's centre of mass, D is the docked pose of B,
-which rotates with the target.
+which rotates with the target. States are rows as in `rans.reference.plant`, and D is the docked pose;
+`tests/test_contact.py` compares with that plant where nothing touches.
 """
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged and leave ports untyped.
@@ -163,6 +164,7 @@ def fly_to_contact(
     timing = setup.timing
     world = World(setup)
     docked_row = rows_from_states(start.goal)[0]
+    # Drake moves both; the verdict is that of the engine's own step.
     plant = DockingPlant(craft, docked_row, timing.control_period, timing.checks, system)
     now = world.begin(start.start, start.goal, 0, None, Body.of(craft))
     controller.reset(1)
@@ -423,6 +425,7 @@ class DockingPlant:
         port.FixValue(self._root, thrust)
 
     def _set(self, row: np.ndarray) -> None:
+        """Put a state, a row as in `rans.reference.plant`, into the joint between world and craft."""
         if self.craft.dimension == 2:
             self._joint.set_translation(self._context, row[0:2])
             self._joint.set_rotation(self._context, row[2])
@@ -435,7 +438,7 @@ class DockingPlant:
         self._joint.set_angular_velocity(self._context, R_WB @ row[10:13])
 
     def state(self) -> np.ndarray:
-        """Present state, a row as in `rans.reference.plant`."""
+        """Present state of the craft, a row as in `rans.reference.plant` (SI, quaternion w first)."""
         if self.craft.dimension == 2:
             return np.array(
                 [
@@ -462,7 +465,7 @@ def _quaternion(wxyz: np.ndarray) -> Quaternion:
 
 
 def _port(docked: np.ndarray, dimension: int) -> tuple[RigidTransform, np.ndarray, float]:
-    """Pose of D in the target's frame, and axis and rate (rad/s) of the target's spin."""
+    """Pose of D in the target's frame from the docked row, and unit axis (3,) and rate (rad/s) of its spin."""
     if dimension == 2:
         R_WD = RotationMatrix.MakeZRotation(docked[2])
         return (

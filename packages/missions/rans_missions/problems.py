@@ -69,7 +69,7 @@ def approaches(command: Optimal, craft: Spacecraft, task: Task) -> int:
 
 
 def _reported(title: str, folder: Path, table: TransferTable) -> int:
-    """Print and write a table; the exit code of the command."""
+    """Print a table of missions and write optimal.json; 1 if a start has no flight."""
     Terminal().show(
         title,
         table.columns,

@@ -2,7 +2,8 @@
 
 It shares no equation with RANS, which flies linear ones in a frame that turns with the target: target and craft
 fall about the Earth in axes that do not rotate, and SciPy integrates the difference of their accelerations. The
-Earth may be oblate and have an atmosphere.
+Earth may be oblate and have an atmosphere. Nothing here may import a drift: `tests/test_two_body.py` holds it
+against closed forms.
 """
 
 from __future__ import annotations
@@ -86,6 +87,7 @@ def relative_motion(
     outwards = np.sqrt(mu / parameter) * eccentricity * np.sin(anomaly)
     along = np.sqrt(mu * parameter) / radius
 
+    # Positions in axes that do not turn; the target beside its craft on an ellipse.
     def turned(vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
         """Vectors (N, 3) about z by angles (N,), rad."""
         c, s = np.cos(angle), np.sin(angle)
@@ -93,7 +95,10 @@ def relative_motion(
         return np.stack([c * x - s * y, s * x + c * y, z], axis=1)
 
     def target(t: float, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Position of the target (N, 3), angle of its Hill frame (N,) and the rate of that (N,)."""
+        """Position of the target (N, 3), angle of its Hill frame (N,) and the rate of that (N,).
+
+        At a time t (s), from SciPy's flat state.
+        """
         if eccentricity == 0.0:
             angle = np.full(count, mean_motion * t)
             place = size * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
@@ -104,6 +109,10 @@ def relative_motion(
         return place, np.arctan2(y, x), (x * rate[:, 1] - y * rate[:, 0]) / square
 
     def slope(t: float, flat: np.ndarray) -> np.ndarray:
+        """Derivative of the flat state at a time t (s).
+
+        Of craft relative to the target, and on an ellipse of the target.
+        """
         r, rate = flat.reshape(-1, count, 3)[:2]
         place, angle, _ = target(t, flat)
         square = np.sum(place**2, axis=1, keepdims=True)
@@ -181,7 +190,10 @@ class Perturbations:
         return size * (1.0 + swing), size * mean_motion * rate, mean_motion * angular
 
     def acceleration(self, r: np.ndarray, v: np.ndarray, drag: float) -> np.ndarray:
-        """Acceleration (N, 3), m/s^2, at positions and velocities (N, 3), z along the Earth's axis."""
+        """Acceleration (N, 3), m/s^2, at positions and velocities (N, 3), z along the Earth's axis.
+
+        `drag` is in m^2/kg.
+        """
         square = np.sum(r**2, axis=1, keepdims=True)
         result = np.zeros_like(r)
         if self.oblate:
@@ -246,6 +258,7 @@ def perturbed_motion(
     rate = np.einsum("nij,nj->ni", axes, v) + np.cross(twist, relative)
 
     def slope(_: float, flat: np.ndarray) -> np.ndarray:
+        """Derivative of SciPy's flat state, of craft relative to the target and of the target itself."""
         r, rate, place, along = flat.reshape(4, count, 3)
         square = np.sum(place**2, axis=1, keepdims=True)
         distance = np.linalg.norm(place + r, axis=1, keepdims=True)
@@ -394,7 +407,7 @@ class TwoBodyMover:
 
 
 def _true_anomaly(mean_anomaly: Any, eccentricity: float) -> np.ndarray:
-    """True anomaly, rad, by SciPy's root of Kepler's equation."""
+    """True anomaly, rad, in the shape of the mean anomaly (rad), by SciPy's root of Kepler's equation."""
 
     def solved(mean: float) -> float:
         root: Any = brentq(

@@ -143,6 +143,7 @@ def network_enclosure(
         middles = (gain * centre + offset).entries()
         widths = zip(absolute_row_sums(gain * spread), absolute_row_sums(noise), off, strict=True)
         reach = [sum(parts, arb(0)) for parts in widths]
+        # Each activation between two lines, whose distance becomes noise.
         lines = [parallel(m - r, m + r, kind) for m, r in zip(middles, reach, strict=True)]
         slopes, middle, half = zip(*lines, strict=True)
         half = [h + abs(s) * o + of_bend for h, s, o in zip(half, slopes, off, strict=True)]

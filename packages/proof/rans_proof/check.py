@@ -14,6 +14,7 @@ It is accepted if
 5. a flight breaks the property at an instant for sure (`Loop.broken`).
 
 Every number is an interval of FLINT, so that no rounding is argued about. It needs numpy, onnx and python-flint.
+What it accepts is a theorem: tests plant errors of every kind, and each must be refused.
 """
 
 from __future__ import annotations
@@ -152,7 +153,10 @@ class Loop:
         self._earliest = problem.get("end", {}).get("earliest", 0) or problem["steps"]
 
     def _pieces(self, centre: Any, spread: Any) -> Iterator[tuple[int, bool, Any, Any, Any]]:
-        """Pieces of flights: control period, whether it ends with the piece, begin, end and sag."""
+        """Pieces of flights: control period, whether it ends with the piece, begin, end and sag.
+
+        Counts the plant's halvings anew.
+        """
         self._plant.halvings = 0
         for number in range(self._problem["steps"]):
             pieces = self._plant.move(centre, spread, *self._commands(centre, spread))
@@ -191,7 +195,10 @@ class Loop:
         return min(margins)
 
     def _margin(self, centre: Any, spread: Any) -> float:
-        """Margin over all times of the flights from a set."""
+        """Margin over all times of the flights from a set (ball matrices).
+
+        Infinite if the property asks nothing.
+        """
         least, at_end = math.inf, -math.inf
         still = [arb(0)] * centre.nrows()
         for number, is_last, begin, end, sag in self._pieces(centre, spread):

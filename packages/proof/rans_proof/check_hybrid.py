@@ -214,7 +214,10 @@ class Chain:
         return None if all(lowest(row, c, during) > 0 for row, c in rows) else 0
 
     def _misses(self, rates: Any, flown: Any, first: Any, box: Box) -> int | None:
-        """Whether no flight is in the square in a rectangle of times: None, or the axis to halve it along."""
+        """None if no flight is in the square in a rectangle of times, as is proved.
+
+        Else the axis to halve it along.
+        """
         (begin, end), (now, late) = box
         assert self._abort is not None
         if arb(now) > self._horizon - max(self._abort[0], first + begin, key=float):
@@ -299,7 +302,7 @@ def _row(texts: Any, count: int) -> tuple[Any, Any]:
 
 
 def _box(ends: Any, count: int) -> Any:
-    """Intervals of times, as pairs of numbers."""
+    """Intervals of times (s), ``count`` pairs of numbers within 1e9 in order; else `Refused`."""
     pairs = tuple((low, high) for low, high in ends)
     is_good = all(type(x) is float and 0.0 <= x < 1e9 for pair in pairs for x in pair)
     need(

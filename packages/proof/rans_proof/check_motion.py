@@ -1,7 +1,8 @@
 """The motion of a plant in ball arithmetic: power series in time, and slopes of them by the state.
 
 A function's slopes s over a set around c are balls with f(z) - f(c) in s (z - c) for every z of the set (Krawczyk
-and Neumaier, "Interval slopes for rational functions and associated centered forms", 1985).
+and Neumaier, "Interval slopes for rational functions and associated centered forms", 1985). `rans_proof.motion` is
+the prover's own way to the same motion, and shares nothing with this.
 """
 
 from __future__ import annotations
@@ -56,6 +57,10 @@ def formula(text: str, names: Sequence[str]) -> Formula:
     """
 
     def read(node: Any, depth: int) -> Formula:
+        """Formula of a node of a parsed expression.
+
+        Numbers, names, signs and functions of a closed list, or `Refused`.
+        """
         need(depth <= 60, f"its formula {text[:80]!r} is nested too deep.")
         match node:
             case ast.Constant(value=int() | float() as value) if (
@@ -230,7 +235,7 @@ class Plant:
         return pieces
 
     def _step(self, middle: list[Any], wide: Any, h: Any) -> tuple[Any, Any] | None:
-        """Set after a step and its sag, or None if the step is too long."""
+        """Set (ball matrices) after a step of length h (s) and its sag; None: the step is too long."""
         n = self._count
         widths = absolute_row_sums(wide)
         balls = [_ball(c.mid(), w + c.rad()) for c, w in zip(middle, widths, strict=True)]
@@ -289,7 +294,10 @@ class Plant:
         return states
 
     def during(self, balls: list[Any], h: Any) -> list[Any] | None:
-        """Balls that hold the motion of a step from ``balls``: a guess that their own rates do not leave."""
+        """Balls that hold the motion of a step from ``balls``: a guess that their own rates do not leave.
+
+        None: there is no such guess.
+        """
         ctx.cap = 1
 
         def moved(guess: list[Any]) -> list[Any]:

@@ -1,19 +1,20 @@
 """Check of a trapping set of poses of an on/off agent in the plane, in intervals, apart from the prover.
 
 The state is split into three parts, each of a position and its rate: along both diagonals of the goal's frame, that
-have one set for both, and about the third axis. A certificate has cells of each. From a cell of one part,
-whatever the other parts are in their sets, every pulse that the network may command moves the craft into cells of
-its set: then their product is a trapping set. What one part does to another is bounded: thrust is off an axis by
-the heading error, and a couple that turns the craft may take a thruster from a pulse along an axis.
+have one set for both, and about the third axis. A certificate has cells of each. From a cell of one part, whatever
+the other parts are in their sets, every pulse that the network may command moves the craft into cells of its set:
+then their product is a trapping set. What one part does to another is bounded: thrust is off an axis by the heading
+error, and a couple that turns the craft may take a thruster from a pulse along an axis.
 
 Starts at rest that are farther away are flown as sets. At first the agent turns, and the position rests exactly.
-While it comes into the set of headings, a pulse along an axis may be held back. Then the set of positions
-shrinks into the trapping set.
+While it comes into the set of headings, a pulse along an axis may be held back. Then the set of positions shrinks
+into the trapping set.
 
 Numbers are intervals in double precision and not balls, since a set has up to 10^5 cells, each with dozens of
 commands, which arrays judge a thousand times as fast. They are widened by `_SLACK`, `_WIDER` and `_LOGIT`, far
 above their rounding: numbers beyond `_MOST` in SI units, or `_STEEPEST` log-odds, are refused, and none is the
-result of more than 200 operations, which err by 2e-14 of them at most.
+result of more than 200 operations, which err by 2e-14 of them at most. Floats are widened by `_SLACK` and `_WIDER`,
+which cover all rounding: tests plant errors in tables, sizes and weights.
 """
 
 from __future__ import annotations
@@ -102,7 +103,7 @@ class PoseCertificate(NamedTuple):
 
     @property
     def theorem(self) -> str:
-        """What it states, without a full stop."""
+        """What it states, in words and units, without a full stop; `rans prove` and pages print it."""
         start, keep = self.table["start"], self.table["keep"]
         near = f"within {keep['position']!r} m and {keep['heading']!r} degrees of its goal for ever"
         begin = (
@@ -117,7 +118,7 @@ class PoseCertificate(NamedTuple):
 
     @property
     def errors(self) -> str:
-        """How far what flies may be from its design."""
+        """How far what flies may be from its design, in words and units."""
         off = {name: value for name, value in self.table["uncertainty"].items() if value}
         text = {
             "mass": "mass and inertia off by up to {} of them, by one factor",
@@ -176,6 +177,7 @@ def check_pose(certificate: bytes, files: Mapping[str, bytes]) -> PoseCertificat
         within.heading + _SLACK <= math.radians(keep["heading"]),
         "its cells are beyond the limit of the heading",
     )
+    # From where it starts: inside the set at once, or by the turn and the way that are checked.
     begin = Parts(start["position"], start["speed"], math.radians(start["heading"]), start["spin"])
     if table["reach"] is None:
         for cells, far, fast in (
@@ -212,7 +214,7 @@ class Cells:
         return Cells(self.width, self.half)
 
     def largest(self) -> tuple[float, float]:
-        """Largest absolute position and rate of its states."""
+        """Largest absolute position (m or rad) and rate (per s) of its states, at the edges of its cells."""
         rows, columns = (np.flatnonzero(self.inside.any(axis=axis)) for axis in (1, 0))
         need(len(rows) > 0, "a set has no cells")
         result = []
@@ -301,7 +303,10 @@ class Loop:
         self.grid = table["grid"]
 
     def _design(self, craft: Craft) -> None:
-        """Acceleration along a diagonal and rate of the spin by one thruster, and the part of each."""
+        """Acceleration along a diagonal and rate of the spin by one thruster, and the part of each.
+
+        Sets what all checks read; `Refused` for craft of another kind.
+        """
         thrusters = craft.thrusters
         is_diagonal = all(abs(t.direction[0]) == abs(t.direction[1]) for t in thrusters)
         need(is_diagonal, "a thruster does not push along a diagonal")
@@ -364,7 +369,7 @@ class Loop:
         )
 
     def check_closed(self, place: Cells, heading: Cells, bounds: Parts) -> None:
-        """Refuse a product of sets that an image leaves."""
+        """Refuse (`Refused`) a product of sets that an image leaves, of headings first and then of positions."""
         slips = self.late.spin_slip, self.late.slip(self._turned(bounds))
         levels = self.heading_levels(heading, bounds)
         turned = heading.moved(levels, self._twists(), self.period, slips[0])
@@ -544,6 +549,7 @@ class Loop:
         )
         latest, loose = 0, 0
         widest = [0.0, 0.0]
+        # Sector after sector of the first heading, until its cells are settled.
         for low, high in itertools.pairwise(edges):
             current = whole.like()
             row = whole.half[0]
@@ -703,7 +709,10 @@ class Network:
         high: np.ndarray,
         weights: Sequence[int],
     ) -> None:
-        """Add sums of weights where these units are live and all others are zero."""
+        """Add sums of weights where these units are live and all others are zero.
+
+        Changes tables in `result` (cells) in place.
+        """
         on = [k for k, is_live in enumerate(live) if is_live]
         # Thrusters of the same log-odds are open together.
         groups: dict[tuple[float, ...], int] = {}
@@ -754,7 +763,7 @@ def _sine(low: np.ndarray, high: np.ndarray) -> Interval:
 
 
 def _middle(outer: Cells, inner: Cells) -> tuple[slice, slice]:
-    """Where a table lies in a larger one of the same cells."""
+    """Where a table of cells lies in a larger one of the same cells, as slices of rows and columns."""
     need(
         outer.width == inner.width
         and all(a >= b for a, b in zip(outer.half, inner.half, strict=True)),

@@ -1,4 +1,7 @@
-"""What a certificate of a network claims: the problem, the cells or the flight, and the words for it."""
+"""What a certificate of a network claims: the problem, the cells or the flight, and the words for it.
+
+Closed tables: what a certificate says and nobody checks is refused here.
+"""
 
 from __future__ import annotations
 
@@ -106,7 +109,7 @@ def _box(table: Any, count: int, what: str, optional: dict[str, Kind] | None = N
 
 
 def _limit(kind: str, limit: Any, count: int) -> None:
-    """Refuse a property that is not checked."""
+    """Refuse a property (`Refused`) that is not checked, or whose table has other keys than are checked."""
     every = list_of(whole(0, count - 1), 1, count)
     states = Kind("list of different states", lambda x: every.fits(x) and len(set(x)) == len(x))
     if kind in ("avoid", "within"):
@@ -162,7 +165,7 @@ def statement(problem: dict[str, Any]) -> str:
 
 
 def _sentence(kind: str, limit: Any) -> str:
-    """A property in a formula."""
+    """A property in a formula of the states x0, x1 ..., as statements of theorems print it."""
     if kind == "within":
         return _within(limit)
     if kind == "avoid":

@@ -1,12 +1,12 @@
 """Check of a trapping set in ball arithmetic; it shares no mathematics with the prover.
 
-A certificate is accepted if it is of the agent's files, its cells contain the starts, and every command that a
-cell may have moves the whole cell into cells of the certificate, without passing the limits of speed and spin on
-the way. Numbers are intervals of FLINT (`rans_proof.balls`), except whole numbers of cells.
+A certificate is accepted if it is of the agent's files, its cells contain the starts, and every command that a cell
+may have moves the whole cell into cells of the certificate, without passing the limits of speed and spin on the
+way. Numbers are intervals of FLINT (`rans_proof.balls`), except whole numbers of cells.
 
 Weights, thrusters, mass and control period are read from the agent's files anew (`rans_proof.agent_reader` and
-`rans_proof.craft_reader`).
-`rans_proof.flown` compares them with the agent as it flies; that is no part of the check.
+`rans_proof.craft_reader`). `rans_proof.flown` compares them with the agent as it flies; that is no part of the
+check. Planted errors in cells, formulas and lookups must be found (`tests/test_check_trap.py`).
 """
 
 from __future__ import annotations
@@ -102,6 +102,8 @@ def formulas(
 ]:
     """What a check takes the agent for, to be compared with its flight: see `rans_proof.flown.Formulas`.
 
+    States are (N, 3): velocity in B, m/s, and spin, rad/s; commands (N, thrusters).
+
     Raises:
         Refused: as `check_trap`, before the first cell.
     """
@@ -163,7 +165,7 @@ class _Loop:
         need(fastest <= self.spin, "its cells go beyond the limit of the spin.")
 
     def _design(self, craft: Craft) -> None:
-        """Force over mass of each thruster, and its torque as a whole number of steps of spin."""
+        """Set force over mass (balls) and lever of each thruster: its torque is a whole number of steps of spin."""
         self.directions = [(t.force, *t.direction) for t in craft.thrusters]
         self.force = []
         for thruster in craft.thrusters:
@@ -177,6 +179,10 @@ class _Loop:
         self.step = _ball(squares.pop()).sqrt() * self.period / arb(craft.inertia)
 
     def union(self, cells: Sequence[Any]) -> Any:
+        """Table (rings, sectors, layers) of the grid's cells that these cells cover.
+
+        `Refused` for a cell of no grid.
+        """
         inside = np.zeros((self.rings, self.sectors, 2 * self.side), dtype=bool)
         for cell in cells:
             a, b, c, d, e, f = cell
@@ -276,7 +282,7 @@ class _Loop:
         return ""
 
     def formulas(self) -> tuple[Callable[..., np.ndarray], Callable[..., np.ndarray], float]:
-        """Middles of the balls of network and motion, to be compared with a flight."""
+        """Middles of the balls of network and motion as functions of (N, 3) states, and the period (s)."""
 
         def log_odds(states: np.ndarray) -> np.ndarray:
             x = states
@@ -286,6 +292,7 @@ class _Loop:
             return x
 
         def moved(states: np.ndarray, commands: np.ndarray) -> np.ndarray:
+            """States (N, 3) a period after others under commands (N, thrusters), by the middles of the balls."""
             ends = []
             step = float(self.step)
             for (vx, vy, spin), command in zip(states, commands.astype(int).tolist(), strict=True):
@@ -334,6 +341,7 @@ class _Loop:
         turn = self.step * self.period
 
         def integral(function: Callable[[Any], Any]) -> Any:
+            """Integral over a period of a function of the angle that is turned, as a ball."""
             whole = acb.integral(
                 lambda x, _: function(turn * x * (spin + jump * x / 2)),
                 0,
@@ -346,7 +354,10 @@ class _Loop:
         return integral(lambda a: a.cos()), integral(lambda a: a.sin())
 
     def _directions(self, x: Any, y: Any, middle: Any, turn: Any) -> tuple[Any, Any]:
-        """Directions of a box along a middle direction, less a turn, in parts of pi."""
+        """Directions (parts of pi) of the box x, y around a middle direction, less a turn.
+
+        All of them if 0 is in it.
+        """
         if x.contains(0) and y.contains(0):
             return arb(0), arb(2)
         straight = arb.atan2(arb(y.mid()), arb(x.mid()))

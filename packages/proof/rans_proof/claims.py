@@ -49,7 +49,7 @@ def list_of(kind: Kind, low: int, high: int) -> Kind:
 
 
 def table_of(kinds: dict[str, Kind]) -> Kind:
-    """Tables of exactly these keys."""
+    """Kind of tables of exactly these keys, each of its kind."""
     words = "table of " + ", ".join(f"{key} ({kind.words})" for key, kind in kinds.items())
     return Kind(
         words,
@@ -111,7 +111,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def toml_of(content: bytes | str) -> dict[str, Any]:
-    """A TOML document.
+    """A TOML document, from its bytes or text.
 
     Raises:
         Refused: it is none.

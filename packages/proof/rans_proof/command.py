@@ -104,7 +104,10 @@ class Prove(Options):
         return ("rans list AGENTS",)
 
     def run(self) -> int:
-        """Prove or check, and print the result."""
+        """Prove or check what the options name, and print the result.
+
+        The exit code is 1 if it is open or refused.
+        """
         if not 1 <= self.resolution <= 8:
             raise ConfigError(f"--resolution must be from 1 to 8, got {self.resolution}.")
         if self.agent is None:
@@ -119,7 +122,7 @@ class Prove(Options):
         return self._check(self.check, network) if self.check is not None else self._prove(network)
 
     def _trap(self, agent: str) -> int:
-        """Prove a trapping set."""
+        """Prove a trapping set of velocities, write its certificate and judge it; the exit code."""
         from rans.extend import ContestantName, RunFolder, load_policy
         from rans_proof import trap as traps
         from rans_proof.trap_certificate import LARGEST
@@ -223,7 +226,7 @@ class Prove(Options):
         return contestant.folder / "proof.json"
 
     def _pose(self, agent: str, folder: Path) -> int:
-        """Prove a trapping set of poses."""
+        """Prove a trapping set of poses, write its certificate and judge it; the exit code."""
         require("flint")
         from rans.extend import load_policy
         from rans_proof import pose_trap as poses
@@ -260,6 +263,7 @@ class Prove(Options):
                 "--property takes a position up to 1 m and a heading up to 45 degrees, and --from starts up to 5 m "
                 f"away and below 180 degrees, got {self.property} and {self.start}."
             )
+        # Search, then the independent check of what was found.
         begun = time.monotonic()
         files = _files(folder)
         terminal = Terminal()
@@ -289,7 +293,7 @@ class Prove(Options):
         return 0
 
     def _check_trap(self, agent: str, certificate: Path) -> int:
-        """Check the certificate of a trapping set."""
+        """Check the certificate of a trapping set against the agent's files; 0 if it is accepted, else 1."""
         require("flint")
         from rans.extend import ContestantName
         from rans_proof.proved import is_of_poses
@@ -368,7 +372,7 @@ class Prove(Options):
         return 0
 
     def _check(self, certificate: Path, network: Path) -> int:
-        """Check the certificate of a network."""
+        """Check the certificate of a network, in parallel over its cells; 0 if it is accepted, else 1."""
         require("onnx")
         require("flint")
         from rans_proof.balls import Refused
@@ -404,6 +408,7 @@ class Prove(Options):
                 f"{statement(claim.problem)}\nflight from: {claim.flight[0]}"
             )
             return 0
+        # Cells are divided among processes.
         count = len(claim.cells)
         chunks = [range(k, min(k + _CHUNK, count)) for k in range(0, count, _CHUNK)]
         return self._judged(
@@ -473,7 +478,10 @@ def _refuted(proof: Proof, content: bytes, network: Path, output: Path, seconds:
 
 
 def _flown(agent: str, start: np.ndarray) -> str:
-    """What a flight from a velocity and a spin reaches in the fast engine, and in Drake if it is installed."""
+    """What a flight from a velocity and a spin reaches in the fast engine, and in Drake if it is installed.
+
+    The start is (3,): velocity, m/s, and spin, rad/s.
+    """
     from rans.api.agent import load_agent
     from rans.api.limits import state
 
@@ -516,7 +524,10 @@ def _trapped(
     cells: list[int],
     is_flown: bool = False,
 ) -> tuple[float, str]:
-    """Infinity, as a trapping set has no margins, and why its certificate is refused, or ""."""
+    """Infinity, as a trapping set has no margins, and why its certificate is refused, or "".
+
+    Only these cells are checked.
+    """
     from rans_proof.check_trap import check_trap
     from rans_proof.flown import check_as_flown
 

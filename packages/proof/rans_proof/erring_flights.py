@@ -59,7 +59,7 @@ class Misread:
         self._run.controller.reset(count)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`."""
+        """Commands (N, n) to a reading that is off by errors drawn anew; the observation is made of it."""
         count = len(state.w)
 
         def error(name: str) -> np.ndarray:
@@ -111,7 +111,10 @@ class LateValves:
         """At each decision the states from which the craft would coast as it does once valves before have shut."""
 
     def __call__(self, state: Any, step_inputs: Any) -> tuple[Any, ...]:
-        """See `rans.episode.Mover`."""
+        """State after a period in which every valve is late by itself; remembers commands, and appends what coasts.
+
+        See `rans.episode.Mover`.
+        """
         now = np.stack(np.broadcast_arrays(*step_inputs.commands[0]), axis=0) > 0.5
         before = np.zeros_like(now) if self._before is None else self._before
         self._before = now

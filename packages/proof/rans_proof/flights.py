@@ -72,7 +72,8 @@ def at_decisions(problem: Problem, layers: Sequence[Layer], start: np.ndarray) -
 def worst_start(problem: Problem, layers: Sequence[Layer]) -> tuple[np.ndarray, float]:
     """The start (n,) of the flight with the lowest margin that a search finds, and this margin.
 
-    Random starts and corners come first; around the worst of them it goes on with random steps.
+    Random starts and corners come first; around the worst of them it goes on with random steps. Random numbers have
+    a fixed seed.
     """
     random = np.random.default_rng(0)
     low, high = np.array(problem.lower), np.array(problem.upper)

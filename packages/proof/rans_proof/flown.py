@@ -222,7 +222,7 @@ class _Recorder:
 
     @torch.no_grad()
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`."""
+        """Commands (N, n) of the agent; stores its log-odds in single and in double precision beside them."""
         network = self._agent.network
         double = type(network)(
             network.architecture, {name: x.double() for name, x in network.tensors.items()}

@@ -75,7 +75,7 @@ class _Cell:
         self._coast = functools.cache(lambda time: expm(time * self._passive))
 
     def modes(self, centre: np.ndarray, spread: np.ndarray) -> list[dict[str, Any]]:
-        """Tables of the modes, from a set of starts centre + spread s, |s| <= 1."""
+        """Tables of the modes, from a set of starts centre + spread s, |s| <= 1. Arrays are (n,) and (n, m)."""
         first = last = 0.0
         abort = [float(x) for x in self._problem.get("abort", [])]
         until = abort[1] if abort else self._horizon
@@ -120,7 +120,10 @@ class _Cell:
         return tables
 
     def _end(self, flow: Any, states: np.ndarray, guard: np.ndarray) -> list[float]:
-        """First and last time at which a set may be at a guard, with a step of room."""
+        """First and last time (s) at which a set (n, 1 + m) may be at a guard, with a step of room.
+
+        `Open` if it never ends.
+        """
         step = flow(_STEP)
         first = None
         for k in range(int(self._horizon / _STEP)):
@@ -137,7 +140,11 @@ class _Cell:
     def _kept(
         self, a: Any, flow: Any, states: np.ndarray, rows: np.ndarray, box: Any, whole: float
     ) -> Tree:
-        """Tree of parts of the interval ``box`` of the time in a mode, each with a bound by which rows @ x >= 0."""
+        """Tree of parts of the interval ``box`` of the time in a mode, each with a bound by which rows @ x >= 0.
+
+        `Open` if a part is too small; states are (n, 1 + m), and the trees are those that `rans_proof.check_hybrid`
+        reads.
+        """
         low, high = box
         ends = [flow(time) @ states for time in box]
         least = np.min([self._lowest(rows, x) for x in ends], axis=0)
@@ -165,7 +172,10 @@ class _Cell:
         first: float,
         abort: float,
     ) -> Tree:
-        """Tree of rectangles of times in which no passive flight is in the square."""
+        """Tree of rectangles of times (aborted, coasted) in which no passive flight is in the square.
+
+        See `_kept`.
+        """
         (e0, e1), (p0, p1) = box
         if p0 > self._horizon - max(abort, first + e0):  # after the horizon
             return []

@@ -3,7 +3,8 @@
 An affine form c + g s + e t, with s in [-1, 1]^m those of the set and t in [-1, 1] of its own, encloses a number
 over a set of states (Stolfi and de Figueiredo, "Self-validated numerical methods and applications", 1997). The
 coefficients of the solution follow from those of the rates (Moore, "Interval analysis", 1966); the rest of a step
-is the next coefficient over a box that the motion does not leave during the step.
+is the next coefficient over a box that the motion does not leave during the step. A form must enclose with all
+rounding: any operation without its rounding would prove what is false.
 """
 
 from __future__ import annotations
@@ -88,7 +89,10 @@ def convolution(pairs: list[tuple[Form, Form]]) -> Form:
 
 
 def bent(x: Form, value: Tensor, slope: Tensor, curve: tuple[Tensor, Tensor]) -> Form:
-    """Function of a form by its value and slope at the centre, and its least and largest second derivative."""
+    """Function of a form by its value and slope at the centre, and its least and largest second derivative.
+
+    All are (B,) beside the form's generators; rounding is added to the error.
+    """
     square = 0.5 * x.radius**2
     low = torch.minimum(curve[0], torch.zeros_like(value)) * square
     high = torch.maximum(curve[1], torch.zeros_like(value)) * square
@@ -101,7 +105,7 @@ def bent(x: Form, value: Tensor, slope: Tensor, curve: tuple[Tensor, Tensor]) ->
 
 
 def _sine_and_cosine(x: Form) -> tuple[Form, Form]:
-    """Both, whose second derivatives are between the least and largest negated values on the way."""
+    """Sine and cosine of a form x, whose second derivatives lie between the negated values on the way."""
     sine, cosine = x.centre.sin(), x.centre.cos()
     ends = x.centre - x.radius, x.centre + x.radius
     forms = []
@@ -149,6 +153,7 @@ def _root(x: Form) -> Form:
 
 
 def _inverse(x: Form) -> Form:
+    """One over a form x whose interval does not contain 0; NaN where it does."""
     low, high = x.centre - x.radius, x.centre + x.radius
     low = torch.where((low > 0.0) | (high < 0.0), low, torch.nan)  # of what may be 0 there is none
     value = 1.0 / x.centre
@@ -252,7 +257,7 @@ class Series:
             state.append(self._values[rate][k].times(1.0 / (k + 1)))
 
     def _coefficient(self, k: int, name: str, *operands: Any) -> Any:
-        """Coefficient k of an operation."""
+        """Coefficient k (a form) of an operation of the tape, from lower coefficients of its operands."""
         if name == "variable":
             known = self._variables[operands[0]]
             return known[k] if k < len(known) else self._zero
@@ -279,7 +284,10 @@ class Series:
 
     @staticmethod
     def _bend(k: int, name: str, a: list[Form], own: list[Any]) -> Any:
-        """Coefficient k > 0 of a function, from those of its argument and its own lower ones."""
+        """Coefficient k > 0 of a function, from those of its argument and its own lower ones.
+
+        These are the recurrences of Taylor series (Moore, "Interval analysis", 1966).
+        """
         match name:
             case "turn":  # (sin a)' = a' cos a, (cos a)' = -a' sin a
                 pairs = [(a[i].times(i / k), own[k - i]) for i in range(1, k + 1)]
@@ -327,7 +335,10 @@ class TaylorPlant:
         self._device = device
 
     def move(self, states: Zonotope, planes: Planes) -> list[Piece]:
-        """A piece for each Taylor step; steps are halved until their rests are small."""
+        """A piece for each Taylor step; steps are halved until their rests are small.
+
+        The number of steps is remembered, and tried smaller at every eighth move.
+        """
         self._moves += 1
         if self._moves % 8 == 0:  # a time of fast motion may be over
             self._substeps = max(1, self._substeps // 2)
@@ -338,6 +349,7 @@ class TaylorPlant:
             self._substeps *= 2
 
     def _moved(self, states: Zonotope, planes: Planes, substeps: int) -> tuple[list[Piece], bool]:
+        """Pieces over a period by so many Taylor steps, and whether the rests of all are small."""
         # State and commands together; the commands are held.
         n = self._states
         wide = torch.cat((states.generators, torch.diag_embed(states.box)), dim=2)
@@ -364,7 +376,7 @@ class TaylorPlant:
         return pieces, is_fine
 
     def _step(self, states: Zonotope, held: Zonotope, h: float) -> tuple[Zonotope, Tensor, Tensor]:
-        """Set a Taylor step later, by how much the way there sags, and the rest."""
+        """Set a Taylor step of h (s) later, by how much the way there sags (B, n), and the rest (B, n)."""
         n = self._states
         boxes = [
             Form(zonotope.centre[:, k], zonotope.generators[:, 0, :0], radius[:, k])
@@ -400,11 +412,14 @@ class TaylorPlant:
         return Zonotope(centre, generators, box), torch.stack(sags, 1), torch.stack(rests, 1)
 
     def _during(self, boxes: list[Form], h: float) -> list[Form]:
-        """Boxes that states do not leave during a step: a guess that the rates in it keep."""
+        """Boxes that states do not leave during a step: a guess that the rates in it keep.
+
+        Boxes have an error alone, and the last ones are commands, which stay.
+        """
         n = self._states
 
         def reach(guess: list[Form]) -> list[tuple[Tensor, Tensor]]:
-            """How far down and up rates within a box move the states."""
+            """How far down and up, (B,) each, rates within a box move the states in the step."""
             series = Series(self._tape, self._rates, guess)
             series.extend()
             moves = [state[1].times(h) for state in series.states]
@@ -417,6 +432,7 @@ class TaylorPlant:
             ]
 
         def grown(ways: list[tuple[Tensor, Tensor]], room: float) -> list[Form]:
+            """Boxes with room beyond these ways; commands stay."""
             forms = []
             for box, (down, up) in zip(boxes, ways, strict=False):
                 more = room * (up - down) + 1e-9 * (box.centre.abs() + box.radius) + 1e-12
@@ -426,6 +442,7 @@ class TaylorPlant:
                 forms.append(Form(centre, box.generators, radius))
             return [*forms, *boxes[n:]]
 
+        # A guess is proved if what its rates reach is inside it.
         guess = grown(reach(boxes), 0.2)
         fits = torch.ones_like(boxes[0].centre, dtype=torch.bool)
         for _ in range(_GUESSES):

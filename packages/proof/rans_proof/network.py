@@ -2,6 +2,7 @@
 
 The reader is an allow list: a graph is one chain of known operations whose every attribute is known, and all else
 is refused. Layers that were read are compared with ONNX Runtime on random states before they are returned.
+`rans_proof.network_reader` reads the same files without this code, and each refuses by itself.
 """
 
 from __future__ import annotations
@@ -130,6 +131,7 @@ def network_of(
     graph = model.graph
     tables = _tables(onnx, graph, where)
     taken = _input(graph, tables, where)
+    # One operation after another, joined where they are linear.
     chain = _Chain(tables, taken)
     for number, node in enumerate(graph.node):
         title = f"{where}: node {number} ({brief(node.op_type)[1:-1]}"
@@ -178,7 +180,10 @@ def _refuse_beside_the_graph(model: Any, where: object) -> None:
 
 
 def _tables(onnx: Any, graph: Any, where: object) -> dict[str, np.ndarray]:
-    """Weights by their names, in the file's precision."""
+    """Weights by their names in the file's precision.
+
+    External, unnamed or infinite ones are refused (`ConfigError`).
+    """
     tables: dict[str, np.ndarray] = {}
     for tensor in graph.initializer:
         name = brief(tensor.name)
@@ -212,7 +217,7 @@ class _Input(NamedTuple):
 
 
 def _input(graph: Any, tables: dict[str, np.ndarray], where: object) -> _Input:
-    """The graph's input."""
+    """The graph's one input: its name, shape with one state, and precision (`ConfigError` for others)."""
     inputs = [tensor for tensor in graph.input if tensor.name not in tables]
     if len(inputs) != 1:
         raise ConfigError(f"{where} has {len(inputs)} inputs; a proof is about a network of one.")
@@ -262,7 +267,7 @@ class _Chain:
         return Layer(self._weight, self._bias, activation, rounding)
 
     def append(self, onnx: Any, node: Any) -> None:
-        """Append an operation.
+        """Append an operation. It joins the layer that is open, or begins one.
 
         Raises:
             _Unread: it is not one that is read.
@@ -303,7 +308,10 @@ class _Chain:
     def _apply(
         self, kind: str, position: int, operands: list[np.ndarray], settings: dict[str, Any]
     ) -> None:
-        """Append an operation whose data is the operand of a position, beside the other operands."""
+        """Append an operation whose data is the operand of a position, beside the other operands.
+
+        `_Unread` where its operands are not those that are read.
+        """
         least, largest = {"Gemm": (1, 2), "Conv": (1, 2)}.get(
             kind, (int(kind not in ("Flatten", *ACTIVATIONS)),) * 2
         )
@@ -349,7 +357,7 @@ class _Chain:
         self._shape = (*self._shape[:-1], table.shape[1])
 
     def _gemm(self, operands: list[np.ndarray], settings: dict[str, Any]) -> None:
-        """Alpha x B + beta C, where B may be marked as transposed."""
+        """Append alpha x B + beta C, where B may be marked as transposed; `_Unread` for other shapes."""
         if settings["transA"] or settings["transB"] not in (0, 1) or operands[0].ndim != 2:
             raise _Unread("has another transA, transB or shape than those that are read")
         table = operands[0] if settings["transB"] else operands[0].T
@@ -362,7 +370,10 @@ class _Chain:
         self._affine(settings["alpha"] * table, shift)
 
     def _convolve(self, operands: list[np.ndarray], settings: dict[str, Any]) -> None:
-        """A convolution whose kernel is as large as what it takes, so that it is one product."""
+        """A convolution whose kernel is as large as what it takes, so that it is one product.
+
+        Changes shape and layer.
+        """
         kernel = operands[0]
         axes = len(self._shape) - 2
         plain = {
@@ -390,7 +401,7 @@ class _Chain:
         self._shape = (1, count) + (1,) * axes
 
     def _reshape(self, target: np.ndarray, settings: dict[str, Any]) -> None:
-        """Another shape of the same numbers, whose first axis is still one."""
+        """Another shape of the same numbers, whose first axis is still one. It changes `_shape` alone."""
         if (
             settings["allowzero"]
             or target.dtype != np.int64
@@ -421,7 +432,10 @@ class _Chain:
         return _broadcast(operand, self._shape)
 
     def _affine(self, table: np.ndarray, shift: np.ndarray) -> None:
-        """Append table x + shift; a table of one axis is a diagonal matrix."""
+        """Append table x + shift; a table of one axis is a diagonal matrix.
+
+        What rounding may cost is counted beside it (`_sizes`, `_count`).
+        """
         # A product has a rounding for each of its terms; the scales alpha and beta, and the sum, have one each.
         count = 3 + (1 if table.ndim == 1 else table.shape[1])
         if table.ndim == 1:
@@ -551,7 +565,7 @@ def _deviation(layers: Sequence[Layer], states: np.ndarray) -> np.ndarray:
 
 
 def apply(layers: Sequence[Layer], states: np.ndarray) -> np.ndarray:
-    """Outputs (N, outputs) of a network for states (N, inputs)."""
+    """Outputs (N, outputs) of a network for states (N, inputs), in double precision without any enclosure."""
     x = states
     for layer in layers:
         x = x @ layer.weight.T + layer.bias

@@ -12,7 +12,10 @@ from rans_proof.proved import FILE, proved
 
 
 def proof_section(file: Path, _: Mapping[str, Any]) -> Section:
-    """Section of the certificate of an agent: proved and checked on this computer, or only claimed."""
+    """Section of the certificate of an agent: proved and checked on this computer, or only claimed.
+
+    A certificate of other files is a failed finding.
+    """
     run = file.parent
     try:
         proof = proved(run)

@@ -2,7 +2,8 @@
 
 The network that flies is asked what it commands at the corners of each cell, with every demand of the other parts
 of the state. From the cells of the starts, images are added until none is new. What is found is a claim:
-`rans_proof.check_pose` decides.
+`rans_proof.check_pose` decides. It asks the network that flies and proves nothing: errors here cost cells, not
+soundness.
 """
 
 from __future__ import annotations
@@ -126,6 +127,8 @@ class _Grid:
     def grown(self, cells: np.ndarray, pushes: list[tuple[np.ndarray, float, float]]) -> np.ndarray:
         """Cells and all that images of them touch, until none is new.
 
+        Cells are (rows, columns) of rate and position.
+
         Args:
             cells: to begin with.
             pushes: where a command may be, and the smallest and largest derivative of the rate that it makes.
@@ -153,7 +156,10 @@ class _Grid:
     def _row(
         self, image: np.ndarray, part: np.ndarray, rate: float, low: float, high: float
     ) -> None:
-        """Add the image of cells of one row."""
+        """Add the image of the cells of one row (columns,) at a rate (per s) to ``image`` in place.
+
+        `ConfigError` beyond the grid.
+        """
         t = self.period
         slip = self.slip
         lower, upper = (slip / self.width + (1e-6 if x or slip else 0.0) for x in (low, high))
@@ -296,7 +302,7 @@ class _Asked:
         return policy.logit.numpy() > 0.0
 
     def turns(self, grid: _Grid, off: PoseErrors) -> dict[int, np.ndarray]:
-        """Where so many thrusters may turn the craft."""
+        """Where (rows, columns) so many thrusters may turn the craft, by asking the network at corners of cells."""
         found = []
         # A reading lacks what valves let through late, by up to four thrusters.
         heading = off.heading + 2.0 * self.twist * 1.3 * off.shutting**2
@@ -312,7 +318,10 @@ class _Asked:
     def pulses(
         self, grid: _Grid, guess: tuple[float, float], angle: float, off: PoseErrors
     ) -> dict[int, np.ndarray]:
-        """Where so many thrusters may push along either axis, with the other axis up to a guess."""
+        """Where so many thrusters may push along either axis, with the other axis up to a guess.
+
+        Tables are (rows, columns) by the number of thrusters.
+        """
         found = []
         turn = math.sqrt(2.0) * off.heading
         place = off.position + (math.sin(angle) + turn) * guess[0]

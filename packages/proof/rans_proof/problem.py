@@ -259,7 +259,7 @@ def read_problem(file: Path) -> Problem:
 
 
 def problem_of(text: str, where: object = "the problem") -> Problem:
-    """Problem of a TOML text; raises as `read_problem`."""
+    """Problem of a TOML text, with closed tables; errors begin with ``where`` and are those of `read_problem`."""
     table = read_toml(text)
     required = {"name", "period", "steps", "derivative", "commands", "start"}
     if table.keys() - {"keep", "end", "inputs", "begins"} != required:
@@ -354,7 +354,7 @@ def _end(table: Any, count: int, steps: int, where: object) -> tuple[Within, int
 def _linear_rows(
     formulas: Any, count: int, where: str
 ) -> tuple[tuple[tuple[float, ...], ...], tuple[float, ...]]:
-    """Factors and constants of linear functions of the state."""
+    """Factors (a row each) and constants of linear functions of the state x0, x1 ...; `ConfigError` for others."""
     good = isinstance(formulas, list) and 1 <= len(formulas) <= _MOST_FUNCTIONS
     if not good or not all(isinstance(text, str) for text in formulas):
         raise ConfigError(f"{where} must be a list of 1 to {_MOST_FUNCTIONS} formulas.")
@@ -372,6 +372,8 @@ def _linear_rows(
 
 
 def _property(table: Any, count: int, where: object) -> Property:
+    # One case a kind; what has another key is refused at the end.
+    """Property of a table, one of a closed list, or a `ConfigError` that names the key."""
     match table:
         case {"speed_limit": dict() as limit, **rest} if not rest and limit.keys() == {
             "position",

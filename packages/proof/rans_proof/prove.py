@@ -1,4 +1,7 @@
-"""Branch and bound over cells of the start set: each is proved as a whole, split, or refuted by a flight."""
+"""Branch and bound over cells of the start set: each is proved as a whole, split, or refuted by a flight.
+
+A margin must be a lower bound with all rounding; `rans_proof.check` judges the certificate without this code.
+"""
 
 from __future__ import annotations
 
@@ -142,7 +145,10 @@ def _proof(
     broken: np.ndarray | None,
     layers: Sequence[Layer],
 ) -> Proof:
-    """Proof of cells (low, high, margin), with the cells that are open and a start that breaks the property."""
+    """Proof of cells (low, high, margin), with the cells that are open and a start that breaks the property.
+
+    Cells are (K, states).
+    """
     none = np.zeros((0, problem.states))
     low, high, margins = (np.concatenate([cell[k] for cell in proved]) for k in range(3))
     ends = [np.concatenate([none, *(cell[k] for cell in stuck)]) for k in range(2)]
@@ -163,7 +169,10 @@ def _grid(problem: Problem, first: Sequence[int]) -> tuple[np.ndarray, np.ndarra
 
 
 def _halves(low: np.ndarray, high: np.ndarray, worth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Both halves of each cell, split along the state that is worth most."""
+    """Both halves of each cell (B, states), split along the state of the largest worth (B, states).
+
+    All lower ones first.
+    """
     rows = np.arange(len(low))
     axis = worth.argmax(axis=1)
     middle = 0.5 * (low[rows, axis] + high[rows, axis])
@@ -250,7 +259,7 @@ class ClosedLoop:
         self._round = torch.stack((angles.cos(), angles.sin()), 1).to(device)
 
     def _on_device(self, layer: Layer) -> TorchLayer:
-        """A layer in tensors."""
+        """A layer in double tensors on the device, with what a machine's rounding adds."""
 
         def tensor(array: np.ndarray) -> Tensor:
             return torch.tensor(array, dtype=torch.float64, device=self.device)
@@ -302,7 +311,7 @@ class ClosedLoop:
         return margins.nan_to_num(-torch.inf).cpu().numpy(), worth.cpu().numpy()
 
     def _margin(self, piece: Piece) -> Tensor:
-        """Margin (B,) over all times of a piece."""
+        """Margin (B,) over all times of a piece, by the kind of the property; above 0 is a proof for that piece."""
         keep = self.problem.keep
         if isinstance(keep, Avoid | Within):
             return self._faces(piece, *_faces_of(keep), every=isinstance(keep, Within))
@@ -340,7 +349,7 @@ class ClosedLoop:
         return keep.radius - torch.maximum(*far) * (1.0 + 1e-9)
 
     def _out(self, piece: Piece, keep: KeepOut, ahead: Tensor) -> Tensor:
-        """Distance from a ball: |p| >= d p in any direction d, least at an end of the chord."""
+        """Distance (B,) from a ball: |p| >= d p in any direction d (B, k), least at an end of the chord."""
         position = list(keep.position)
         row = torch.zeros(
             (len(ahead), 1, self.problem.states), dtype=torch.float64, device=self.device
@@ -351,7 +360,7 @@ class ClosedLoop:
         return nearest.amin(dim=0) - sag * (1.0 + 1e-9) - keep.radius * (1.0 + 1e-14)
 
     def _slow(self, piece: Piece, keep: SpeedLimit, ahead: Tensor) -> Tensor:
-        """Margin of a speed limit.
+        """Margin (B,) of a speed limit.
 
         In any direction d, |p| >= d p; and |v| <= max over e of e v / cos(pi / K) for K directions e. The sum of
         both is linear, so that over the chord of the piece it is largest at an end.

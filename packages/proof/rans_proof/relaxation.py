@@ -92,7 +92,7 @@ def parallel_lines(low: Tensor, high: Tensor, activation: str) -> tuple[Tensor, 
 
     The slope is that of the chord. A function minus a line is extreme at the ends or where the slopes are equal: of
     tanh where tanh^2 = 1 - slope. An error of the point where they are equal hardly changes the value there. A
-    rectifier minus a line is extreme at the ends or at 0.
+    rectifier minus a line is extreme at the ends or at 0. All are tensors of one shape.
     """
     if activation == "relu":
         slope = ((high.relu() - low.relu()) / (high - low).clamp(min=1e-9)).clamp(0.0, 1.0)
@@ -137,6 +137,7 @@ def enclose(layers: Sequence[TorchLayer], states: Zonotope) -> Planes:
     rounding = torch.zeros_like(states.centre)
     reach = states.size  # largest absolute values of what a layer takes
     depth = 0
+    # Layer by layer; errors of earlier activations are carried on linearly.
     for number, (weight, bias, activation, machine) in enumerate(layers):
         depth += weight.shape[1] + 4
         gain = gain @ weight.T

@@ -5,7 +5,7 @@ spin. Commands of an on/off agent are piecewise constant. Over a cell the log-od
 sign; those that may change it may be open or shut, and every such command is followed. Its motion is exact: speed
 and spin of a coasting craft are constant, and a pulse changes the spin by a whole number of steps, so that both
 stay in their cells. The union of the cells is a trapping set if the image of every cell lies in it (Blanchini, "Set
-invariance in control", 1999).
+invariance in control", 1999). What it writes is a claim; `rans_proof.check_trap` judges it without this code.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ class Loop:
     def fly(
         self, velocity: np.ndarray, spin: np.ndarray, commands: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Velocity in B (N, 2) and spin (N,) a period later."""
+        """Velocity in B (N, 2), m/s, and spin (N,), rad/s, a period later, by commands (N, thrusters)."""
         change = commands @ self.lever * self.step
         v = velocity + self.impulse(spin, commands)
         turn = (spin + 0.5 * change) * self.period
@@ -181,7 +181,10 @@ class Trap:
         return self.has_all(loop, speed, spin, self.inside())
 
     def has_all(self, loop: Loop, speed: float, spin: float, inside: np.ndarray) -> bool:
-        """Whether cells of the smallest size contain all states up to a speed (m/s) and a spin (rad/s)."""
+        """Whether cells of the smallest size contain all states up to a speed (m/s) and a spin (rad/s).
+
+        `inside` is (rings, sectors, layers).
+        """
         low, _ = self.uncertainty.push()
         ring = max(1, int(np.ceil(speed / self.speed * self.rings + 1e-9)))
         layer = max(1, int(np.ceil(spin / (loop.step * low) * self.fine + 1e-9)))
@@ -217,6 +220,7 @@ def velocity_loop(network: Network, craft: Spacecraft, period: float) -> Loop:
     if not size > 0.0 or not np.allclose(np.abs(torque) / size, 1.0, atol=1e-12):
         raise ConfigError("trapping sets are proved for thrusters whose torques are equal in size.")
     # Columns in B with the goal at rest: velocity, spin, task flag 2, velocity to gain, and two of zeros.
+    # The network's layers over velocity and spin alone: a goal at rest fixes the other columns.
     tables = {name: x.astype(float) for name, x in parameters(network).items()}
     column = np.zeros((8, 3))
     column[[0, 1, 2], [0, 1, 2]] = 1.0
@@ -498,6 +502,7 @@ class _Maps:
         box = np.full((len(cells), 3), 1e-14)
         box[:, :2] += self._velocity
         box[:, 2] += self._spin
+        # Cells become zonotopes, whose log-odds are enclosed.
         states = Zonotope(*(torch.tensor(x) for x in (centre, generators, box)))
         planes = enclose(loop.layers, states)
         value = ((planes.gain @ states.centre[:, :, None])[:, :, 0] + planes.offset).numpy()

@@ -57,7 +57,7 @@ class TrapCertificate(NamedTuple):
 
     @property
     def errors(self) -> str:
-        """How far what flies may be from its design."""
+        """How far what flies may be from its design, in words and units, as pages and commands print it."""
         off = {name: _digits(value) for name, value in self.uncertainty.items() if value}
         sentences = {
             "mass": "mass and inertia off by up to {} of them, by one factor",
@@ -102,7 +102,7 @@ def read_certificate(content: bytes, where: object) -> TrapCertificate:
 
 
 def _certificate(table: dict[str, Any], digest: str) -> TrapCertificate:
-    """The certificate of a table; messages do not name the file."""
+    """The certificate of a table with closed keys and numbers in range; `ConfigError` names no file."""
     if table.get("format") != FORMAT or isinstance(table["format"], bool):
         raise ConfigError(f"format must be {FORMAT}, got {brief(table.get('format'))}.")
     _check_keys("it", table, _KEYS)
@@ -150,7 +150,7 @@ def check_size(count: int) -> None:
 
 
 def _cells(cells: Any, most: int) -> list[tuple[int, ...]]:
-    """Cells, each of six whole numbers."""
+    """Cells of a list, each of six whole numbers, at most so many (`ConfigError`)."""
     if not isinstance(cells, list) or not 1 <= len(cells) <= most:
         count = len(cells) if isinstance(cells, list) else brief(cells)
         raise ConfigError(

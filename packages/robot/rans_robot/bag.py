@@ -1,4 +1,7 @@
-"""Flights as MCAP bags, which Foxglove and ``ros2 bag`` open; what a killed process wrote can be read too."""
+"""Flights as MCAP bags, which Foxglove and ``ros2 bag`` open; what a killed process wrote can be read too.
+
+Times are nanoseconds since 1970; foreign readers of both formats are in the tests.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +73,7 @@ class BagWriter:
             self._channels[topic] = self._writer.register_channel("/" + topic, "cdr", schema)
 
     def write(self, entry: BagMessage) -> None:
-        """Add a message."""
+        """Add a message to the stream; its topic is declared with the first one. Nothing is flushed."""
         self.declare(entry.topic, entry.kind)
         self._count += 1
         self._writer.add_message(
@@ -121,7 +124,10 @@ class Recorder:
         self._thread.start()
 
     def write(self, entry: BagMessage) -> None:
-        """Add a message; it returns at once and never fails."""
+        """Add a message: it waits in memory for the writing thread.
+
+        A full disk or bag ends the record, and nothing is raised.
+        """
         if self.trouble:
             return
         size = len(entry.data) + _OVERHEAD
@@ -145,6 +151,10 @@ class Recorder:
         self._queue.put(None)
 
     def _run(self) -> None:
+        """The writing thread: messages in their order until the end of the queue.
+
+        Any failure ends the record in a sentence.
+        """
         try:
             for topic, kind in self._topics.items():
                 self._bag.declare(topic, kind)
@@ -175,6 +185,7 @@ def index_bag(file: Path) -> None:
     from mcap.writer import CompressionType, Writer
 
     def indexed(draft: Path) -> None:
+        """Copy the bag into a draft in chunks with an index, message by message."""
         with open_regular(file) as recorded, draft.open("wb") as stream:
             writer = Writer(stream, compression=CompressionType.NONE)  # every reader can read it
             writer.start(profile="ros2", library="rans")
@@ -230,6 +241,7 @@ def bag_entries(file: Path) -> Iterator[BagMessage]:
         from mcap.stream_reader import StreamReader, breakup_chunk
     except ImportError as error:
         raise ConfigError("bags need the package mcap: pip install 'rans[robot]'.") from error
+    # MCAP, also one whose process was killed.
     schemas: dict[int, Any] = {}
     channels: dict[int, Any] = {}
     with open_regular(file) as stream:

@@ -141,7 +141,10 @@ def _save(file: Path, tables: dict[str, Any]) -> None:
 
 
 def _golden(folder: Path, craft: Spacecraft) -> dict[str, Any]:
-    """Commands to readings round the middle of the box."""
+    """Golden pairs.
+
+    Commands of the folder's own code to readings around the middle of the box, with a fixed seed.
+    """
     from rans.evaluation.fly.exported import code_of
 
     agent = code_of(folder / "agent.py").Agent()

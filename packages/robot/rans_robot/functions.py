@@ -77,6 +77,7 @@ def identify(
 
     if window is not None:
         positive("window", window)
+    # One fit over all logs, each checked by itself.
     craft = load_spacecraft(spacecraft)
     sources = [logs] if isinstance(logs, str | Path | FlightLog) else list(logs)
     return Identification(
@@ -364,6 +365,7 @@ def replay(bag: str | Path, folder: str | Path | None = None) -> BagReplay:
 
 
 def _read(log: str | Path, craft: Spacecraft, robot: RobotName | None, namespace: str) -> FlightLog:
+    """A log from a file or folder by its ending, in SI units and RANS's frames; `ConfigError` for others."""
     from rans_robot.identify.log import read_csv
     from rans_robot.identify.telemetry import is_telemetry, read_telemetry
 

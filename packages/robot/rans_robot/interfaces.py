@@ -1,4 +1,7 @@
-"""What robots publish and take: topics, message types and frames of each kind of robot, for both of its ends."""
+"""What robots publish and take: topics, message types and frames of each kind of robot, for both of its ends.
+
+Each kind of robot is one class for both ends, so that pilot and twin cannot differ in units or frames.
+"""
 
 from __future__ import annotations
 
@@ -122,7 +125,10 @@ class Poses(Floats):
     inputs = {"pose": POSE}  # noqa: RUF012  (of every object)
 
     def read(self, topic: str, data: bytes) -> Reading:
-        """See `Interface`."""
+        """Reading of a pose: m in W, unit quaternion (w first); `ValueError` for numbers that are none.
+
+        See `Interface`.
+        """
         message = unpack(POSE, data)
         return Reading(
             measured_at(message),
@@ -145,7 +151,7 @@ class PosesAndTwists(Poses):
     inputs = {"pose": POSE, "twist": TWIST}  # noqa: RUF012
 
     def read(self, topic: str, data: bytes) -> Reading:
-        """See `Interface`."""
+        """Reading of a pose or a twist: m and m/s in W, rad/s in B; see `Interface`."""
         if topic == "pose":
             return super().read(topic, data)
         message = unpack(TWIST, data)
@@ -172,7 +178,7 @@ class Odometry(Floats):
     inputs = {"odom": ODOMETRY}  # noqa: RUF012
 
     def read(self, topic: str, data: bytes) -> Reading:
-        """See `Interface`."""
+        """Reading of an odometry, whose twist is turned from the frame that the message names; see `Interface`."""
         message = unpack(ODOMETRY, data)
         frame = message.header.frame_id
         attitude = unit(wxyz(message.pose.pose.orientation))
@@ -186,7 +192,7 @@ class Odometry(Floats):
         return Reading(measured_at(message), position, attitude, velocity, spin, frame)
 
     def state(self, motion: Motion, now: int) -> list[Message]:
-        """See `Interface`."""
+        """Odometry of a motion at a time (ns), its twist in the body's frame, as ROS has it; see `Interface`."""
         unknown = np.zeros(36)
         linear = rotated(conjugate(motion.attitude), motion.velocity)
         twist = make("geometry_msgs/msg/Twist", linear=vector(linear), angular=vector(motion.spin))
@@ -219,7 +225,7 @@ class PX4(Interface):
             )
 
     def read(self, topic: str, data: bytes) -> Reading:
-        """See `Interface`."""
+        """Reading of PX4's odometry, turned from its frames (north, east, down) into ours; see `Interface`."""
         message = unpack(PX4_ODOMETRY, data)
         if message.pose_frame != 1 or message.velocity_frame != 1:
             raise ValueError(
@@ -237,7 +243,7 @@ class PX4(Interface):
         return Reading(int(message.timestamp_sample) * 1000, *motion)
 
     def command(self, values: Sequence[float], now: int) -> list[Message]:
-        """See `Interface`."""
+        """PX4's mode and motors for commands at a time (ns): a shut motor is NaN; see `Interface`."""
         microseconds = now // 1000
         others = ("position", "velocity", "acceleration", "attitude", "body_rate")
         mode = make(

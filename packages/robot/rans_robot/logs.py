@@ -329,6 +329,7 @@ def _dated(
         measured = _by_bag_s_clock(both_arrived, both_stamps)
         ends = np.cumsum([len(stamps), *(len(topics[other].stamps) for other in others)])
         times |= dict(zip([topic, *others], np.split(measured, ends[:-1]), strict=True))
+    # What the delays on the way were, as sentences.
     for topic, measured in times.items():
         late = (np.array(topics[topic].arrived) - measured) * 1e-6
         if late.any():

@@ -71,7 +71,7 @@ class Report:
     """Why the flight ended before its time, or was none, since no state ever came; else ""."""
 
     def text(self) -> str:
-        """The result as a sentence."""
+        """The result as a sentence: periods, and how long decisions took (ms)."""
         if not self.computed:
             return "no control period was flown."
         of = np.array(self.computed) * 1e3
@@ -323,6 +323,7 @@ class Inbox:
             bus.subscribe(topic, kind, lambda data, topic=topic: self._put(topic, data))
 
     def _put(self, topic: str, data: bytes) -> None:
+        """Put a message into the queue; it is dropped, and named once, if it is too large or too many come."""
         # In a thread of the bus.
         if len(data) > LARGEST_MESSAGE:
             self._dropped.add(
@@ -411,7 +412,7 @@ class Announcements:
             time.sleep(0.02)
 
     def others(self) -> list[str]:
-        """Sentences about others that command this robot."""
+        """Sentences about other nodes that command this robot, from announcements that came since."""
         found = []
         while self._heard:
             try:
@@ -457,7 +458,10 @@ class BagReplay:
 
 
 def replay_bag(bag: Path, folder: Path | None = None) -> BagReplay:
-    """See `rans_robot.functions.replay`."""
+    """Fly a bag's messages again, and count the commands that come out equal byte by byte.
+
+    See `rans_robot.functions.replay`.
+    """
     stream = bag_entries(bag)
     first = next(stream, None)
     if first is None or first.topic != FLIGHT_TOPIC:
@@ -491,6 +495,7 @@ def replay_bag(bag: Path, folder: Path | None = None) -> BagReplay:
             difference = decisions
         decisions += 1
 
+    # Inputs go to the pilot; outputs of one moment are compared together.
     for entry in stream:
         if entry.topic in outputs:
             if entry.time != moment:

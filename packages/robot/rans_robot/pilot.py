@@ -1,6 +1,7 @@
 """What decides in a flight on a robot: from the messages that came, and when, to the commands that go.
 
-It knows no bus and no clock: the same messages at the same times give the same commands, bit for bit.
+It knows no bus and no clock: the same messages at the same times give the same commands, bit for bit. Readings are
+in W, spins in B, times in ns; `rans_robot.node` calls it, and `replay_bag` holds it to its bits.
 """
 
 from __future__ import annotations
@@ -264,7 +265,10 @@ class MessagePilot:
         """What was wrong with messages since the last decision, in a sentence of each topic."""
 
     def receive(self, topic: str, data: bytes, now: int) -> None:
-        """Take a message that came at a time, ns."""
+        """Take a message that came at a time, ns.
+
+        What is wrong is remembered as a sentence, and nothing is raised.
+        """
         try:
             if topic == CRAFT_TOPIC:
                 self._check_craft(data)
@@ -307,6 +311,7 @@ class MessagePilot:
         part.refused = None
 
     def _take_goal(self, data: bytes, now: int) -> None:
+        """Take a goal at a time, ns: sets it, and lets the agent begin anew (`ValueError` if it is wrong)."""
         message = unpack(POSE, data)
         position = finite_vector("position", point_numbers(message.pose.position))
         attitude = unit(wxyz(message.pose.orientation))
@@ -317,6 +322,7 @@ class MessagePilot:
         self._resting = True
 
     def _check_craft(self, data: bytes) -> None:
+        """Compare the robot's spacecraft with the agent's; a difference is a fault that ends the flight."""
         robot = description(data)
         if robot.sha256 != self._hash:
             self._fault = (
@@ -330,7 +336,10 @@ class MessagePilot:
             )
 
     def decide(self, now: int) -> Decision:
-        """The command of the control period that begins at a time, ns."""
+        """The command of the control period that begins at a time, ns.
+
+        Wrong or old readings shut all valves; it may reset the agent, and forgets troubles that it says.
+        """
         # Without a state, or after a fault, all valves are shut.
         self._began = now if self._began is None else self._began
         shut = np.zeros(self.craft.command_count)
@@ -457,7 +466,10 @@ class MessagePilot:
 
 
 def state_of(craft: Spacecraft, motion: Motion) -> State:
-    """State of a craft as tasks take it, of plain numbers."""
+    """State of a craft as tasks take it, of plain numbers, from a motion in W (spin in B).
+
+    Stores are those at first.
+    """
     p = [float(x) for x in motion.position]
     v = [float(x) for x in motion.velocity]
     w = [float(x) for x in motion.spin]
@@ -471,7 +483,10 @@ def state_of(craft: Spacecraft, motion: Motion) -> State:
 
 
 def motion_of(state: Any) -> Motion:
-    """Motion of a state of numbers."""
+    """Motion, arrays (3,) and a quaternion, of a state of numbers.
+
+    In the plane z, and spins about x and y, are 0.
+    """
     if isinstance(state.w, Vec3):
         q = state.attitude
         attitude = np.array([q.w, q.x, q.y, q.z], dtype=float)
@@ -523,7 +538,7 @@ def _with_trade_off(task: Task, trade_off: float | None) -> Task:
 
 
 def _goal(craft: Spacecraft, task: Task, plan: Plan) -> State:
-    """Goal of a plan."""
+    """Goal of a plan: position (m) and angles (degrees), velocities, and what the task's goals have beside them."""
     planar = craft.dimension == 2
     wanted = 3 if planar else 6
     numbers = plan.goal or (0.0,) * wanted

@@ -134,7 +134,7 @@ class Craft:
         return motion_of(self._now.state)
 
     def measured(self) -> Motion | None:
-        """Motion as sensors measure it; None: they have nothing new."""
+        """Motion as sensors measure it now; None: they repeat their last reading. Remembers what it gave."""
         state = self._world.sensed(self._now, self._draws)
         state = map_leaves(lambda x: float(np.squeeze(x)), state)
         values = leaves(replace(state, stores=()))
@@ -158,7 +158,7 @@ class Craft:
         self._elapsed = 0.0
 
     def advance(self) -> np.ndarray:
-        """Fly one step, and return what the effectors were given."""
+        """Fly one step of the engine, and return what (n,) the effectors were given: duties become pulses."""
         given = self._command
         if self.plan.craft.actuators.kind == "pulsed":
             # Of a pulse of command times control period, that which falls into this step.
@@ -184,6 +184,7 @@ def _at_rate(conditions: Conditions | None, ratio: float) -> Conditions | None:
         return None
 
     def late(variant: Conditions) -> Conditions:
+        """Conditions with delays and noise of a period in steps of the engine's shorter one."""
         delay: Any = variant.sensors.delay
         low, high = delay if isinstance(delay, tuple) else (delay, delay)
         several = (float(round(low * ratio)), float(round(high * ratio)))
@@ -203,6 +204,10 @@ def _at_rate(conditions: Conditions | None, ratio: float) -> Conditions | None:
 
 
 def _placed(craft: Spacecraft, numbers: tuple[float, ...]) -> Any:
+    """State at rest of a start: x, y and heading, or x, y, z and roll, pitch, yaw (m, degrees).
+
+    `ConfigError` for others.
+    """
     counts = (3,) if craft.dimension == 2 else (3, 6)
     if len(numbers) not in counts:
         names = "x, y and heading" if craft.dimension == 2 else "x, y, z and roll, pitch, yaw"

@@ -223,6 +223,7 @@ def _check_formats(formats: Mapping[str, Any]) -> None:
     sizes |= {"int64_t": 8, "uint64_t": 8, "float": 4, "double": 8, "bool": 1, "char": 1}
 
     def size(kind: str, depth: int) -> int:
+        """Bytes of a message by its format, nested ones included; `ValueError` if it is too deep or too large."""
         if kind in sizes:
             return sizes[kind]
         if depth > _DEEPEST_FORMAT:
@@ -244,7 +245,7 @@ def _listed(topics: Topics) -> str:
 
 
 def _ascending(file: Path, topic: str, times: np.ndarray) -> np.ndarray:
-    """Times of a topic in s, checked to ascend."""
+    """Times (M,) of a topic in s, from microseconds, checked to ascend (`ConfigError`)."""
     seconds = 1e-6 * times.astype(float)
     if len(seconds) and not (np.diff(seconds) > 0.0).all():
         at = int(np.argmin(np.diff(seconds)))
@@ -330,7 +331,7 @@ def _at(times: np.ndarray, sampled: np.ndarray, rows: np.ndarray) -> np.ndarray:
 def _ours(
     position: np.ndarray, attitude: np.ndarray, velocity: np.ndarray, spin: np.ndarray
 ) -> Readings:
-    """Readings (R, M) in PX4's frames as (M, R) in RANS's."""
+    """Readings (R, M) in PX4's frames (north-east-down, quaternion w first) as (M, R) in RANS's."""
     attitude = swapped_attitude(attitude)
     with np.errstate(invalid="ignore"):  # zeros are no attitude, and become NaN
         attitude /= np.linalg.norm(attitude, axis=0)

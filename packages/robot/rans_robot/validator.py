@@ -1,7 +1,8 @@
 """The validator of all messages, of every kind of robot: a message is a stranger's file.
 
 What is refused raises a `ValueError`, whose sentence names the value and the usual cause, and changes nothing: no
-reading, no velocity filter, no goal. The functions judge a message by itself, a `Validator` by those before it.
+reading, no velocity filter, no goal. The functions judge a message by itself, a `Validator` by those before it. The
+pilot shuts all valves on what is refused here, so a new check needs its flight in `tests/test_node.py`.
 """
 
 from __future__ import annotations
@@ -146,7 +147,7 @@ def announced(data: bytes) -> tuple[str, list[str]]:
 
 
 def _table(data: bytes) -> dict[str, Any]:
-    """JSON object in a text message."""
+    """JSON object in a text message, or a `ValueError`; its size is checked before it is read."""
     if len(data) > LARGEST_MESSAGE:
         raise ValueError(
             f"a message has {len(data):,} bytes, and at most {LARGEST_MESSAGE:,} are read"
@@ -185,7 +186,10 @@ class Validator:
         self._clocks: dict[str, _Clock] = {}
 
     def state(self, topic: str, reading: Reading, now: int) -> MessageVerdict:
-        """Judge (`ValueError`) a reading of the robot's motion that came at a time, ns."""
+        """Judge (`ValueError`) a reading of the robot's motion that came at a time, ns.
+
+        A refused one changes no clock.
+        """
         self._pose(reading.position, reading.attitude)
         self._frame(reading.frame)
         if topic not in self._clocks:
@@ -203,6 +207,7 @@ class Validator:
         self._name(topic, frame)
 
     def _pose(self, position: np.ndarray | None, attitude: np.ndarray | None) -> None:
+        """Refuse (`ValueError`) a pose of a craft of the plane that is far above it, or tilted."""
         if not self._planar:
             return
         if position is not None and abs(position[2]) > _HIGHEST:
@@ -273,7 +278,10 @@ class _Clock:
         """Time stamps and arrivals of messages in a row that agree that the clock was set."""
 
     def judge(self, stamp: int, now: int) -> MessageVerdict:
-        """When a message with a time stamp, ns, that came at a time, ns, was measured by our clock."""
+        """When a message with a time stamp, ns, that came at a time, ns, was measured by our clock.
+
+        Changes the clock only if the message counts.
+        """
         if stamp <= 0:
             raise ValueError(f"the time stamp is {stamp}: header.stamp is not set by its sender")
         if self._newest is None:

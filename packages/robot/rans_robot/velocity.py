@@ -30,7 +30,10 @@ class VelocityFilter:
         self._motion: Motion | None = None
 
     def update(self, time: int, position: np.ndarray, attitude: np.ndarray) -> Motion:
-        """Motion after a pose that was measured at a time, ns; attitude as a unit quaternion (w, x, y, z)."""
+        """Motion after a pose that was measured at a time, ns; attitude as a unit quaternion (w, x, y, z).
+
+        Remembers motion, time and gains; positions are (3,) in W.
+        """
         last = self._motion
         step = (time - self._time) * 1e-9
         if last is None or not 0.0 < step < _LONGEST_GAP:

@@ -1,6 +1,6 @@
 """Lower bounds for each start: the certificate where one exists, else the hull or the tube bound.
 
-docs/certificate.md proves all three. A change must leave every bound below every control that is found, as tests ask.
+docs/certificate.md proves all three. A change must leave every bound below every control that is found (tests).
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Assurance of an agent: its setup, the number of flights and failures, and bounds on the failure probability."""
+"""Assurance of an agent: its setup, the number of flights and failures, and bounds on the failure probability.
+
+`rans.assure` fills an `Assurance` step by step; its page, its JSON file and the command print what it holds, and an
+interrupted one is read back from the file.
+"""
 
 from __future__ import annotations
 
@@ -167,7 +171,10 @@ class Assurance:
     def search(
         self, world: str, conditions: Conditions, device: str, progress: Progress = unseen
     ) -> None:
-        """Search the smallest disturbance that breaks the agent; see `rans_assurance.assure.search.searched`."""
+        """Store in `searched` the smallest disturbance that breaks the agent.
+
+        See `rans_assurance.assure.search.searched`.
+        """
         self.searched = searched(
             world,
             conditions,
@@ -210,6 +217,8 @@ class Assurance:
     def write_into(self, folder: Path) -> None:
         """Have the results written into a folder, in a file for the task and the conditions that were named.
 
+        Sets `file`, which the name of the task and a digest of the conditions decide.
+
         Raises:
             ConfigError: the file has another campaign, which was interrupted or has more flights.
         """
@@ -240,6 +249,7 @@ class Assurance:
             self.environment = before["environment"]
 
     def _check_replaces_nothing(self, file: Path) -> None:
+        """Refuse (`ConfigError`) to replace a file of an interrupted or a larger campaign of another setup."""
         before = read_json(file) if file.exists() else {}
         try:
             flights = before["campaign"]["flights"]
@@ -272,7 +282,7 @@ class Assurance:
         return [key for key in own if key not in theirs or theirs[key] != own[key]]
 
     def to_json(self) -> dict[str, Any]:
-        """Data for `rans.files.write_json`."""
+        """Content of the JSON file, which pages and later runs read; `write_json` writes it."""
         campaign = self.campaign
         kinds = {
             "any": None,

@@ -129,7 +129,7 @@ class Campaign:
         return [number for number, failure in self.listed if failure == kind]
 
     def to_json(self) -> dict[str, Any]:
-        """Data for `rans.files.write_json`."""
+        """Content of "campaign" in the JSON file, from which `go_on_from` continues."""
         return {
             "flights": self.flights,
             "seed": self.seed,
@@ -140,7 +140,7 @@ class Campaign:
         }
 
     def go_on_from(self, before: Mapping[str, Any]) -> None:
-        """Continue from the result of `to_json`."""
+        """Replace flights, seconds, ways and failures by those of `to_json` (`ConfigError` if it lacks some)."""
         try:
             self.flights = before["flights"]
             self.seconds = before["seconds"]

@@ -184,6 +184,10 @@ class Chances:
         workers = processors() if backend.on_numpy else 1
 
         def score(z: np.ndarray, number: np.ndarray, size: np.ndarray | None = None) -> np.ndarray:
+            """(N,) scores of normal numbers z (D, N) and episode numbers (N,), flown in parts by threads.
+
+            Sizes (N,) scale conditions.
+            """
             parts = [slice(k, k + batch) for k in range(0, len(number), batch)]
             jobs = [
                 self.draws(

@@ -60,7 +60,10 @@ class ControllerFleet:
         return reduce(add, self.parts(first, count, seed))
 
     def part(self, seed: int, first: int, count: int) -> FlightStatistics:
-        """Statistics of consecutive scenarios, flown in this process."""
+        """Statistics of `count` scenarios from `first` on, flown in this process in float64 by NumPy.
+
+        Parts add up to a whole.
+        """
         numbers = np.arange(first, first + count, dtype=np.int32)
         own = Draws(*seed_words(seed), numbers, 0, np.float64)
         with np.errstate(all="ignore"):  # a state that is no longer finite counts as failed

@@ -136,7 +136,10 @@ class Rare:
 
     @property
     def summary(self) -> str:
-        """Estimate in one sentence."""
+        """Estimate in one sentence, which the page and the terminal print.
+
+        Without an interval it says why there is none.
+        """
         if self.interval is not None:
             low, high = self.interval
             return (
@@ -298,7 +301,10 @@ class _ByErrors:
         return np.asarray(self._score(self._larger(z, _FACTOR**power), number)) >= 1.0
 
     def __call__(self, z: np.ndarray, number: np.ndarray, level: float) -> np.ndarray:
-        """(N,) scores of normal numbers (D, N) and episodes (N,); 0 for some that are below a level."""
+        """(N,) scores of normal numbers (D, N) and episodes (N,); 0 for some that are below a level.
+
+        Bisects the factor on the errors at which a flight begins to fail; a flight costs one look a halving.
+        """
         least = np.full(len(number), np.inf)
         open_ones = np.arange(len(number))
         # The factors are always the same, so that a flight's score does not depend on the level.

@@ -141,7 +141,10 @@ def drawing(seed: int, numbers: Sequence[int]) -> Draws:
 
 
 def picked(flight: Flight, episodes: Sequence[int]) -> Flight:
-    """Some episodes of a flight."""
+    """A flight of the episodes with these numbers alone, (T, K) of (T, N).
+
+    `Flight.guarded` and conditions are left out.
+    """
 
     def some(x: Any) -> Any:
         return x[..., list(episodes)] if np.ndim(x) else x
@@ -160,7 +163,10 @@ def failure_kinds(flight: Flight) -> list[Failure | None]:
 
 
 def ending(flight: Flight, k: int) -> str:
-    """Motion of flight k over its last fifth in words: whether its commands repeat, or it drifts."""
+    """Motion of flight k over its last fifth in words: whether its commands repeat, or it drifts.
+
+    Commands are compared exactly: a cycle of on/off valves repeats bit for bit.
+    """
     commands = flight.commands[-last_fifth(len(flight.commands)) :, k]
     if not np.isfinite(leaves(flight.states)[0][-1, k]):
         return "is lost"

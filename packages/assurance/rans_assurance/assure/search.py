@@ -97,7 +97,7 @@ class Searched:
 
     @property
     def summary(self) -> str:
-        """Result of the search in one sentence."""
+        """Result of the search in one sentence, for the page and the terminal."""
         if self.breaking is None:
             return (
                 f"no disturbance was found up to {self.largest:g} times the size of {self.world} that "
@@ -273,7 +273,7 @@ def _draws(chances: Chances, some: list[Candidate]) -> Chosen:
 
 
 def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
-    """Draws of one flight in words."""
+    """What one flight drew, in words by what it concerns, such as "body": only what its conditions let vary."""
     conditions = chances.setup.conditions
     craft = chances.setup.craft
     # The parameters that an engine derives from these draws.

@@ -43,7 +43,7 @@ class Assure(Options):
         return (shlex.join(["rans", "stress", self.agent]),)
 
     def run(self) -> int:
-        """Fly, repeat failed flights, write and print the results."""
+        """Fly, repeat failed flights, write and print the results; 1 if an asked bound was not shown."""
         from rans.extend import ContestantName
 
         if self.episodes == 0:
@@ -63,7 +63,7 @@ class Assure(Options):
 
 
 def _show(assurance: Assurance) -> None:
-    """Print the counts, bounds and findings of an assurance."""
+    """Print the counts, bounds and findings of an assurance; the same rows as on its page (`findings`)."""
     from rans_assurance.pages.assure_counts import counts, decision_sentence
     from rans_assurance.pages.assure_page import findings
 
@@ -101,7 +101,7 @@ def _show(assurance: Assurance) -> None:
 
 
 def _print_plan(failure_below: float | None) -> None:
-    """Print how many flights the bound takes, without any."""
+    """Print how many flights each look of the plan takes, and how many failures it allows; nothing flies."""
     from rans_assurance.assure.bounds import plan as planned
 
     confidence = inspect.signature(assure).parameters["confidence"].default

@@ -33,7 +33,7 @@ class Faults(Options):
         return ("rans list CONDITIONS",)
 
     def run(self) -> int:
-        """Print the table; the exit code is 0."""
+        """Print the faults that the craft can recover from, and write the picture; the exit code is 0."""
         if self.picture is not None:
             from rans.show.figures.picture_file import check_picture
 

@@ -32,7 +32,10 @@ class Follow(Options):
         return (shlex.join(["rans", "view", self.agent]),)
 
     def run(self) -> int:
-        """Print a table of the path errors."""
+        """Print a table of the path errors, and write JSON and a figure into the agent's folder.
+
+        The exit code is 0.
+        """
         from rans.extend import ContestantName, contestant
         from rans.show.figures.svg import svg
         from rans_assurance.figures.path_figures import following_figure

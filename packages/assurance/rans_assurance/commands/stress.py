@@ -42,7 +42,7 @@ class Stress(Options):
         return (shlex.join(["rans", "assure", next(iter(self.contestants))]),)
 
     def run(self) -> int:
-        """Print the largest tolerated size of each disturbance."""
+        """Print the largest tolerated size of each disturbance; 1 if a contestant could not fly on."""
         from rans.extend import ContestantName
 
         if not self.contestants:
@@ -54,7 +54,7 @@ class Stress(Options):
 
 
 def _show(report: StressReport) -> None:
-    """Print tables, worst flights and files of a stress report."""
+    """Print tables, worst flights and files of a stress report, at most `_SHOWN` of the worst."""
     console = Terminal()
     stress = report.stress
     if stress.outcomes:

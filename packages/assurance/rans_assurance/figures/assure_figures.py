@@ -34,7 +34,7 @@ def errors_figure(flight: Flight, episodes: Sequence[int]) -> Figure:
 
 @styled
 def paths_figure(flight: Flight, episodes: Sequence[int]) -> Figure:
-    """Their ways from above, the goal in the middle."""
+    """Ways of these episodes from above (x, y in m), the goal in the middle."""
     figure = Figure(figsize=_SIZE, layout="constrained")
     axes = figure.subplots()
     (x, y, *_) = panels.from_goal(flight)
@@ -60,7 +60,7 @@ def _each(
     episodes: Sequence[int],
     points: Callable[[int], tuple[np.ndarray, np.ndarray]],
 ) -> None:
-    """All of them thinly, the first strongly and last."""
+    """Draw the curve of every episode k, (x, y) arrays of `points(k)`, and the first strongly above them."""
     for k in reversed(episodes):
         first = k == episodes[0]
         plot(

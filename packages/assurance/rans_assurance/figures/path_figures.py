@@ -28,7 +28,7 @@ def following_figure(following: Following, number: int = 0) -> Figure:
 
 
 def _ways(figure: SubFigure, following: Following, number: int) -> None:
-    """Draw the path and the ways of all flights along it."""
+    """Draw the path and the ways of all flights along it (m), of which the one with this number is marked."""
     path = following.planner.path
     axes: Any = figure.add_subplot(projection="3d" if path.dimension == 3 else None)
     axes.plot(
@@ -88,7 +88,7 @@ def _velocity(axes: Axes, following: Following, number: int, axis: int) -> None:
 
 
 def _distances(axes: Axes, following: Following, number: int) -> None:
-    """Draw the distance of every flight from the path over time."""
+    """Draw the distance of every flight from the path (cm) over time (s); the shaded approach does not count."""
     times = following.flight.times
     distance = 100.0 * following.cross_track
     counts = following.measured

@@ -37,7 +37,7 @@ def effect_figure(stress: Stress, effect: Effect) -> Figure:
 
 @styled
 def named_figure(stress: Stress) -> Figure:
-    """Solved episodes in each world without a size."""
+    """Solved episodes (%) with intervals in each world without a size: a row a world, a mark a contestant."""
     levels = stress.named
     names = stress.names
     figure = Figure(figsize=(6.6, 1.1 + 0.2 * len(levels) * (1 + len(names))), layout="constrained")
@@ -65,6 +65,10 @@ def named_figure(stress: Stress) -> Figure:
 
 
 def _draw(axes: Axes, result: Estimate, height: float, k: int, name: str) -> None:
+    """Draw an estimate and its interval at a height, in colour and marker number k.
+
+    A name puts it into the legend.
+    """
     colour, marker = series_style(k)
     bars = [[result.value - result.low], [result.high - result.value]]
     axes.errorbar(

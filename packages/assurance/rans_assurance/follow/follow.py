@@ -153,7 +153,7 @@ class Following:
         return np.where(arrives, waited * period, np.inf)
 
     def quantities(self) -> tuple[Sample, ...]:
-        """Statistics of the tracking errors of the flights."""
+        """Samples (N,) of the tracking errors in cm, cm/s and %: the approach to the path does not count."""
         counts = self.measured
         reached = self.velocities[1:]
         aim = self.planner.speed
@@ -192,7 +192,10 @@ class Following:
         )
 
     def table(self) -> Table:
-        """A row a quantity."""
+        """A row for each quantity: mean and worst of the flights.
+
+        "never" where a flight does not reach the path.
+        """
         rows = [
             (
                 sample.name,

@@ -205,7 +205,7 @@ def read_path(file: FilePath) -> Path:
 
 
 def _point(file: FilePath, line: int, row: list[str], first: list[str]) -> tuple[float, ...]:
-    """The numbers of one line."""
+    """The two or three coordinates (m) of one line, as many as in the first (`ConfigError` with file and line)."""
     if len(row) not in (2, 3) or len(row) != len(first):
         usual = len(first) in (2, 3)
         form = f"{len(first)} values, as in the first point" if usual else "x,y or x,y,z"

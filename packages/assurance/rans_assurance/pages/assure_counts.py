@@ -13,7 +13,7 @@ from rans.verdict import Failure
 
 
 def decision_sentence(result: Mapping[str, Any]) -> str:
-    """In one sentence."""
+    """The decision of an assurance's JSON file in one sentence, with counts, bounds and confidence."""
     bound = result["bounds"]["any"]
     below = result["about"]["below"]
     sentences = (

@@ -74,7 +74,7 @@ def write_page(assurance: Assurance) -> None:
 
 
 def findings(assurance: Assurance) -> Iterator[Finding]:
-    """Findings beside the verdict of an assurance."""
+    """Findings beside the verdict: passed or failed where something was asked or refuted, else None."""
     campaign = assurance.campaign
     replays = assurance.replays
     if campaign.plan.below is not None and campaign.over:
@@ -102,6 +102,7 @@ def findings(assurance: Assurance) -> Iterator[Finding]:
 
 
 def _plan(assurance: Assurance) -> Section:
+    """Section of the plan: looks, allowed failures and chances of error, as they were fixed before the flights."""
     plan = assurance.campaign.plan
     flown = assurance.campaign.flights
     # A stage shows the bound if no more than the allowed number of flights failed.
@@ -129,7 +130,7 @@ def _plan(assurance: Assurance) -> Section:
 
 
 def _again(assurance: Assurance) -> Iterator[Section]:
-    """Failed flights, kind by kind."""
+    """Sections of the failed flights that were flown again, kind by kind, the worst first."""
     replays = assurance.replays
     if replays is None or replays.flight is None:
         return
@@ -155,7 +156,7 @@ def _again(assurance: Assurance) -> Iterator[Section]:
 
 
 def _rare(assurance: Assurance) -> Iterator[Section]:
-    """By subset simulation."""
+    """Section of the subset simulation beside the count of all flights; none if it did not run."""
     result = assurance.rare
     counted = assurance.campaign.bound()
     if result is None:
@@ -248,6 +249,10 @@ def _replayed(assurance: Assurance, replayed: Replayed) -> list[str]:
 
 
 def _drawn(flight: Flight, episodes: list[int], title: str) -> Iterator[Picture]:
+    """Pictures of failed flights.
+
+    Errors, ways from above, and the valves of the worst, in the order of the page.
+    """
     from rans_assurance.figures import assure_figures as figures
 
     yield Picture.of(
@@ -262,6 +267,7 @@ def _drawn(flight: Flight, episodes: list[int], title: str) -> Iterator[Picture]
 
 
 def _evidence(assurance: Assurance) -> Section:
+    """Section of the SHA-256 of everything that decides a flight; the JSON file has the same."""
     rows = [[_unbroken(name), value] for name, value in assurance.hashes.items()]
     campaign = assurance.campaign
     text = (

@@ -58,6 +58,7 @@ class StressReport:
         return f"<StressReport of {self.title()}: solved in {shares}>"
 
     def _repr_html_(self) -> str:
+        """Tables of the notebook: shares solved by scenario, and the sizes up to which contestants hold."""
         shares = listed(
             f"Solved, %: {self.title()}",
             ("scenario", *self.stress.names),
@@ -142,7 +143,10 @@ class StressReport:
         ]
 
     def effect_rows(self) -> list[list[str]]:
-        """To which size each solves 99 %, and who bears more."""
+        """Row of every flown effect.
+
+        Up to which size each contestant solves 99 %, and by how much the first leads.
+        """
         stress = self.stress
         return [
             [
@@ -155,7 +159,7 @@ class StressReport:
         ]
 
     def _flown_effects(self) -> list[Effect]:
-        """Effects of which at least one size was flown."""
+        """Effects of which at least one size was flown, by any contestant, in their own order."""
         outcomes = self.stress.outcomes
         return [
             effect
@@ -192,7 +196,7 @@ class StressReport:
                     ]
 
     def to_json(self) -> dict[str, Any]:
-        """For `rans.files.write_json`."""
+        """Content of stress.json, which `rans_assurance.pages.report_sections` reads back."""
         stress = self.stress
         return {
             "title": self.title(),
@@ -216,7 +220,7 @@ class StressReport:
         }
 
     def page(self) -> Page:
-        """Everything on one page."""
+        """Page of everything, the same rows as `to_json`; sections of sizes are there if any size was flown."""
         stress = self.stress
         contest = self.stress.contest
         sections = [
@@ -303,6 +307,7 @@ class StressReport:
             yield f"{name} solves at least {100.0 * WANTED:g} % of its episodes in {enough} of {count}."
 
     def _group(self, group: str, some: list[Effect]) -> Section:
+        """Section of the effects of one group, with a row for every flown size and a picture an effect."""
         rows = [
             [level.effect, f"{level.size:g} {effect.unit}", *rates]
             for effect in some
@@ -357,6 +362,7 @@ class StressReport:
         )
 
     def _level(self, level: Level) -> dict[str, Any]:
+        """Row of a level in stress.json: its conditions as text, and outcomes by contestant."""
         return {
             "effect": level.effect,
             "size": level.size,
@@ -389,6 +395,10 @@ class StressReport:
         }
 
     def _effect(self, effect: Effect) -> dict[str, Any]:
+        """Row of an effect in stress.json.
+
+        Its sizes, up to where each holds, and where the first and another break even.
+        """
         stress = self.stress
         pairs = {rival: stress.break_even(effect, rival) for rival in stress.names[1:]}
         return {

@@ -118,7 +118,7 @@ class Stress:
     def fly(self, stages: Stages = unseen_stages, workers: int | None = None) -> None:
         """Fly all contestants; one that fails is noted in ``failures`` and flies no more.
 
-        After an interrupt the outcomes until then remain.
+        After an interrupt the outcomes until then remain. Changes ``outcomes`` and ``failures``.
 
         Args:
             stages: reports progress.

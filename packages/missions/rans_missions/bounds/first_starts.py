@@ -75,7 +75,7 @@ def mission_bounds(
 
 
 def _first_bounds(contest: Contest, progress: Progress) -> MissionBounds:
-    """Bounds of the first start, and of its front."""
+    """Bounds of the first start and of its front: N s by the deadline, and (K,) N s over K times (s)."""
     if contest.task.optimal_problem == "landing":
         return _landing_bounds(contest, progress)
     lower = _lower(contest, 0)
@@ -96,7 +96,10 @@ def _first_bounds(contest: Contest, progress: Progress) -> MissionBounds:
 
 
 def _lower(contest: Contest, k: int, by: float | None = None) -> float:
-    """Lower bound of start number k, of a success by a time, s; None: by its deadline or the end of the episode."""
+    """Lower bound of start number k, of a success by a time, s; None: by its deadline or the end of the episode.
+
+    N s, or kg of propellant for a landing; infinite if nothing succeeds.
+    """
     problem = contest.task.optimal_problem
     if problem == "landing":
         best = _best_landing(contest, k)
@@ -180,6 +183,7 @@ def _deadline(contest: Contest, k: int) -> float:
 
 
 def _least(contest: Contest, k: int, deadline: float) -> float:
+    """Lower bound of the impulse of reaching the goal by a deadline (s), and staying if the task asks it, N s."""
     start = contest.start(k)
     state = state_of(start)
     meeting = _meeting(contest, start.goal)

@@ -113,6 +113,7 @@ def landings(
     answers = []
     for number, scenario in enumerate(each(starts)):
         start = _columns(scenario.start.p), _columns(scenario.start.v)
+        # The plan that is flown has a model which the craft can follow; the bound's may do more.
         result = best_landing(lander, descent, start, period, "flyable", times)
         answer = LandingAnswer(number, result)
         # The same start with lossless limits gives the bound; both engines fly the plan.
@@ -133,6 +134,8 @@ def replay_landing(
     craft: Spacecraft, task: Land, lander: Lander, start: Any, plan: Landing, drake: bool
 ) -> list[SpatialState]:
     """States after every period of a plan whose thrusts are held, for a craft that turns at once.
+
+    The attitude is set before every period, and stores (propellant, kg) follow from the plan.
 
     Args:
         craft: spacecraft.
@@ -194,7 +197,7 @@ def _columns(vector: Any) -> np.ndarray:
 
 
 def landing_table(title: str, answers: list[LandingAnswer]) -> Table:
-    """Table with a row for each start."""
+    """Table with a row for each start: propellant and bound (kg), time (s), and misses in both engines (m)."""
     columns = ("start", "propellant kg", "bound kg", "time s", "engine m", "Drake m", "")
     rows: list[tuple[str | None, ...]] = []
     for answer in answers:

@@ -103,7 +103,7 @@ class TransferTable:
         return ("", "won", "limit broken", "over the bound", "worst", "impulse")
 
     def cells(self) -> list[tuple[str, ...]]:
-        """Cells of a table with a row for each contestant."""
+        """Cells of a table with a row for each contestant; ratios to the bound are of flights that won."""
         rows: list[tuple[str, ...]] = []
         for row in self.rows:
             ratios = self.ratios(row)
@@ -121,7 +121,7 @@ class TransferTable:
         return rows
 
     def to_json(self) -> dict[str, Any]:
-        """Data for `rans.files.write_json`, start by start."""
+        """Content of the JSON file, start by start: bounds and impulses in N s; null where no flight is known."""
         return {
             "deadline": self.deadline,
             "lower": self.lower.tolist(),
@@ -261,7 +261,10 @@ def optimum(
 
 
 def _to_stay(meeting: Meeting, start: np.ndarray, answer: Answer) -> MeetingTransfer | None:
-    """The transfer to where commands can stop the craft: with a reserve, and at the end of a control period."""
+    """The transfer to where commands can stop the craft: with a reserve, and at the end of a control period.
+
+    If it cannot stop: None. The start is (2 d,) position (m) and velocity (m/s) in W.
+    """
     begun = answer.free if answer.transfer is None else answer.transfer
     checks = meeting.timing.checks
     meeting = replace(

@@ -124,7 +124,7 @@ class Search:
         """How near to a zone's centre a flight comes that is outside at every check, m.
 
         Between two checks it is near a chord, whose ends are outside: no nearer than half of it leaves
-        (Pythagoras), and full thrust bends the path by a t^2 / 8.
+        (Pythagoras), and full thrust bends the path by a t^2 / 8. The zone moves at v (d,) m/s.
         """
         apart = timing.control_period / timing.checks
         chord = (self._cap + float(np.linalg.norm(v))) * apart
@@ -132,7 +132,10 @@ class Search:
         return math.sqrt(max(0.0, radius**2 - 0.25 * chord**2)) - push * apart**2 / 8.0
 
     def bound(self) -> float:
-        """The least bound of the branches that are left, N s."""
+        """The least bound of the branches that are left, N s.
+
+        It holds wherever the search ends, so `_PROGRAMS` may be smaller.
+        """
         nothing: _Branch = (None,) * len(self._zones)
         most = self._craft.mass * (
             self._cap - math.hypot(*(float(x) for x in self._start.v.columns()))
@@ -179,7 +182,10 @@ class Search:
                 yield [one for one in ordered if one is not None]
 
     def waypoints(self, branch: _Branch) -> list[Waypoint]:
-        """Where the flights of a branch pass zones, and when."""
+        """Where (m) and when (s) the flights of a branch pass zones.
+
+        Parts of planes that all these flights cross.
+        """
         points = []
         for zone, passing in zip(self._zones, branch, strict=True):
             if passing is None:

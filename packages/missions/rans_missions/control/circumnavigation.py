@@ -1,4 +1,8 @@
-"""Guidance of inspections: the cheapest flight that a search from natural circumnavigations finds."""
+"""Guidance of inspections: the cheapest flight that a search from natural circumnavigations finds.
+
+Every start has a row in `_plans` and `_searched`; times are since the start of the episode, s, and positions in the
+Hill frame, m.
+"""
 
 from __future__ import annotations
 
@@ -208,7 +212,11 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
             self._filter.reset()
 
     def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
-        """See the base; what errors of the estimate explain is left alone."""
+        """Changes of velocity (N, 3), m/s, and which rows burn; see the base.
+
+        What errors of the estimate explain is left alone. Plans when it first sees a start, and again where a plan
+        is over and too little is inspected; `_plans` and `_searched` remember.
+        """
         size = len(state.p.x)
         # Estimate, with standard deviations of position and velocity; noisy readings are filtered for a while.
         listens = False
@@ -328,7 +336,10 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
     def _beginnings(
         self, search: InspectionSearch, state_now: Any, target_now: Any, left: float
     ) -> list[np.ndarray]:
-        """Paths from which a search begins: that without a burn, and those of cheap plans that differ."""
+        """Paths (T, 3), m, from which a search begins.
+
+        That without a burn, and those of cheap plans that differ.
+        """
         first, second, target, price = self._priced(state_now, target_now)
         paths = [search.path([], np.zeros((0, 3)))]
         chosen: set[tuple[int, int, int]] = set()
@@ -531,7 +542,10 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         finish: float,
         via: np.ndarray | None = None,
     ) -> None:
-        """Write the plan of one craft: both burns, where it passes, and when it is done."""
+        """Write the plan of one craft into `_plans`.
+
+        Instants of both burns (s), where it passes (x, y and via, m), and its end (s).
+        """
         assert self._plans is not None
         self._plans.detours[row] = via is not None
         if via is not None:
@@ -705,6 +719,7 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
             change = self._change_by_plan(_moved(state_now, states), time, plans).T
             return np.where(np.linalg.norm(change, axis=1, keepdims=True) > _TRIM, change, 0.0)
 
+        # As far as the last burn and an orbit beyond it, by the law that flies.
         last = float(second.max()) + _AFTER * self._period
         is_unsafe_start = now == 0.0 and self._coast_distance(start) < self.task.keep_out
         distance = self._predicted_distance(

@@ -112,7 +112,10 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         self._afterwards.reset(count)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; reads the state and the times in the goal's notes."""
+        """Commands (N, n) from states and the times in the goal's notes; the observation is not read.
+
+        Changes `_plans`, one a row, and makes the meeting of the first episode that of all in a steady drift.
+        """
         relative_states = np.stack(
             [np.asarray(x, float) for x in (*leaves(state.p), *leaves(state.v))], axis=1
         )
@@ -199,7 +202,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         )
 
     def _is_off(self, meeting: Meeting, plan: _Plan, relative_state: np.ndarray) -> bool:
-        """Whether a plan that is flown on would miss its arrival."""
+        """Whether a plan that is flown on from this state (2 d,), relative to the point, would miss its arrival."""
         size = len(meeting.point)
         free = meeting.transition(len(plan.states) - 1)
         missed = free @ (relative_state - plan.states[0])
@@ -211,7 +214,10 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
     def _planned(
         self, meeting: Meeting, relative_state: np.ndarray, left: float, arrival: float
     ) -> _Plan | None:
-        """A plan from this state (2 d,), with so many s until the deadline and the task's planned arrival."""
+        """A plan from this state (2 d,), with so many s until the deadline and the task's planned arrival.
+
+        Counts failures.
+        """
         last = last_check(left, meeting.interval)
         if last < 1:
             return None
@@ -231,7 +237,10 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
     def _searched(
         self, meeting: Meeting, relative_state: np.ndarray, left: float
     ) -> MeetingTransfer:
-        """The cheapest transfer; where none is known that keeps the limits, the cheapest without them."""
+        """The cheapest transfer from this state (2 d,) within so many s.
+
+        Without a flight within limits, one beyond them.
+        """
         if self._holds:
             held = flight_that_holds(meeting, relative_state, left, self._mission.stay_seconds)
             if held is not None:
@@ -242,7 +251,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
     def _direct(
         self, meeting: Meeting, relative_state: np.ndarray, last: int, arrival: float
     ) -> MeetingTransfer | None:
-        """The transfer to the planned arrival, or where it keeps no limits to the first of later ones that does."""
+        """The transfer to the planned arrival (s), or to the first later one that keeps the limits."""
         planned = round(arrival / meeting.interval)
         checks = [planned, *(max(1, round(fraction * last)) for fraction in self._later)]
         unlimited: MeetingTransfer | None = None
@@ -275,7 +284,7 @@ def _episode(goal: Any, number: int) -> Any:
 
 
 def _tightened(limit: Shape, reserve: float) -> Shape:
-    """A limit that leaves a share of the one given."""
+    """A limit made tighter by a share: speed and angle smaller, a ball larger; shapes of other kinds stay."""
     if isinstance(limit, SpeedLimit):
         return replace(limit, base=limit.base * (1.0 - reserve))
     if isinstance(limit, Ball):

@@ -53,7 +53,7 @@ class Corridor(VelocityGuidance[FinalApproach]):
         self._law.reset()
 
     def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
-        """See the base; every craft burns in every period."""
+        """Changes of velocity (N, 3), m/s, and which rows burn, here all in every period; see the base."""
 
         def line(time: float) -> tuple[np.ndarray, np.ndarray]:
             port = self.task.later(goal, time)

@@ -136,7 +136,7 @@ class VelocityToGain(ModelBased):
         self._flown = int(memory[0, -1]) if len(memory) else 0
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; looks at the state, not at the observation."""
+        """Commands (N, n) from the state, not the observation; counts periods, and remembers what rounding owes."""
         period = self._timing.control_period
         if self._afterwards is not None:
             goal = self._afterwards.goal(state, goal, exact=not self._stop)
@@ -157,7 +157,7 @@ class VelocityToGain(ModelBased):
         return forces
 
     def _burn(self, state: Any, goal: Any) -> np.ndarray:
-        """Acceleration in W of the burn that begins now, (d, N) m/s^2."""
+        """Acceleration in W of the burn that begins now, (d, N) m/s^2, each episode by its own planned arrival."""
         planned = self._task.arrival(goal) if self._planned else None
         if planned is None:
             return self._burn_by(self._deadline - self._flown, state, goal)
@@ -174,7 +174,7 @@ class VelocityToGain(ModelBased):
         return burns
 
     def _burn_by(self, left: int, state: Any, goal: Any) -> np.ndarray:
-        """The same of episodes that should arrive after so many control periods."""
+        """As `_burn` for episodes that should arrive after so many periods, or later where thrust is too weak."""
         state_now = np.array([*leaves(state.p), *leaves(state.v)])
         first = np.zeros((self._craft.dimension, state_now.shape[1]))
         open_ = np.ones(state_now.shape[1], dtype=bool)

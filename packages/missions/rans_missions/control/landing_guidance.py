@@ -1,4 +1,7 @@
-"""Guidance for powered descent: plan the landing of least propellant, follow it, plan again when off it."""
+"""Guidance for powered descent: plan the landing of least propellant, follow it, plan again when off it.
+
+Rows of states are those of `rans_missions.convex.steered_landing`, relative to the site; one plan an episode.
+"""
 
 from __future__ import annotations
 
@@ -167,7 +170,7 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         self._landed = np.zeros(count, bool)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; reads the state, and where the site is."""
+        """Commands (N, n) from the state and the site's position; remembers plans and who has landed."""
         count = len(observation)
         if len(self._plans) != count:
             self.reset(count)
@@ -185,7 +188,10 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         return commands
 
     def _command(self, number: int, situation: _Here) -> np.ndarray:
-        """Command (n,) of one episode."""
+        """Command (n,) of one episode by its plan, which it makes, follows or replaces in `_plans`.
+
+        Without one it descends upright.
+        """
         followed = self._plans[number]
         if followed is not None:
             situation = situation.near(followed)
@@ -244,7 +250,7 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         return turning - outwards * (max(0.0, excess) / period)
 
     def _planned(self, situation: _Here) -> _Followed | None:
-        """The first plan of a flight."""
+        """The first plan of a flight, from the convex optimum; None counts a failure."""
         period = self._timing.control_period
         propellant = situation.state[10] - (self._lander.mass - self._lander.propellant)
         start = situation.state[:3], situation.state[3:6]
@@ -270,7 +276,10 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         return None
 
     def _planned_again(self, followed: _Followed, situation: _Here) -> _Followed:
-        """A new plan from here, or the old one where there is none."""
+        """A new plan from here.
+
+        Where there is none the old one, which counts as a failure and is trusted for a while.
+        """
         for longer in _AGAIN:
             solution = self._landings.again(situation.state, followed.plan, followed.left + longer)
             if solution is not None:
@@ -388,7 +397,7 @@ class _Followed:
         return self.plan.states[self._flown]
 
     def is_off(self, state: np.ndarray, descent: Descent) -> bool:
-        """Whether the plan is to be made anew: corrections would miss its end, or be large."""
+        """Whether the plan is to be made anew: corrections of this state (14,) would miss its end, or be large."""
         if self._flown < self._trusted:
             return False
         off = state - self.plan.states[self._flown]

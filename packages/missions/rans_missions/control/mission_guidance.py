@@ -201,7 +201,10 @@ class MissionGuidance(ModelBased):
             self._filter.reset()
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; reads the state and the times in the goal's notes."""
+        """Commands (N, n) from the state and the times in the goal's notes; the observation is not read.
+
+        Remembers its filter, its rounding, and who has arrived (`Afterwards`).
+        """
         small: Any = 0.0
         if self._filter is not None:
             state, small = self._estimated(self._filter, state, self._mission.arrival(goal))
@@ -231,7 +234,8 @@ class MissionGuidance(ModelBased):
     def _planned(self, state: Any, goal: Any) -> Any:
         """Goal with the arrival that is cheapest with its own reserve below speed limits.
 
-        With the mission's smaller reserve a craft is up to 3 s late, which can be after the deadline.
+        With the mission's smaller reserve a craft is up to 3 s late, which can be after the deadline. Found once an
+        episode.
         """
         arrival = self._mission.arrival(goal)
         if self._sooner is None:

@@ -78,7 +78,10 @@ class NavigationFilter:
         self._mean = None
 
     def read(self, reading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Estimate (N, 2 d) and covariance (N, 2 d, 2 d) after a reading (N, 2 d): positions, then velocities."""
+        """Estimate (N, 2 d) and covariance (N, 2 d, 2 d) after a reading (N, 2 d): positions, then velocities.
+
+        The first reading begins it.
+        """
         read = len(self._deviations)
         size = read + self._dimension
         if self._mean is None:
@@ -105,7 +108,10 @@ class NavigationFilter:
         return self._mean[:, 2 * self._dimension :]
 
     def burn(self, change: np.ndarray) -> None:
-        """Carry the estimate to the next reading, with a burn (N, d) in m/s spread evenly over the period."""
+        """Carry the estimate to the next reading, with a burn (N, d) in m/s spread evenly over the period.
+
+        Call it after `read`, once a period.
+        """
         assert self._mean is not None
         d = self._dimension
         halfway = self._mean @ self._half.T

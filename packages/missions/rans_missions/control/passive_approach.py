@@ -1,4 +1,8 @@
-"""Approach of a hold point that is passively safe: coasts keep out of the ball whenever the thrusters shut."""
+"""Approach of a hold point that is passively safe: coasts keep out of the ball whenever the thrusters shut.
+
+Plans are drawn with one seed, so that a start has the same plan in every batch; distances are in m in the Hill
+frame.
+"""
 
 from __future__ import annotations
 
@@ -120,7 +124,11 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
         self._plans: list[_Plan] = []
 
     def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
-        """See the base; craft that have arrived and drift to the edge of the tolerance come back."""
+        """Changes of velocity (N, 3), m/s, and which rows burn; see the base.
+
+        All plans are made at the first call and stay in `_plans`. Craft that have arrived and drift to the edge of
+        the tolerance come back.
+        """
         states = np.stack([*state.p.columns(), *state.v.columns()], axis=1)
         goals = np.stack(goal.p.columns(), axis=1)
         if not self._plans:
@@ -192,7 +200,10 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
     def _safest(
         self, batches: list[_Batch], start: np.ndarray, goal: np.ndarray, is_unsafe_start: bool
     ) -> tuple[_Plan, float] | None:
-        """The plan of `_cheapest_safe` among those drawn, and the distance, m, that its coasts keep."""
+        """The plan of `_cheapest_safe` among those drawn, and the distance (m) that its coasts keep.
+
+        Rows (6,) and (3,), m and m/s.
+        """
         # Plans have numbers across the batches, each of which has another number of coasts.
         batch_of = np.repeat(np.arange(len(batches)), [len(batch.price) for batch in batches])
         row_of = np.concatenate([np.arange(len(batch.price)) for batch in batches])
@@ -201,6 +212,10 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
             return [self._plan_of(batches[batch_of[i]], int(row_of[i])) for i in numbers]
 
         def safe_impulses(numbers: np.ndarray) -> np.ndarray:
+            """Least distances (K,) (m) of coasts after impulses of the plans with these numbers.
+
+            A quick look before they are flown.
+            """
             pieces = []
             for k, batch in enumerate(batches):
                 flight = np.flatnonzero(batch_of[numbers] == k)

@@ -1,4 +1,7 @@
-"""Passively safe approach of a target to dock with: the coast that leads to it would pass beside it."""
+"""Passively safe approach of a target to dock with: the coast that leads to it would pass beside it.
+
+`_points`, `_ends`, `_entered` and `_arrivals` have a row for each episode; plans are drawn with one seed.
+"""
 
 from __future__ import annotations
 
@@ -156,7 +159,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         self.reset(0)
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`; forgets plans."""
+        """Forget plans and count ``count`` episodes; mission guidance begins anew too."""
         super().reset(count)
         self._guidance.reset(count)
         self._points = np.zeros((0, 2, 3))
@@ -171,7 +174,10 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         """Changes of velocity in W in every period, (T, 3) m/s, of flights that cone programs have planned."""
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; uses the state and the goal's notes, not the observation."""
+        """Commands (N, n): of coasts, or of mission guidance where it has taken over.
+
+        The observation is not read.
+        """
         size = len(observation)
         state, goal = map_leaves(lambda x: np.broadcast_to(x, size), (state, goal))
         coasting = super().act(state, goal, observation)
@@ -183,7 +189,10 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         return np.where(self._entered[:, None], approaching, coasting)
 
     def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
-        """See the base; zero where mission guidance flies."""
+        """Changes of velocity (N, 3), m/s, and which rows burn; zero where mission guidance flies.
+
+        The first call plans. Rows that are near, or late, are handed over to mission guidance for good.
+        """
         states = np.stack([*state.p.columns(), *state.v.columns()], axis=1)
         if not len(self._points):
             size = len(states)

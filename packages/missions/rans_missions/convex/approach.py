@@ -1,9 +1,10 @@
 """Least impulse of a final approach, from both sides: a certified bound, and a flight within the corridor.
 
 Where the port is at every check does not depend on the flight, and nor does its corridor. The bound follows from
-second-order cone programs, one for each range of arrivals, by weak duality as in
-`rans_missions.convex.rendezvous`. The corridor is in it: a craft that keeps the speed limit has been near the port
-for a while when it arrives, and near the port it must be inside the cone.
+second-order cone programs, one for each range of arrivals, by weak duality as in `rans_missions.convex.rendezvous`.
+The corridor is in it: a craft that keeps the speed limit has been near the port for a while when it arrives, and
+near the port it must be inside the cone. Bounds hold whatever the solver says: tests compare them with flights of
+the engine and of guidance.
 """
 
 from __future__ import annotations
@@ -277,7 +278,10 @@ def flight_to_port(meeting: PortMeeting, start: np.ndarray) -> MeetingTransfer |
 def flight_entering(
     meeting: PortMeeting, start: np.ndarray, check: int, entry: int
 ) -> MeetingTransfer | None:
-    """The flight of `flight_to_port` that enters the cone at a check and docks at another; None: there is none."""
+    """The flight of `flight_to_port` that enters the cone at a check and docks at another; None: there is none.
+
+    The start is (6,), m and m/s in W, and both checks are numbers from the start.
+    """
     meeting = replace(meeting, every=-(-meeting.periods(check) // _COMMANDS))
     apex, axis = meeting.corridor
     length = float(meeting.cone.length)

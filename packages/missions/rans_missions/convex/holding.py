@@ -6,7 +6,8 @@ checks follows from a second-order cone program, whose multipliers bound the imp
 as in `rans_missions.convex.rendezvous.proof`. The bound is computed from them: it holds for any multipliers.
 
 A flight drifts through the tolerances for most of the stay: its program keeps them at every check of the stay, and
-limits that are not convex by their tangents at the flight before.
+limits that are not convex by their tangents at the flight before. `rans_missions.bounds` prints its bounds and
+`ConvexGuidance` flies its flights.
 """
 
 from __future__ import annotations
@@ -82,7 +83,10 @@ def flight_that_holds(
 def _within_limits(
     meeting: Meeting, start: np.ndarray, first: int, begun: MeetingTransfer
 ) -> MeetingTransfer | None:
-    """The flight with the same arrival that keeps the limits; None: the rounds find none."""
+    """The flight with the same arrival that keeps the limits; None: the rounds find none.
+
+    The start is (2 d,), m and m/s.
+    """
     states = trajectory(meeting, start, begun)
     if least_margin(meeting.limits, states) >= 0.0:
         return begun
@@ -135,7 +139,10 @@ def least_to_hold(meeting: Meeting, start: np.ndarray, deadline: float, seconds:
 
 
 def _of_range(meeting: Meeting, start: np.ndarray, first: int, end: int, stay: int) -> float:
-    """Bound of flights that arrive at a check between these two and stay for so many checks, N s."""
+    """Bound of flights that arrive at a check between these two and stay for so many checks, N s.
+
+    0 where the solver fails.
+    """
     over = max(end, first + stay)
     count = 2 + int((over - end) * meeting.interval / _SPACING)
     checks = np.unique(np.linspace(end, over, count).astype(int))

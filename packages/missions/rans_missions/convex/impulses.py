@@ -58,7 +58,7 @@ class Impulses:
         """Least impulses from states (N, 2 d) for an arrival after so many control periods, at least one.
 
         The miss of a coast must be made up for by a sum of the hull's points, each times an impulse. The facet that
-        the miss points at has the points of the least sum.
+        the miss points at has the points of the least sum. It remembers the hull of each number of periods.
         """
         # By how much coasts miss the point of the meeting.
         meeting = self._meeting

@@ -1,10 +1,11 @@
 """Cheap flights that inspect: linear programs over burns, and a local search over who is seen when.
 
-To see a point with the outward normal a at a check is a . p >= R there, which is linear in the burns of a flight
-in a drift. If it is settled at which check each point is seen, and on which side the keep-out ball is passed, the
+To see a point with the outward normal a at a check is a . p >= R there, which is linear in the burns of a flight in
+a drift. If it is settled at which check each point is seen, and on which side the keep-out ball is passed, the
 flight of least impulse is a linear program. Its flight sees most points better at other checks, and so has a
 cheaper program: programs follow one another until the price no longer falls. They begin from several flights, and
-from the best one with a point left out, or seen at another time.
+from the best one with a point left out, or seen at another time. Positions are in the Hill frame (m), burns changes
+of velocity (m/s); `tests/convex/test_inspecting.py` compares prices with certified bounds.
 """
 
 from __future__ import annotations
@@ -214,6 +215,7 @@ class InspectionSearch:
                 highest[out] = _NEVER
             highest[self._known] = math.inf
             # The points that are easiest to see; those known need no constraint.
+            # The points that are easiest to see, as many as are asked for.
             points = np.argsort(-highest, kind="stable")[: self._asked]
             points = points[~self._known[points]]
             solved = None
@@ -232,7 +234,10 @@ class InspectionSearch:
         return result
 
     def _polished(self, best: _Found) -> Burns | None:
-        """The flight once more with checks as they are, and burns in any period around those found."""
+        """The flight once more with checks as they are, and burns in any period around those found.
+
+        None: it inspects too little.
+        """
         used = np.flatnonzero(np.abs(best.burns).reshape(-1, 3).max(axis=1))
         slots = self._grid.slots[used, None] + np.arange(-_AROUND, _AROUND + 1)
         slots = slots[(slots >= 0) & (slots < int(self._within / self._period))]
@@ -263,7 +268,10 @@ class InspectionSearch:
         return result
 
     def _judged(self, grid: _Grid, path: np.ndarray) -> int | None:
-        """Check at which a path has inspected enough; None: never, or it comes too near or leaves before."""
+        """Check at which a path (T, 3) (m) has inspected enough.
+
+        None: never, or it comes too near or leaves before.
+        """
         seen = grid.heights(path, self._normals) > 0.0
         count = (np.logical_or.accumulate(seen, axis=0) | self._known).sum(axis=1)
         if count[-1] < self._asked:

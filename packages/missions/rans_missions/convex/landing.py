@@ -9,14 +9,15 @@ Guidance, Control, and Dynamics 30(5), 2007; B. Acikmese, J. M. Carson and L. Bl
 of nonconvex control bound and pointing constraints of the soft landing optimal control problem", IEEE
 Transactions on Control Systems Technology 21(6), 2013.
 
-The mass enters through z = ln m, so that the dynamics are linear. Bounds of the thrust are then bounds
-rho exp(-z) of sigma. The lower one is convex, and replaced by a tangent. The upper one is not: a tangent lies below
-it and gives a trajectory that can be flown, a chord lies above it and gives a bound that nothing can beat.
+The mass enters through z = ln m, so that the dynamics are linear. Bounds of the thrust are then bounds rho exp(-z)
+of sigma. The lower one is convex, and replaced by a tangent. The upper one is not: a tangent lies below it and
+gives a trajectory that can be flown, a chord lies above it and gives a bound that nothing can beat.
 
 Engines that are throttled one by one turn the thrust in the craft, and so beyond the craft's tilt limit. Their
 thrusts, and the tilts of the craft, are relaxed to a convex set of thrust and flow, which gives a bound too.
 
-Units inside the solver: 1 km, 10 s, and the craft's full mass.
+Units inside the solver: 1 km, 10 s, and the craft's full mass. Variables of programs are scaled (`_LENGTH`,
+`_SPEED`, `_ACCELERATION`); side "bound" must stay below every landing, as tests ask.
 """
 
 from __future__ import annotations
@@ -301,6 +302,7 @@ def landing(
     result = problem.solved(problem.heaviest if side == "bound" else problem.middle, side)
     if result is None:
         return None
+    # The masses of the flight found are those of the next program.
     for _ in range(1 if side == "bound" else _ROUNDS):
         try:
             again = problem.solved(np.log(result.mass), side)
@@ -361,6 +363,7 @@ def best_landing(
             first = end + 1
 
     # Flight times that are still open: their bound, how sharp it is, the first and the last.
+    # Ranges of flight times by their least bound; a range is refined level by level.
     waiting = [(0.0, 0, *part) for part in parts(0, first, last)]
     solutions: dict[int, Landing] = {}
     while waiting:
@@ -481,7 +484,7 @@ class _Problem:
         return None if answer is None else self._read(answer)
 
     def answer(self, log_mass: np.ndarray, side: Side) -> Any:
-        """Answer in the variables of the solver."""
+        """Answer in the variables of the solver, about masses whose logarithms (count + 1,) are given."""
         linear = self._linear(log_mass, side)
         blocks = [self.equations, linear, *self.fixed]
         cost = np.zeros(self.size)
@@ -525,7 +528,7 @@ class _Problem:
         return np.array(knot * (self.count + 1) + control * self.controls)
 
     def _read(self, answer: Any) -> Landing:
-        """The solver's answer in SI units."""
+        """The solver's answer in SI units, from scaled knots (7 each) and controls."""
         x = np.array(answer.x)
         knots = x[: self.knots].reshape(-1, 7)
         controls = x[self.knots :].reshape(-1, self.width) * _ACCELERATION
@@ -550,7 +553,10 @@ class _Problem:
         return self.knots + self.width * (self.groups * period + group) + 3
 
     def _dynamics(self) -> tuple[Any, np.ndarray, int]:
-        """Equations of motion, the start and, where it is exact, the end."""
+        """Equations of motion, the start and, where it is exact, the end.
+
+        Matrix, right sides and 1, in scaled units.
+        """
         n = self.count
         steps = self.lengths / _TIME
         g = np.array([0.0, 0.0, -self.descent.gravity / _ACCELERATION])
@@ -709,7 +715,10 @@ class _Problem:
         return np.minimum(limit, 0.5 * self.descent.turning * growth * self.times[1:] ** 2)
 
     def _fixed_cones(self) -> list[tuple[Any, np.ndarray, int]]:
-        """Second-order cones b - A x: of the acceleration, the glide slope, the speed and where it ends."""
+        """Second-order cones b - A x: of the acceleration, the glide slope, the speed and where it ends.
+
+        With widths.
+        """
         n = self.count
         descent = self.descent
         # (sigma or the largest size, u).
@@ -779,7 +788,7 @@ def thrusts(corners: tuple[tuple[float, float, float], ...], tilt: float) -> tup
 
 
 def _lines_above(x: np.ndarray, y: np.ndarray) -> Lines:
-    """Lines of the least concave function that is nowhere below points (x, y)."""
+    """Lines (slope, offset) of the least concave function that is nowhere below points (x, y), (n,) each."""
     highest: dict[float, float] = {}
     for a, b in zip(x.round(6).tolist(), y.tolist(), strict=True):
         highest[a] = max(b, highest.get(a, -math.inf))

@@ -88,7 +88,10 @@ def _passing(
     periods: int,
     beside: np.ndarray,
 ) -> np.ndarray | None:
-    """See `passive_transfer`: coasts keep a radius, m, and the first approach begins at a point (3,), m."""
+    """(periods, m) commands whose coasts keep a radius (m), with the first approach at a point (3,), m.
+
+    None: none found. See `passive_transfer`.
+    """
     assert isinstance(meeting.drift, ClohessyWiltshire)
     n, period = meeting.drift.mean_motion, meeting.timing.control_period
     # States (periods + 1, 6) are free + effect @ commands.
@@ -199,7 +202,7 @@ class _Rows:
         self.cone(np.zeros(self._count), radius, matrix, vector, kind)
 
     def program(self, price: np.ndarray) -> ConeProgram:
-        """The program of commands that cost so much."""
+        """The program of commands that cost ``price`` (n,) each, with slack at `_PRICES`."""
         slack = np.ones(len(_PRICES))
         return ConeProgram(
             np.concatenate([price, price.max() * np.array(_PRICES)]),

@@ -1,14 +1,15 @@
 """Least impulse of a rendezvous by a deadline, in a linear drift, as a conic program with its proof.
 
-Commands are held for a control period each, positions and velocities are affine in them, and a meeting is a ball
-of positions and one of velocities: a second-order cone program (S. Boyd and L. Vandenberghe, "Convex
-Optimization", 2004, section 4.4). Its dual solution bounds the impulse of every flight that meets at that
-instant from below, whatever its commands are, and of other instants too: `proof` checks them all.
+Commands are held for a control period each, positions and velocities are affine in them, and a meeting is a ball of
+positions and one of velocities: a second-order cone program (S. Boyd and L. Vandenberghe, "Convex Optimization",
+2004, section 4.4). Its dual solution bounds the impulse of every flight that meets at that instant from below,
+whatever its commands are, and of other instants too: `proof` checks them all.
 
 Limits that are not convex, such as a speed limit that grows with the distance or a keep-out ball, are left out of
 the lower bound. The upper bound, a flight that keeps them at every check, comes from the convex-concave procedure
-(T. Lipp and S. Boyd, "Variations and extension of the convex-concave procedure", 2016): what is concave is taken
-as its tangent at the flight before.
+(T. Lipp and S. Boyd, "Variations and extension of the convex-concave procedure", 2016): what is concave is taken as
+its tangent at the flight before. Any change must leave `proof` a lower bound for any multipliers: tests give it
+random ones.
 """
 
 from __future__ import annotations
@@ -163,7 +164,7 @@ class Meeting:
         return effect[: last + 1 - period * self.timing.checks]
 
     def saved(self, multiplier: np.ndarray, last: int) -> np.ndarray:
-        """(last + 1,) what commands may save in the bounds of `proof`, N s, not above zero."""
+        """(last + 1,) what commands may save in `proof`'s bounds by a multiplier (2 d,), N s, at most zero."""
         _, _, effect = self._tables
         # What commands of each age may save, added up over all that began before each check.
         saved = np.minimum(self.price + multiplier @ effect[: last + 1], 0.0).sum(axis=1)
@@ -254,7 +255,10 @@ class UnsteadyMeeting(Meeting):
         return motion[first : last + 1] @ effect[period, held]
 
     def saved(self, multiplier: np.ndarray, last: int) -> np.ndarray:
-        """See `Meeting.saved`."""
+        """(last + 1,) what commands may save, N s, at most zero, with effects of each period.
+
+        See `Meeting.saved`.
+        """
         motion, _, effect = self._pulled_back
         per_period = self.timing.checks
         checks = np.arange(last + 1)
@@ -595,6 +599,7 @@ def rendezvous(meeting: Meeting, start: np.ndarray, deadline: float) -> Answer:
 
     for check in _first_instants(last):
         sharpen(check)
+    # Sharpen where the bound is weakest, and fly where it is sharp, until both are close.
     for _ in range(_INSTANTS):
         # A flight at the best of the instants whose bound is sharp.
         sharpest = min(sharp, key=lambda check: bounds[check])
@@ -705,7 +710,7 @@ def _vector(v: Any) -> np.ndarray:
 
 
 def _tangent_margin(limits: Sequence[Shape], state: np.ndarray, reference: np.ndarray) -> float:
-    """The least margin of the limits where what is concave in them is its tangent at the reference."""
+    """The least margin of limits at a state (2 d,), with what is concave in them tangent at the reference."""
     margins = []
     for limit in limits:
         cone = cone_rows(limit, reference)
@@ -787,7 +792,7 @@ class _Rows:
         self._cones: list[int] = []
 
     def be_within(self, check: int) -> None:
-        """Be within both balls at a check."""
+        """Add the rows of being within both balls at a check, with `_SLACK` to spare for the solver's tolerance."""
         meeting = self.meeting
         size = len(meeting.point)
         effect = meeting.effect(check, self.periods)[:, self._used]
@@ -799,7 +804,7 @@ class _Rows:
             self._append(np.zeros(effect.shape[1]), radius - _SLACK, effect[part], free[part])
 
     def keep(self, limit: Shape, check: int, reference: np.ndarray) -> None:
-        """Keep a limit at a check."""
+        """Add the rows of keeping a limit at a check, whose concave part is its tangent at a reference (2 d,)."""
         effect = self.meeting.effect(check, self.periods)[:, self._used]
         free = self.meeting.free(self._start, np.array([check]))[0]
         cone = cone_rows(limit, reference)
@@ -819,7 +824,7 @@ class _Rows:
         self._cones.append(len(vector) + 1)
 
     def solve(self) -> MeetingTransfer | None:
-        """The transfer; None: it is proved that there is none."""
+        """The transfer with its multiplier (2 d,); None: it is proved that there is none."""
         price = np.tile(self.meeting.price, self.periods)[self._used]
         count = len(price)
         result = self.program(price).solve(f"a meeting at {self.check * self.meeting.interval:g} s")
@@ -853,7 +858,7 @@ class _Rows:
         return -dual[:, :, 1:].reshape(len(dual), 2 * size)
 
     def program(self, price: np.ndarray) -> ConeProgram:
-        """The program of commands that cost so much."""
+        """The program of commands between 0 and 1 that cost ``price`` (n,) each, N s."""
         count = len(price)
         return ConeProgram(
             price,

@@ -142,6 +142,10 @@ class SteeredLandings:
         return self._solved(state, _packed(states, plan.commands[held]), count)
 
     def _solved(self, state: np.ndarray, guess: np.ndarray, count: int) -> SteeredLanding | None:
+        """The landing over so many periods from a guess, with gains along it; None: IPOPT finds none.
+
+        Programs are made once a length.
+        """
         if count not in self._programs:
             self._programs[count] = _Program(
                 self._lander,
@@ -160,7 +164,7 @@ class SteeredLandings:
         return SteeredLanding(self._period, states, commands, gains, misses)
 
     def _gains(self, states: np.ndarray, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`SteeredLanding.gains` and `SteeredLanding.misses`, by Riccati's recursion from the end."""
+        """`SteeredLanding.gains` (T, width, size) and `.misses` (T + 1, 6, size), by Riccati's recursion."""
         count, width = commands.shape
         size = states.shape[1]
         scales = _UNITS[:size]
@@ -182,7 +186,7 @@ class SteeredLandings:
         return gains, misses
 
     def _guess(self, state: np.ndarray, plan: Landing, count: int) -> np.ndarray:
-        """The convex optimum over so many periods, its directions smoothed and differentiated."""
+        """The convex optimum over so many periods as a guess of all variables, smoothed and differentiated."""
         length = len(plan.acceleration)
         knots = np.linspace(0.0, length, count + 1)
         along = np.arange(length + 1)
@@ -289,6 +293,10 @@ def _step(lander: Lander, descent: Descent, period: float, rolls: bool = False) 
     units = ca.DM(_UNITS[: _STATES + 2 * rolls])
 
     def slope(x: ca.SX) -> ca.SX:
+        """Derivative of the scaled state by time, 1/s.
+
+        Position, velocity, tilt, its rate, mass, and roll where the craft rolls.
+        """
         tilt = x[6:8]
         angle = ca.sqrt(ca.sumsqr(tilt) + 1e-12)
         sinc = ca.sin(angle) / angle

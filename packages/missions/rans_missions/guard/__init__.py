@@ -56,6 +56,7 @@ def safety_filter(
             "safe_coasts must be True (coasts of an orbit), False, or the time of a coast, a finite number of s "
             f"above 0, got {brief(safe_coasts)}."
         )
+    # What noise and delays ask for, unless the user sets the slack.
     expected = Expected.of(setup)
     reserve = expected.reserve if slack is None else ()
     least = SLACK if slack is None else slack

@@ -60,7 +60,10 @@ class Ahead:
             return Ahead(world, reserve, None)
 
     def traced(self, name: str, function: Callable[..., Any], *trees: Any) -> StraightLine | None:
-        """A function as straight-line Python, traced once; None: it does more than arithmetic, or is not traced."""
+        """A function as straight-line Python, traced once; None: it does more than arithmetic, or is not traced.
+
+        It remembers what it traced by name and size.
+        """
         if self._traced is None:
             return None
         key = name, len(leaves(trees))
@@ -144,7 +147,7 @@ class Ahead:
         return result.state, result.goal, tuple(tuple(x.values()) for x in result.margins)
 
     def _predicted(self, state: Any, goal: Any, command: tuple[Field, ...]) -> PredictedState:
-        """State at the end of a control period and the least margins on the way."""
+        """State at the end of a control period, and the least margins between checks on the way, of fields (N,)."""
         world = self.world
         task = world.task
         apart = world.timing.control_period / world.timing.checks

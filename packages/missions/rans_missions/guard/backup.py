@@ -94,6 +94,7 @@ class _Search:
 
     @classmethod
     def of(cls, guard: FlownBackup, world: World) -> _Search:
+        """The search of a filter in one world: its manoeuvres, and how far ahead they are flown."""
         timing = world.timing
         seconds = guard.horizon or timing.control_period * timing.episode_steps
         horizon = periods_of(seconds, timing.control_period)
@@ -176,7 +177,7 @@ class _Search:
     def passes(
         self, state: Any, goal: Any, command: Command, library: tuple[Manoeuvre, ...]
     ) -> Field:
-        """Whether commands keep every margin for a period and lead to safe states."""
+        """Whether (N,) commands keep every margin for a period, and a manoeuvre is safe after each."""
         arrival = self.held(state, goal, command)
         passed = arrival.free
         left = where_true(arrival.kept & ~arrival.free)
@@ -187,7 +188,7 @@ class _Search:
         return passed
 
     def instead(self, state: Any, goal: Any, command: Command) -> Command:
-        """Replacements of commands that do not pass."""
+        """Replacements (N,) of commands that do not pass: near ones, then a backup's, then whatever keeps most."""
         size = count(state)
         first = self.command(self.ways[0], state, goal)
         admitted = [copied(x) for x in first]
@@ -266,7 +267,10 @@ class _Search:
         return result
 
     def _near(self, command: Command, first: Command) -> list[Command]:
-        """Commands near the desired ones."""
+        """Commands near the desired ones, the nearest first.
+
+        Mixtures with the first manoeuvre, or one valve changed.
+        """
         if self.world.craft.actuators.is_continuous:
             return [
                 tuple(x + (y - x) * blend for x, y in zip(command, first, strict=True))

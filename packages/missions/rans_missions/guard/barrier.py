@@ -124,7 +124,10 @@ class _Search:
         return self.above(self.margins(state, goal, command), size, (state, command))
 
     def instead(self, state: Any, goal: Any, command: Command) -> Command:
-        """Nearest commands that pass."""
+        """Nearest commands (N,) that keep all margins, within their ranges.
+
+        Mixed with braking where none is found.
+        """
         ranges = self.world.craft.commands
         size = count((state, command))
         requested = stacked_columns(list(command))

@@ -63,6 +63,7 @@ class Coasting:
         return shapes  # pyrefly: ignore[bad-return]
 
     def _sampled(self, state: Any, goal: Any) -> Field:
+        """Least margin (N,) of a coast over the horizon, from samples and what the margin may sag between them."""
         period = self.ahead.world.timing.control_period
         size = len(next(x for x in (*state.p.columns(), *state.v.columns()) if is_array(x)))
         chunk = max(4, _CHUNK // size)

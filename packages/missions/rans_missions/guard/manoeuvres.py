@@ -99,7 +99,7 @@ class Thrusters:
     def pushing(self, state: Any, push: Any) -> tuple[Field, ...]:
         """Command with thrust in a direction of W, a unit vector, that also reduces the spin.
 
-        It is the largest command for each thruster that opens, and 0 for the others and for wheels.
+        It is the largest command for each thruster that opens, and 0 for the others and for wheels. Fields (N,).
         """
         direction = state.attitude.inverse().rotate(push).columns()
         spin = state.spin()

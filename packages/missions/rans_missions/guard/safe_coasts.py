@@ -89,6 +89,7 @@ class SafeCoasts(Replacing):
         return near | self._keeps(self._coasts(ahead, state, goal, command), len(starts))
 
     def _instead(self, world: World, state: Any, goal: Any, command: Command) -> Command:
+        """Commands (N,) of the inner filter, and the nearest with a safe coast where their coast is not."""
         # The other filter first; the search begins at what it admits.
         admitted, _ = self.inner.admitted(world, state, goal, command)
         ahead = Ahead.of(world, self.inner.reserve)
@@ -131,7 +132,7 @@ class SafeCoasts(Replacing):
     def _nearest(
         self, world: World, ahead: Ahead, state: Any, goal: Any, command: Command
     ) -> np.ndarray:
-        """Nearest command (thrusters,) that passes, of one craft."""
+        """Nearest command (thrusters,) that passes, of one craft; the one that coasts farthest off if none does."""
         desired = np.array([float(x[0]) for x in command])
         tried = _near(world.craft, desired)
         farthest, best = -1.0, desired

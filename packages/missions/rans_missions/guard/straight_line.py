@@ -1,7 +1,8 @@
 """Functions of a few spacecraft as straight-line Python: traced once, and then run without the fields' overhead.
 
-NumPy takes about a microsecond for an operation on one number, and a tree of fields as much again; Python takes
-30 ns. A filtered step of one spacecraft has tens of thousands of operations.
+NumPy takes about a microsecond for an operation on one number, and a tree of fields as much again; Python takes 30
+ns. A filtered step of one spacecraft has tens of thousands of operations. A function must be branch-free
+arithmetic; results are those of the fields bit by bit (`tests/guard/test_straight_line.py`).
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ def _names(symbols: Sequence[Symbol]) -> list[str]:
 
 
 def _lines(inputs: Sequence[Symbol], outputs: Sequence[Symbol], dialect: Dialect) -> Iterator[str]:
-    """Statements of the function's body."""
+    """Statements of the function's body, one an operation in order, in NumPy or in Python's own numbers."""
     names = dict(zip(inputs, _names(inputs), strict=True))
     for symbol in ordered(outputs):
         if symbol.kind == "int":

@@ -66,6 +66,8 @@ class AlongAxis:
     ) -> Array:
         """Changes of velocity in W for the next control period, (N, 3), m/s.
 
+        Call it once a period: the references move on.
+
         Args:
             states: positions, m, and velocities, m/s, in W, (N, 6).
             line: the axes.

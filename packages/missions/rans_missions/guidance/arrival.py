@@ -27,6 +27,8 @@ def best_arrival(
 ) -> Field:
     """Time of the arrival with the least price, s: a whole number of control periods.
 
+    All are fields; the order of comparisons decides recorded flights.
+
     Args:
         price: of an arrival after a time, s.
         latest: latest arrival, s, a whole number of control periods.

@@ -7,7 +7,8 @@ before the arrival. It brakes no more than the mission asks, because the velocit
 
 Two transfers are computed: the cheapest one, and the cheapest one that stays inside the cone. Transfers to the same
 position may be mixed, because the motion is linear, and a mixture of two points of a cone is inside it. The craft
-flies a mixture: as much of the cheapest transfer as the cone allows.
+flies a mixture: as much of the cheapest transfer as the cone allows. It is traced into kernels and pages with the
+mission's step: only arithmetic on fields is allowed.
 """
 
 from __future__ import annotations
@@ -197,7 +198,7 @@ class ConeApproach:
         return [Burn(a, sizes[0], j), Burn(b, sizes[1], k), Burn(2, height, across)]
 
     def _transfer(self, burns: Sequence[Burn], unbraked: Field | None) -> Transfer:
-        """The transfer by burns; its last velocity keeps components up to a size, m/s; None: all of it."""
+        """The transfer by burns (fields); its last velocity keeps components up to a size, m/s; None: all of it."""
         price = self._time * 0.0
         now = [price, price, price]
         v = list(self._coast[1].columns())
@@ -219,7 +220,10 @@ class ConeApproach:
 
     @cached_property
     def _postponed(self) -> list[tuple[Field, Transfer]]:
-        """Transfers of which burns are later, and whether there is time for each."""
+        """Transfers of which burns are later, and whether (fields) there is time for each.
+
+        Their order decides ties.
+        """
         transfers = []
         for j in range(1, len(BURN_TIMES) + 1):
             possible = self._response(j).time < self._time
@@ -309,7 +313,7 @@ class ConeApproach:
         return transfer._replace(price=transfer.price + over * _OUTSIDE_PRICE)
 
     def _inside_fraction(self, cheapest: Transfer, inside: Transfer) -> Field:
-        """Least fraction of the transfer inside the cone with which a mixture is inside, too."""
+        """Least fraction (field) of the transfer inside the cone with which a mixture is inside, too."""
         fraction = self._time * 0.0
         slopes = self._excess_slopes(cheapest.at_goal), self._excess_slopes(inside.at_goal)
         for far, near in zip(*slopes, strict=True):
@@ -332,7 +336,8 @@ class ConeApproach:
 def unbraked(velocity: Vec3, speed: float) -> Field:
     """Size up to which components stay, m/s, so that thrusters along the axes brake least to a speed, m/s.
 
-    Components that are smaller stay as they are, and the others are braked to this size.
+    Components that are smaller stay as they are, and the others are braked to this size. Fields; in closed form,
+    since guidance is traced.
     """
     sizes = [absolute(x) for x in velocity.columns()]
     largest = reduce(larger, sizes)

@@ -68,7 +68,8 @@ class DescentLaw:
 def _rate(square: Field, speed: Field, closing: Field, gravity: float, haste: float) -> Field:
     """Inverse of the time to go, 1/s: largest root s of 18 |p|^2 s^4 + 12 p . v s^3 + 2 |v|^2 s^2 = cost.
 
-    It is found by Newton's method from above, where the polynomial is convex; a step at most halves s.
+    It is found by Newton's method from above, where the polynomial is convex; a step at most halves s. All are
+    fields.
 
     Args:
         square: |p|^2, m^2.

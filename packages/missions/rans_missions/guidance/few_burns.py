@@ -8,7 +8,8 @@ components.
 A burn is now, or after one or more of `INTERVALS` equal intervals of the time. Of every such burn across the plane,
 and of the pairs in the plane of which one or none is now, the cheapest is taken. The best transfer of this kind is
 within some percent of the optimum, which has few burns too, the largest of them at both ends (T. N. Edelbaum, "How
-many impulses?", Astronautics & Aeronautics 5, 1967).
+many impulses?", Astronautics & Aeronautics 5, 1967). All numbers are fields in the Hill frame, so that mission
+steps are traced with it; the order of comparisons decides which of equal plans flies.
 """
 
 from __future__ import annotations
@@ -177,7 +178,7 @@ class Coast:
         return responses
 
     def _coast_position(self, k: int) -> Vec3:
-        """Position after k intervals of the time, without burns, m."""
+        """Position after k of `INTERVALS` parts of the time, without burns, m in the Hill frame."""
         p, v, response = self.p, self.v, self._responses[k]
         (a, b), (c, d) = response.displacement(self.n, 0), response.displacement(self.n, 1)
         return Vec3(
@@ -193,7 +194,7 @@ class Coast:
 
     @cached_property
     def _at_goal(self) -> Vec3:
-        """Velocity at the arrival without burns, m/s."""
+        """Velocity at the arrival without burns, m/s in the Hill frame."""
         p, v, response = self.p, self.v, self._responses[INTERVALS]
         (a, b), (c, d) = response.velocity_change(0), response.velocity_change(1)
         return Vec3(
@@ -303,6 +304,8 @@ class Coast:
     def _price_and_brake(self, sizes: Pair, speeds: tuple[Pair, Pair]) -> tuple[Field, Field]:
         """Price of two burns in the plane with the brake at the arrival, and its larger component, m/s.
 
+        Fields; a burn of none costs its brake alone.
+
         Args:
             sizes: of both burns, m/s.
             speeds: change of the velocity at the arrival by 1 m/s of each, m/s.
@@ -334,7 +337,7 @@ class Coast:
         clearances: Sequence[tuple[Field, Field, Field]],
         burns: tuple[_Burn, _Burn],
     ) -> Field:
-        """Price of the detour around a ball that a transfer by two burns needs, m/s."""
+        """Price of the detour around a ball that a transfer by two burns needs, m/s; see `_clearances`."""
         violation = self.time * 0.0
         for k in range(1, INTERVALS + 1):
             x, y, least_square = clearances[k]

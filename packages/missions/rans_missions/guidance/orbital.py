@@ -1,7 +1,8 @@
 """Guidance to a position near a circular orbit by a planned arrival: by single impulses, or by few burns.
 
 The equations of motion are linear (`rans.model.drift.ClohessyWiltshire`), thrusters are along the axes of W, the
-Hill frame of the target, and a burn is an impulse at the start of a control period.
+Hill frame of the target, and a burn is an impulse at the start of a control period. Missions observe, reward and
+fly what it recommends: a change alters trained agents' observations and recorded flights.
 """
 
 from __future__ import annotations
@@ -149,7 +150,7 @@ class SingleImpulse(OrbitalGuidance):
     def velocity(
         self, state: Any, goal: Any, time_left: Field, deadline: Field, limits: Limits
     ) -> Any:
-        """See `OrbitalGuidance.velocity`."""
+        """Velocity in W, m/s, by one impulse now or a cheaper one later; see `OrbitalGuidance.velocity`."""
         time = self._bounded(time_left)
         velocity = self._coasting_velocity(state.p, goal, time)
         # Later burns are compared by closed forms of a circular orbit.
@@ -176,6 +177,10 @@ class SingleImpulse(OrbitalGuidance):
     def _planned_price(
         self, start: Any, goal: Any, time: Field, latest: Field, deadline: Field, limits: Limits
     ) -> Field:
+        """Price, m/s, of an arrival after a time (s), with what limits and the deadline `latest` would cost.
+
+        Fields.
+        """
         gain = self._coasting_velocity(start.p, goal, self._bounded(time)) - start.v
         velocity = start.v + gain
         price = self._gain_price(start, goal, time, gain)
@@ -250,7 +255,7 @@ class FewBurns(OrbitalGuidance):
     def velocity(
         self, state: Any, goal: Any, time_left: Field, deadline: Field, limits: Limits
     ) -> Any:
-        """See `OrbitalGuidance.velocity`."""
+        """Velocity in W, m/s, by few burns with a brake around the arrival; see `OrbitalGuidance.velocity`."""
         period = self.period
         time = self._bounded(time_left)
         transfer = self._coast(state, goal, time).cheapest(self._keep_out(limits))
@@ -296,7 +301,8 @@ class FewBurns(OrbitalGuidance):
     ) -> Any:
         """A velocity in W, m/s, of which the components are braked whose time has come.
 
-        Half of the braking is done before the arrival, as late as possible, and half of it after.
+        Half of the braking is done before the arrival, as late as possible, and half of it after. Fields; times in
+        s.
         """
         period = self.period
         speed_left = self.velocity_tolerance * _SPEED_LEFT
@@ -315,7 +321,10 @@ class FewBurns(OrbitalGuidance):
         return type(velocity)(*components)
 
     def _passes(self, ball: KeepOutBall, state: Any, velocity: Any, time: Field) -> Field:
-        """Whether a coast soon passes a ball at a small distance, while the ball blocks the way of a velocity."""
+        """Whether a coast soon passes a ball at a small distance, while the ball blocks the way of a velocity.
+
+        Then it waits; times in s, velocity in W.
+        """
         coast, when = self.coasts.nearest(ball, state, state.v, time)
         blocked, _ = self.coasts.nearest(ball, state, velocity, time)
         reserve = self.coasts.keep_out_reserve

@@ -60,6 +60,7 @@ def staying_velocity(
         time = within(time, 0.0, _RETURN_ANGLE / drift.mean_motion)
     time = at_least(time, _RETURN_PERIODS * period)
     distance, speed = (goal.p - state.p).norm(), (goal.v - state.v).norm()
+    # Coast while that stays well inside, else return.
     coasts = (distance > position_tolerance * _STOP_DISTANCE) | (
         speed < position_tolerance * _STOP_SPEED / time
     )
@@ -102,6 +103,7 @@ def balancing_velocity(
         velocity_tolerance: speed within which it stays, m/s.
         acceleration: constant acceleration in W, m/s^2.
     """
+    # The acceleration moves the point of balance; thrust takes the rest.
     away = goal.p.scale(0.0)
     balanced = acceleration
     if isinstance(drift, ClohessyWiltshire | PerturbedOrbit):
@@ -129,7 +131,7 @@ def _circling(mean_motion: float, p: Any) -> Any:
 
     The point moves on an ellipse, whose centre is the equilibrium and which is twice as long along the orbit as
     radially. In the closed solution of Clohessy and Wiltshire (1960) it does not drift if v_y = -2 n x, and the
-    centre is at y - 2 v_x / n.
+    centre is at y - 2 v_x / n. Fields in W.
     """
     x, y, *aside = p.columns()
     return type(p)(0.5 * mean_motion * y, -2.0 * mean_motion * x, *(0.0 * z for z in aside))

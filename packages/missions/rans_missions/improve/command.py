@@ -71,6 +71,7 @@ def improve(
             f"the search begins from flights: name a controller, an agent or FILE.csv, as in rans improve {task} "
             f"{_controller_of(mission)}."
         )
+    # The craft, and throttled thrusters in place of its own where these are on/off.
     name = spacecraft or mission.spacecraft
     agents = [text for text in contestants if text.startswith("pretrained:")]
     if name is not None:
@@ -144,7 +145,7 @@ class Improve(Options):
     )
 
     def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
+        """The command that compares the first contestant with the flights found."""
         from rans.extend import TASKS
         from rans.registry import typed
 
@@ -161,7 +162,10 @@ class Improve(Options):
         return (shlex.join(words),)
 
     def run(self) -> int:
-        """Print what each flight costs before and after."""
+        """Print what each flight costs before and after (N s), and the exit code 0.
+
+        An interrupt is raised after it.
+        """
         found: Improved = self.call()
         console = Terminal()
         console.show(

@@ -67,7 +67,10 @@ class Following:
         self._step = 0
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`."""
+        """Commands (N, n) of the patterns that bring the next states nearest to the planned ones.
+
+        Counts periods.
+        """
         step = min(self._step, self._last)
         self._step += 1
         planned = map_leaves(lambda x: x[step] if np.ndim(x) == 2 else x, self._states)

@@ -75,7 +75,10 @@ class _Kept:
         return spent + self.price * np.log1p(missed)
 
     def taking(self, commands: np.ndarray, spent: np.ndarray, missed: np.ndarray) -> None:
-        """Keep the best of these flights and others, which come first among equals."""
+        """Keep the best of flights with commands (M, T, n), impulses and misses (M,), and of those kept.
+
+        Changes itself.
+        """
         every = np.concatenate([commands, self.commands])
         spent = np.concatenate([spent, self.spent])
         missed = np.concatenate([missed, self.missed])

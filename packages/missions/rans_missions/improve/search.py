@@ -1,11 +1,12 @@
 """Local search over the burns of flights, judged by the engine's own checks.
 
-A flight of a mission is its burns, one a control period: changes of velocity of a craft that nothing turns,
-and the commands of all thrusters of any other craft. Each round tries many changed copies of the best flight
-of every start: a burn weaker, gone, turned, earlier or later, divided, or exchanged among thrusters or times.
-The copies are flown by the engine; the cheapest that solves its task without a violation is the next best
-one. On/off thrusters have a search of their own (`rans_missions.improve.pulses`). Nothing is proved: the result is
-a flight, which others may beat.
+A flight of a mission is its burns, one a control period: changes of velocity of a craft that nothing turns, and the
+commands of all thrusters of any other craft. Each round tries many changed copies of the best flight of every
+start: a burn weaker, gone, turned, earlier or later, divided, or exchanged among thrusters or times. The copies are
+flown by the engine; the cheapest that solves its task without a violation is the next best one. On/off thrusters
+have a search of their own (`rans_missions.improve.pulses`). Nothing is proved: the result is a flight, which others
+may beat. A flight counts only after the engine's own verdict, on the task's own craft; seeds make a search
+repeatable.
 """
 
 from __future__ import annotations
@@ -216,6 +217,7 @@ def _search(
     solved = np.flatnonzero(np.isfinite(best.cost))
     size = np.full(len(best.cost), 0.5)
     ends = type(task).done is not Task.done
+    # A round: changed copies of every start's best, flown together, and the best of each kept.
     for done in range(1, rounds + 1):
         steps = timing.episode_steps
         if ends:

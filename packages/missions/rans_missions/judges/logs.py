@@ -92,7 +92,7 @@ def logged(folder: Path) -> tuple[dict[str, tuple[Run, str]], list[str]]:
 
 
 def _rows(file: Path) -> tuple[dict[int, Motion], dict[int, Turning]]:
-    """Motion and rotation of a log by time, s."""
+    """Motion and rotation of a log by time (whole s), in SI units as JEOD writes them; times must rise."""
     lines = csv.reader(io.StringIO(read_text(file, _LARGEST, "the log ")))
     header = [name.strip() for name in next(lines, [])]
     missing = [
@@ -104,6 +104,7 @@ def _rows(file: Path) -> tuple[dict[int, Motion], dict[int, Turning]]:
         raise ConfigError(
             f"{file} has no column {missing[0]!r}: a log of JEOD's SIM_dyncomp names it with this unit."
         )
+    # Columns by name, then rows with finite numbers.
     places = {key: [header.index(name) for name in names] for key, names in COLUMNS.items()}
     at = header.index(TIME)
     motion: dict[int, Motion] = {}

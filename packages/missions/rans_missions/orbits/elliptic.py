@@ -77,7 +77,8 @@ class EllipticOrbit(UnevenOrbit):
         """Position and velocity after a time t (s).
 
         Changes over the time are computed from half the angle that is passed, which keeps their digits at short
-        times. In the names, 0 is the start, 1 the end, and m halfway in angle.
+        times. In the names, 0 is the start, 1 the end, and m halfway in angle. It must agree with
+        `rans.model.drift` rules: fields, smooth in t, and two coasts after one another are one.
         """
         n = self.mean_motion
         e = self.eccentricity

@@ -23,7 +23,10 @@ class EllipticFrame(DrakeFrame):
         return drift.mean_anomaly
 
     def motion(self, angles: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See `DrakeFrame.motion`."""
+        """Rate (N, 3), change of rate (N, 3) and gradient (N, 3, 3) of the frame at angles (N,) and a time.
+
+        See `DrakeFrame.motion`.
+        """
         n, e = self.orbit.mean_motion, self.orbit.eccentricity
         rate, change = np.zeros((2, len(angles), 3))
         # Kepler's equation by Newton's method, which converges from pi (Battin 1999, section 5.4).
@@ -59,7 +62,10 @@ class PerturbedFrame(DrakeFrame):
         return drift.latitude
 
     def motion(self, angles: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See `DrakeFrame.motion`."""
+        """Rate (N, 3), change of rate (N, 3) and gradient (N, 3, 3) of the frame at angles (N,) and a time.
+
+        See `DrakeFrame.motion`.
+        """
         orbit = self.orbit
         n, k = orbit.mean_motion, orbit.oblateness
         si, ci = np.sin(orbit.inclination), np.cos(orbit.inclination)

@@ -1,4 +1,8 @@
-"""Nearly circular orbits around an oblate planet, with drag."""
+"""Nearly circular orbits around an oblate planet, with drag.
+
+SciPy's orbits check it (`tests/orbits/test_orbits.py`), and Drake flies it without these equations
+(`rans_missions.orbits.frames`).
+"""
 
 from __future__ import annotations
 
@@ -105,7 +109,10 @@ class PerturbedOrbit(UnevenOrbit):
         return replace(self, latitude=self.latitude + self.latitude_rate * t)
 
     def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
-        """Position and velocity after a time t (s)."""
+        """Position (m) and velocity (m/s), vectors of fields, after a time t (s).
+
+        Oblateness to the first order, then drag.
+        """
         p_1, v_1 = self._linear(p, v, t)
         if not self.drag:
             return p_1, v_1
@@ -161,7 +168,7 @@ class PerturbedOrbit(UnevenOrbit):
         )
 
     def _linear(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
-        """`carry` without drag."""
+        """`carry` without drag, to the first order in k, by quadrature over the sphere's motion."""
         sphere = ClohessyWiltshire(self.mean_motion)
         p_1, v_1 = sphere.carry(p, v, t)
         if not self.oblateness:
@@ -177,7 +184,10 @@ class PerturbedOrbit(UnevenOrbit):
         return p_1, v_1
 
     def _oblate(self, p: AnyVector, v: AnyVector, t: Field) -> AnyVector:
-        """Acceleration by oblateness, m/s^2, of the first order in k, a time t (s) after the start."""
+        """Acceleration by oblateness, m/s^2, of the first order in k, a time t (s) after the start.
+
+        Vectors of fields in the Hill frame.
+        """
         n = self.mean_motion
         tilt = math.sin(self.inclination) ** 2
         across = math.sin(2.0 * self.inclination)

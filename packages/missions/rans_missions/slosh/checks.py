@@ -58,6 +58,7 @@ def check_body(slosh: Slosh, craft: Spacecraft, body: Body) -> None:
         moments = np.linalg.eigvalsh(tensor[..., ((0, 1, 2), (1, 3, 4), (2, 4, 5))])
         moment = 0.5 * moments.sum(axis=-1) - moments[..., -1]
     adds, moment = np.broadcast_arrays(adds, moment)
+    # What the liquid at rest adds must leave an inertia above 0.
     wrong = np.atleast_1d(adds > moment * MOST)
     if wrong.any():
         first = np.flatnonzero(wrong)[0]
@@ -160,6 +161,7 @@ def check_flight(
     # The longest steps that pieces of a period may have: those of the designed craft.
     step = min(period, STEP / pace, DECAY / decay if decay > 0.0 else math.inf)
     step = max(step, period / MOST_STEPS)
+    # The steps are those of the designed craft; conditions may need shorter ones.
     bodies = []
     if conditions is not None:
         check_conditions(slosh, craft, conditions)

@@ -95,6 +95,7 @@ class Slosh(Effector):
             raise ConfigError(
                 f"the damping ratio must be a finite number >= 0, got {damping_ratio!r}."
             )
+        # Lengths and masses by the first mode.
         k = _FIRST_ZERO
         fullness = k * depth / radius
         length = radius / (k * math.tanh(fullness))
@@ -172,6 +173,7 @@ class Slosh(Effector):
                     f"spacecraft {craft.name!r}: slosh {key} must be {bound}, got {brief(value)}."
                 )
 
+        # Numbers of the pendulum alone, then what it leaves of the craft.
         triple = f"three numbers within +-{LARGEST:g}"
         positive = f"a number from {SMALLEST:g} to {LARGEST:g}"
         require(_is_positive(self.length), "length", self.length, f"{positive} m")

@@ -1,7 +1,8 @@
 """Equations of a craft and a pendulum inside, the equivalent of a sloshing liquid: in the plane and in space.
 
 Each kind of pair has a motion, whose derivative is a motion too, and the same methods:
-`rans_missions.slosh.swinging.Swinging` integrates both alike.
+`rans_missions.slosh.swinging.Swinging` integrates both alike. `rans_missions.slosh.rods` gives Drake the same
+bodies without these equations, and a Lagrangian of SciPy's tests both.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ class Rods(DrakeMass):
     def add(
         self, plant: MultibodyPlant, craft: Spacecraft, body: Body, bodies: Sequence[Any]
     ) -> None:
-        """Add a rod to the rigid body of every spacecraft."""
+        """Add a rod with its mass and hinge to every spacecraft's rigid body: sets plant, frames and joints."""
         self._plant = plant
         factor = np.asarray(self._factor(craft, body, 1), dtype=np.float64)
         self.damping = self._slosh.damping * np.broadcast_to(factor, len(bodies))
@@ -160,7 +160,10 @@ class SphericalRods(Rods):
         return HingeFriction(self, self._plant.num_positions(), self._plant.num_velocities())
 
     def set(self, context: Context, q: np.ndarray, v: np.ndarray, stores: np.ndarray) -> None:
-        """Turn the hinges, and write the rates of their angles."""
+        """Turn the hinges to stores (N, 6), and write zero angles and their rates into q and v.
+
+        See `DrakeMass.set`.
+        """
         positions, velocities = self.coordinates()
         q[positions] = 0.0
         for hinge, row, own in zip(self._hinges, stores, velocities, strict=True):
@@ -171,7 +174,7 @@ class SphericalRods(Rods):
             v[own] = (-y, x)
 
     def get(self, context: Context) -> np.ndarray:
-        """Directions and their rates in B."""
+        """Directions (unit vectors) and their rates (1/s) in B, (N, 6), from the plant's angles."""
         positions, velocities = self.coordinates()
         a, b = self._plant.GetPositions(context)[positions].T
         da, db = self._plant.GetVelocities(context)[velocities].T

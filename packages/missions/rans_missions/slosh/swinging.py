@@ -115,6 +115,7 @@ class Swinging(JointMotion):
         def after(rates: Any, time: Field) -> Any:
             return map_leaves(lambda x, rate: x + rate * time, motion, rates)
 
+        # Runge and Kutta's four stages; the wrench is a line over all steps.
         for k in range(steps):
             begin, middle, end = (x / steps for x in (k, k + 0.5, k + 1))
             one, c1 = rates(motion, begin)
@@ -159,7 +160,10 @@ def paces(slosh: Slosh, craft: Spacecraft, body: Body | None = None) -> tuple[fl
 
 
 def inaccuracy(slosh: Slosh, craft: Spacecraft, states: Any, going: Any, timing: Timing) -> str:
-    """See `rans.effectors.effector.Effector.inaccuracy`: the rod is faster than its steps are accurate for."""
+    """Sentence that the rod is faster than its steps are accurate for, or ""; see `Effector.inaccuracy`.
+
+    Rates that are no finite numbers are left out.
+    """
     rates = rod_rate(slosh, craft, states)
     reached = float(np.max(rates, where=going & np.isfinite(rates), initial=0.0))
     bound = fastest_rod(slosh, craft, timing)
@@ -180,7 +184,7 @@ def fastest_rod(slosh: Slosh, craft: Spacecraft, timing: Timing) -> float:
 
 
 def rod_rate(slosh: Slosh, craft: Spacecraft, states: Any) -> np.ndarray:
-    """Rate of the rod in W, rad/s, of states with a sloshing liquid, as arrays."""
+    """Rate of the rod in W, rad/s, in the shape of the states' fields, such as (T + 1, N)."""
     own = Pendulum(slosh, craft).stores
     first = craft.stores.index(own[0])
     stores = states.stores[first : first + len(own)]

@@ -1,4 +1,7 @@
-"""Go to a pose among fixed or moving keep-out zones, in the plane or in space."""
+"""Go to a pose among fixed or moving keep-out zones, in the plane or in space.
+
+Observations are trained: the order of zones and the random numbers of `sample` stay.
+"""
 
 from __future__ import annotations
 
@@ -146,7 +149,7 @@ class Avoid(GoToPose):
         return tuple(entries)
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """Terms of `GoToPose`, and a penalty near zones."""
+        """Terms (fields) of `GoToPose`, and a penalty near zones."""
         terms = super().reward(transition)
         if is_used(self.zone_weight):
             zones = self.scenery(transition.goal)

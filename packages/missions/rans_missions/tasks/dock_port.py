@@ -177,7 +177,10 @@ class DockPort(SingleTask):
         }
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """Wide and narrow rewards of position and attitude, and near the port of velocity and spin."""
+        """Terms (fields).
+
+        Wide and narrow rewards of position and attitude, and near the port of velocity and spin.
+        """
         distance, angle, rush, twist = self.errors(transition.state, transition.goal).values()
         near = nearness(distance, self.position_scale)
         terms = {

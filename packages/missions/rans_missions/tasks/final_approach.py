@@ -101,7 +101,10 @@ class FinalApproach(SingleTask):
         return ClohessyWiltshire(self.mean_motion)
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start near the axis of a port in any direction."""
+        """Start near the axis of a port in any direction, and the docked state.
+
+        The order of draws is part of every start.
+        """
         target = random.moving(random.origin(), random.attitude(), random.turn(self.port_rate))
         goal = self._port(target)
         axis = self.axis(goal)
@@ -121,7 +124,7 @@ class FinalApproach(SingleTask):
         return goal.p.scale(1.0 / self.standoff)
 
     def scenery(self, goal: State) -> tuple[Shape, ...]:
-        """The cone, the ball around the target and the speed limit."""
+        """The cone of the corridor, the ball around the target and the speed limit, at the goal's time."""
         depth = self.position_tolerance / math.tan(math.radians(self.cone_degrees))
         axis, centre = self.axis(goal), goal.p.scale(0.0)
         return (

@@ -127,7 +127,7 @@ class Hold(OrbitalMission):
         return map_leaves(partial(where, stays), self.staying(state, goal), velocity)
 
     def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
-        """See `OrbitalMission`, and the time for which the craft has been within the tolerances."""
+        """Terms of `OrbitalMission`, then the time (s) for which the craft has been within the tolerances."""
         held = Information(
             "time held",
             "s",

@@ -118,7 +118,10 @@ class Land(SingleTask):
         return (GlideSlope(goal.p - up.scale(below), up, self.glide_slope),)
 
     def constraints(self, state: Any, goal: Any) -> dict[str, Field]:
-        """Height above the ground, m; margin of the glide slope, m; cosine of the tilt less that of its limit."""
+        """Fields: height above the ground, m; margin of the glide slope, m.
+
+        Cosine of the tilt less that of its limit.
+        """
         up = Vec3(0.0, 0.0, 1.0)
         (slope,) = self.scenery(goal)
         return {
@@ -157,7 +160,10 @@ class Land(SingleTask):
         return {"position": (goal.p - state.p).norm(), "velocity": (goal.v - state.v).norm()}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """Price of propellant, progress of the guidance law, and a penalty for what it still needs at a failure."""
+        """Terms (fields).
+
+        Propellant, progress of the guidance law, and a penalty for what it still needs at a failure.
+        """
         state = transition.state
         goal = transition.goal
         before = transition.before or state

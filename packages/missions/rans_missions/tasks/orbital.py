@@ -1,4 +1,8 @@
-"""Base class of missions near a target on an orbit, with a deadline and a planned arrival."""
+"""Base class of missions near a target on an orbit, with a deadline and a planned arrival.
+
+Trained agents and guidance rest on its observation and plans: every mission is compared with flights in Drake and
+in two-body gravity.
+"""
 
 from __future__ import annotations
 
@@ -373,7 +377,7 @@ class OrbitalMission(SingleTask):
         return self.plan(start, goal, random.uniform(*self.deadline))
 
     def plan(self, start: State, goal: State, deadline: Field) -> State:
-        """Goal with a deadline, s, and the plan for a start in its notes, of which the angle stays."""
+        """Goal with a deadline (s, a field), and the plan for a start in its notes, of which the angle stays."""
         angle = None if self.orbit.is_steady else goal.notes.angle
         unplanned = self.goal_notes(deadline, deadline, deadline * 0.0, angle)
         goal = replace(goal, notes=unplanned)
@@ -423,7 +427,10 @@ class OrbitalMission(SingleTask):
         return goal.notes.arrival
 
     def later(self, goal: State, time: Field) -> State:
-        """Goal after a time (s), with less time left, and the target farther on its orbit; it does not move."""
+        """Goal after a time (s, a field), with less time left, and the target farther on its orbit.
+
+        It does not move.
+        """
         notes: Plan = goal.notes
         angle = notes.angle
         drift = self.drift_at(goal).later(time)
@@ -500,6 +507,7 @@ class OrbitalMission(SingleTask):
         advised = self.recommended(state, goal, arrival) - state.v
         # The velocity to gain is unbounded just before an arrival that misses the goal.
         nearby = 0.1 / self.position_tolerance
+        # Whatever grows without bound is scaled, so that a network sees numbers of one size.
         scale = 1.0 / at_least(gain.norm() * (1.0 / self.most_gain), 1.0)
         return (
             VectorInW("d", "m", goal.p - state.p),
@@ -570,7 +578,7 @@ class OrbitalMission(SingleTask):
         }
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """Decrease of the velocity to gain, less the price of impulse."""
+        """Terms (fields): decrease of the velocity to gain, m/s, less the price of impulse."""
         goal = transition.goal
         arrival, won = goal.notes.arrival, goal.notes.won
         terms = {}

@@ -97,7 +97,7 @@ class Rendezvous(OrbitalMission):
         return where(price < self.most_gain, price, self.most_gain)
 
     def _approach(self, state: Any, goal: Any) -> ConeApproach:
-        """Transfers from a state to the goal by the deadline."""
+        """Transfers from a state (m, m/s) to the goal by the deadline, with the mission's reserves."""
         depth = self._depth()
         return ConeApproach(
             self.mean_motion,

@@ -58,6 +58,7 @@ class Identify(Options):
             result = identify(self.logs, self.spacecraft, self.robot, namespace=self.namespace)
 
         def cells(digits: int) -> list[tuple[str, ...]]:
+            """Cells of the table with so many digits; "not identifiable" where the log says nothing."""
             return [
                 (
                     f"{row.name}, {row.unit}",
@@ -98,7 +99,7 @@ class Identify(Options):
         return 0
 
     def _excite(self) -> int:
-        """Write the commands, and say how to fly them."""
+        """Write a folder of commands, and say how to fly them and then to identify; the exit code is 0."""
         from rans_robot.functions import excite
 
         if self.logs or self.spacecraft:

@@ -32,7 +32,7 @@ class Twin(Options):
         return ("rans fly AGENT --goal 1 0 90deg",)
 
     def run(self) -> int:
-        """Simulate until the time is up or an interrupt."""
+        """Simulate until the time is up or an interrupt, and print where it ended; the exit code is 0."""
         motion = self.call()
         where = ", ".join(
             f"{x:.3f}" for x in motion.position[: load_spacecraft(self.spacecraft).dimension]

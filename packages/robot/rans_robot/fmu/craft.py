@@ -1,7 +1,7 @@
 """A craft as a functional mock-up unit of FMI 2.0: commands in; pose, velocities, stores and mass out.
 
 Its motion is the engine's, traced (`rans.model.trace`) and printed as C in double precision. A communication step
-is a control period, or several.
+is a control period, or several. FMPy, which is not ours, flies it beside the engine (`tests/fmu/test_craft.py`).
 """
 
 from __future__ import annotations
@@ -194,7 +194,10 @@ def _ranges(setup: Setup) -> list[tuple[float, float]]:
 
 
 def _variables(setup: Setup, names: Sequence[_Name]) -> list[Variable]:
-    """Commands, the state at the start, the state, and the mass."""
+    """Variables of the unit in this order, which numbers them.
+
+    Commands, the state at the start, the state, the mass.
+    """
     craft = setup.craft
     commands = [
         Variable(
@@ -271,7 +274,7 @@ def _header(setup: Setup, names: Sequence[str]) -> str:
 
 
 def _motion(setup: Setup) -> str:
-    """craft.c: the equations of motion over a control period."""
+    """Text of craft.c: the engine's own equations of motion over a control period, traced in double precision."""
     world = World(setup._replace(conditions=None, guard=None))
     craft = world.craft
     before = inputs("state", len(_names(setup)))
@@ -309,7 +312,7 @@ def _motion(setup: Setup) -> str:
 
 
 def state_of(craft: Spacecraft, entries: Sequence[Field]) -> Any:
-    """A state of these numbers."""
+    """A state of these entries in the order of `_names`, without stores' own changes."""
     stores = (0.0,) * len(craft.stores)
     still: Any = (
         PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0, None, stores)
@@ -327,7 +330,7 @@ def state_of(craft: Spacecraft, entries: Sequence[Field]) -> Any:
 
 
 def _substep(kind: Substep) -> list[str]:
-    """A function of a substep, and one that repeats it."""
+    """Functions of a substep, and of its repetition, as lines of C."""
     size = len(kind.state)
     lines = _CLines({"state": kind.state, "load": kind.others})
     body = _indented(lines.results(kind.after))
@@ -362,7 +365,7 @@ class _CLines(Lines):
         return C_DOUBLE.text(symbol.operation, symbol.operand_kind, *args)
 
     def operand(self, symbol: Symbol) -> str:
-        """A symbol that has a name, or a number."""
+        """The name of a symbol, or a number with all digits of a double, in C."""
         if symbol.operation != "constant":
             return self.names[symbol]
         if symbol.kind == "bool":
@@ -375,7 +378,7 @@ class _CLines(Lines):
         return f"({text})" if text.startswith("-") else text
 
     def call(self, number: int, call: Call) -> Iterator[str]:
-        """Substeps, whose results have names afterwards."""
+        """Lines that call substeps; their results have names afterwards."""
         yield from self.values(call.inputs)
         state, others = ([*map(self.operand, row)] for row in (call.state, call.others))
         yield f"const real state{number}[] = {{{', '.join(state)}}};"

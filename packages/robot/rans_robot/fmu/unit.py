@@ -107,7 +107,7 @@ def write_unit(folder: Path, build: Path, unit: Unit, further: Mapping[str, byte
 
 
 def _description(unit: Unit, guid: str, sources: Sequence[str]) -> bytes:
-    """modelDescription.xml."""
+    """Content of modelDescription.xml; variables are numbered in the order of the unit's list."""
     root = ElementTree.Element(
         "fmiModelDescription",
         fmiVersion="2.0",
@@ -155,7 +155,7 @@ def _description(unit: Unit, guid: str, sources: Sequence[str]) -> bytes:
 
 
 def _add_variable(variables: ElementTree.Element, number: int, one: Variable) -> None:
-    """A variable with its type."""
+    """Add a variable with its type, unit, range and start; its number is its place in the list."""
     entry = ElementTree.SubElement(
         variables,
         "ScalarVariable",

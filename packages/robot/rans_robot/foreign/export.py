@@ -104,6 +104,7 @@ def write_foreign_export(
     check_alone(folder, form, text)
     about = exported.about
     described = json.dumps(plain(about))
+    # The form, then what stands beside it in every form.
     if form == "onnx":
         what = {"what": exported.title, "contract": described}
         write_onnx(folder / "agent.onnx", exported.program, exported.ports, what)
@@ -143,7 +144,7 @@ def export_foreign_for_flight(spec: str, folder: Path) -> None:
 
 
 def _exported(spec: str, label: str, count: int, margins: int) -> _Exported:
-    """Program, flights, golden pairs and contract of a policy."""
+    """Program, flights, golden pairs and contract of a policy; the program is compared with the flights first."""
     name = ContestantName.parse(spec)
     run = contestant(spec)
     file = name.policy_file

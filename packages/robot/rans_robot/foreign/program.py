@@ -1,7 +1,8 @@
 """Programs of networks that other libraries wrote as ONNX, from which NumPy and C are printed.
 
 A graph is followed for one observation. Operations on constants are computed, those that only move numbers
-(Reshape, Split, Concat, ...) move their places, and the others become steps of a `rans.policy.program.Program`.
+(Reshape, Split, Concat, ...) move their places, and the others become steps of a `rans.policy.program.Program`. The
+result is compared with flights before it is written (`rans_robot.foreign.export`).
 """
 
 from __future__ import annotations
@@ -147,7 +148,7 @@ class _Reader:
         return program
 
     def _follow(self, node: Any) -> None:
-        """The values of one node."""
+        """Add the values of one node to `_values`, by the kind of its operands; a refusal names the node."""
         operands: list[Any] = [self._values[name] if name else None for name in node.input]
         attributes = _attributes(node)
         try:
@@ -169,7 +170,7 @@ class _Reader:
         self._values |= dict(zip(node.output, results, strict=False))
 
     def _computed(self, node: Any, operands: Sequence[Any]) -> list[np.ndarray]:
-        """What ONNX's own reference makes of constants."""
+        """Arrays that ONNX's own reference makes of constants; random operations are refused."""
         from onnx import helper
         from onnx.reference import ReferenceEvaluator
 
@@ -203,7 +204,7 @@ class _Reader:
         return [_Numbers(value.astype(np.int64)) for value in self._computed(node, places)]
 
     def _applied(self, operator: str, operands: Sequence[Any], attributes: dict[str, Any]) -> Any:
-        """Numbers after an operation that computes some."""
+        """Numbers after an operation that computes some: steps are added to the program in the graph's order."""
         first = operands[0]
         if operator == "Div" and any(
             isinstance(value, np.ndarray) and value.dtype.kind in "iu" for value in operands
@@ -266,7 +267,9 @@ class _Reader:
         raise _Refused("which exported files do not know")
 
     def _error_function(self, x: _Numbers) -> _Numbers:
-        """Error function, within 1.5e-7, which is single precision of numbers near 1.
+        """Error function of numbers x, within 1.5e-7, which is single precision of numbers near 1.
+
+        Source: Abramowitz and Stegun, Handbook of Mathematical Functions, 1964, formula 7.1.26.
 
         Source: Abramowitz and Stegun, Handbook of Mathematical Functions, 1964, formula 7.1.26.
         """
@@ -344,7 +347,10 @@ class _Reader:
         return self._numbers(row, shape)
 
     def _linear(self, operator: str, operands: Sequence[Any], attributes: dict[str, Any]) -> Any:
-        """A layer: a row times a constant table, plus a constant row."""
+        """A layer: a row times a constant table, plus a constant row.
+
+        `_Refused` if both factors depend on the observation.
+        """
         x, table, *bias = operands
         if not isinstance(x, _Numbers) or not isinstance(table, np.ndarray):
             raise _Refused(
@@ -376,7 +382,7 @@ class _Reader:
         return self._numbers(row, (*x.places.shape[:-1], len(weight)))
 
     def _cast(self, x: _Numbers, to: int) -> _Numbers:
-        """Truths as 0 and 1, and numbers without their fraction where they become whole."""
+        """Truths as 0 and 1, and numbers x without their fraction where the type ``to`` is whole."""
         from onnx import TensorProto
 
         if {self._places[k][0] for k in x.places.ravel()} <= self._truths:
@@ -395,7 +401,7 @@ class _Reader:
         return [_Numbers(places.take([k], axis=axis)) for k in range(count)]
 
     def _reduced(self, operator: str, places: np.ndarray, axis: int, keeps: bool) -> _Numbers:
-        """Sum, mean or largest number along an axis."""
+        """Sum, mean or largest number of places (an array of any shape) along an axis, in their order."""
         count = places.shape[axis]
         operation = "Max" if operator == "ReduceMax" else "Add"
         if count > _IN_PIECES and places.size == count:
@@ -433,7 +439,7 @@ class _Reader:
         return result if keeps else _Numbers(result.places.squeeze(axis))
 
     def _layer_norm(self, operands: Sequence[Any], attributes: dict[str, Any]) -> _Numbers:
-        """A row less its mean, over its standard deviation."""
+        """A row less its mean, over its standard deviation, times a scale and plus a shift, along the last axis."""
         x, scale, *shift = operands
         if attributes.get("axis", -1) not in (-1, x.places.ndim - 1):
             raise _Refused("over several axes, which exported files do not know")
@@ -445,7 +451,10 @@ class _Reader:
         return self._each("Add", result, shift[0]) if shift and shift[0] is not None else result
 
     def _largest(self, places: np.ndarray, attributes: dict[str, Any]) -> Any:
-        """Number of the largest entry along an axis: 0 or 1 of two; of more a choice."""
+        """Number of the largest entry along an axis: 0 or 1 of two; of more a choice.
+
+        Places are an array of any shape.
+        """
         axis = int(attributes.get("axis", 0))
         if attributes.get("select_last_index"):
             raise _Refused("which takes the last of equal ones, and exported files the first")
@@ -461,7 +470,7 @@ class _Reader:
         return _Choice(self._row(places))
 
     def _of_choice(self, operator: str, operands: Sequence[Any], attributes: dict[str, Any]) -> Any:
-        """The chosen row of a constant table."""
+        """The row of a constant table that a choice picks; whatever computes with its number is refused."""
         choice = next(value for value in operands if isinstance(value, _Choice))
         if operator in ("Reshape", "Squeeze", "Unsqueeze", "Flatten", "Identity", "Cast"):
             return choice

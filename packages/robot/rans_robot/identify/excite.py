@@ -85,7 +85,7 @@ class Excitation:
     def regressors(self, commands: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """Derivatives (K, d + turns, P) of accelerations under commands (K, n) in an attitude.
 
-        Accelerations are in B, with the rotation (d, d) from B to W.
+        Accelerations are in B, with the rotation (d, d) from B to W. It changes nothing but its own tables.
         """
         count = len(commands)
         turns = len(self.inertia)
@@ -121,7 +121,10 @@ class Excitation:
     def choose(
         self, position: np.ndarray, rotation: np.ndarray, velocity: np.ndarray, spin: np.ndarray
     ) -> np.ndarray:
-        """Command (n,) of the next control period, for a position (d,) and velocity (d,) in W."""
+        """Command (n,) of the next control period, for a position (d,) and velocity (d,) in W.
+
+        The rotation (d, d) takes B to W, and the spin is in B. It remembers command, time left and information.
+        """
         if self.left:
             self.left -= 1
             return self.command

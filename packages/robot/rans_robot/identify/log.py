@@ -1,4 +1,8 @@
-"""A log of a flight: the commands of a spacecraft and the readings of its motion, with their times."""
+"""A log of a flight: the commands of a spacecraft and the readings of its motion, with their times.
+
+Times are in s, positions in m in W, quaternions w first, rates in rad/s in B; every reader makes a log of this
+form.
+"""
 
 from __future__ import annotations
 
@@ -158,6 +162,7 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
             f"{what} has {counted(int(inside.sum()), 'reading')} while commands were given; at least "
             f"{_FEWEST_READINGS} are needed. Do both have the same clock?"
         )
+    # What remains is read before the first command's end and after the last one.
     parts = {
         name: getattr(log, name)[inside]
         for name in ("times", "position", "attitude", "velocity", "spin")
@@ -222,6 +227,7 @@ def checked_satellite_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
     _check_turns(what, log, together)
     if log.frames is not None:
         return log
+    # Jumps of the attitude begin new inertial axes.
     frames = _frames(log, together)
     if not frames.any():
         return log
@@ -297,7 +303,7 @@ def _check_times(what: str, name: str, times: np.ndarray) -> None:
 
 
 def _check_readings(what: str, parts: dict[str, np.ndarray]) -> None:
-    """Refuse readings beyond all measure, quaternions that are none, and logs without poses."""
+    """Refuse (`ConfigError`) readings (N, ...) beyond all measure, wrong quaternions, and logs without poses."""
     _check_bounds(what, parts)
     times = parts["times"]
     position, attitude = parts["position"], parts["attitude"]
@@ -316,7 +322,7 @@ def _check_readings(what: str, parts: dict[str, np.ndarray]) -> None:
 
 
 def _check_bounds(what: str, parts: dict[str, np.ndarray]) -> None:
-    """Refuse readings beyond all measure and quaternions that are none."""
+    """Refuse (`ConfigError`) readings (N, ...) beyond all measure (`_BOUNDS`) and quaternions that are none."""
     times = parts["times"]
     for (name, (bound, unit)), values in zip(
         _BOUNDS.items(), list(parts.values())[1:], strict=True

@@ -17,7 +17,8 @@ rates and speeds: a regression on what was read would shrink inertia and wheels 
 Measurement Error Models, 1987). Before that `kinematics` makes rates and attitudes agree, and finds the
 accelerations that a delay multiplies: differences of noisy speeds would shrink the delay, and the values take over
 what it leaves. Errors of what agrees alternate from row to row, so that a slow torque sees less of them than of
-independent ones: intervals of torques have their joint covariance.
+independent ones: intervals of torques have their joint covariance. Arrays are (N, 3) in the axes of the first
+attitudes unless said otherwise; hidden satellites in the tests hold its intervals.
 """
 
 from __future__ import annotations
@@ -197,7 +198,10 @@ class _Rows:
         """(N, 3, P), momentum in the frame of its row of each unknown of this log."""
 
     def _in_unknown_field(self, aligned: np.ndarray) -> None:
-        """A lever fixed in the body in a field of hats: the integral of (R e_i) x e_c."""
+        """A lever fixed in the body in a field of hats: the integral of (R e_i) x e_c.
+
+        `aligned` is (N, 3, 3); it sets `lever` and the field's prior.
+        """
         count = len(self.t)
         length = max(self.t[-1], 1.0)
         fields = int(np.clip(np.ceil(length / _FIELD_KNOT), 1, _MOST_FIELD)) + 1
@@ -434,7 +438,10 @@ def _named(spreads: np.ndarray) -> dict[str, float]:
 def _solved(
     model: _Momentum, values: np.ndarray, spread: dict[str, float], of_rates: bool = False
 ) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
-    """Values that minimise the squares for these standard deviations, and the errors of momenta (`_adjust`)."""
+    """Values that minimise the squares for these standard deviations, and the errors of momenta (`_adjust`).
+
+    With ``of_rates`` it replaces the rows' errors of rates and speeds.
+    """
     adjusted = []
     for _ in range(_STEPS):
         derivatives = [model.derivatives(rows, values) for rows in model.rows]
@@ -461,7 +468,7 @@ def _covariance(model: _Momentum, linear: _Linear) -> np.ndarray:
 
 
 def _refuse_reversed(craft: Spacecraft, model: _Momentum, values: np.ndarray) -> None:
-    """Refuse speeds that are counted against the axis of a wheel."""
+    """Refuse (`ConfigError`) speeds of wheels that the values (P,) show to be counted against their axes."""
     for k, rotor in enumerate(values[6:-2]):
         if rotor < 0.0:
             raise ConfigError(
@@ -521,7 +528,7 @@ def _result(
     adjusted: Sequence[tuple[np.ndarray, np.ndarray]],
     outliers: int,
 ) -> MomentumFit:
-    """The fit in SI units, with the torque along each log."""
+    """The fit in SI units, with the torque along each log; intervals are inflated by correlation."""
     derivatives = [model.derivatives(rows, values) for rows in model.rows]
     linear = _Linear(model, values, spread, derivatives)
     none = np.zeros_like(linear.change)
@@ -697,7 +704,10 @@ def _gradient_error(rows: _Rows, tensor: np.ndarray, spread: dict[str, float]) -
 
 
 def _outside(model: _Momentum, values: np.ndarray, torques: Sequence[Torque]) -> float:
-    """See `MomentumFit.outside`; wheels' torques are means over the stretches of external ones, as they are."""
+    """Root mean square of external torques over that of wheels' means on the same stretches.
+
+    See `MomentumFit.outside`.
+    """
     of_wheels = []
     for rows in model.rows:
         at = np.stack([np.interp(rows.knots, rows.t, column) for column in rows.speeds.T], axis=1)

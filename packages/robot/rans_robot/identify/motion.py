@@ -2,7 +2,8 @@
 
 Between the instants of a fine grid the thrust is constant in B. Forces follow commands after a latency and a linear
 rise, which is the command convolved with a box: an own formulation beside `rans.randomization.valves`, for whole
-windows of a log at once.
+windows of a log at once. `tests/identify/test_motion.py` compares it with the engine, whose equations it does not
+use.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class Motors:
 
     @classmethod
     def of(cls, craft: Spacecraft, log: FlightLog) -> Motors:
-        """Commands of a log of a spacecraft."""
+        """Commands of a log's wheels (M, W), their limits, and which wheels' speeds were read."""
         count = craft.wheel_count
         measured = np.zeros(count, dtype=bool)
         if log.wheel_speeds is not None:
@@ -184,7 +185,7 @@ class Thrust:
         return cls(t, first, second, u, Motors.of(craft, log))
 
     def _integrals(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """First and second integral at times of any shape: (..., n) each."""
+        """First and second integral of the shares at times t of any shape (s): (..., n) each, s and s^2."""
         index = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, None)
         since = np.maximum(t - self.times[index], 0.0)[..., None]  # nothing acts before the log
         first = self.first[index] + self.shares[index] * since
@@ -194,9 +195,9 @@ class Thrust:
         return first, second
 
     def delivered(self, t: np.ndarray, latency: np.ndarray, rise: np.ndarray) -> np.ndarray:
-        """Integral of the delayed shares up to times (K, S): (K, S, n), s.
+        """Integral of the delayed shares up to times t (K, S), s: (K, S, n), s.
 
-        A share that rises linearly is the mean of the commanded one over the rise time before.
+        A share that rises linearly is the mean of the commanded one over the rise time before. Delays are (K,), s.
         """
         late = t - latency[:, None]
         first, second = self._integrals(late)
@@ -321,6 +322,7 @@ def _planar(
     rate = (torque + np.asarray(push.torque)[:, None]) / np.asarray(physics.body.inertia[0])[
         :, None
     ]
+    # Spin, heading, then velocity and position, each a sum of the one before.
     h = step
     spin = _summed(start[:, 5], rate * h)
     heading = _summed(start[:, 2], spin[:, :-1] * h + 0.5 * rate * h**2)
@@ -360,7 +362,7 @@ def _spatial(
     step: np.ndarray,
     momenta: np.ndarray,
 ) -> np.ndarray:
-    """States (K, S + 1, 13 + W) in space, by the midpoint rule."""
+    """States (K, S + 1, 13 + W) by the midpoint rule, of starts (K, 13 + W) and wrenches (K, S, 6) in B."""
     body = physics.body
     force = wrench[..., :3]
     torque = wrench[..., 3:] - np.cross(_stacked(body.centre)[:, None], force)
@@ -406,7 +408,10 @@ def _midpoints(constant: Sequence[np.ndarray], acting: Sequence[np.ndarray]) -> 
 
     # Numbers and no vectors: a step of a hundred operations would make forty objects, which cost more than it.
     def rate(w: Any, q: Any, torque: Any, wheels: Any) -> tuple[Any, Any, Any]:
-        """Angular acceleration in B: Euler's equations, with the momentum of wheels."""
+        """Angular acceleration in B, rad/s^2: Euler's equations, with the momentum of wheels.
+
+        Tuples of (K,) arrays.
+        """
         a, b, c = w
         hx = xx * a + xy * b + xz * c + wheels[0]
         hy = xy * a + yy * b + yz * c + wheels[1]
@@ -421,6 +426,7 @@ def _midpoints(constant: Sequence[np.ndarray], acting: Sequence[np.ndarray]) -> 
             ixz * tx + iyz * ty + izz * tz,
         )
 
+    # Euler's equations at the beginning and in the middle of each step.
     path = [columns]
     for h, force, torque, before, between in zip(*(_fields(x) for x in acting), strict=True):
         half, quarter = 0.5 * h, 0.25 * h
@@ -439,7 +445,7 @@ def _midpoints(constant: Sequence[np.ndarray], acting: Sequence[np.ndarray]) -> 
 
 
 def _turned(q: Any, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
-    """Entries of a vector that a unit quaternion turns."""
+    """Entries of a vector (x, y, z) that a unit quaternion q (w first) turns; arrays of any one shape."""
     w, a, b, c = q
     cx, cy, cz = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
     return (
@@ -450,7 +456,10 @@ def _turned(q: Any, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
 
 
 def _after(q: Any, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any, Any]:
-    """Unit quaternion after a rotation vector in B, rad, by a series whose error is 1e-6 rad for 1 rad."""
+    """Unit quaternion after a rotation vector in B, rad, by a series whose error is 1e-6 rad for 1 rad.
+
+    q is (w, x, y, z), all of one shape.
+    """
     squared = x * x + y * y + z * z
     cosine = 1.0 - squared * (0.125 - squared / 384.0)
     factor = 0.5 - squared * (1.0 / 48.0 - squared / 3840.0)

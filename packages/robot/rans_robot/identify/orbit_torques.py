@@ -154,7 +154,7 @@ def _between(
 
 
 def _orbit(what: str, log: FlightLog, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities (N, 3) at times, of a free fall."""
+    """Positions (m) and velocities (m/s), (N, 3), at times (s), of a free fall, which they are checked to be."""
     rows = np.isfinite(log.position).all(axis=1)
     _check_dense(what, "positions", log.times[rows], times)
     position = log.position[rows]
@@ -217,7 +217,7 @@ def _roughness(times: np.ndarray, vectors: np.ndarray) -> float:
 
 
 def _check_dense(what: str, name: str, times: np.ndarray, wanted: np.ndarray) -> None:
-    """Refuse (`ConfigError`) readings that are too few or too far apart."""
+    """Refuse (`ConfigError`) times of readings (s) that are too few or too far apart for those wanted."""
     ends = [wanted[0], *times, wanted[-1]]
     gap = float(np.max(np.abs(np.diff(ends))))
     if len(times) < _FEWEST or gap > _LONGEST_GAP:

@@ -159,7 +159,10 @@ class Identification:
         )
 
     def _satellite_conditions(self, momentum: MomentumFit) -> Conditions:
-        """Ranges of inertia, external torque and noise."""
+        """Conditions of a satellite.
+
+        Ranges of inertia, external torque (N m) and noise, each an interval of the fit.
+        """
         low, high = self._relative([0, 3, 5])
         sizes = np.concatenate([np.linalg.norm(one.torque, axis=1) for one in momentum.torques])
         return Conditions(
@@ -199,6 +202,7 @@ class Identification:
         )
         names = [parameter.name for parameter in self.fit.parameters]
         latency, rise = (names.index(name) for name in ("latency", "rise"))
+        # Thrust and its delays, then body, disturbance and noise.
         thrusters = ThrusterConditions(thrust=self._relative(list(range(count))))
         if rows["rise"].is_identifiable:
             thrusters = replace(
@@ -238,7 +242,7 @@ class Identification:
 
     @property
     def delay_deviation(self) -> float:
-        """Standard deviation of `delay`, s."""
+        """Standard deviation of `delay`, s: of the latency plus half of the rise."""
         names = [parameter.name for parameter in self.fit.parameters]
         if "latency" not in names:
             return 0.0
@@ -351,7 +355,7 @@ class Identification:
             )
 
     def _check_wheels(self) -> None:
-        """Refuse wheels whose speeds are in other units."""
+        """Refuse (`ConfigError`) wheels whose rotors say that their speeds are in other units."""
         for k, wheel in enumerate(self.fit.craft.wheels):
             factor = self.fit.value(f"rotor of wheel {k}") / wheel.inertia
             if 1.0 / _LARGEST_FACTOR < factor < _LARGEST_FACTOR:
@@ -380,6 +384,7 @@ class Identification:
             f"the file, {craft.wheels[k].max_momentum:g} N m s."
             for k in self._wheels_at_limit()
         ]
+        # What the logs leave open, then whether intervals can be believed.
         silent = [row.name for row in self.rows() if not row.is_identifiable]
         if "latency" in silent and self.delay_deviation < 0.05:
             silent.remove("latency")
@@ -413,7 +418,7 @@ class Identification:
         return [*result, *(note for log in self.fit.logs for note in log.notes)]
 
     def _satellite_notes(self, momentum: MomentumFit) -> list[str]:
-        """Sentences on scale, torque and rows that were left out."""
+        """Sentences on scale, torque (N m) and rows that were left out, for terminal and JSON."""
         total = float(np.trace(np.array(self.fit.craft.inertia)))
         result = [
             "Wheels determine moments of inertia and their own only in proportion: the sum of the moments is "
@@ -445,7 +450,7 @@ class Identification:
         return [*result, *(note for log in self.fit.logs for note in log.notes)]
 
     def _parts_of_torque(self, momentum: MomentumFit) -> list[str]:
-        """Sentences on what the external torque comes from."""
+        """Sentences on what the external torque comes from, with root mean squares and intervals in N m."""
         if not momentum.sources:
             return [
                 "What part of it is of gravity, of a dipole and of the air, only positions from the centre of the "
@@ -483,7 +488,10 @@ class Identification:
         return folder
 
     def table(self) -> dict[str, Any]:
-        """Quantities, prediction, notes and sources as plain values."""
+        """Quantities, prediction, notes and sources as plain values.
+
+        The content of identified.json, whose keys are an interface.
+        """
         result: dict[str, Any] = {
             "logs": [log.source for log in self.fit.logs],
             "seconds": sum(log.duration for log in self.fit.logs),

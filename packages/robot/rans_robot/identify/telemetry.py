@@ -97,6 +97,7 @@ def read_telemetry(folder: Path, craft: Spacecraft) -> FlightLog:
     times = sorted(set.intersection(*(set(table) for table in tables)))
     if len(times) < 3:
         raise ConfigError(f"{folder} has {len(times)} times that are in all of its files.")
+    # Units and signs as RANS has them.
     q, rates, speeds, commands = (np.array([table[time] for time in times]) for table in tables)
     seconds = np.array([(time - times[0]).total_seconds() for time in times])
     rates = np.deg2rad(rates)
