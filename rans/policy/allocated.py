@@ -89,9 +89,12 @@ class Allocated(Backbone):
             )
             commands = _checked(commands, architecture, remembered.unbind(-1))
             return torch.stack([torch.as_tensor(x).expand_as(demand[..., 0]) for x in commands], -1)
-        slopes = _slopes(chosen, architecture.adapts)
-        offset, slope, table = (
-            demand.new_tensor(x) for x in (chosen.offset, slopes, effects(chosen))
+        offset, slope, table = _tables(
+            architecture.tokens,
+            architecture.adapts,
+            architecture.frugality.price,
+            demand.dtype,
+            demand.device,
         )
         known = torch.cat((demand, shut), dim=-1) if architecture.adapts else demand
         row = table[torch.argmax(known @ slope + offset, dim=-1)]
@@ -194,6 +197,20 @@ def _subsets_without(
     joined = [np.concatenate(x) for x in zip(*parts, strict=True)]
     _, first = np.unique(joined[0], axis=0, return_index=True)
     return Subsets(*(x[np.sort(first)] for x in joined))
+
+
+@lru_cache(maxsize=64)
+def _tables(
+    tokens: Tokens, adapts: bool, price: float, dtype: torch.dtype, device: torch.device
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Offsets (S,), slopes and effects of the subsets, on a device: a CUDA graph may not copy from a CPU."""
+    chosen = choice(tokens, adapts, price)
+    assert chosen is not None
+    offset, slope, table = (
+        torch.as_tensor(x, dtype=dtype, device=device)
+        for x in (chosen.offset, _slopes(chosen, adapts), effects(chosen))
+    )
+    return offset, slope, table
 
 
 def _slopes(chosen: Subsets, adapts: bool) -> np.ndarray:

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from typing import Generic, ParamSpec, TypeVar
 
 import torch
-from torch import Tensor
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -38,8 +37,8 @@ def fused(function: Callable[P, R], device: torch.device, plain: bool = False) -
 
 
 def graphed(
-    function: Callable[[], Tensor], device: torch.device, plain: bool = False
-) -> Callable[[], Tensor]:
+    function: Callable[[], R], device: torch.device, plain: bool = False
+) -> Callable[[], R]:
     """Function that is replayed from a CUDA graph after one or two calls; itself if ``plain`` or on a CPU.
 
     It must use device memory at constant addresses, and not synchronise with the device.
@@ -62,16 +61,16 @@ class _Fused(Generic[P, R]):
         return self._compiled(*args, **kwargs)
 
 
-class _Graphed:
+class _Graphed(Generic[R]):
     """Function that is recorded after its first calls, which compile or load kernels and are executed normally."""
 
-    def __init__(self, function: Callable[[], Tensor]) -> None:
+    def __init__(self, function: Callable[[], R]) -> None:
         self._function = function
         self._calls = 0
         self._compiles = _compiles
-        self._recorded: tuple[torch.cuda.CUDAGraph, Tensor] | None = None
+        self._recorded: tuple[torch.cuda.CUDAGraph, R] | None = None
 
-    def __call__(self) -> Tensor:
+    def __call__(self) -> R:
         """Result of the function: the first calls run it, one records a graph, and later ones replay that."""
         if self._compiles != _compiles:  # the recorded kernels are other ones
             self._calls = 0
@@ -88,7 +87,7 @@ class _Graphed:
         graph.replay()
         return result
 
-    def _on_side_stream(self) -> Tensor:
+    def _on_side_stream(self) -> R:
         stream = torch.cuda.Stream()
         stream.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(stream):

@@ -77,6 +77,26 @@ def test_its_commands_are_met(craft: str, tmp_path: Path, monkeypatch: pytest.Mo
     assert (state["rate"] == begun.config.ppo.learning_rate).all()
 
 
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_a_graph_replays_its_gradient_steps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a GPU they are those of single operations, through rounds whose labels and step sizes differ."""
+    shorten(monkeypatch, rounds=3, updates=20)
+    weights = []
+    for number, begins in enumerate((any_craft.graphed, lambda function, _: function)):
+        monkeypatch.setattr(any_craft, "graphed", begins)
+        begun = trainer(tmp_path / str(number), replace(config(), device="cuda"))
+        learner = begun.learner.network
+        expert = any_craft.teacher("pretrained:any-craft-2d", begun.engine, learner.architecture)
+        assert expert is not None
+        any_craft.imitate(begun.engine, learner, begun.learner.adam, expert, begun.config.ppo)
+        weights.append(learner.member(0))
+    for name, weight in weights[0].items():
+        torch.testing.assert_close(weight, weights[1][name], rtol=1e-3, atol=1e-4)
+
+
 def test_values_are_of_its_own_flights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The returns of the expert's flights teach nothing, and those of its own do."""
     shorten(monkeypatch, rounds=1, updates=4)
