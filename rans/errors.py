@@ -1,4 +1,7 @@
-"""Exceptions of RANS, whose messages are sentences that a user can act on, and helpers to write them."""
+"""Exceptions of RANS, whose messages are sentences that a user can act on, and helpers to write them.
+
+A sentence names the thing, its value and the bound; nearly every module raises them, and tests quote them.
+"""
 
 import difflib
 import importlib

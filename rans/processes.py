@@ -1,4 +1,7 @@
-"""Worker processes that are spawned, ignore interrupts and end with their parent."""
+"""Worker processes that are spawned, ignore interrupts and end with their parent.
+
+Whatever a job needs is pickled; flights of slow controllers, optima and trainings divide their work here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Registry of objects by name: built in, from installed packages, or from any module as MODULE:NAME."""
+"""Registry of objects by name: built in, from installed packages, or from any module as MODULE:NAME.
+
+Names come from files of strangers and from installed packages: nothing is imported before it is asked for, and
+every failure is a sentence.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Strict conversion of TOML and JSON tables to dataclasses."""
+"""Strict conversion of TOML and JSON tables to dataclasses.
+
+Every file of a user passes it: unknown keys and wrong kinds are a `ConfigError` with the key's place.
+"""
 
 from __future__ import annotations
 

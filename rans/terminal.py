@@ -1,4 +1,7 @@
-"""Output to a terminal: tables and sentences in which names are neither mark-up nor control sequences."""
+"""Output to a terminal: tables and sentences in which names are neither mark-up nor control sequences.
+
+Names come from strangers: every text passes `Terminal`, which prints neither markup nor control sequences of them.
+"""
 
 from __future__ import annotations
 

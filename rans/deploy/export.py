@@ -1,4 +1,7 @@
-"""Agents to share: in a form that flies, with a contract to fly them by and a card of what they are worth."""
+"""Agents to share: in a form that flies, with a contract to fly them by and a card of what they are worth.
+
+Forms differ in files alone: contract, golden pairs and card are those of the same flights.
+"""
 
 from __future__ import annotations
 

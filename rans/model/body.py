@@ -1,4 +1,7 @@
-"""Mass properties and thruster health of a spacecraft, which may differ between episodes."""
+"""Mass properties and thruster health of a spacecraft, which may differ between episodes.
+
+Every engine, kernel and Drake take it as it is; values are numbers or fields (N,), SI, about the centre of mass.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Architecture of a policy's network, and its initial weights."""
+"""Architecture of a policy's network, and its initial weights.
+
+Its fields are stored in every agent's file: a new one needs a default that is what older agents do.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Properties derived from a task: its dimensions, the columns of its observation, and inputs of its reward."""
+"""Properties derived from a task: its dimensions, the columns of its observation, and inputs of its reward.
+
+Engines, environments and exported contracts take width, names and order of columns from here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Parts of rewards: nearness to the goal, rest within the tolerances, and prices of every task."""
+"""Parts of rewards: nearness to the goal, rest within the tolerances, and prices of every task.
+
+Terms are fields; agents were trained with them, so that a change is another task.
+"""
 
 from __future__ import annotations
 

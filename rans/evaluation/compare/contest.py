@@ -1,4 +1,7 @@
-"""Setup that all contestants share, and the scores of their flights."""
+"""Setup that all contestants share, and the scores of their flights.
+
+Scores are (N,) by start, in SI units; tables, charts and files take them from here.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Contestants of a comparison: agents and controllers by name, and the effort of their tuning."""
+"""Contestants of a comparison: agents and controllers by name, and the effort of their tuning.
+
+Names and efforts that it gives stand in every table; the first contestant decides task, craft and timing.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Pareto front of time and impulse: which contestant dominates which, and distances from the bounds."""
+"""Pareto front of time and impulse: which contestant dominates which, and distances from the bounds.
+
+Times are in s and impulses in N s, (N,) by start; who never arrives is infinite, and never left out.
+"""
 
 from __future__ import annotations
 

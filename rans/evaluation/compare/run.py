@@ -1,4 +1,7 @@
-"""Comparisons: flights of contestants, optima and bounds, of which every finished part is kept."""
+"""Comparisons: flights of contestants, optima and bounds, of which every finished part is kept.
+
+Failures are sentences beside results, and an interrupt leaves every finished part.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A trained agent as a controller: the policy of a run folder, which flies on any engine."""
+"""A trained agent as a controller: the policy of a run folder, which flies on any engine.
+
+Memory and weights are as in training: observations (N, width) float32 in, commands (N, n) out.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Contestants by name: the agent of a run folder, an agent that comes with RANS, or a controller."""
+"""Contestants by name: the agent of a run folder, an agent that comes with RANS, or a controller.
+
+Every command and function resolves names here, so that a text means the same everywhere.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Gymnasium vector environment of many spacecraft, with torch tensors on one device."""
+"""Gymnasium vector environment of many spacecraft, with torch tensors on one device.
+
+Row i is the single environment with the same seed and number i (`tests/fast/envs/test_vector.py`).
+"""
 
 from __future__ import annotations
 

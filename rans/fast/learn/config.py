@@ -1,4 +1,7 @@
-"""Configuration of a training as one value, converted to and from JSON."""
+"""Configuration of a training as one value, converted to and from JSON.
+
+Run folders and recipes hold it as a table; old files must stay readable, so a new entry needs a default.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Sweeps: trainings with several seeds and hyper-parameters, batched on one device where possible."""
+"""Sweeps: trainings with several seeds and hyper-parameters, batched on one device where possible.
+
+A member learns what it would alone (`tests/fast/learn/test_sweep.py`); files let a sweep be resumed.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The generated kernel as the step of an engine."""
+"""The generated kernel as the step of an engine.
+
+Results equal those of NumPy to rounding, row by row (`tests/fast/stepping/test_kernel.py`).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Parts that the controllers without training share: gains, prices of deviations, dead bands, goals ahead."""
+"""Parts that the controllers without training share: gains, prices of deviations, dead bands, goals ahead.
+
+States are fields (N,), gains act on errors in W (m, m/s) and B (rad, rad/s); missions' guidance uses them too.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Where the optimiser starts: a smooth motion from the start to where the task wants the spacecraft."""
+"""Where the optimiser starts: a smooth motion from the start to where the task wants the spacecraft.
+
+Arrays are (columns, T), and s (T,) is the elapsed share of the duration; a guess decides which optimum is found.
+"""
 
 from __future__ import annotations
 

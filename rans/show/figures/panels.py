@@ -1,4 +1,7 @@
-"""The panels that figures of flights are made of: each draws one quantity into given axes."""
+"""The panels that figures of flights are made of: each draws one quantity into given axes.
+
+Panels get flights as `rans.flight.Flight` has them: (T + 1, N) states in SI units, shown in display units.
+"""
 
 from __future__ import annotations
 

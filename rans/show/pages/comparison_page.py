@@ -1,4 +1,7 @@
-"""A comparison as one HTML page."""
+"""A comparison as one HTML page.
+
+It draws what `rans.show.tables` computes and computes nothing itself, so that page, terminal and JSON agree.
+"""
 
 from __future__ import annotations
 

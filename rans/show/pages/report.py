@@ -1,4 +1,7 @@
-"""The report of a run: everything its folder holds, on one page."""
+"""The report of a run: everything its folder holds, on one page.
+
+Files in a run folder may be of older versions or a stranger's: every value is checked, and texts are never markup.
+"""
 
 from __future__ import annotations
 
