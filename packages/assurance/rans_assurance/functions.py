@@ -1,4 +1,7 @@
-"""Functions behind the commands of this package, which `rans` has as public names."""
+"""Functions behind the commands of this package, which `rans` has as public names.
+
+Arguments and their texts are those of the commands (`rans.cli.door`); a new one needs its line in "Args:".
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Optimal problems of missions: their bounds in comparisons, and what ``rans optimal`` does with them."""
+"""Optimal problems of missions: their bounds in comparisons, and what ``rans optimal`` does with them.
+
+The core finds it by entry points; a mission without an entry here has no bound in comparisons.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""``rans prove``: proofs about closed loops of networks and agents, and the check of their certificates."""
+"""``rans prove``: proofs about closed loops of networks and agents, and the check of their certificates.
+
+Exit codes are an interface: 0 proved or accepted, 1 open or refused; every proof is judged by the checkers before
+it is claimed.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Problems of `rans prove`: plant, start set, horizon and property, as read from a TOML file."""
+"""Problems of `rans prove`: plant, start set, horizon and property, as read from a TOML file.
+
+A problem is stored as its text, which certificates quote: prover and checker read it each by itself.
+"""
 
 from __future__ import annotations
 

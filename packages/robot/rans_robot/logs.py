@@ -1,4 +1,7 @@
-"""Logs of flights from bags: what a robot published and what it was commanded."""
+"""Logs of flights from bags: what a robot published and what it was commanded.
+
+Bags are strangers' files: sizes, times and frames are checked; a log has the form of `rans_robot.identify.log`.
+"""
 
 from __future__ import annotations
 

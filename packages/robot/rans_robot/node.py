@@ -1,4 +1,7 @@
-"""``rans fly``: an agent at its control rate over a bus, recorded, and the same commands again from its bag."""
+"""``rans fly``: an agent at its control rate over a bus, recorded, and the same commands again from its bag.
+
+It owns clock, bus and disk, and leaves every decision to `rans_robot.pilot`; whatever fails, valves are shut first.
+"""
 
 from __future__ import annotations
 

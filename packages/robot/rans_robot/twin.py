@@ -1,4 +1,7 @@
-"""``rans twin``: the robot at the other end of the bus, flown by an engine under a file of randomization."""
+"""``rans twin``: the robot at the other end of the bus, flown by an engine under a file of randomization.
+
+It speaks the robot's end of `rans_robot.interfaces`, so that pilot and twin share units and frames.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Logs of flights from PX4's ULog files, read by `pyulog`."""
+"""Logs of flights from PX4's ULog files, read by `pyulog`.
+
+PX4's frames (north-east-down) become RANS's here and nowhere else; logs are strangers' files.
+"""
 
 from __future__ import annotations
 

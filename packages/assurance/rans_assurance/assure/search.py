@@ -1,4 +1,7 @@
-"""Search for the smallest disturbance that makes an agent fail."""
+"""Search for the smallest disturbance that makes an agent fail.
+
+It searches in single precision and claims only what float64 flies again.
+"""
 
 from __future__ import annotations
 

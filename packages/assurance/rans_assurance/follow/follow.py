@@ -1,4 +1,7 @@
-"""Flights along a path by a velocity tracker with the look-ahead planner, and their tracking errors."""
+"""Flights along a path by a velocity tracker with the look-ahead planner, and their tracking errors.
+
+Errors are measured after the approach alone, (T, N) by step and flight; quantities are those of the paper.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Paths to fly along, and the planner that turns a path into velocity commands."""
+"""Paths to fly along, and the planner that turns a path into velocity commands.
+
+Positions are (d,) in W, m; files of users are checked line by line.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""An assurance as one page that an engineer can sign: the verdict first, and everything that it rests on."""
+"""An assurance as one page that an engineer can sign: the verdict first, and everything that it rests on.
+
+Everything on it is in the JSON beside it; whoever signs relies on the scope in words.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A stress report: rows for the terminal, the JSON file and one HTML page."""
+"""A stress report: rows for the terminal, the JSON file and one HTML page.
+
+Terminal, JSON and page take the same rows from it; keys of the JSON are read back by `report_sections`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Bounds of the first starts of a comparison, for every kind of mission: transfers, landings, inspections."""
+"""Bounds of the first starts of a comparison, for every kind of mission: transfers, landings, inspections.
+
+Bounds are proven lower bounds in N s (kg for landings), and tests compare every flight with them.
+"""
 
 from __future__ import annotations
 

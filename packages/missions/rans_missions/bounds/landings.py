@@ -1,4 +1,7 @@
-"""Landings with the least propellant: bounds, flights in the fast engine and in Drake, and tables."""
+"""Landings with the least propellant: bounds, flights in the fast engine and in Drake, and tables.
+
+Bounds are kg of propellant; each landing is flown in both engines before it counts.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Missions on an orbit with their bounds: contestants and optima from the same starts, and ratios of impulse."""
+"""Missions on an orbit with their bounds: contestants and optima from the same starts, and ratios of impulse.
+
+Ratios are over proven bounds of the same starts, N s; a start without a flight is named and not averaged.
+"""
 
 from __future__ import annotations
 

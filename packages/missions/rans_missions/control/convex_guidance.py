@@ -1,4 +1,8 @@
-"""Guidance by convex programs: plan the least impulse within a mission's limits, fly it, plan again when off it."""
+"""Guidance by convex programs: plan the least impulse within a mission's limits, fly it, plan again when off it.
+
+States are (2 d,) relative to the point, m and m/s in W; plans are those of `rans_missions.convex`, and flights stay
+above its bounds.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Guidance to a place by a deadline: burn the velocity to gain, coast, correct, and brake in time."""
+"""Guidance to a place by a deadline: burn the velocity to gain, coast, correct, and brake in time.
+
+Arrays are (d, N) in W; its law needs no network, so that bounds, missions and comparisons start from it.
+"""
 
 from __future__ import annotations
 

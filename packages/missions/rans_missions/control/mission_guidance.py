@@ -1,4 +1,7 @@
-"""Guidance in closed form for missions on an orbit: the change of velocity that the mission recommends."""
+"""Guidance in closed form for missions on an orbit: the change of velocity that the mission recommends.
+
+Drake, pages and kernels fly the same law; it only reads the state and the notes of the goal.
+"""
 
 from __future__ import annotations
 

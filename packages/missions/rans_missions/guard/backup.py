@@ -1,4 +1,7 @@
-"""Safety filter of on/off and pulsed thrusters: a command passes if a backup manoeuvre is safe after it."""
+"""Safety filter of on/off and pulsed thrusters: a command passes if a backup manoeuvre is safe after it.
+
+Fields (N,): each craft is judged alone; safe means that a manoeuvre from there keeps every margin to the horizon.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Safety filter of throttles by quadratic programs: the nearest command that keeps every margin."""
+"""Safety filter of throttles by quadratic programs: the nearest command that keeps every margin.
+
+Fields (N,): each craft is filtered alone; margins are in the units of their constraints.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Safety filter for passive safety: if all thrusters shut, and stay shut, the coast keeps out of a zone."""
+"""Safety filter for passive safety: if all thrusters shut, and stay shut, the coast keeps out of a zone.
+
+Families of coasts are those of `rans_missions.passive_safety`, whose distances are certified.
+"""
 
 from __future__ import annotations
 

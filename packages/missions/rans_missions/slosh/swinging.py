@@ -1,4 +1,8 @@
-"""Motion of a craft with a pendulum inside, which is the equivalent of a sloshing liquid."""
+"""Motion of a craft with a pendulum inside, which is the equivalent of a sloshing liquid.
+
+The integration has the engine's rules: fields, fixed steps, SI; SciPy's flights test it
+(`tests/slosh/test_slosh_accuracy.py`).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Inspect a target on a circular orbit: see nearly all points of its surface in sunlight from a safe distance."""
+"""Inspect a target on a circular orbit: see nearly all points of its surface in sunlight from a safe distance.
+
+Points, order of columns and random numbers are trained: `tests/tasks/test_inspect.py` has them by hand.
+"""
 
 from __future__ import annotations
 

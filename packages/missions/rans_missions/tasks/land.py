@@ -1,4 +1,7 @@
-"""Land softly at a site under gravity, with engines that cannot be shut and limited propellant."""
+"""Land softly at a site under gravity, with engines that cannot be shut and limited propellant.
+
+Observations are trained, and starts follow from the order of random numbers (`tests/tasks/test_land.py`).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""What was identified: a spacecraft, the conditions to train for, and how well they predict the log."""
+"""What was identified: a spacecraft, the conditions to train for, and how well they predict the log.
+
+Command, files and Python print what it says; a channel that the fit does not explain raises before anything is
+written.
+"""
 
 from __future__ import annotations
 
