@@ -128,7 +128,7 @@ from rans.files import one_at_a_time, read_json, write_json
 file = Path(sys.argv[1])
 print("ready", flush=True)
 sys.stdin.readline()
-for number in range(100):
+for number in range(40):
     with one_at_a_time(file.parent):
         known = read_json(file) if file.exists() else []
         write_json(file, [*known, f"{sys.argv[2]} {number}"])
@@ -160,7 +160,7 @@ def test_who_extends_a_file_loses_nothing_of_others(tmp_path: Path) -> None:
             adder.stdin.write("\n")
             adder.stdin.flush()
         assert [adder.wait(PATIENCE) for adder in adders] == [0, 0]
-    assert sorted(read_json(file)) == sorted(f"{name} {k}" for name in "ab" for k in range(100))
+    assert sorted(read_json(file)) == sorted(f"{name} {k}" for name in "ab" for k in range(40))
 
 
 def test_names_that_differ_have_files_that_differ() -> None:

@@ -24,8 +24,6 @@ from tests.support.engines import (
     actions,
     by_turns,
     run,
-    spin,
-    way_to_go,
 )
 from tests.support.training import CONFIG
 
@@ -53,27 +51,6 @@ def test_episode_k_is_the_same_however_many_fly(backend: Any, craft: Spacecraft)
             seen = step.observation
             number = number + count * begun
         assert number.min() >= 2 * count
-
-
-@by_turns
-def test_ends(backend: Any, craft: Spacecraft) -> None:
-    """Failure ends an episode at once, time ends it after so many steps, and never both."""
-    engine = backend(craft, NEAR, 32, SHORT, seed=1)
-    age = np.zeros(32, dtype=int)
-    ends = np.zeros(2, dtype=int)
-    for step in run(engine):
-        age += 1
-        terminated = step.terminated.numpy()
-        truncated = step.truncated.numpy()
-        far = way_to_go(craft, step.final_observation).numpy() > NEAR.fail_distance
-        fast = (craft.dimension == 3) & (
-            spin(craft, step.final_observation).numpy() > NEAR.fail_spin
-        )
-        np.testing.assert_array_equal(terminated, far | fast)
-        np.testing.assert_array_equal(truncated, (age == SHORT.episode_steps) & ~terminated)
-        ends += terminated.sum(), truncated.sum()
-        age[terminated | truncated] = 0
-    assert ends.min() > 5  # the test saw both kinds
 
 
 @by_turns
@@ -190,28 +167,6 @@ def test_actions_of_any_dtype_and_layout_mean_the_same(backend: Any) -> None:
     seen = [backend(PLATFORM, NEAR, 16, SHORT).step(form).final_observation for form in forms]
     for other in seen[1:]:
         assert torch.equal(other, seen[0])
-
-
-def test_reached_is_within_every_tolerance_on_arrival(backend: Any) -> None:
-    engine = backend(PLATFORM, NEAR, 32, SHORT, seed=1)
-    seen = []
-    for step in run(engine):
-        final = step.final_observation
-        turn = torch.atan2(final[:, 9], final[:, 8]).abs()
-        near = way_to_go(PLATFORM, final) < NEAR.position_tolerance
-        inside = near & (turn < NEAR.attitude_tolerance)
-        assert torch.equal(step.reached, inside)
-        seen.append(inside)
-    assert 0.1 < torch.stack(seen).float().mean() < 0.9
-
-
-def test_errors_are_those_of_the_current_state(backend: Any) -> None:
-    engine = backend(PLATFORM, GoToPose(), 16, seed=1)
-    run(engine, 3)
-    seen = engine.observe()
-    errors = engine.errors()
-    torch.testing.assert_close(errors["position"], way_to_go(PLATFORM, seen))
-    torch.testing.assert_close(errors["attitude"], torch.atan2(seen[:, 9], seen[:, 8]).abs())
 
 
 @pytest.mark.parametrize("count", [0, -1, 2.5, True, "4"])

@@ -80,6 +80,9 @@ def test_limits_and_charges_are_those_of_the_quadratic_program(seed: int) -> Non
         assert (many <= limits).all()
         # Both end within their own tolerances of the least cost.
         assert cost(many) == pytest.approx(exact.fun, abs=1e-5)
+        # What a few passes leave is demanded again in the next period.
+        few = shares(list(demand), columns, PRICE, list(limits), charges=list(charges))
+        assert cost(np.array(few, dtype=float)) <= exact.fun + 0.05 * float(demand @ demand)
 
 
 @pytest.mark.parametrize("shared", [False, True])

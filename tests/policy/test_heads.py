@@ -42,10 +42,10 @@ def test_duties_are_torchs_normal(log_std: torch.Tensor) -> None:
 def test_no_command_is_further_than_six_deviations(dtype: torch.dtype) -> None:
     """At either end of [0, 1], which a random number may round to, a command is infinitely far off else."""
     policy = ClippedGaussian(
-        torch.full((1, 2), 0.5, dtype=dtype), torch.full((2,), math.log(0.1), dtype=dtype)
+        torch.full((1, 2), 0.5, dtype=dtype), torch.tensor([0.1, 0.2], dtype=dtype).log()
     )
     sample = policy.sample(torch.tensor([[0.0, 1.0]], dtype=dtype))
-    torch.testing.assert_close(sample, torch.tensor([[-0.1, 1.1]], dtype=dtype))
+    torch.testing.assert_close(sample, torch.tensor([[-0.1, 1.7]], dtype=dtype))
 
 
 def test_six_deviations_cut_off_nothing_else() -> None:

@@ -12,7 +12,6 @@ import pytest
 from scipy import stats
 
 from rans.episode import step
-from rans.model.dynamics import wrench
 from rans.model.fields import leaves
 from rans.randomization.conditions import (
     BodyConditions,
@@ -225,31 +224,6 @@ def test_misaligned_thrusters_in_space_point_to_all_sides() -> None:
         # Any frame across the thrust serves to measure the bearing.
         one, two = np.linalg.svd(designed[None])[2][1:] @ true
         assert_uniform(np.arctan2(two, one), -math.pi, math.pi)
-
-
-@BOTH
-def test_the_wrench_of_misaligned_thrusters_is_that_of_their_geometry(dimension: int) -> None:
-    """As NumPy has it from arms and forces, about the true centre of mass."""
-    conditions = Conditions(BodyConditions(centre=0.02), ThrusterConditions(misalignment=0.1))
-    craft = CRAFTS[dimension]
-    body = parameters(conditions, dimension, 5).body
-    # A layout may have thrusters elsewhere too.
-    offset = tuple(np.array([0.03, -0.02, 0.01])[:dimension])
-    body = replace(body, mountings=tuple(replace(x, offset=offset) for x in body.mountings))
-    found = leaves(wrench(craft, (1.0,) * craft.thruster_count, body))
-    centre = np.zeros((5, 3))
-    centre[:, :dimension] = np.array(body.centre).T
-    force = np.zeros((5, 3))
-    torque = np.zeros((5, 3))
-    for thruster, mounting in zip(craft.thrusters, body.mountings, strict=True):
-        moved, direction = np.zeros((2, 5, 3))
-        moved[:, :dimension] = mounting.offset
-        direction[:, :dimension] = np.array(mounting.direction).T
-        arm = np.array(thruster.position) - craft.centre_of_mass + moved - centre
-        force += thruster.force * direction
-        torque += np.cross(arm, thruster.force * direction)
-    expected = (force[:, :2], torque[:, 2:]) if dimension == 2 else (force, torque)
-    np.testing.assert_allclose(np.array(found), np.hstack(expected).T, rtol=1e-12, atol=1e-14)
 
 
 def test_directions_in_space_are_uniform_on_the_sphere() -> None:

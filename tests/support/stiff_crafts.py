@@ -1,32 +1,31 @@
 """Random stiff craft in 25 s of closed loop, beside SciPy's DOP853.
 
 Each craft is drawn, written to a file and read again, flown with the substeps that are chosen for it
-(`rans.model.accuracy`), and its commands are integrated once more by equations of this file's own.
+(`rans.model.accuracy`), and its commands are integrated once more by `tests.support.pair_oracle`.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from rans.flight import Controller, Flight, fly
 from rans.model.accuracy import chosen
 from rans.model.actuators import Actuators, OnOff, Pulsed, Throttle
-from rans.model.fields import leaves, unflatten
+from rans.model.fields import unflatten
 from rans.model.spacecraft import Spacecraft, Thruster, controls_every_direction
 from rans.model.spacecraft_file import parse_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
+from tests.support.pair_oracle import Oracle
 from validation.study.sampling import Restless, gaps
 
 BOUND = 1e-4
@@ -168,96 +167,6 @@ def row(number: int, flights: int = 1, pilot: str | None = None) -> Row:
 
 
 def integrated(flight: Flight) -> Any:
-    """The flight's states, (T + 1, N), by DOP853 from its starts and commands."""
-    columns = np.array(leaves(flight.states))  # (width, T + 1, N)
-    motion = _planar(flight.craft) if flight.craft.dimension == 2 else _spatial(flight.craft)
-    result = np.empty_like(columns)
-    for k in range(columns.shape[2]):
-        state = result[:, 0, k] = columns[:, 0, k]
-        for period, command in enumerate(flight.commands[:, k], 1):
-            for duration, shares in _pieces(flight.craft, command, flight.timing.control_period):
-                rate = motion(shares)
-                state = solve_ivp(rate, (0.0, duration), state, "DOP853", rtol=1e-12, atol=1e-13).y[
-                    :, -1
-                ]
-            result[:, period, k] = state
-    return unflatten(flight.states, list(result))
-
-
-def _pieces(
-    craft: Spacecraft, command: np.ndarray, period: float
-) -> Iterator[tuple[float, np.ndarray]]:
-    """Durations (s) and the share of its force that each thruster gives."""
-    kind = craft.actuators
-    counts = kind.counts if isinstance(kind, Pulsed) else 1
-    widths = np.floor(command * counts + 0.5) if isinstance(kind, Pulsed) else np.ones(len(command))
-    if isinstance(kind, Pulsed):
-        widths[widths < kind.least] = 0.0
-    edges = sorted({0.0, float(counts), *widths.tolist()})
-    for begin, end in itertools.pairwise(edges):
-        shares = (widths > begin) * (1.0 if isinstance(kind, Pulsed) else command)
-        nozzles = max(1.0, shares.sum()) if craft.thrust_sharing == "split" else 1.0
-        yield (end - begin) / counts * period, shares / nozzles
-
-
-def _load(craft: Spacecraft, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Force and torque about the centre of mass, from the nozzles."""
-    forces = np.array([t.direction for t in craft.thrusters]) * [[t.force] for t in craft.thrusters]
-    forces *= shares[:, None]
-    arms = np.array([t.position for t in craft.thrusters]) - np.array(craft.centre_of_mass)
-    return forces.sum(axis=0), np.cross(arms, forces).sum(axis=0)
-
-
-def _planar(craft: Spacecraft) -> Callable[[np.ndarray], Any]:
-    def motion(shares: np.ndarray) -> Any:
-        force, torque = _load(craft, shares)
-        a, b, turn = *(force[:2] / craft.mass).tolist(), float(torque[2] / craft.inertia[2][2])
-
-        def rate(_: float, y: np.ndarray) -> list[float]:
-            _, _, angle, u, v, w = y.tolist()
-            c = math.cos(angle)
-            s = math.sin(angle)
-            return [u, v, w, c * a - s * b, s * a + c * b, turn]
-
-        return rate
-
-    return motion
-
-
-def _spatial(craft: Spacecraft) -> Callable[[np.ndarray], Any]:
-    """Euler's equation and the quaternion's, w' = I^-1 (tau - w x I w), q' = q (0, w) / 2."""
-    inertia = np.array(craft.inertia)
-    inverse = np.linalg.inv(inertia)
-
-    def motion(shares: np.ndarray) -> Any:
-        force, torque = _load(craft, shares)
-        (ax, ay, az) = (force / craft.mass).tolist()
-        steady = inverse @ torque
-
-        def rate(_: float, y: np.ndarray) -> list[float]:
-            w, x, y_, z, u, v, s, p, q, r = y[3:].tolist()
-            lx, ly, lz = (inertia @ y[10:]).tolist()
-            spin = steady - inverse @ (q * lz - r * ly, r * lx - p * lz, p * ly - q * lx)
-            return [
-                u,
-                v,
-                s,
-                -0.5 * (x * p + y_ * q + z * r),
-                0.5 * (w * p + y_ * r - z * q),
-                0.5 * (w * q + z * p - x * r),
-                0.5 * (w * r + x * q - y_ * p),
-                (1 - 2 * (y_ * y_ + z * z)) * ax
-                + 2 * (x * y_ - w * z) * ay
-                + 2 * (x * z + w * y_) * az,
-                2 * (x * y_ + w * z) * ax
-                + (1 - 2 * (x * x + z * z)) * ay
-                + 2 * (y_ * z - w * x) * az,
-                2 * (x * z - w * y_) * ax
-                + 2 * (y_ * z + w * x) * ay
-                + (1 - 2 * (x * x + y_ * y_)) * az,
-                *spin.tolist(),
-            ]
-
-        return rate
-
-    return motion
+    """The flight's states, (T + 1, N), by the oracle from its starts and commands."""
+    rows = [Oracle(flight, None, k).fly() for k in range(flight.commands.shape[1])]
+    return unflatten(flight.states, list(np.transpose(rows, (2, 1, 0))))

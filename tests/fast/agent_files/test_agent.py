@@ -323,7 +323,7 @@ def own_filters(**changes: Any) -> Callable[[dict[str, Any]], object]:
         for number, one in enumerate(
             [
                 (architecture(layers=[10**6, 10**6]), "not those of the network"),
-                (architecture(layers=[1] * 10**6), "not those of the network"),
+                (architecture(layers=[1] * 10**5), "not those of the network"),
                 (architecture(layers=[-1]), "is damaged"),
                 (architecture(activation="exec"), "is damaged"),
                 (architecture(thrusters=2**70), "is damaged"),

@@ -178,87 +178,61 @@ def test_numbers_out_of_range(name: str, value: float) -> None:
         PPOSettings(**{name: -1 if whole else value})  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("kind", "name", "value"),
-    [
-        (ScheduleSettings, "max_learning_rate", math.inf),
-        (ScheduleSettings, "anneal", 1.5),
-        (ExplorationSettings, "initial_duty", 1.0),
-        (ExplorationSettings, "log_std_init", 2.5),
-    ],
-)
-def test_numbers_of_a_group_out_of_range(kind: type, name: str, value: float) -> None:
-    with pytest.raises(ConfigError, match=f"{name} must be .*, got {value}"):
-        kind(**{name: value})
-
-
-@pytest.mark.parametrize("layers", [(), (0,), (64, -1)])
-def test_wrong_layers(layers: tuple[int, ...]) -> None:
-    with pytest.raises(ConfigError, match="layers must be 1 to 32 numbers >= 1 and <= 65,536"):
-        PPOSettings(layers=layers)
+RECURRENT_FILTERS: dict[str, Any] = {
+    "filters": FilterSettings((1.0,)),
+    "memory": MemorySettings("recurrent"),
+    "symmetric": False,
+}
+LAYERS = "layers must be 1 to 32 numbers >= 1 and <= 65,536"
 
 
 @pytest.mark.parametrize(
-    ("values", "message"),
+    ("kind", "values", "message"),
     [
-        ({"kind": "histori"}, "kind must be one of none, history, commands, recurrent, got"),
-        ({"history": -1}, "history must be >= 0 and <= 65,536, got -1"),
-        ({"averages": (0.5,)}, "averages are of a history, so that memory.kind must be 'history'"),
-        ({"kind": "history", "averages": 0.5}, "averages must be numbers between 0 and 1, got 0.5"),
-        ({"kind": "commands", "history": 0}, "with history 0 and no averages stores nothing"),
-    ],
-)
-def test_wrong_memory(values: dict[str, Any], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        MemorySettings(**values)
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"drift": (0.0,)}, "drift must be numbers >= 1e-6 and <= 1e6, got \\[0.0\\]"),
-        ({"drift": 0.5}, "drift must be numbers >= 1e-6 and <= 1e6, got 0.5"),
-        ({"steady": (1.0,)}, "steady has 1 numbers for 0 filters: give one for each"),
-        ({"drift": (1.0,), "steady": (-1.0,)}, "steady must be numbers >= 1e-6 and <= 1e6"),
-        ({"response": (1.0,)}, "response has 1 numbers for 0 filters: give one for each"),
-        ({"drift": (1.0,), "response": (-1.0,)}, "response must be numbers >= 1e-6"),
-    ],
-)
-def test_wrong_filters(values: dict[str, Any], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        FilterSettings(**values)
-
-
-@pytest.mark.parametrize("averages", [(0.0,), (0.5, 1.0), (math.nan,)])
-def test_wrong_averages(averages: tuple[float, ...]) -> None:
-    with pytest.raises(ConfigError, match=r"averages must be numbers between 0 and 1, got "):
-        MemorySettings("history", averages=averages)
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"matmul": "fp8"}, "matmul must be one of float32, tf32, bf16, got 'fp8'"),
         (
-            {
-                "filters": FilterSettings((1.0,)),
-                "memory": MemorySettings("recurrent"),
-                "symmetric": False,
-            },
-            "not with memory 'recurrent'",
+            ScheduleSettings,
+            {"max_learning_rate": math.inf},
+            "max_learning_rate must be .*, got inf",
         ),
-        ({"gamma": "x"}, r"gamma must be in \(0, 1\], got 'x'"),
-        ({"layers": "x"}, "layers must be 1 to 32 numbers"),
+        (ScheduleSettings, {"anneal": 1.5}, "anneal must be .*, got 1.5"),
+        (ExplorationSettings, {"initial_duty": 1.0}, "initial_duty must be .*, got 1.0"),
+        (ExplorationSettings, {"log_std_init": 2.5}, "log_std_init must be .*, got 2.5"),
+        (PPOSettings, {"layers": ()}, LAYERS),
+        (PPOSettings, {"layers": (0,)}, LAYERS),
+        (PPOSettings, {"layers": (64, -1)}, LAYERS),
+        (PPOSettings, {"layers": "x"}, LAYERS),
+        (PPOSettings, {"matmul": "fp8"}, "matmul must be one of float32, tf32, bf16, got 'fp8'"),
+        (PPOSettings, RECURRENT_FILTERS, "not with memory 'recurrent'"),
+        (PPOSettings, {"gamma": "x"}, r"gamma must be in \(0, 1\], got 'x'"),
+        # One transition has no spread to normalise.
+        (PPOSettings, {"batch_size": 1}, r"batch_size must be >= 2 and < 2\^31, got 1"),
+        (
+            MemorySettings,
+            {"kind": "histori"},
+            "kind must be one of none, history, commands, recurr",
+        ),
+        (MemorySettings, {"history": -1}, "history must be >= 0 and <= 65,536, got -1"),
+        (MemorySettings, {"averages": (0.5,)}, "so that memory.kind must be 'history'"),
+        *(
+            (MemorySettings, {"kind": "history", "averages": wrong}, "numbers between 0 and 1, got")
+            for wrong in (0.5, (0.0,), (0.5, 1.0), (math.nan,))
+        ),
+        (MemorySettings, {"kind": "commands", "history": 0}, "and no averages stores nothing"),
+        (FilterSettings, {"drift": (0.0,)}, r"drift must be numbers >= 1e-6 .*, got \[0.0\]"),
+        (FilterSettings, {"drift": 0.5}, "drift must be numbers >= 1e-6 and <= 1e6, got 0.5"),
+        (FilterSettings, {"steady": (1.0,)}, "steady has 1 numbers for 0 filters: give one for"),
+        (FilterSettings, {"drift": (1.0,), "steady": (-1.0,)}, "steady must be numbers >= 1e-6"),
+        (FilterSettings, {"response": (1.0,)}, "response has 1 numbers for 0 filters: give one"),
+        (
+            FilterSettings,
+            {"drift": (1.0,), "response": (-1.0,)},
+            "response must be numbers >= 1e-6",
+        ),
     ],
 )
-def test_what_no_network_is(given: dict[str, Any], message: str) -> None:
+def test_wrong_settings(kind: type, values: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        PPOSettings(**given)
-
-
-def test_one_transition_has_no_spread_to_normalise() -> None:
-    with pytest.raises(ConfigError, match=r"batch_size must be >= 2 and < 2\^31, got 1"):
-        PPOSettings(batch_size=1)
+        kind(**values)
 
 
 def test_every_setting_of_ppo_is_set_by_somebody() -> None:

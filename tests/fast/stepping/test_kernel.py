@@ -18,14 +18,14 @@ from rans.fast.stepping import kernel as step_kernel
 from rans.fast.stepping.kernel import Kernel
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.body import Body
-from rans.model.drift import FREE, Drift, UniformGravity, step_goal
+from rans.model.drift import Drift, UniformGravity
 from rans.model.fields import where
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, FaultConditions, ThrusterConditions
 from rans.tasks import TASKS, GoToPose
 from tests.support.crafts import ANY_CRAFT
-from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions
+from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
 from tests.support.host_kernels import SEED, TOLERANCE, compare, needs_compiler
 from tests.support.switching import SwitchingGoToPose
 from tests.support.worlds import EFFECTS, PAIRS
@@ -45,17 +45,6 @@ def ends(on_host: Any, *made: Any, steps: int = 25, form: Any = torch.uint8, **h
     """Episodes that end where the kernel and NumPy fly alike, by default in double precision."""
     given: Any = {"seed": SEED, "dtype": torch.float64} | how
     return compare(Engine(*made, **given), on_host(*made, **given), steps, form)
-
-
-def by_turns(test: Any) -> Any:
-    """One spacecraft of the plane a thread, and two in space."""
-    both = pytest.mark.parametrize(
-        ("craft", "together"),
-        [(PLATFORM, 1), (FLYER, 2)],
-        indirect=["together"],
-        ids=lambda x: getattr(x, "name", str(x)),
-    )
-    return pytest.mark.usefixtures("together")(both(test))
 
 
 def two_a_thread(test: Any) -> Any:
@@ -310,33 +299,13 @@ def test_numbers_that_are_not_finite(on_host: Any) -> None:
     assert ends(on_host, PLATFORM, like_near(Unbounded), 16, SHORT) > 16
 
 
-@by_turns
+@both_crafts
 def test_a_body_for_every_spacecraft(on_host: Any, craft: Spacecraft) -> None:
     nominal = Body.of(craft)
     scale = torch.linspace(0.5, 2.0, 16, dtype=torch.float64)
     gain = tuple(torch.roll(scale, k).clamp(max=1.0) for k in range(len(craft.thrusters)))
     body = replace(nominal, mass=nominal.mass * scale, gain=gain)
     assert ends(on_host, craft, NEAR, 16, SHORT, body=body) > 16
-
-
-@dataclass(frozen=True)
-class Chase(GoToPose):
-    """The goal moves on, as nothing pushes it."""
-
-    def later(self, goal: Any, time: Any) -> Any:
-        return step_goal(
-            replace(goal, v=type(goal.v)(*(x + 0.3 for x in goal.v.columns()))), FREE, time
-        )
-
-
-@by_turns
-def test_a_goal_that_moves(on_host: Any, craft: Spacecraft) -> None:
-    task = like_near(Chase)
-    ours = Engine(craft, task, 16, SHORT)
-    first = np.array(ours.goal.p.x)
-    ours.step(actions(craft, 16, 1)[0])
-    assert (ours.goal.p.x != first).any()
-    assert ends(on_host, craft, task, 16, SHORT) > 16
 
 
 @two_a_thread

@@ -11,7 +11,6 @@ import pytest
 import torch
 
 from rans.fast.engine import Engine
-from rans.fast.stepping.step import Step
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -28,42 +27,24 @@ from tests.support.engines import (
     run,
     torch_engine,
 )
+from tests.support.host_kernels import compare
 
 
-def compare(
-    craft: Spacecraft,
-    dtype: torch.dtype,
-    tolerance: float,
-    other: Any,
-    conditions: Conditions | None = None,
-) -> None:
-    """Fly the same commands on NumPy and with another engine."""
+def alike(craft: Spacecraft, dtype: torch.dtype = torch.float64, **how: Any) -> None:
+    """The same commands on NumPy and with torch, through many ends."""
     ours, theirs = (
-        make(craft, NEAR, 64, SHORT, seed=2, dtype=dtype, conditions=conditions)
-        for make in (Engine, other)
+        make(craft, NEAR, 64, SHORT, seed=2, dtype=dtype, **how) for make in (Engine, torch_engine)
     )
-    for action in actions(craft, 64, 45):
-        a = ours.step(action)
-        b = theirs.step(action)
-        for name, x, y in zip(Step._fields, a, b, strict=True):
-            assert (x.shape, x.dtype) == (y.shape, y.dtype), name
-            torch.testing.assert_close(
-                x, y, rtol=0, atol=tolerance, msg=lambda m, n=name: f"{n}: {m}"
-            )
+    assert compare(ours, theirs, 45 if dtype == torch.float64 else 25) > 64
 
 
 @pytest.mark.parametrize(
-    ("craft", "dtype", "tolerance"),
-    [
-        # 20 steps multiply a last place of values up to 4 by a few hundred at most.
-        (FLYER, torch.float64, 1e-12),
-        (PLATFORM, torch.float64, 1e-12),
-        (PLATFORM, torch.float32, 1e-4),
-    ],
+    ("craft", "dtype"),
+    [(FLYER, torch.float64), (PLATFORM, torch.float64), (PLATFORM, torch.float32)],
 )
-def test_numpy_and_torch_agree(craft: Spacecraft, dtype: torch.dtype, tolerance: float) -> None:
+def test_numpy_and_torch_agree(craft: Spacecraft, dtype: torch.dtype) -> None:
     with torch.compiler.set_stance("force_eager"):
-        compare(craft, dtype, tolerance, torch_engine)
+        alike(craft, dtype)
 
 
 @pytest.mark.skipif(
@@ -76,7 +57,7 @@ def test_numpy_and_torch_agree(craft: Spacecraft, dtype: torch.dtype, tolerance:
 def test_numpy_and_compiled_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     # Processes that compile beside this one would each import torch.
     monkeypatch.setattr("torch._inductor.config.compile_threads", 1)
-    compare(PLATFORM, torch.float64, 1e-12, torch_engine)  # tolerance as above
+    alike(PLATFORM)
 
 
 @pytest.mark.slow
@@ -86,14 +67,14 @@ def test_sets_of_thrusters_are_nothing_that_a_compiler_has_to_trace(
     """Which of them are recoverable is found by linear programmes, once for all steps."""
     monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))
     faults = Conditions(faults=FaultConditions(count=1.0, among="recoverable"))
-    compare(PLATFORM, torch.float64, 1e-12, torch_engine, faults)  # tolerance as above
+    alike(PLATFORM, conditions=faults)
 
 
 @pytest.mark.slow
 def test_a_step_in_space_is_one_graph(monkeypatch: pytest.MonkeyPatch) -> None:
     """What torch's compiler is given, without the 20 s it would then take for the machine's code."""
     monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))
-    compare(FLYER, torch.float64, 1e-12, torch_engine)  # tolerance as above
+    alike(FLYER)
 
 
 @dataclasses.dataclass(frozen=True)
