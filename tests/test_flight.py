@@ -15,7 +15,7 @@ from rans.api.agent import load_agent
 from rans.api.flying import fly as fly_named
 from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import returns
-from rans.flight import fly, outran
+from rans.flight import Flight, fly, outran
 from rans.model.accuracy import fastest
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
@@ -258,11 +258,15 @@ def test_a_stuck_thruster_that_outruns_the_substeps_is_reported() -> None:
         flown(GoToPose(fail_spin=1e3, fail_distance=1e3))
 
 
+def by_lqr() -> Flight:
+    """Two episodes of three periods."""
+    starts = scenarios(GoToPose(), PLANAR, 7, 2)
+    return fly(PLANAR, GoToPose(), LQR(PLANAR, "go-to-pose"), starts, Timing(episode_steps=3))
+
+
 def test_an_episode_as_a_table_with_units(tmp_path: Path) -> None:
     """The second of two episodes, read by the standard library; an open thruster is held from its row on."""
-    craft = load_spacecraft("floating-platform")
-    starts = scenarios(GoToPose(), craft, 7, 2)
-    flight = fly(craft, GoToPose(), LQR(craft, GoToPose()), starts, Timing(episode_steps=3))
+    flight = by_lqr()
     with flight.to_csv(tmp_path / "flight.csv", 1).open() as file:
         rows = list(csv.DictReader(file))
     assert [float(row["t (s)"]) for row in rows] == pytest.approx([0.0, 0.2, 0.4, 0.6])
@@ -278,9 +282,7 @@ def test_an_episode_as_a_table_with_units(tmp_path: Path) -> None:
 
 def test_a_flight_draws_each_of_its_episodes() -> None:
     """The path in the figure of an episode is that of its positions."""
-    craft = load_spacecraft("floating-platform")
-    starts = scenarios(GoToPose(), craft, 7, 2)
-    flight = fly(craft, GoToPose(), LQR(craft, GoToPose()), starts, Timing(episode_steps=3))
+    flight = by_lqr()
     path = np.stack([flight.states.p.x[:, 1], flight.states.p.y[:, 1]], axis=1)
     lines = [line.get_xydata() for axes in flight.plot(1).axes for line in axes.lines]
     assert any(np.shape(line) == path.shape and np.allclose(line, path) for line in lines)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 import torch
@@ -17,21 +18,22 @@ SPREADS = [torch.linspace(-3.0, 1.0, 8, dtype=torch.float64), 0.3 * MEAN - 1.0]
 """Logarithms of standard deviations: of each thruster, and of each in each state."""
 
 
-def test_on_off_is_torchs_bernoulli() -> None:
-    ours = OnOff(3.0 * MEAN)
-    theirs = Independent(Bernoulli(logits=3.0 * MEAN, validate_args=True), 1)
-    action = (torch.rand(20, 8, generator=GENERATOR, dtype=torch.float64) < 0.5).double()
-    torch.testing.assert_close(
-        ours.log_prob(action), theirs.log_prob(action), rtol=1e-12, atol=1e-12
-    )
-    torch.testing.assert_close(ours.entropy(), theirs.entropy(), rtol=1e-12, atol=1e-12)
+BITS = (torch.rand(20, 8, generator=GENERATOR, dtype=torch.float64) < 0.5).double()
 
 
-@pytest.mark.parametrize("log_std", SPREADS, ids=["of all", "of each"])
-def test_duties_are_torchs_normal(log_std: torch.Tensor) -> None:
-    ours = ClippedGaussian(MEAN, log_std)
-    theirs = Independent(Normal(MEAN, log_std.exp().expand_as(MEAN)), 1)
-    action = torch.randn(20, 8, generator=GENERATOR, dtype=torch.float64)
+@pytest.mark.parametrize(
+    ("ours", "theirs", "action"),
+    [
+        (OnOff(3.0 * MEAN), Bernoulli(logits=3.0 * MEAN, validate_args=True), BITS),
+        *(
+            (ClippedGaussian(MEAN, x), Normal(MEAN, x.exp().expand_as(MEAN)), MEAN.flip(0))
+            for x in SPREADS
+        ),
+    ],
+    ids=["on/off", "duties, spread of all", "duties, spread of each"],
+)
+def test_distributions_are_torchs(ours: Any, theirs: Any, action: torch.Tensor) -> None:
+    theirs = Independent(theirs, 1)
     torch.testing.assert_close(
         ours.log_prob(action), theirs.log_prob(action), rtol=1e-12, atol=1e-12
     )

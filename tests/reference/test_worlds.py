@@ -203,35 +203,29 @@ def wrong_coriolis(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ClohessyWiltshire, "carry", carry)
 
 
-def gain_on_the_next_nozzle(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.model.dynamics.thrust
-    monkeypatch.setattr(
-        rans.model.dynamics,
-        "thrust",
-        lambda craft, command, body: true(
-            craft, command, replace(body, gain=(*body.gain[1:], body.gain[0]))
-        ),
-    )
+def of_another_body(
+    name: str, change: Callable[[Body], dict[str, Any]]
+) -> Callable[[pytest.MonkeyPatch], None]:
+    """A function of the dynamics is given a body with a change."""
+
+    def plant(monkeypatch: pytest.MonkeyPatch) -> None:
+        true = getattr(rans.model.dynamics, name)
+        monkeypatch.setattr(
+            rans.model.dynamics,
+            name,
+            lambda craft, command, body: true(craft, command, replace(body, **change(body))),
+        )
+
+    return plant
 
 
-def leak_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.model.dynamics.thrust
-    monkeypatch.setattr(
-        rans.model.dynamics,
-        "thrust",
-        lambda craft, command, body: true(craft, command, replace(body, leak=())),
-    )
-
-
-def centre_to_the_other_side(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.model.dynamics.wrench
-    monkeypatch.setattr(
-        rans.model.dynamics,
-        "wrench",
-        lambda craft, command, body: true(
-            craft, command, replace(body, centre=tuple(-x for x in body.centre))
-        ),
-    )
+gain_on_the_next_nozzle = of_another_body(
+    "thrust", lambda body: {"gain": (*body.gain[1:], body.gain[0])}
+)
+leak_forgotten = of_another_body("thrust", lambda _: {"leak": ()})
+centre_to_the_other_side = of_another_body(
+    "wrench", lambda body: {"centre": tuple(-x for x in body.centre)}
+)
 
 
 def pulse_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:

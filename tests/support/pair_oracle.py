@@ -79,6 +79,9 @@ class Oracle:
         drift = self.drift
         n = drift.mean_motion if isinstance(drift, ClohessyWiltshire) else 0.0
         self.turning = np.array([0.0, 0.0, n])
+        self.gravity = np.zeros(3)
+        if isinstance(drift, UniformGravity):
+            self.gravity[: len(drift.acceleration)] = drift.acceleration
 
     def _one(self, field: Any) -> Any:
         return float(field[self.number]) if np.ndim(field) == 1 else field
@@ -312,8 +315,7 @@ class Oracle:
                 gone = 2 * -c / (b + math.sqrt(b * b - 4 * a * c))
         until = gone or duration
         rate = self._rate(load, flows, motors, pull, duration, speed)
-        y = solve_ivp(rate, (0.0, until), y, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
-        y[3:7] /= math.hypot(*y[3:7])
+        y = _integrated(rate, y, until)
         if gone and gone < duration:
             y[13] = 0.0
             return self._carried(y, duration - gone, load, flows, motors, pull)
@@ -333,11 +335,8 @@ class Oracle:
         system[3:, :3] = (self.axes.T * self.rotors).T
         system[3:, 3:] = np.diag(self.rotors)
         constant = np.linalg.inv(system)
-        drift = self.drift
         n = self.turning[2]
-        gravity = np.zeros(3)
-        if isinstance(drift, UniformGravity):
-            gravity[: len(drift.acceleration)] = drift.acceleration
+        gravity = self.gravity
 
         def rate(time: float, y: np.ndarray) -> np.ndarray:
             share = time / duration
@@ -359,17 +358,29 @@ class Oracle:
                 faster = np.linalg.solve(matrix, known)
             else:
                 faster = constant @ known
-            p, q, r = (w - self.turning @ R).tolist()
-            turned = (
-                -0.5 * (b * p + c * q + d * r),
-                0.5 * (a * p + c * r - d * q),
-                0.5 * (a * q + d * p - b * r),
-                0.5 * (a * r + b * q - c * p),
-            )
+            turned = _turned((a, b, c, d), (w - self.turning @ R).tolist())
             burn = -(flow + share * more_flow) / speed
             return np.array([vx, vy, vz, *turned, *pushed, *faster[:3], burn, *faster[3:]])
 
         return rate
+
+
+def _integrated(rate: Any, y: np.ndarray, duration: float) -> np.ndarray:
+    y = solve_ivp(rate, (0.0, duration), y, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+    y[3:7] /= math.hypot(*y[3:7])
+    return y
+
+
+def _turned(attitude: Any, spin: Any) -> tuple[float, float, float, float]:
+    """Rate of a quaternion (w, x, y, z) by a spin in B."""
+    a, b, c, d = attitude
+    p, q, r = spin
+    return (
+        -0.5 * (b * p + c * q + d * r),
+        0.5 * (a * p + c * r - d * q),
+        0.5 * (a * q + d * p - b * r),
+        0.5 * (a * r + b * q - c * p),
+    )
 
 
 def _matrix(a: float, b: float, c: float, d: float) -> np.ndarray:
@@ -465,18 +476,14 @@ class SwingingOracle(Oracle):
         self, y: np.ndarray, duration: float, load: Any, flows: Any, motors: np.ndarray, pull: Any
     ) -> np.ndarray:
         rate = self._swinging(load, motors, pull, duration)
-        y = solve_ivp(rate, (0.0, duration), y, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
-        y[3:7] /= math.hypot(*y[3:7])
-        return y
+        return _integrated(rate, y, duration)
 
     def _swinging(self, load: Any, motors: np.ndarray, pull: Any, duration: float) -> Any:
         (force, torque), (more_force, more_torque) = load
         pull_force, pull_torque = pull
         one = self.pendulum
         count = len(self.rotors)
-        gravity = np.zeros(3)
-        if isinstance(self.drift, UniformGravity):
-            gravity[: len(self.drift.acceleration)] = self.drift.acceleration
+        gravity = self.gravity
         flat = self.craft.dimension == 2
         cross = np.cross
         # Columns: acceleration of the rigid part, w', the rod's second derivative seen from B, tension, s'.
@@ -531,13 +538,7 @@ class SwingingOracle(Oracle):
                 left[6:8] = 0.0
                 left[6, 3] = left[7, 4] = 1.0
             solved = np.linalg.solve(left, right)
-            p, q, r = w
-            turned = (
-                -0.5 * (b * p + c * q + d * r),
-                0.5 * (a * p + c * r - d * q),
-                0.5 * (a * q + d * p - b * r),
-                0.5 * (a * r + b * q - c * p),
-            )
+            turned = _turned((a, b, c, d), w)
             return np.array(
                 [
                     *y[7:10],

@@ -6,6 +6,7 @@ import itertools
 import math
 import warnings
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -40,20 +41,12 @@ def lopsided() -> Spacecraft:
 
 def through() -> Spacecraft:
     """Four equal thrusters of 1 and -1 quanta and two through the centre: pulses, but no parity."""
-    return _equal(
-        "through",
-        ((0.3, 0.1, 80.0), (-0.2, 0.3, 190.0), (0.2, 0.0, 0.0), (-0.1, 0.0, 180.0)),
-        (0.25, -0.25, 0.0, 0.0),
-    )
+    return _equal("through", 180.0, (0.25, -0.25, 0.0, 0.0))
 
 
 def doubled() -> Spacecraft:
     """Four equal thrusters with torques of 2, -1, 1 and 0 quanta."""
-    return _equal(
-        "doubled",
-        ((0.3, 0.1, 80.0), (-0.2, 0.3, 190.0), (0.2, 0.0, 0.0), (-0.1, 0.0, 200.0)),
-        (0.4, -0.2, 0.2, 0.0),
-    )
+    return _equal("doubled", 200.0, (0.4, -0.2, 0.2, 0.0))
 
 
 def centred() -> Spacecraft:
@@ -70,10 +63,9 @@ def centred() -> Spacecraft:
         return Spacecraft("centred", 2, 4.0, sphere, tuple(nozzles), centre_of_mass=centre)
 
 
-def _equal(
-    name: str, layout: tuple[tuple[float, float, float], ...], arms: tuple[float, ...]
-) -> Spacecraft:
+def _equal(name: str, last: float, arms: tuple[float, ...]) -> Spacecraft:
     """Thrusters of 1 N by heading (degrees), moved sideways until their arms are exactly the given ones."""
+    layout = ((0.3, 0.1, 80.0), (-0.2, 0.3, 190.0), (0.2, 0.0, 0.0), (-0.1, 0.0, last))
     nozzles = []
     for (x, y, degrees), arm in zip(layout, arms, strict=True):
         c = math.cos(math.radians(degrees))
@@ -96,7 +88,7 @@ class Flown:
     """(M, N, thrusters)."""
     fuel: np.ndarray
     """(M,) N s."""
-    final: PlanarState
+    final: Any
     """Fields (M,)."""
 
     def errors(self, goal: PlanarState) -> dict[str, np.ndarray]:
@@ -115,14 +107,16 @@ class Flown:
         return np.all([errors[name] <= getattr(goal_set, name) + 1e-9 for name in names], axis=0)
 
 
-def fly_everything(craft: Spacecraft, start: PlanarState, steps: int) -> Flown:
+def fly_everything(craft: Spacecraft, start: Any, steps: int, substeps: int = 1) -> Flown:
     """All 2^(thrusters N) sequences, with the equations of the engines."""
     every = np.array(list(itertools.product((0.0, 1.0), repeat=len(craft.thrusters))))
     choice = np.array(list(itertools.product(range(len(every)), repeat=steps)))
     commands = every[choice]
     state = unflatten(start, [np.full(len(choice), x) for x in leaves(start)])
     for k in range(steps):
-        state = advance(state, wrench(craft, tuple(commands[:, k].T)), Body.of(craft), PERIOD)
+        state = advance(
+            state, wrench(craft, tuple(commands[:, k].T)), Body.of(craft), PERIOD, substeps
+        )
     forces = np.array([thruster.force for thruster in craft.thrusters])
     return Flown(commands, commands.sum(axis=1) @ forces * PERIOD, state)
 

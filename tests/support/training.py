@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import stable_baselines3
 import torch
 from stable_baselines3.common.buffers import RolloutBuffer
@@ -20,7 +21,7 @@ from torch import Tensor
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
-from rans.fast.learn.config import PPOSettings, TrainConfig
+from rans.fast.learn.config import MemorySettings, PPOSettings, TrainConfig
 from rans.fast.learn.member import begin
 from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.rollout import Batch
@@ -34,7 +35,7 @@ from rans.policy.predict import policy_spaces
 from rans.tasks import GoToPose, observation
 from rans.tasks.derived import layout
 from tests.support.crafts import random_states
-from tests.support.engines import NEAR, PLATFORM, SHORT
+from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT
 
 TINY = PPOSettings(n_envs=16, n_steps=8, batch_size=64, n_epochs=2, layers=(16, 16))
 CONFIG = TrainConfig(
@@ -53,6 +54,18 @@ EASY = GoToPose(
     attitude_tolerance=4.0,
 )
 """Solved by whoever does not fail."""
+
+
+MACHINE_CODE_CASES = pytest.mark.parametrize(
+    ("craft", "settings"),
+    [
+        (PLATFORM, {"layers": (64, 64), "symmetric": True}),
+        (FLYER, {"layers": (40, 33, 7), "activation": "elu", "zoom": 4.0, "symmetric": True}),
+        (PLATFORM, {"layers": (20,), "activation": "relu", "memory": MemorySettings("history", 2)}),
+    ],
+    ids=["plane", "space, elu, three layers", "relu, one layer, a history"],
+)
+"""Networks that a processor's machine code answers and learns."""
 
 
 def settings_with(settings: PPOSettings, **values: Any) -> PPOSettings:

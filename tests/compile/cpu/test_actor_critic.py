@@ -11,28 +11,19 @@ import torch
 
 from rans.compile.cpu.actor_critic import CpuActorCritic
 from rans.fast.engine import Engine
-from rans.fast.learn.config import MemorySettings, PPOSettings
+from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import architecture_of
 from rans.policy.network import Network
 from rans.policy.symmetry import symmetries
 from rans.tasks import MultiTask
 from rans.tasks.derived import layout
-from tests.support.engines import FLYER, NEAR, PLATFORM
-from tests.support.training import collected, scatter
+from tests.support.engines import NEAR, PLATFORM
+from tests.support.training import MACHINE_CODE_CASES, collected, scatter
 
 SIDES: Any = symmetries(PLATFORM)
-CASES = pytest.mark.parametrize(
-    ("craft", "settings"),
-    [
-        (PLATFORM, {"layers": (64, 64), "symmetric": True}),
-        (FLYER, {"layers": (40, 33, 7), "activation": "elu", "zoom": 4.0, "symmetric": True}),
-        (PLATFORM, {"layers": (20,), "activation": "relu", "memory": MemorySettings("history", 2)}),
-    ],
-    ids=["plane", "space, elu, three layers", "relu, one layer, a history"],
-)
 
 
-@CASES
+@MACHINE_CODE_CASES
 def test_answers_are_torchs(craft: Any, settings: Any) -> None:
     count = 75
     network = collected(craft, **settings)[0].network

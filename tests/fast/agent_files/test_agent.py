@@ -122,10 +122,10 @@ def test_code_that_no_list_knows_is_not_run_either(
     file = folder / "policy.zip"
     ran = tmp_path / "ran"
     before = opened(folder).network.tensors
-    trapped(file, ran)
-    assert all(torch.equal(x, before[name]) for name, x in opened(folder).network.tensors.items())
-    trapped_weights(file, ran)
-    assert all(torch.equal(x, before[name]) for name, x in opened(folder).network.tensors.items())
+    for trap in (trapped, trapped_weights):
+        trap(file, ran)
+        now = opened(folder).network.tensors
+        assert all(torch.equal(x, before[name]) for name, x in now.items())
     assert not ran.exists()
 
 

@@ -12,21 +12,10 @@ from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.cpu_gradient import CpuGradient
 from rans.fast.learn.ppo import losses
 from rans.fast.learn.rollout import minibatches
-from tests.support.engines import FLYER, PLATFORM
-from tests.support.training import collected, tiny_learner
-
-CASES = pytest.mark.parametrize(
-    ("craft", "settings"),
-    [
-        (PLATFORM, {"layers": (64, 64), "symmetric": True}),
-        (FLYER, {"layers": (40, 33, 7), "activation": "elu", "zoom": 4.0, "symmetric": True}),
-        (PLATFORM, {"layers": (20,), "activation": "relu", "memory": MemorySettings("history", 2)}),
-    ],
-    ids=["plane", "space, elu, three layers", "relu, one layer, a history"],
-)
+from tests.support.training import MACHINE_CODE_CASES, collected, tiny_learner
 
 
-@CASES
+@MACHINE_CODE_CASES
 def test_gradients_are_autograds(craft: Any, settings: Any) -> None:
     learner, batch = collected(craft, **settings)
     learner.backend = machine = CpuGradient(learner.network, learner.adam, learner.coefficients)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import sys
 from collections.abc import Callable
@@ -19,7 +18,7 @@ from rans.errors import ConfigError, NonFiniteState
 from rans.model.actuators import Throttle
 from rans.model.body import Body
 from rans.model.dynamics import SpatialState, advance, wrench
-from rans.model.fields import Quat, Vec3, leaves, map_leaves, unflatten
+from rans.model.fields import Quat, Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate import hull
@@ -40,6 +39,7 @@ from tests.support.space_reach import (
     moving,
     near,
 )
+from tests.support.tiny_lattice import fly_everything
 
 LOOSE = GoalSet(0.02, 0.02, 0.05, 0.1)
 
@@ -80,25 +80,14 @@ def _bounds_only(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(f"rans_space_certificates.bounder.{search}", lambda *_, **__: None)
 
 
-def everything(
-    craft: Spacecraft, start: SpatialState, steps: int
-) -> tuple[np.ndarray, SpatialState]:
-    """Fuel and final state of all sequences, by the equations of the engines."""
-    patterns = np.array(list(itertools.product((0.0, 1.0), repeat=len(craft.thrusters))))
-    commands = patterns[np.array(list(itertools.product(range(len(patterns)), repeat=steps)))]
-    state = unflatten(start, [np.full(len(commands), x) for x in leaves(start)])
-    for k in range(steps):
-        state = advance(state, wrench(craft, tuple(commands[:, k].T)), Body.of(craft), PERIOD, 4)
-    forces = np.array([t.force for t in craft.thrusters])
-    return commands.sum(axis=1) @ forces * PERIOD, state
-
-
 def instance(
     craft: Spacecraft, steps: int, seed: int, spin: float = 0.0
 ) -> tuple[Any, Any, np.ndarray, Any]:
     """A moving start, a goal that some sequence just reaches, all fuels and all final states."""
     start = moving(seed, spin)
-    spent, final = everything(craft, start, steps)
+    flown = fly_everything(craft, start, steps, substeps=4)
+    spent = flown.fuel
+    final = flown.final
     pick = np.random.default_rng(seed).integers(len(spent))
     end = map_leaves(lambda x: float(x[pick]), final)
     goal = replace(end, p=end.p + Vec3(0.004, -0.003, 0.005), w=Vec3(0.0, 0.0, 0.0))
