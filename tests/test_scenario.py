@@ -152,22 +152,10 @@ def test_draws_of_neighbours_are_independent() -> None:
         assert stats.chisquare(cells.ravel()).pvalue > FALSE_ALARM / len(neighbours), name
 
 
-def test_directions_are_isotropic() -> None:
-    random = Random(3, *seed_words(1), np.arange(20_000, dtype=np.int32), np.float64)
-    direction = np.stack(random.direction().columns())
-    np.testing.assert_allclose(np.linalg.norm(direction, axis=0), 1.0, rtol=0, atol=1e-15)
-    generator = np.random.default_rng(0)
-    for axis in (*np.eye(3), *(v / np.linalg.norm(v) for v in generator.normal(size=(3, 3)))):
-        height = axis @ direction  # uniform along any axis, after Archimedes
-        assert stats.kstest(height, stats.uniform(-1, 2).cdf).pvalue > FALSE_ALARM / 6
-
-
-def test_bearings_and_headings_cover_the_full_circle() -> None:
+def test_headings_cover_the_full_circle() -> None:
     random = Random(2, *seed_words(2), np.arange(20_000, dtype=np.int32), np.float64)
-    bearing = np.arctan2(*reversed(random.direction().columns()))
     heading = random.attitude().columns()
     circle = stats.uniform(-math.pi, math.tau).cdf
-    assert stats.kstest(bearing, circle).pvalue > FALSE_ALARM
     assert stats.kstest(np.arctan2(heading[1], heading[0]), circle).pvalue > FALSE_ALARM
 
 

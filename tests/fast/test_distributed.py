@@ -23,7 +23,7 @@ from rans.fast.distributed import ALONE, Processes, join
 from rans.fast.engine import Engine
 from rans.fast.learn.config import MemorySettings, PPOSettings
 from rans.fast.learn.member import architecture_of, begin, statistics
-from rans.fast.learn.ppo import PPOLearner, act
+from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.sweep import Sweep
 from rans.model.spacecraft_file import load_spacecraft
@@ -197,16 +197,6 @@ def test_alone_nothing_changes() -> None:
 def test_a_share_must_be_whole() -> None:
     with pytest.raises(ConfigError, match="n_envs must be a multiple of the 3 processes, got 16"):
         Processes(0, 3).portion("n_envs", 16)
-
-
-def test_acting_is_one_graph() -> None:
-    """What a GPU compiles can be compiled without a break."""
-    model = started()
-    seen = model.engine.observe().double()
-    captured = torch.compile(act, fullgraph=True, dynamic=False, backend="eager")
-    uniform = torch.rand(len(seen), 8, generator=torch.Generator().manual_seed(0)).double()
-    arguments = model.network, seen, None, None, uniform
-    assert torch.equal(captured(*arguments).action, act(*arguments).action)
 
 
 MORTAL = """

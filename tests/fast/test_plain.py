@@ -152,19 +152,6 @@ def test_two_episodes_equal_the_fast_ones_but_for_rounding(
     torch.testing.assert_close(plain.observe(), fast.observe(), rtol=1e-4, atol=1e-4)
 
 
-def test_a_state_saved_by_one_way_is_gone_on_from_by_the_other() -> None:
-    plain, fast = (Engine(PLATFORM, "go-to-pose", 4, plain=plain) for plain in (True, False))
-    for _ in range(3):
-        fast.step(torch.ones(4, 8))
-    plain.load_state(fast.save_state())
-    torch.testing.assert_close(
-        plain.step(torch.ones(4, 8)).observation,
-        fast.step(torch.ones(4, 8)).observation,
-        rtol=0,
-        atol=1e-5,
-    )
-
-
 @pytest.mark.parametrize(
     "settings",
     [

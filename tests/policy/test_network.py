@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings, Precision
 from rans.fast.learn.member import begin, set_precision
-from rans.model.dynamics import PlanarState, SpatialState
-from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.policy.architecture import Architecture
 from rans.policy.filter_bank import Filters
-from rans.policy.network import Network, Output
-from rans.tasks import GoToPose, observation
+from rans.policy.network import Network
+from rans.tasks import GoToPose
 from rans.tasks.derived import layout
-from tests.support.crafts import random_states
-from tests.support.engines import PLATFORM, both_crafts
+from tests.support.engines import PLATFORM
 from tests.support.training import make_network, scatter, seen
 
 BANK = Filters.of(PLATFORM, GoToPose(), 0.2, (0.01, 1.0))
@@ -84,42 +79,6 @@ def test_many_members_say_what_each_says_alone() -> None:
             if remembered is not None:
                 expected = network.next_state(looked, memory[own], one.policy.mode(), one.core)  # type: ignore[index]
                 torch.testing.assert_close(remembered[own], expected, rtol=0, atol=1e-12)
-
-
-def turned(state: Any, angle: float, axis: np.ndarray) -> Any:
-    """A state seen from a world turned about its origin; computed by SciPy."""
-    if isinstance(state, PlanarState):
-        turn = Rotation.from_euler("z", angle)
-        p, v = (
-            turn.apply(np.stack([*u.columns(), 0 * u.x], axis=1))[:, :2].T
-            for u in (state.p, state.v)
-        )
-        return PlanarState(Vec2(*p), Heading(state.attitude.angle + angle), Vec2(*v), state.w)
-    turn = Rotation.from_rotvec(angle * axis)
-    p, v = (turn.apply(np.stack(u.columns(), axis=1)).T for u in (state.p, state.v))
-    q = state.attitude
-    x, y, z, w = (turn * Rotation.from_quat(np.stack([q.x, q.y, q.z, q.w], axis=1))).as_quat().T
-    return SpatialState(Vec3(*p), Quat(w, x, y, z), Vec3(*v), state.w)
-
-
-@pytest.mark.parametrize("angle", [0.3, 2.0, -1.2, math.pi])
-@both_crafts
-def test_turning_the_world_changes_nothing(craft: Any, angle: float) -> None:
-    network = make_network(craft)
-    axis = np.array([2.0, -1.0, 2.0]) / 3
-    state, goal = (random_states(craft.dimension, 100, seed) for seed in (5, 6))
-
-    def outputs(*states: Any) -> Output:
-        return network.evaluate(
-            torch.from_numpy(np.stack(observation(GoToPose(), *states), axis=1))
-        )
-
-    here = outputs(state, goal)
-    there = outputs(turned(state, angle, axis), turned(goal, angle, axis))
-    # Rounding of float64 through two rotations and weights of order one.
-    torch.testing.assert_close(there.policy[0], here.policy[0], rtol=0, atol=1e-11)  # type: ignore
-    torch.testing.assert_close(there.value, here.value, rtol=0, atol=1e-11)
-    assert outputs(turned(state, angle, axis), goal).policy[0].sub(here.policy[0]).abs().max() > 0.1  # type: ignore
 
 
 def untrained(dtype: torch.dtype = torch.float64, **settings: Any) -> Network:

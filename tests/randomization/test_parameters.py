@@ -141,6 +141,12 @@ UNIFORM: dict[str, tuple[Conditions, Callable[[EpisodeParameters], Any], float, 
         0.1,
         0.3,
     ),
+    "slow force": (
+        Conditions(disturbances=DisturbanceConditions(slow_force=(0.1, 0.3))),
+        lambda c: c.swing and c.swing.amplitude.force.norm(),
+        0.1,
+        0.3,
+    ),
     "noise of thrusts": (
         Conditions(thrusters=ThrusterConditions(noise=(0.05, 0.1))),
         lambda c: c.noise,
@@ -266,38 +272,6 @@ def test_whatever_is_switched_on_starts_and_goals_stay() -> None:
 # What pushes.
 
 
-def disturbances(found: EpisodeParameters, steps: int, period: float = 0.2) -> np.ndarray:
-    """(steps, components, N)."""
-    return np.array([leaves(found.disturbance(np.float64(k), period)) for k in range(steps)])
-
-
-@pytest.mark.parametrize("period", [0.2, 0.05, 0.5])
-@BOTH
-def test_a_kick_gives_its_impulse_in_one_period(dimension: int, period: float) -> None:
-    kicked = DisturbanceConditions(kick=0.5)
-    found = parameters(Conditions(disturbances=kicked), dimension, 40)
-    pushed = disturbances(found, 125, period)
-    assert ((pushed != 0.0).any(axis=1).sum(axis=0) == 1).all()
-    total = pushed.sum(axis=0) * period
-    np.testing.assert_allclose(np.linalg.norm(total[:dimension], axis=0), 0.5, rtol=1e-12)
-    assert not total[dimension:].any()
-
-
-@BOTH
-def test_a_kick_is_felt_in_the_period_that_was_drawn(dimension: int) -> None:
-    """That of the first one too: it is the velocity after it that has changed."""
-    kicked = Conditions(disturbances=DisturbanceConditions(kick=0.5))
-    world, own, now = begun(kicked, dimension, 1000)
-    drawn = np.asarray(now.parameters.kick.step)  # type: ignore[union-attr]
-    shut = tuple(np.zeros((len(world.craft.thrusters), 1000)))
-    still = np.zeros(1000)
-    for _ in range(125):
-        now = step(world, now, shut, own).episode
-        still += np.asarray(now.state.v.norm()) == 0.0
-    assert np.array_equal(still, drawn)
-    assert drawn.min() == 0.0
-
-
 def test_a_fault_is_felt_from_its_moment_on() -> None:
     """A thruster that sticks open at 1 s, which ends the fifth period, pushes from the sixth on."""
     stuck = Conditions(faults=FaultConditions(count=1.0, kinds=("stuck-open",), time=1.0))
@@ -319,24 +293,6 @@ def test_the_moment_of_a_kick_is_any_period_of_the_episode() -> None:
     seen = np.bincount(found.kick.step.astype(int))
     assert len(seen) == 125
     assert stats.chisquare(seen).pvalue > LIKELY
-
-
-@pytest.mark.parametrize("period", [0.2, 0.05])
-def test_a_swing_has_its_value_in_the_middle_of_each_period(period: float) -> None:
-    """A sine through the middles, fitted by least squares, has the phase and amplitude that were drawn."""
-    slow = DisturbanceConditions(slow_force=0.3)
-    found = parameters(Conditions(disturbances=slow), count=30)
-    count = round(16.0 / period)
-    pushed = disturbances(found, count, period)
-    assert not pushed[:, 2].any()
-    t = (np.arange(count) + 0.5) * period
-    for k, (rate, phase) in enumerate(zip(found.swing.rate, found.swing.phase, strict=True)):
-        wave = np.column_stack([np.sin(rate * t), np.cos(rate * t)])
-        (a, b), left, *_ = np.linalg.lstsq(wave, pushed[:, :2, k], rcond=None)
-        assert left.max() < 1e-25
-        # Along an axis it is half a turn on where the force is negative.
-        np.testing.assert_allclose(np.sin(np.arctan2(b, a) - phase), 0.0, atol=1e-10)
-        np.testing.assert_allclose(math.hypot(*a, *b), 0.3, rtol=1e-12)
 
 
 def test_every_effect_has_random_numbers_of_its_own() -> None:

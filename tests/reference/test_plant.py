@@ -76,13 +76,6 @@ def test_spatial_acceleration_by_hand() -> None:
     assert found == pytest.approx([0.0, 0.0, 0.0, -1.2, 0.0, 0.4], abs=1e-14)
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_mass_matrix_by_hand(dimension: int) -> None:
-    """About the centre of mass nothing couples, though the body's frame is 0.1 m away from it."""
-    diagonal = [2.0, 2.0, 0.5] if dimension == 2 else [2.0, 2.0, 2.0, 0.5, 0.4, 0.5]
-    assert Plant(lopsided(dimension)).mass_matrix() == pytest.approx(np.diag(diagonal), abs=1e-15)
-
-
 def test_drifts_straight_and_never_wraps_the_heading() -> None:
     start = np.array([[0.0, 1.0, 3.0, 0.5, -0.25, 1.0]])
     track = Plant(lopsided(2)).rollout(start, np.zeros((10, 1, 6)), 1.0)
@@ -112,24 +105,6 @@ def test_disturbances_stay_put_in_the_world_and_end_with_the_time_they_are_given
         assert (row[0], heading, speed, spin) == pytest.approx(
             (x, math.pi + angle, 0.5, 0.25), abs=1e-12
         )
-
-
-def test_split_supply_is_shared_among_open_thrusters() -> None:
-    own = Plant(load_spacecraft("floating-platform"), 3)
-    split = Plant(replace(own.craft, thrust_sharing="split"), 3)
-    commands = np.array([[1, 0, 1, 0, 1, 0, 1, 0], [0, 1, 0, 0, 0, 0, 0, 0], [0.25] * 2 + [0] * 6])
-    shared = split.wrenches(commands)
-    factor = np.array([[4.0], [1.0], [1.0]])  # four open: a quarter each; at most one: all of it
-    assert shared * factor == pytest.approx(own.wrenches(commands), abs=1e-15)
-
-
-def test_a_plant_keeps_no_memory() -> None:
-    plant = Plant(lopsided(3))
-    start = np.zeros((1, 13))
-    commands = np.ones((4, 1, 14))
-    start[0, 3] = 1.0
-    first = plant.rollout(start, commands, 0.2)
-    assert np.array_equal(plant.rollout(start, commands, 0.2), first)
 
 
 def test_an_inertia_only_drake_refuses_is_a_sentence() -> None:

@@ -7,9 +7,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from stable_baselines3 import PPO
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import VecNormalize
 
 import rans
 from rans.errors import ConfigError
@@ -73,23 +71,6 @@ def test_a_seed_counts_once() -> None:
     env.seed(3)
     np.testing.assert_array_equal(env.reset(), first)  # type: ignore[arg-type]
     np.testing.assert_array_equal(env.reset(), second)  # type: ignore[arg-type]
-
-
-def test_normalise_wraps_it() -> None:
-    inner = make()
-    env = VecNormalize(inner, clip_obs=5.0)
-    env.reset()
-    for action in commands(inner, 40):
-        observation, _, done, infos = env.step(action)
-        assert np.abs(np.asarray(observation)).max() <= 5.0
-        for i in np.flatnonzero(done):
-            raw = env.unnormalize_obs(infos[i]["terminal_observation"])
-            # Where nothing was clipped, the way to go is that of an episode's end.
-            if np.abs(infos[i]["terminal_observation"]).max() < 5.0:
-                distance = np.linalg.norm(np.asarray(raw)[6:8])
-                assert (distance > NEAR.fail_distance) is not infos[i]["TimeLimit.truncated"]
-    model = PPO("MlpPolicy", env, n_steps=16, batch_size=64, device="cpu")
-    model.learn(256)
 
 
 def test_attributes_are_those_of_the_batch() -> None:

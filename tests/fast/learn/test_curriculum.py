@@ -16,7 +16,7 @@ from rans.fast.engine import Engine
 from rans.fast.learn.config import TrainConfig, from_table, to_table
 from rans.fast.learn.curriculum import Curriculum, Ramp, check_ramps, task_at
 from rans.tasks import GoToPose, MultiTask
-from tests.support.engines import PLATFORM, SHORT, actions, run, way_to_go
+from tests.support.engines import PLATFORM, SHORT, way_to_go
 from tests.support.training import CONFIG, tiny_trainer
 
 TASK = GoToPose(spawn_distance=(0.5, 4.5), thrust_weight=0.2)
@@ -193,23 +193,6 @@ def test_a_compiled_step_follows_without_being_compiled_again(
     curriculum = Curriculum([TASK], RAMPS, torch.float32)
     flown(curriculum, Engine(PLATFORM, curriculum.task, 512, SHORT, compiled=True))
     assert counters["stats"]["unique_graphs"] == 1
-
-
-def test_at_its_end_it_is_the_task_itself() -> None:
-    curriculum = Curriculum([TASK], RAMPS, np.float64)
-    curriculum.move_to(1200)
-    engines = [
-        Engine(PLATFORM, task, 16, SHORT, dtype=torch.float64) for task in (TASK, curriculum.task)
-    ]
-    for ours, theirs in zip(*(run(engine) for engine in engines), strict=True):
-        assert all(torch.equal(x, y) for x, y in zip(ours, theirs, strict=True))
-
-
-def test_single_precision_stays_single() -> None:
-    ramps = [Ramp(name, getattr(GoToPose(), name), 10) for name in ("fine_scale", "fail_distance")]
-    task = Curriculum([TASK], [*RAMPS, *ramps], np.float32).task
-    step = Engine(PLATFORM, task, 16, SHORT).step(actions(PLATFORM, 16, 1)[0])
-    assert {x.dtype for x in step} == {torch.float32, torch.bool}
 
 
 RAMPED = replace(

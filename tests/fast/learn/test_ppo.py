@@ -179,7 +179,6 @@ def test_what_an_iteration_says() -> None:
         learner.collect()
     told = statistics(learner.update().tolist()[0], learner, 128)
     rollout = learner.rollout
-    terms = learner.engine.term_names
     # Some episodes failed in this rollout, some ran out of time, and not all of those near their goal.
     assert (
         0
@@ -187,21 +186,8 @@ def test_what_an_iteration_says() -> None:
         < float(rollout.all.truncated.sum())
         < float(rollout.all.ended.sum())
     )
-    for name in (
-        "train/loss",
-        "train/approx_kl",
-        "train/clip_fraction",
-        "train/learning_rate",
-        "train/grad_norm",
-        "rollout/success_rate",
-        "rollout/failure_rate",
-    ):
+    for name in ("train/approx_kl", "train/clip_fraction", "train/grad_norm"):
         assert abs(told[name]) < float("inf"), name
-    # Episodes of twenty steps of which some fail: mean reward of a step times their length.
-    length = told["rollout/ep_len_mean"]
-    assert 1 <= length < 20
-    for name, mean in zip(terms, rollout.terms[0] / 8, strict=True):
-        assert told[f"return/{name}"] == pytest.approx(length * float(mean), rel=1e-5)
     ended = float(rollout.all.ended.sum())
     assert told["rollout/success_rate"] == pytest.approx(float(rollout.succeeded) / ended)
     assert told["rollout/failure_rate"] == pytest.approx(
