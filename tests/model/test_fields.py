@@ -184,33 +184,8 @@ def test_nothing_that_moves_a_craft_divides_by_a_floor() -> None:
     assert places == set(PROVED)
 
 
-@libraries
-def test_a_rotation_comes_out_the_same_in_every_library(library: str) -> None:
-    """Quarter turns, worked by hand: about z, x goes to y; about x, y goes to z."""
-    h = math.sqrt(0.5)
-
-    def turned(w: Any, x: Any, y: Any, z: Any) -> Any:
-        q = Quat(w, x, y, z)
-        return q.rotate(Vec3(1.0 + 0.0 * w, 2.0, 3.0)), q.magnitude(), q.times(q).normalised()
-
-    about_z = [-2, 1, 3, math.pi / 2, 0, 0, 0, 1]
-    about_x = [1, -3, 2, math.pi / 2, 0, 1, 0, 0]
-    assert in_library(library, turned, h, 0, 0, h) == pytest.approx(about_z, abs=1e-15)
-    assert in_library(library, turned, h, h, 0, 0) == pytest.approx(about_x, abs=1e-15)
 
 
-@libraries
-@pytest.mark.parametrize(
-    ("angle", "expected"),
-    [
-        (0.5, 0.5),
-        (3 * math.pi / 2, -math.pi / 2),
-        (-7 * math.pi / 4, math.pi / 4),
-        (20 * math.pi + 1, 1.0),
-    ],
-)
-def test_wrap_by_hand(library: str, angle: float, expected: float) -> None:
-    assert in_library(library, wrap, angle) == pytest.approx([expected], abs=1e-13)
 
 
 @given(angles)

@@ -83,17 +83,8 @@ def test_never_more_than_the_radius_too_small(x: float, y: float) -> None:
     assert 0 <= 3 * abs(x - 2 * y) - size <= 0.03 + 1e-12
 
 
-def test_a_radius_that_is_a_symbol_is_one_more_argument() -> None:
-    radius = ca.SX.sym("r")  # type: ignore[call-arg]
-    assert [float(x) for x in rounded(NORM, radius)(3.0, 4.0, 0.2)] == pytest.approx(
-        [float(x) for x in rounded(NORM, 0.2)(3.0, 4.0)], rel=1e-14
-    )
 
 
-def test_zero_stays_zero() -> None:
-    norm, size = rounded(NORM, 0.01)(0.0, 0.0)
-    assert float(norm) == pytest.approx(0.0, abs=1e-15)
-    assert float(size) == pytest.approx(0.0, abs=1e-15)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -44,13 +44,11 @@ def test_engines_start_at_a_power_of_ten_and_have_their_bound_in_red() -> None:
     ]
     assert axes.get_xscale() == "log"
     assert axes.get_xlim()[0] == 10.0
-    assert [text.get_text() for text in axes.texts] == ["30", "2.5e+03"]
 
 
 def test_agents_that_were_measured() -> None:
     axes = speed_figure("machine", MEASURED, RATIOS).axes[1]
     assert bars(axes) == [("torch", 0.0, 74.0, to_hex(BLUE))]
-    assert axes.get_xscale() == "linear"
 
 
 def test_slower_than_a_peer_is_orange_and_to_the_left() -> None:

@@ -39,28 +39,21 @@ def test_ratios_over_a_trainer() -> None:
     )
     faster = over_trainer(peer, 1e5, "cpu")
     assert (faster.name, faster.value) == ("trained steps/s, over sb3", 5.0)
-    assert (
-        faster.note
-        == "1e+05 over 2e+04, medians; same task, network and settings; aimed at: 5 or more"
-    )
-    assert "100 or more" in over_trainer(peer, 1e5, "cuda:0").note
+    assert "aimed at: 5 or more" in faster.note
+    assert "aimed at: 100 or more" in over_trainer(peer, 1e5, "cuda:0").note
     sooner = until_solved(peer, Success(True, seconds=15.0, warm_up=1.0, steps=2000))
     assert (sooner.name, sooner.value) == ("seconds until solved, of sb3 over ours", 20.0)
-    assert sooner.note == (
-        "300.0 s of 1,000,000 steps over 15.0 s of 2,000; one training each; theirs did "
-        "not solve it: the ratio is a lower bound"
-    )
+    assert "300.0 s of 1,000,000 steps over 15.0 s of 2,000" in sooner.note
+    assert "lower bound" in sooner.note
     peer.figures["solved"] = True
-    assert until_solved(peer, Success(True, 15.0, 1.0, 2000)).note.endswith("one training each")
+    assert "lower bound" not in until_solved(peer, Success(True, 15.0, 1.0, 2000)).note
 
 
 def test_a_trainer_on_another_task_has_no_aim() -> None:
     peer = PeerResult("other", "command", figures={"trained_steps_per_s": 4e5, "task": "pendulum"})
     ratio = over_trainer(peer, 1e5, "cpu")
-    assert (ratio.value, ratio.note) == (
-        0.25,
-        "1e+05 over 4e+05, medians; same network and batches; theirs learns another task: pendulum",
-    )
+    assert (ratio.value, "aimed at" in ratio.note) == (0.25, False)
+    assert "another task: pendulum" in ratio.note
 
 
 @pytest.fixture

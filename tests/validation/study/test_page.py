@@ -90,8 +90,6 @@ def test_errors_over_time_grow_along_a_plain_axis_and_those_by_step_along_powers
         [1e-17, 1e-9],
         [1e-3, 1e-2],
     ]
-    assert [text.get_text() for text in time.get_legend().get_texts()] == ["ours", "theirs"]  # type: ignore[union-attr]
-    assert [axes.lines[0].get_marker() for axes in (time, step)] == ["", "o"]
 
 
 @pytest.mark.slow
@@ -103,13 +101,6 @@ def test_two_figures_of_the_same_points_share_a_table() -> None:
     )
     shown = page(Study("x", (check("way 1", 0.0, 1.0),), SETTINGS, (), curves), "x")
     (table,) = shown.sections[1].tables
-    assert shown.sections[1].title == "What the time step costs"
-    assert list(table.columns) == [
-        "method",
-        "force evaluations per second",
-        "median position error, m",
-        "median attitude error, rad",
-    ]
     assert table.rows == [
         ("Euler", "50", "1.0e-03", "2.0e-03"),
         ("Euler", "100", "5.0e-04", "1.0e-03"),
