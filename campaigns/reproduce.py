@@ -96,13 +96,15 @@ class Reproduce:
     quick: bool = False
     """Fly fewer flights of every table: minutes instead of hours."""
     only: tuple[str, ...] = ()
-    """Names of rows of the list, such as stress; by default all."""
+    """Names of rows of the list, such as stress, dock-port or "dock port"; by default all."""
     output: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/reproduce")
     """Folder of the page of differences and of all that is flown."""
 
     def run(self) -> int:
         """Run the rows; 1 if a cell differs or a command failed."""
-        for name in self.only:
+        joined = {name.replace(" ", "-"): name for name in ROWS}
+        only = [joined.get(name.replace(" ", "-"), name) for name in self.only]
+        for name in only:
             if name not in ROWS:
                 raise ConfigError(
                     f"--only must be of {', '.join(ROWS)}; got {name!r}{meant(name, ROWS)}."
@@ -110,7 +112,7 @@ class Reproduce:
         terminal = Terminal()
         results: list[Result] = []
         begun = time.monotonic()
-        rows = {name: ROWS[name] for name in self.only or ROWS}
+        rows = {name: ROWS[name] for name in only or ROWS}
         planned = [source.time(self.quick) for source in rows.values()]
         measured = sum(1 for seconds in planned if seconds)
         before = f"; {measured} of them took {sum(planned):.0f} s of one processor before"
