@@ -201,15 +201,10 @@ def test_names_do_where_objects_do() -> None:
         ),
         (lambda: rans.load_agent(3), "an agent is its name, its run folder, a policy or .*, got 3"),  # type: ignore[arg-type]
         (
-            lambda: rans.load_agent(""),
-            "an agent is its name, its run folder, a policy or .*, got ''",
-        ),
-        (
             lambda: rans.evaluate(rans.LQR("atmos", "go-to-pose")),  # type: ignore[arg-type]
             r"rans\.load_agent\('lqr:go-to-pose-2d'\), got <LQR: GoToPose for atmos>",
         ),
         (lambda: rans.compare("go-to-pose-2d", beside=[3]), "names of controllers .*, got \\[3\\]"),  # type: ignore[list-item]
-        (lambda: rans.compare("go-to-pose-2d", beside=7), "names of controllers .*, got 7"),  # type: ignore[arg-type]
         (
             lambda: rans.Pilot(3, gymnasium.make("rans/GoToPose2D-v0")),  # type: ignore[arg-type]
             r"a pilot is the name of a controller, or the result of rans\.load_agent, got 3",
@@ -238,10 +233,6 @@ def test_names_do_where_objects_do() -> None:
         (
             lambda: rans.Engine("floating-platform", rans.GoToPose(), 2, conditions={"body": 1}),  # type: ignore[arg-type]
             r"conditions, .*not a dict: rans.Conditions\(body=1\)",
-        ),
-        (
-            lambda: gymnasium.make("rans/GoToPose2D-v0", task={"thrust_weight": 1.0}),
-            r"not a dict: rans.GoToPose\(thrust_weight=1.0\)",
         ),
         (
             lambda: gymnasium.make("rans/GoToPose2D-v0", timing={"episode_steps": 5}),
@@ -298,10 +289,6 @@ def test_names_do_where_objects_do() -> None:
         (lambda: rans.certify(start=-1), "start must be a whole number >= 0"),
         (lambda: rans.optimal_trajectory(ending="x"), "ending must be one of exact, set"),  # type: ignore[arg-type]
         (
-            lambda: rans.Conditions(sensors={"delay": 1.0}),  # type: ignore[arg-type]
-            r"sensors takes an object, not a dict: rans.SensorsConditions\(delay=1.0\)",
-        ),
-        (
             lambda: rans.Conditions(sensors=rans.SensorsConditions(position={"noise": 0.1})),  # type: ignore[arg-type]
             r"sensors.position takes an object, not a dict: rans.SensorConditions\(noise=0.1\)",
         ),
@@ -320,7 +307,6 @@ def test_names_do_where_objects_do() -> None:
         ),
         (lambda: rans.SB3VecEnv("atmos"), "engine must be a rans.Engine"),  # type: ignore[arg-type]
         (lambda: rans.Pilot("lqr", None), "a pilot flies one of RANS's environments"),  # type: ignore[arg-type]
-        (lambda: rans.train("go-to-poze"), r"named 'go-to-poze' \(did you mean go-to-pose\?\)"),
         (lambda: rans.compare(), "name at least one contestant"),
         (lambda: rans.optimal_trajectory(objective="tim"), "objective must be one of fuel, time"),  # type: ignore[arg-type]
         (

@@ -30,18 +30,6 @@ def test_the_recurrent_core_is_torchs() -> None:
     assert going_on[1:].min() == 0.0
 
 
-def test_a_history_holds_the_last_columns_and_commands() -> None:
-    network = make_network(PLATFORM, history=2)
-    memory = network.initial_state(3)
-    rows = []
-    for step in range(3):
-        output, columns = network.forward(seen(PLATFORM, 3, seed=step).double(), memory)
-        command = output.policy.mode()
-        memory = network.next_state(columns, memory, command, output.core)
-        rows.append(torch.cat((columns, command), dim=1))
-    torch.testing.assert_close(memory, torch.cat(rows[1:], dim=1), rtol=0, atol=0)
-
-
 def test_averages_keep_their_share_of_what_was() -> None:
     """After a 1 and three zeros the first average is 0.5^4 and the second 0.1 x 0.9^3."""
     network = make_network(PLATFORM, history=1, averages=(0.5, 0.9))

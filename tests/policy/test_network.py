@@ -110,41 +110,6 @@ def test_statistics_are_those_of_all_observations(dtype: torch.dtype) -> None:
     assert count == 568
 
 
-def test_normalised_observations() -> None:
-    network = untrained()
-    observations = seen(PLATFORM, 1000)
-    network.update_statistics(network.in_body(observations)[None])
-    result = looks(network, observations).numpy()
-    np.testing.assert_allclose(result.mean(axis=0), 0, atol=1e-12)
-    flag = 3
-    # The variance is 1e-6 short of its true inverse; the task flag never varies and stays zero.
-    np.testing.assert_allclose(np.delete(result, flag, axis=1).std(axis=0), 1, atol=1e-4)
-    assert (result[:, flag] == 0).all()
-    far = observations.clone()
-    far[:, 4] = 1e6
-    assert looks(network, far)[:, 2].eq(10.0).all()
-
-
-def test_second_look_is_steep_at_zero_and_flat_far_away() -> None:
-    plain = untrained()
-    zoomed = untrained(zoom=20.0)
-    width = plain.architecture.column_count
-    assert zoomed.tensors["features_extractor.trunk.0.weight"].shape[1] == 2 * width
-    for network in (plain, zoomed):
-        network.tensors["features_extractor.mean"][2] = 0.5
-    observations = torch.zeros(3, 10, dtype=torch.float64)
-    observations[:, 0] = 1.0  # cos heading
-    # spin, whose variance is 1
-    observations[1, 4] = 0.001
-    observations[2, 4] = 3.0
-    first, second = looks(zoomed, observations).split(width, dim=1)
-    assert torch.equal(first, looks(plain, observations))
-    # 0.02 less its cube's third, which is 2.7e-6; 20 times 3 is as far as tanh goes.
-    torch.testing.assert_close(
-        second[:, 2], torch.tensor([0.0, 0.02, 1.0], dtype=torch.float64), rtol=0, atol=3e-6
-    )
-
-
 def outputs_of(matmul: Precision, device: str) -> Tensor:
     """Values of a trainer's network with the same weights and observations."""
     settings = PPOSettings(n_envs=64, batch_size=2048, layers=(32, 32), matmul=matmul)
