@@ -421,7 +421,7 @@ def parse_json(text: str | bytes, where: object) -> Any:
 
 
 def check_depth(value: Any) -> None:
-    """Reject (`ConfigError`) tables and lists that are nested too deeply."""
+    """Reject (`ConfigError`) tables and lists nested too deeply, since later code descends by recursion."""
     level = [value]
     for _ in range(_DEEPEST + 1):
         containers = [item for item in level if isinstance(item, dict | list)]

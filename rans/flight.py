@@ -453,7 +453,7 @@ def outran(flight: Flight, timing: Timing) -> list[str]:
 
 
 def _lost(flight: Flight, timing: Timing, going: np.ndarray) -> Iterator[str]:
-    """Sentence that flights left every path that a craft can take; none if all are on one."""
+    """Sentence that flights left every path a craft can take, as broken motion does; none if all are on one."""
     craft = flight.craft
     period = timing.control_period
     before, after = (map_leaves(lambda x, part=part: x[part], flight.states) for part in _STEPS)

@@ -268,7 +268,7 @@ def _columns(task: Task, craft: Spacecraft, seen: np.ndarray) -> list[dict[str, 
 
 
 def _command(craft: Spacecraft) -> dict[str, Any]:
-    """What the commands of a craft are: thrusters first, then wheels."""
+    """What the commands of a craft are: thrusters first, then wheels, as every exported agent gives them."""
     return {
         "actuators": craft.actuators.kind,
         "values": craft.actuators.allowed,

@@ -135,7 +135,7 @@ def check_commands(craft: Spacecraft, values: Any, *batch: int) -> None:
 
 
 def is_possible(craft: Spacecraft, values: np.ndarray) -> bool:
-    """Whether every command (..., n) of an array is in range (`limits`); NaN is not."""
+    """Whether every command of an array (..., n) is in range (`limits`), one answer; NaN is not."""
     choices = [
         k for k, command_range in enumerate(craft.commands) if command_range.kind == "on-off"
     ]

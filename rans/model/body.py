@@ -157,7 +157,7 @@ def check_stores(craft: Spacecraft, body: Body) -> None:
 def _mountings_in_memory(
     mountings: tuple[Mounting, ...], thrusters: int, count: int, field: Callable[[Any], Any]
 ) -> tuple[Mounting, ...]:
-    """Checked copy of the mountings of so many thrusters; see `in_memory`."""
+    """Checked copy of mountings of all thrusters, or of none, as numbers or ``count`` rows; see `in_memory`."""
     if len(mountings) not in (0, thrusters):
         raise ConfigError(
             f"the body's mountings have {len(mountings)} entries; this craft needs {thrusters}."
@@ -193,7 +193,7 @@ def _placed(name: str, bound: str, value: Any, count: int, field: Callable[[Any]
 
 
 def _check_rigid(inertia: tuple[Any, ...]) -> None:
-    """Reject impossible moments of inertia as a spacecraft does, with a tolerance for float32."""
+    """Reject moments of inertia (kg m^2, also arrays) that no body has, with a tolerance for float32."""
     entries = np.stack(np.broadcast_arrays(*map(numbers, inertia)), axis=-1)
     tensors = entries[..., ((0, 1, 2), (1, 3, 4), (2, 4, 5))]
     low, middle, high = np.moveaxis(np.linalg.eigvalsh(tensors), -1, 0)

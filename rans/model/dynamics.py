@@ -212,7 +212,7 @@ def _mounted(craft: Spacecraft, openings: Sequence[Field], body: Body) -> list[F
 def _torque(
     craft: Spacecraft, thruster: Thruster, mounting: Mounting, force: Sequence[Field]
 ) -> list[Field]:
-    """Torque of a force at the true position of a thruster about the designed centre of mass: 1 or 3 numbers."""
+    """Torque (B, N m; 1 or 3 numbers) of a force at a thruster's true place about the designed centre of mass."""
     designed = zip(thruster.position, craft.centre_of_mass, mounting.offset, strict=False)
     arm = [position - centre + offset for position, centre, offset in designed]
     if craft.dimension == 2:

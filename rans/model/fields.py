@@ -393,7 +393,7 @@ class Quat(Attitude):
         return Quat(w * s, x * s, y * s, z * s)
 
     def columns(self) -> tuple[Field, ...]:
-        """The first two rows of the rotation matrix: the continuous 6-D representation."""
+        """First two rows of the rotation matrix, continuous in the attitude; agents are trained on this order."""
         w = self.w
         x = self.x
         y = self.y

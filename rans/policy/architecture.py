@@ -108,7 +108,7 @@ class Architecture:
     """Of the columns' absolute values, for whoever asks for a space; without them, those of float32."""
 
     def check_width(self, who: str, observation: np.ndarray) -> None:
-        """Refuse (`ConfigError`) observations (..., width) of another width than the network's."""
+        """Refuse (`ConfigError`) observations (..., width) of another width than the network's, by ``who``."""
         width = self.layout.width
         shape = np.shape(observation)
         if shape[-1:] != (width,):

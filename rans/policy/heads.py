@@ -222,7 +222,7 @@ class GatedGaussian(NamedTuple):
         return GatedGaussian(*(x.gather(1, site) for x in (self.logit, self.level, spread)))
 
     def _drawn(self, uniform: Tensor, temperature: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
-        """Whether each fires, and its throttle: one random number is uniform again within either choice."""
+        """Whether each fires, and its throttle, (N, n): the random number is uniform again within each choice."""
         probability = torch.sigmoid(self.logit / temperature).detach()
         fires = uniform < probability
         within = torch.where(

@@ -52,7 +52,7 @@ def sensitivities(task: Task, dimension: Dimension) -> list[Sensitivity]:
 
 
 def _nudged(state: State, name: str) -> State:
-    """The state with one of its quantities larger by a unit along its first axis."""
+    """The state (of numbers) with one quantity larger by 1 along its first axis, to see which columns follow it."""
     value = getattr(state, name)
     return replace(
         state,

@@ -213,7 +213,7 @@ class Network(Remembering):
         privileged: Tensor | None = None,
         going_on: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
-        """Features of actor and critic by member; one tensor unless the critic is privileged."""
+        """Features (members, N, width) of actor and critic; the same tensor unless the critic is privileged."""
         architecture = self.architecture
         x = self.inputs(preprocessed, memory)
         features = self._through(self._trunk, x)

@@ -74,7 +74,7 @@ def symmetries(craft: Spacecraft) -> Symmetries | None:
 
 
 def _candidates(craft: Spacecraft) -> Iterator[np.ndarray]:
-    """The orthogonal matrices that may put one thruster, which has a lever arm, in another's place."""
+    """Orthogonal matrices (d, d) in B that may put a thruster with a lever arm in another's place, or eye."""
     levers = [t for t in craft.thrusters if abs(np.linalg.det(_axes(craft, t))) > _ROUNDING]
     if not levers:
         yield np.eye(craft.dimension)
@@ -99,7 +99,7 @@ def _arrow(craft: Spacecraft, thruster: Thruster) -> tuple[np.ndarray, np.ndarra
 
 
 def _places(craft: Spacecraft, view: np.ndarray) -> list[int] | None:
-    """Permutation of thrusters by a view; None if one has no counterpart, or inertia or supplies differ."""
+    """Thrusters' permutation by a view (d, d); None unless inertia, arms, forces and supplies are alike."""
     tensor = np.array(craft.inertia)
     slack = _ROUNDING * tensor.trace()
     if craft.dimension == 3 and not np.allclose(

@@ -96,7 +96,7 @@ def _scattered(faults: FaultConditions, thrusters: Field, random: Random) -> Los
 
 
 def _alike(faults: FaultConditions, craft: Spacecraft, count: Field, random: Random) -> Lost:
-    """A recoverable or an unrecoverable set of thrusters, all with one fault kind; three numbers in this order."""
+    """A (un)recoverable set of thrusters with one fault kind; three draws, whose order recorded flights rely on."""
     chance = random.unit()
     severity = random.within(faults.share)
     which = random.unit()

@@ -149,7 +149,7 @@ def reading(
 def _noise(
     state: State, sigmas: tuple[Field, ...] | None, streams: Sequence[Random]
 ) -> list[Any] | None:
-    """Noise of each quantity: a vector, or a scalar for planar rotations; None without noise."""
+    """Noise of p, attitude, v and w, SI, each of its own stream: vectors, or scalars about z; None without."""
     if sigmas is None:
         return None
     alike = state.p, state.w, state.v, state.w

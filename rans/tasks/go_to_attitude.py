@@ -70,13 +70,13 @@ class GoToAttitude(SingleTask):
         return ClohessyWiltshire(self.mean_motion, gravity_gradient=True)
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start and goal at the origin with attitudes of their own; the start spins."""
+        """Start, which spins, and goal at the origin; seeds rely on the order of draws."""
         spin = random.turn(self.start_spin)
         start = random.moving(random.origin(), random.attitude(), spin)
         return start, random.at_rest(random.origin(), random.attitude())
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Attitude of the goal relative to the craft."""
+        """Rotation to the goal's attitude; agents' files record the kinds and order of terms."""
         return (RelativeRotation("d", "-", state.attitude.to(goal.attitude)),)
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:

@@ -73,12 +73,12 @@ class GoToPose(SingleTask):
         return replace(self, spawn_distance=self.evaluation_distance)
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start around the goal, and the goal at the origin."""
+        """Start around the goal at the origin; the order of draws is part of every recorded flight."""
         start = random.around(*self.spawn_distance)
         return start, random.at_rest(random.origin(), random.attitude())
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Position and attitude of the goal relative to the craft."""
+        """Vector in W, m, and rotation to the goal; agents' files record kinds and order of terms."""
         return (
             VectorInW("d", "m", goal.p - state.p),
             RelativeRotation("d", "-", state.attitude.to(goal.attitude)),

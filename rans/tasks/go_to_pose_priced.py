@@ -90,17 +90,17 @@ class GoToPosePriced(GoToPose):
         return exp(trade_off * rise) * low
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start and goal as for `GoToPose`, with the trade-off in the notes of the goal."""
+        """As `GoToPose`, and a trade-off in the goal's notes, drawn last to leave the start as it is."""
         start, goal = super().sample(random)
         return start, replace(goal, notes=DrawnTradeOff(random.uniform(*self.trade_off)))
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Terms of `GoToPose`, and the trade-off."""
+        """Terms of `GoToPose`, then the trade-off; agents' files record the kinds and order of terms."""
         trade_off = TradeOff("trade-off", "-", goal.notes.trade_off)
         return (*super().observation_terms(state, goal), trade_off)
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """Terms of `GoToPose` with the price of the episode."""
+        """Terms (fields) of `GoToPose` with the price of the episode, from the goal's notes."""
         price = self.price_at(transition.goal.notes.trade_off)
         return {
             name: term * price if name in _PRICED else term

@@ -62,12 +62,12 @@ class GoToPosition(SingleTask):
         return replace(self, spawn_distance=self.evaluation_distance)
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start around the goal, and the goal at the origin."""
+        """Start around the goal at the origin; the order of draws is part of every recorded flight."""
         start = random.around(*self.spawn_distance)
         return start, random.at_rest(random.origin(), random.no_rotation())
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Position of the goal relative to the craft."""
+        """Vector to the goal in W, m; agents' files record the kinds and order of terms."""
         return (VectorInW("d", "m", goal.p - state.p),)
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:

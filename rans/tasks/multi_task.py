@@ -115,7 +115,7 @@ class MultiTask(Task):
         return start, replace(goal, notes=DrawnTask(flag))
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Terms of the drawn task: a vector, which all tasks have first, and further columns, zero if unused."""
+        """The drawn task's vector, which all have first, and further columns, 0 if unused; agents rely on it."""
         flag = self.flag_of(goal)
         terms = [part.observation_terms(state, goal) for part in self.parts().values()]
         vectors = self._chosen_row(flag, [first.columns() for first, *_ in terms])

@@ -78,13 +78,13 @@ class TrackVelocity(Tracking):
     symmetric = False
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start at rest at the origin, and a goal that moves."""
+        """Start at rest at the origin, and a goal whose velocity is the target; seeds rely on this order."""
         start = random.at_rest(random.origin(), random.attitude())
         velocity = random.direction().scale(random.uniform(*self.target_speed))
         return start, random.moving(velocity, random.no_rotation())
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Velocity of the goal relative to the craft."""
+        """The goal's velocity less the craft's, in W; agents' files record kinds and order of terms."""
         return (VectorInW("dv_", "m/s", goal.v - state.v),)
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
@@ -153,13 +153,13 @@ class TrackTwist(Tracking):
     symmetric = False
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start at rest at the origin, and a goal that moves and rotates."""
+        """Start at rest at the origin, and a goal that moves and rotates; seeds rely on the order of draws."""
         start = random.at_rest(random.origin(), random.attitude())
         velocity = random.direction().scale(random.uniform(*self.target_speed))
         return start, random.moving(velocity, random.no_rotation(), random.spin(self.target_spin))
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Velocity and angular velocity of the goal relative to the craft."""
+        """Differences of velocity (W) and spin (B); agents' files record kinds and order of terms."""
         return (
             VectorInW("dv_", "m/s", goal.v - state.v),
             AngularVelocity("dw", "rad/s", spin_difference(state, goal)),
@@ -221,13 +221,13 @@ class TrackVelocityHeading(Tracking):
     flag = 4
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start at rest at the origin, and a goal that moves and does not rotate."""
+        """Start at rest at the origin, and a goal that moves without spin; seeds rely on the order of draws."""
         start = random.at_rest(random.origin(), random.attitude())
         velocity = random.direction().scale(random.uniform(*self.target_speed))
         return start, random.moving(velocity, random.attitude())
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Velocity and attitude of the goal relative to the craft."""
+        """Difference of velocity (W), rotation to the goal; agents' files record kinds and order of terms."""
         return (
             VectorInW("dv_", "m/s", goal.v - state.v),
             RelativeRotation("d", "-", state.attitude.to(goal.attitude)),

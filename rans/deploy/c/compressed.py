@@ -23,7 +23,7 @@ class Packed(NamedTuple):
 
     @classmethod
     def of(cls, table: np.ndarray) -> Packed | None:
-        """The smallest way to store a float32 table (rows, columns); None: as it is."""
+        """The smallest way to store a float32 table (rows, columns) without changing a bit; None: as it is."""
         count = len(table)
         best = None
         least = 4 * table.size // 2
@@ -103,7 +103,7 @@ class Stepped(NamedTuple):
 
     @classmethod
     def _in_bits(cls, table: np.ndarray, bits: int) -> Stepped | None:
-        """Rows as whole steps of a size of their own, exact to the last bit; None: some row is not."""
+        """Rows as whole steps (of ``bits`` bits) of a size of their own, bit-exact; None: some row is not."""
         largest = np.abs(table).max(axis=1)
         guess = np.where(largest > 0.0, largest / np.float32(STEPS[bits]), np.float32(1.0))
         size = guess.copy()

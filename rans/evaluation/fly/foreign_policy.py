@@ -483,7 +483,7 @@ class OnnxPolicy:
     def _check(
         self, observation: np.ndarray, states: list[np.ndarray], command: np.ndarray
     ) -> None:
-        """Reject (`ConfigError`) a network that answers otherwise a second time, or to one observation alone."""
+        """Reject (`ConfigError`) a network that answers another command a second time, or to one row alone."""
         again = self._run(observation, states)[0]
         if not np.array_equal(again, command, equal_nan=True):
             raise ConfigError(

@@ -493,7 +493,7 @@ def _described(block: Block) -> list[Any]:
 
 
 def _block(row: list[Any]) -> Block:
-    """Block of an observation, of its row in an agent's file; its kind must be one that tasks have."""
+    """Block of an observation from its row in an agent's file, as `_described` made it; of a known kind."""
     kind, width, choices = row
     module, _, name = kind.rpartition(".")
     if module == "rans.tasks.sight":

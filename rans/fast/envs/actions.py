@@ -83,7 +83,7 @@ class Actions:
         check_commands(self._engine.craft, action, self._shape[0])
 
     def _remember(self, possible: Tensor) -> None:
-        """Note actions out of range: the device is not waited for, so that a later call raises the error."""
+        """Note actions out of range on the device; nobody waits, so that a later call raises the error."""
         self._found |= ~possible
         if self._done is not None:
             if not self._done.query():

@@ -333,7 +333,7 @@ def _mode(mode: AutoresetMode | str) -> AutoresetMode:
 
 
 def _seeds(seed: Any, count: int) -> int | list[int] | None:
-    """Seed of all environments, or a list with one per environment, as ints; ConfigError if it is wrong."""
+    """Seed of all environments, or a list with one per environment, as ints; `ConfigError` for anything else."""
     if seed is None:
         return None
     is_list = isinstance(seed, list | tuple) or getattr(seed, "ndim", 0) > 0

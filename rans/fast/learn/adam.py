@@ -110,7 +110,7 @@ def _step(
     rate: Tensor,
     max_norm: Tensor,
 ) -> Tensor:
-    """One step of Adam on each member's row of weights; returns the norms of the gradients, not clipped."""
+    """One step of Adam on rows (members, weights), in place; returns unclipped norms (members,)."""
     norm = gradient.norm(dim=1)
     gradient = (
         gradient * (max_norm / (norm + 1e-6)).clamp(max=1.0)[:, None]

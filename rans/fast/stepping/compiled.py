@@ -82,7 +82,7 @@ class GeneratedStep:
         ]
 
     def __call__(self, action: Tensor) -> Step:
-        """Hold the thrusters for one control period, see `rans.fast.engine.Engine.step`."""
+        """Hold the thrusters for one control period, see `Engine.step`; changes the episodes' memory in place."""
         shape = self._shape
         commands = action.numpy().T
         arrays = {
@@ -111,7 +111,7 @@ class GeneratedStep:
     def _block(
         self, rows: slice, memory: ProgramMemory, commands: np.ndarray, arrays: dict[str, Any]
     ) -> None:
-        """Run the program on some rows of the batch, which fit into the caches."""
+        """Run the program on some rows of the batch, a block that fits into the caches; writes into ``arrays``."""
         for symbol, source in self._given:
             memory.put(symbol, source[rows] if np.ndim(source) else source)
         for symbol, command in zip(self._commands, commands, strict=True):
@@ -196,7 +196,7 @@ def stepping(
 
 
 def _everywhere(program: StepProgram) -> Iterator[BufferWrite]:
-    """Every store of the program, without regard to whether the episode ended."""
+    """Stores of every period: those of a reset are selected by ``ended``, since this has no branches."""
     yield from program.always
     for store in program.at_end:
         old = program.memory[store.row].symbol if store.array == "memory" else store.value

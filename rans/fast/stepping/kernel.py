@@ -119,7 +119,7 @@ class Kernel:
         return self._functions[action]
 
     def __call__(self, action: Tensor) -> Step:
-        """Hold the thrusters for one control period, see `rans.fast.engine.Engine.step`."""
+        """Hold the thrusters for one control period, see `Engine.step`; changes the episodes' memory in place."""
         action = self._readable(action)
         count = self._count
         shape = self._program.shape

@@ -200,7 +200,7 @@ class Backend:
         )
 
     def words(self, seeds: Sequence[int], each: int) -> tuple[Any, Any]:
-        """The two words of a seed, int32; of several members those of each environment's member."""
+        """The words of a seed, two int32 (); of several members two of each environment's member, (N,)."""
         table = (
             np.repeat([seed_words(seed) for seed in seeds], each, axis=0).T
             if len(seeds) > 1
@@ -266,7 +266,7 @@ def restoring(memory: Sequence[Any], held: Tensor) -> Iterator[None]:
 def snapshot(
     world: World, episode: Episode, seed: Sequence[Any], processes: Processes
 ) -> dict[str, Any]:
-    """Result of `Engine.save_state`, with the rows of all processes; `load_state` reads it."""
+    """Result of `Engine.save_state`, of all processes' rows: checkpoints hold it, `restore` reads it."""
     buffers = [processes.whole(torch.as_tensor(buffer)).clone() for buffer in episode.memory()]
     return {
         "buffers": buffers,
@@ -278,7 +278,7 @@ def snapshot(
 def restore(
     table: dict[str, Any], world: World, episode: Episode, seed: Sequence[Any], processes: Processes
 ) -> None:
-    """Write the result of `Engine.save_state` into an engine's buffers; see `Engine.load_state`."""
+    """Write the result of `save_state` into an engine's buffers, in place; ConfigError if shapes differ."""
     # Refuse a state of other environments or episodes.
     buffers = episode.memory()
     values = [processes.mine(value) for value in table["buffers"]]

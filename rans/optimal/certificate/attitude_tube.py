@@ -403,7 +403,7 @@ def least_impulse(
 def _excluded(
     craft: Spacecraft, start: State, goal: State, time: float, tolerances: GoalSet
 ) -> bool:
-    """Whether no flight of this length ends in the set, whichever way the craft turns."""
+    """Whether it is proved that no flight of this length (s) ends in the set, whichever way the craft turns."""
     for sign in _signs(craft):
         one = _transfer(craft, start, goal, time, tolerances, sign)
         if one is not None and one.bound(0.0) <= 0.0:
@@ -527,7 +527,7 @@ def _turned_in_plane(
     tolerances: GoalSet,
     sign: int,
 ) -> _Turned | None:
-    """Rotation in the plane, by the shorter way or by at least a whole turn further in one sense."""
+    """Rotation in the plane at times (s), by the shorter way or a whole turn or more further in sense ``sign``."""
     moment = float(inertia(craft)[0, 0])
     time = float(edges[-1])
     corners, wheels = _corners(craft, None)

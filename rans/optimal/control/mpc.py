@@ -360,7 +360,7 @@ class _Program:
         )
 
     def _cost(self, plan: np.ndarray, error: np.ndarray, goals: np.ndarray, slope: Any) -> float:
-        """What a plan (nozzles, horizon) costs as it is flown, with what its margins lack; see `improved`."""
+        """Cost (a number) of a plan (nozzles, horizon) as it is flown, with what its margins lack."""
         assert self._missing is not None
         flown, _ = self._linearised(error, plan, goals)
         variables = ca.vertcat(ca.vec(ca.DM(plan)), ca.vec(flown))

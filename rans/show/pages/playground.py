@@ -634,7 +634,7 @@ def page_data(
 
 
 def _packed(weights: np.ndarray, biases: np.ndarray, bits: int) -> dict[str, str]:
-    """A layer as base64: weights (o, i) as whole shares of the largest of their row, the rest in float32."""
+    """A layer as base64, for flight.js: weights (o, i) as whole shares of their row's largest; scales, biases."""
     largest = np.maximum(np.abs(weights).max(axis=1), 1e-30)
     steps = 2 ** (bits - 1) - 1
     whole = np.round(weights.astype(float) / largest[:, None] * steps)

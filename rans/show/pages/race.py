@@ -95,7 +95,7 @@ def median_and_slowest(flight: Flight, name: str) -> Race | None:
 
 
 def _start(label: str, tracks: Sequence[Track], craft: Spacecraft) -> dict[str, Any]:
-    """Data of one start for the page: goal, scenery, and the motion and valves of every contestant."""
+    """Data of one start for race.js: goal, scenery, and motion (W, SI) and valves of every contestant."""
     first = tracks[0]
     period = first.flight.timing.control_period
     steps = max(len(track.flight.commands) for track in tracks)
@@ -135,7 +135,7 @@ def _kept(track: Track, field: Any, stride: int) -> np.ndarray:
 
 
 def _motion(track: Track, states: State, stride: int, moves: bool) -> dict[str, list[list[float]]]:
-    """Positions, the first two axes of B, and velocities where they are asked for, at every kept instant."""
+    """Positions (W, m), the first two axes of B, and velocities where asked for, at every ``stride``-th instant."""
 
     def of_episode(field: Any) -> np.ndarray:
         return _kept(track, field, stride)

@@ -222,7 +222,7 @@ def scenery_pose(shape: Shape) -> RigidTransform:
 
 
 def _cone_parts(half_angle: float, length: float, apex: Any) -> list[Part]:
-    """A cone along z; in the plane the two sides of a sector along x."""
+    """A cone of an angle (rad) and slant length (m) along z; in the plane the two sides of a sector along x."""
     if isinstance(apex, Vec2):
         sides = []
         for name, angle in (("left side", half_angle), ("right side", -half_angle)):
@@ -288,7 +288,7 @@ def shadow_part(craft: Spacecraft) -> Part:
 
 
 def _stars(middle: np.ndarray, distance: float) -> Part:
-    """Points of light in all directions, as one mesh of tetrahedra; always the same ones."""
+    """Points of light around ``middle`` (3,), m, as one mesh of tetrahedra; always the same ones (a fixed seed)."""
     random = np.random.default_rng(0)
     directions = random.normal(size=(700, 3))
     sizes = distance * random.uniform(6e-4, 2.2e-3, 700)

@@ -280,7 +280,7 @@ def gaps(comparison: Comparison) -> dict[str, dict[str, np.ndarray]]:
 
 
 def _ratios(comparison: Comparison, event: Event) -> dict[str, np.ndarray]:
-    """What contestants need for an event over its certified lower bound, (starts,) each, and the best found."""
+    """Contestants' and the best found amounts of an event over its certified lower bound, (starts,), 1 at best."""
     lower, upper = comparison.bounds(event)
     possible = np.isfinite(lower.values) & (lower.values > 0)
     starts = np.array(comparison.certified_starts())[possible]

@@ -138,7 +138,7 @@ class Relaxation:
         return limit
 
     def _tables(self, limits: np.ndarray) -> None:
-        """Allocate the tables over spin, angle and time that can be reached, and refuse too many points."""
+        """Allocate tables over spin, angle and time within limits (periods,); `TooManyPoints` if too large."""
         lattice = self.lattice
         steps = self.steps
         h = self.lattice.period

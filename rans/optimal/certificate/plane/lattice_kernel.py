@@ -57,7 +57,7 @@ class Costs(NamedTuple):
 def cheapest_of_torque(
     costs: Costs, k: int, i: int, t: int, begin: int, end: int, row: np.ndarray
 ) -> None:
-    """Write the least cost of a pattern of one net torque for headings from begin to end into ``row``."""
+    """Write the least cost of a pattern of net torque ``t`` at headings begin to end into ``row``; inf: none."""
     tables = costs.tables
     for a in range(begin, end):
         row[a] = np.inf
