@@ -218,7 +218,7 @@ class Adaptation(NamedTuple):
         return rows.joined([twists, command, last, beliefs, *remembered])
 
     def _after(self, *numbers: Field) -> list[Field]:
-        """Momenta and number of periods after one more, of those before it and of the wheels' commands, -1 to 1."""
+        """Momenta (shares of wheels' capacities) and number of periods, of those a period before and commands."""
         count = len(self.filling)
         momenta, periods, commands = numbers[:count], numbers[count], numbers[count + 1 :]
         wheels = zip(momenta, self.filling, commands, strict=True)

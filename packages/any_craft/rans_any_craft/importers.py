@@ -168,7 +168,7 @@ def _xml(text: str) -> ET.Element:
 
 
 def _numbers(text: str | None, count: int, what: str) -> np.ndarray:
-    """Exactly ``count`` finite numbers within +-1e9, separated by spaces, as an array.
+    """Exactly ``count`` finite numbers within +-1e9, separated by spaces, as (count,).
 
     Else a `ConfigError` of ``what``.
     """
@@ -474,7 +474,10 @@ class _Lines:
         return [(k, value) for k, value, remark in self.rows if remark.startswith(comment)]
 
     def numbers(self, comment: str, count: int, entry: int = 0) -> np.ndarray:
-        """The ``count`` numbers of the line with this comment, of the entry with this number."""
+        """The numbers (count,) of the ``entry``-th line with this comment in the section.
+
+        `ConfigError` if it is not there.
+        """
         rows = self.all(comment)
         if len(rows) <= entry:
             raise ConfigError(

@@ -109,7 +109,10 @@ def canonical(columns: np.ndarray, digits: int = 3) -> frozenset[Shape]:
 
 
 def _frames(forces: np.ndarray) -> Iterator[np.ndarray]:
-    """Orthogonal matrices of both hands, which turn each thruster's force, and in space a second one, to axes."""
+    """Orthogonal matrices (d, d) of both hands that turn each force, in space with a second one, to axes.
+
+    ``forces`` are (thrusters, d) in B. Each of a layout's own frames is there, so that equal layouts share one.
+    """
     for force in forces:
         first = force / np.linalg.norm(force)
         if len(first) == 2:
@@ -128,7 +131,7 @@ def _frames(forces: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _drawn(random: np.random.Generator, ranges: LayoutRanges) -> np.ndarray:
-    """Columns of one layout, which may not be able to push and turn every way."""
+    """Columns (thrusters, 3) of a layout, perhaps unable to move every way; pools rely on the order of draws."""
     family = FAMILIES[random.integers(len(FAMILIES))]
     count = int(random.integers(ranges.fewest, ranges.most + 1))
     if family != "free":
@@ -174,7 +177,10 @@ def _drawn(random: np.random.Generator, ranges: LayoutRanges) -> np.ndarray:
 
 
 def _drawn_in_space(random: np.random.Generator, ranges: LayoutRanges) -> np.ndarray:
-    """Columns of one layout in space, which may not be able to push and turn every way."""
+    """Columns (thrusters and wheels, 6) of a layout, perhaps unable to move every way.
+
+    Pools rely on the order of draws.
+    """
     family = FAMILIES_IN_SPACE[random.integers(len(FAMILIES_IN_SPACE))]
     kind = DIRECTIONS[random.integers(len(DIRECTIONS))]
     has_wheels = random.random() < ranges.wheels

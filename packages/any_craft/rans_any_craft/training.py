@@ -1016,7 +1016,10 @@ class _Gradients:
 
 
 def _tensors(batch: Batch) -> Iterator[Tensor]:
-    """Tensors of a nested batch, last entries first: two batches of one structure pair up in this order."""
+    """Tensors of a nested batch, last entries first.
+
+    A recorded graph copies a new batch into its own in this order.
+    """
     pending: list[Any] = list(batch)
     while pending:
         entry = pending.pop()

@@ -258,7 +258,10 @@ def perturbed_motion(
     rate = np.einsum("nij,nj->ni", axes, v) + np.cross(twist, relative)
 
     def slope(_: float, flat: np.ndarray) -> np.ndarray:
-        """Derivative of SciPy's flat state, of craft relative to the target and of the target itself."""
+        """Derivative of SciPy's flat state (4 * count * 3,).
+
+        Positions and velocities (m, m/s) of craft relative to the target, then the target's own, in inertial axes.
+        """
         r, rate, place, along = flat.reshape(4, count, 3)
         square = np.sum(place**2, axis=1, keepdims=True)
         distance = np.linalg.norm(place + r, axis=1, keepdims=True)

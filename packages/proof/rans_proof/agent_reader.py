@@ -155,7 +155,7 @@ def _is_unused(name: str) -> bool:
 
 
 def _blocks(rows: Any) -> list[tuple[str, int]]:
-    """Names and widths of the blocks of an observation, or `Refused` where they are not plain vectors."""
+    """Names and widths of an observation's blocks in order, to compare with `LAYOUTS`; else `Refused`."""
     need(isinstance(rows, list), "its observation")
     result = []
     for row in rows:

@@ -94,7 +94,10 @@ def _claim(certificate: bytes, network: bytes) -> Claim:
 
 
 def _cover(box: Any, cells: Any) -> None:
-    """Refuse cells that leave a part of a box open. Coordinates are compared, never computed."""
+    """Refuse cells that leave a part of a box open.
+
+    Coordinates are compared, never computed, so that nothing is rounded. Cells may overlap.
+    """
     stack = [(box, cells)]
     while stack:
         box, inside = stack.pop()
@@ -240,7 +243,10 @@ class Loop:
 
 
 def _last(problem: dict[str, Any]) -> dict[str, list[float]]:
-    """Box in which flights end; a state that never changes and starts in it needs no margin, and has no ends."""
+    """Box in which flights end.
+
+    A state that never changes and starts inside needs no margin: its ends are +-1e9.
+    """
     start, end = problem["start"], problem["end"]
     box = {"lower": list(end["lower"]), "upper": list(end["upper"])}
     for i, rate in enumerate(problem["derivative"]):

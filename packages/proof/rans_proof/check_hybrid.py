@@ -189,7 +189,7 @@ class Chain:
             first, last = first + end[0], last + end[1]
 
     def _ended(self, rates: Any, states: Any, guard: Any, end: Any) -> tuple[float, float]:
-        """Times between which a mode ends: before, its function is below zero, then it rises, and is above zero."""
+        """Times (s) of a mode's end: before them its function is below zero, then it rises, then is above."""
         ((low, high),) = _box([end], 1)
         row, constant = guard
         need(low > 0.0, "a mode may end at its begin.")
@@ -248,7 +248,11 @@ class Chain:
 
 
 def _everywhere(test: Any, box: Box, tree: Any) -> None:
-    """Refuse a box of times unless a test passes on all parts, those of a tree and halves of its leaves."""
+    """Refuse a box of times unless a test passes on all parts, those of a tree and halves of its leaves.
+
+    ``test(part)`` is None if it passes, else the axis to halve; the tree only spares tests, so that a wrong one
+    cannot prove anything.
+    """
     stack: list[tuple[Box, Any, int]] = [(box, tree, 0)]
     for _ in range(_NODES):
         if not stack:

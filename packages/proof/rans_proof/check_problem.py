@@ -109,7 +109,10 @@ def _box(table: Any, count: int, what: str, optional: dict[str, Kind] | None = N
 
 
 def _limit(kind: str, limit: Any, count: int) -> None:
-    """Refuse a property (`Refused`) that is not checked, or whose table has other keys than are checked."""
+    """Refuse a property (`Refused`) that is not checked, or whose table has other keys than are checked.
+
+    Every kind that `rans_proof.problem` reads must be here too.
+    """
     every = list_of(whole(0, count - 1), 1, count)
     states = Kind("list of different states", lambda x: every.fits(x) and len(set(x)) == len(x))
     if kind in ("avoid", "within"):

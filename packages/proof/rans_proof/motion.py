@@ -257,7 +257,7 @@ class Series:
             state.append(self._values[rate][k].times(1.0 / (k + 1)))
 
     def _coefficient(self, k: int, name: str, *operands: Any) -> Any:
-        """Coefficient k (a form) of an operation of the tape, from lower coefficients of its operands."""
+        """Coefficient k (a form) of an operation, by name and operands, from lower coefficients of its operands."""
         if name == "variable":
             known = self._variables[operands[0]]
             return known[k] if k < len(known) else self._zero

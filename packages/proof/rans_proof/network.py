@@ -162,7 +162,7 @@ class _Unread(Exception):
 
 
 def _refuse_beside_the_graph(model: Any, where: object) -> None:
-    """Refuse what changes the meaning of a graph from outside of it."""
+    """Refuse (`ConfigError`) functions, sparse weights and other operator sets: they change what a graph means."""
     versions = [entry.version for entry in model.opset_import if entry.domain == ""]
     if len(versions) != 1 or versions[0] not in _OPSETS:
         raise ConfigError(
@@ -180,7 +180,7 @@ def _refuse_beside_the_graph(model: Any, where: object) -> None:
 
 
 def _tables(onnx: Any, graph: Any, where: object) -> dict[str, np.ndarray]:
-    """Weights by their names in the file's precision.
+    """Weights (arrays) by name in the file's precision.
 
     External, unnamed or infinite ones are refused (`ConfigError`).
     """
@@ -451,7 +451,7 @@ class _Chain:
 
 
 def _settings(onnx: Any, node: Any) -> dict[str, Any]:
-    """Attributes of a node of `_ATTRIBUTES`.
+    """Attributes of a node of `_ATTRIBUTES`, defaults where it has none.
 
     Raises:
         _Unread: one is unknown, of another type, or there twice.

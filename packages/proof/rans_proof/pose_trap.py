@@ -389,7 +389,7 @@ def write_pose_trap(
 
 
 def _runs(cells: np.ndarray) -> list[list[int]]:
-    """Rows of cells: number of the row, first column, and the one after the last."""
+    """Runs of cells (rows, columns) that are set: row, first column, one after the last, from the middle."""
     half = [n // 2 for n in cells.shape]
     result = []
     for row in np.flatnonzero(cells.any(axis=1)):

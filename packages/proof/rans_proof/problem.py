@@ -344,7 +344,7 @@ class _Anything:
 
 
 def _end(table: Any, count: int, steps: int, where: object) -> tuple[Within, int]:
-    """Box of a flight's end, and the number of periods after which flights may be in it."""
+    """Box of a flight's end, and after how many periods flights may be in it; `ConfigError` names the key."""
     table = dict(table) if isinstance(table, dict) else table
     earliest = table.pop("earliest", 0) if isinstance(table, dict) else 0
     if type(earliest) is not int or not 0 <= earliest <= steps:

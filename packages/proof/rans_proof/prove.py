@@ -330,7 +330,7 @@ class ClosedLoop:
         return self._slow(piece, keep, ahead)
 
     def _faces(self, piece: Piece, rows: np.ndarray, offsets: np.ndarray, every: bool) -> Tensor:
-        """Least value of linear functions over a piece: of all of them, or of the best one."""
+        """Least values (pieces,) of all linear functions together (``every``), or of the best one."""
         functions, constants = (
             torch.tensor(x, dtype=torch.float64, device=self.device) for x in (rows, offsets)
         )

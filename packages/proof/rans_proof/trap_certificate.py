@@ -150,7 +150,7 @@ def check_size(count: int) -> None:
 
 
 def _cells(cells: Any, most: int) -> list[tuple[int, ...]]:
-    """Cells of a list, each of six whole numbers, at most so many (`ConfigError`)."""
+    """Cells of a list, at most ``most``, each of six whole numbers; all else is refused (`ConfigError`)."""
     if not isinstance(cells, list) or not 1 <= len(cells) <= most:
         count = len(cells) if isinstance(cells, list) else brief(cells)
         raise ConfigError(

@@ -304,7 +304,10 @@ def _database_entries(file: Path) -> Iterator[BagMessage]:
 
 
 def _unpacked(chunk: Any) -> Any:
-    """Chunk whose records are not compressed; ValueError if they would be too large."""
+    """Chunk of a bag with its records uncompressed.
+
+    ValueError beyond `_LARGEST_RECORD`, however small the file is.
+    """
     if chunk.compression == "zstd":
         import zstandard
 

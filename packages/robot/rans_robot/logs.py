@@ -252,7 +252,7 @@ def _ends_of_plan(source: Path, entry: BagMessage, craft: Spacecraft) -> Interfa
 def _reading(
     ends: Interface, validator: Validator, topic: str, data: bytes, wheels: int
 ) -> tuple[int, tuple[Any, ...]]:
-    """Time stamp, ns, and position, attitude, velocity, spin and speeds of wheels of a message (`ValueError`)."""
+    """Time stamp (ns), and pose, twist and wheels' speeds of a message, in SI (else `ValueError`)."""
     if topic in ends.inputs:
         reading = ends.read(topic, data)
         validator.pose(topic, reading.frame, reading.position, reading.attitude)

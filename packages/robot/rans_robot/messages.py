@@ -67,7 +67,7 @@ int8 quality
 
 @cache
 def types() -> Any:
-    """Type store with ROS 2's common interfaces and PX4's messages.
+    """Type store with ROS 2's common interfaces and PX4's messages. Loaded once a process.
 
     Raises:
         ConfigError: the package rosbags is missing.
@@ -131,7 +131,7 @@ def vector(values: Any) -> Any:
 
 
 def pose(position: Any, quaternion: Any) -> Any:
-    """geometry_msgs/msg/Pose of a position and a quaternion (w, x, y, z)."""
+    """geometry_msgs/msg/Pose of a position (3,), m, and a quaternion (w, x, y, z); ROS has w last."""
     x, y, z = (float(v) for v in position)
     w, i, j, k = (float(v) for v in quaternion)
     return make(

@@ -207,7 +207,7 @@ def _at_rate(conditions: Conditions | None, ratio: float) -> Conditions | None:
 
 
 def _placed(craft: Spacecraft, numbers: tuple[float, ...]) -> Any:
-    """State at rest of a start: x, y and heading, or x, y, z and roll, pitch, yaw (m, degrees).
+    """State at rest in W: x, y and heading, or x, y, z and roll, pitch, yaw (m, degrees).
 
     `ConfigError` for others.
     """
@@ -333,7 +333,7 @@ def _newest_command(
     refused: set[str],
     say: Callable[[str], None],
 ) -> np.ndarray | None:
-    """The last command among all messages that wait; None: there is none.
+    """The last command (n,) among all messages that wait; None: there is none.
 
     Args:
         inbox: topics and contents of the messages, which are taken out.

@@ -77,7 +77,7 @@ def finite_vector(what: str, values: Any) -> np.ndarray:
 
 
 def unit(values: Any) -> np.ndarray:
-    """Unit quaternion (w, x, y, z) of four numbers, checked (`ValueError`) to be of unit length."""
+    """Quaternion (w, x, y, z) scaled to unit length; ValueError unless it is four numbers of nearly that length."""
     result = np.array(values, dtype=float)
     low, high = _LENGTHS
     length = float(np.linalg.norm(result)) if (np.abs(result) <= high).all() else np.inf
@@ -147,7 +147,7 @@ def announced(data: bytes) -> tuple[str, list[str]]:
 
 
 def _table(data: bytes) -> dict[str, Any]:
-    """JSON object in a text message, or a `ValueError`; its size is checked before it is read."""
+    """JSON object in a text message (std_msgs/String), or a `ValueError`; its size is checked before it is read."""
     if len(data) > LARGEST_MESSAGE:
         raise ValueError(
             f"a message has {len(data):,} bytes, and at most {LARGEST_MESSAGE:,} are read"
@@ -207,7 +207,7 @@ class Validator:
         self._name(topic, frame)
 
     def _pose(self, position: np.ndarray | None, attitude: np.ndarray | None) -> None:
-        """Refuse (`ValueError`) a pose of a craft of the plane that is far above it, or tilted."""
+        """Refuse (`ValueError`) a pose (m; w, x, y, z) of a craft of the plane that is far above it, or tilted."""
         if not self._planar:
             return
         if position is not None and abs(position[2]) > _HIGHEST:

@@ -129,7 +129,7 @@ class Campaign:
         return [number for number, failure in self.listed if failure == kind]
 
     def to_json(self) -> dict[str, Any]:
-        """Content of "campaign" in the JSON file, from which `go_on_from` continues."""
+        """Content of "campaign" in the JSON file, whose keys `go_on_from` reads in a later run."""
         return {
             "flights": self.flights,
             "seed": self.seed,

@@ -45,7 +45,7 @@ class Sized(tuple[float, float]):
 
 
 def sized(conditions: Any) -> Any:
-    """Conditions whose ranges are `Sized` where they differ from a perfect world's."""
+    """Conditions whose ranges are `Sized` where they differ from a perfect world's; `_Given` scales only these."""
     perfect = type(conditions)()
     changed = {}
     for condition in fields(conditions):

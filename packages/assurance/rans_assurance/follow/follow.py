@@ -211,7 +211,7 @@ class Following:
         return Table(("quantity", "mean", "worst flight", "meaning"), rows, self.title())
 
     def to_json(self) -> dict[str, Any]:
-        """Data for `rans.files.write_json`; the duration of a flight that never arrived is infinite."""
+        """Data for `rans.files.write_json` (SI); the duration of a flight that never arrived is infinite."""
         path = self.planner.path
         flight = self.flight
         rows = [

@@ -193,7 +193,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         return np.concatenate(left) if left else rows
 
     def _cautious(self, goal: Any) -> Meeting:
-        """The meeting with the goal of an episode, with its tolerances and limits a little tighter."""
+        """The meeting with one episode's goal; tolerances and limits are tightened, since flights are not exact."""
         meeting = Meeting.of(self._craft, self._mission, goal)
         remaining = 1.0 - self._reserve
         return replace(

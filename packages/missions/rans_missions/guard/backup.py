@@ -123,7 +123,10 @@ class _Search:
         return safe
 
     def _escapes(self, state: Any, goal: Any, library: tuple[Manoeuvre, ...]) -> Field:
-        """Whether one of these manoeuvres leads to a state from which the craft may coast."""
+        """Whether (N,) one of these manoeuvres leads to a state from which the craft may coast.
+
+        The first is tried alone.
+        """
         size = count(state)
         escaped = truths(state, size)
         left = row_indices(state, size)

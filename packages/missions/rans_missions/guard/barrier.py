@@ -96,7 +96,8 @@ class _Search:
     def braking(self, state: Any, goal: Any) -> list[Any]:
         """Least value of each margin while the craft brakes, and the speed of rest less that at the end.
 
-        The speed of rest is the velocity change of a control period of thrust.
+        The speed of rest is the velocity change of a control period of thrust. Keys are those of
+        `Task.constraints`.
         """
         least: dict[str, Any] = {}
         rest = slowest_change(self.world)

@@ -114,7 +114,7 @@ class Thrusters:
 
 
 def slope_of_least(world: World, state: Any, goal: Any) -> Any:
-    """Gradient of the least margin of a task's constraints over the position in W, up to a factor."""
+    """Gradient of the least margin of a task's constraints over the position in W, up to a positive factor."""
     task = world.task
 
     def least(p: Vector) -> Field:

@@ -116,7 +116,7 @@ class SafeCoasts(Replacing):
         return keep_away(self.mean_motion, coasts, size, self.zone.radius)
 
     def _coasts(self, ahead: Ahead, state: Any, goal: Any, command: Command) -> Pieces:
-        """Coasts from all instants of a control period with commands, and from its end for longer, of N flights."""
+        """Coasts from all instants of a control period with commands, and from its end for longer, (N,) flights."""
         n, period = self.mean_motion, ahead.world.timing.control_period
         before, after = _rows(state), _rows(ahead.fly(state, goal, command).state)
         everyone = np.arange(len(before))

@@ -253,7 +253,7 @@ class ConeApproach:
         return best
 
     def _bent(self, j: int) -> tuple[Field, Transfer]:
-        """The transfer with a burn now and one along y later, just so large that the arrival is inside the cone.
+        """The transfer with a burn now and one along y later, just so large that it arrives inside the cone (W).
 
         Args:
             j: start of the later burn.

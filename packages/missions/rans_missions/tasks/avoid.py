@@ -104,7 +104,7 @@ class Avoid(GoToPose):
             )
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start and goal as for `GoToPose`, and the zones of the episode."""
+        """Start and goal as for `GoToPose`, then the zones, which cross the way between; seeds rely on this."""
         start, goal = super().sample(random)
         distance = (start.p - goal.p).norm()
         along = (start.p - goal.p).scale(1.0 / distance)
@@ -125,7 +125,7 @@ class Avoid(GoToPose):
         return replace(goal, notes=Zones(tuple(zone.later(time) for zone in self.scenery(goal))))
 
     def scenery(self, goal: State) -> tuple[Ball, ...]:
-        """Keep-out zones at the goal's instant."""
+        """Keep-out balls in W, m, at the goal's instant; filters keep off them and pages draw them."""
         return goal.notes.zones
 
     def constraints(self, state: State, goal: State) -> dict[str, Field]:
@@ -134,7 +134,7 @@ class Avoid(GoToPose):
         return {f"zone {k}": zone.gap(state.p) for k, zone in enumerate(zones, 1)}
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Terms of `GoToPose`, then those of the zones, the nearest first."""
+        """Terms of `GoToPose`, then the zones', the nearest first; agents' files record kinds and order."""
         entries = list(super().observation_terms(state, goal))
         for k, zone in enumerate(nearest_first(self.scenery(goal), state.p), 1):
             offset = zone.centre - state.p

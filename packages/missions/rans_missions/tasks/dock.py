@@ -71,7 +71,7 @@ class Dock(OrbitalMission):
         return {"speed": SpeedLimit(goal.p, base, self.limit_slope)}
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start around the target at the origin; the notes of the goal have a deadline and a plan."""
+        """Start around the target at the origin, which notes a deadline and a plan; seeds rely on the order."""
         distance = random.uniform(*self.spawn_distance)
         position = self._direction(random).scale(distance)
         speed = random.uniform(*self.start_speed)

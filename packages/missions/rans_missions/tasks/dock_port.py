@@ -131,7 +131,7 @@ class DockPort(SingleTask):
         return self._docked(step_goal(goal, FREE, time))
 
     def scenery(self, goal: State) -> tuple[Shape, ...]:
-        """The approach cone, and the keep-out ball around the target."""
+        """The approach cone and the keep-out ball in W, m, in the order of `constraints`."""
         return self._cone(goal), self._target(goal)
 
     def constraints(self, state: State, goal: State) -> dict[str, Field]:
@@ -146,7 +146,7 @@ class DockPort(SingleTask):
         return self.reached(state, goal)
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Position, attitude, velocity and spin of the docked state relative to the craft, and the cone."""
+        """Differences of p, v (W), attitude and spin from the docked state, and the cone, in this order."""
         cone = self._cone(goal)
         return (
             VectorInW("d", "m", goal.p - state.p),
@@ -200,7 +200,7 @@ class DockPort(SingleTask):
         return lost | (speed(state.spin()) > self.fail_spin)
 
     def _docked(self, turned: Any) -> Any:
-        """Docked state with the attitude and the spin of another state."""
+        """Docked state (W) for the attitude and spin of another state: at the standoff, turning with the target."""
         towards = _ahead(turned.attitude)
         p = towards.scale(-self.standoff)
         if isinstance(turned.attitude, Heading):

@@ -171,7 +171,7 @@ class Inspect(SingleTask):
         return CoastZone(self.keep_out)
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start around the target, and the goal with the angle of the sun; no point has been seen."""
+        """Start around the target (W, m), and a goal that notes the sun's angle and that no point is seen."""
         distance = random.uniform(*self.spawn_distance)
         speed = distance * random.uniform(*self.start_speed) * (2.0 * self.mean_motion)
         position = random.direction().scale(distance)
@@ -188,7 +188,7 @@ class Inspect(SingleTask):
         return replace(goal, notes=replace(goal.notes, sun=sun))
 
     def remember(self, goal: State, state: State) -> State:
-        """Goal with the points that are visible now added to those seen before."""
+        """Goal with the points that are visible now added to those seen; words of bits, see `_known`."""
         now = self.visible(goal, state)
         counted: Field = 0.0
         remembered = []
@@ -226,7 +226,7 @@ class Inspect(SingleTask):
         return (float(self.points) - goal.notes.count) * (1.0 / self.points)
 
     def _known(self, goal: State) -> list[list[Field]]:
-        """Whether each point has been seen, unpacked from the numbers in the notes."""
+        """Whether each point was seen, 0 or 1 by word and bit, the inverse of what `remember` packs."""
         words: list[list[Field]] = []
         for k, word in enumerate(goal.notes.words):
             bits = min(WORD, self.points - k * WORD)
@@ -263,7 +263,7 @@ class Inspect(SingleTask):
         return self.reached(state, goal)
 
     def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
-        """Vector to the target, direction of the sun, and the unseen points."""
+        """Vector to the target, direction of the sun (W), and the unseen points; agents rely on the order."""
         sun = self.sun(goal)
         unlit, lit = self.directions(goal)
         return (
@@ -299,7 +299,7 @@ class Inspect(SingleTask):
         )
 
     def directions(self, goal: State) -> tuple[Vec3, Vec3]:
-        """Sum of the normals of unseen points, and of unseen lit points, each over the number of points."""
+        """Sums of the normals (W) of unseen points and of unseen lit points, over the number of all; observed."""
         inspected = reduce(add, self._known(goal))
         sun = self.sun(goal)
         light = math.cos(math.radians(self.light_degrees))

@@ -100,7 +100,7 @@ class Land(SingleTask):
         return UniformGravity((0.0, 0.0, -self.gravity))
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start above and beside the site, moving away from it; the goal is the site."""
+        """Start above and beside the site (W, z up), moving away from it; seeds rely on the order of draws."""
         bearing = random.uniform(-math.pi, math.pi)
         altitude = random.within(self.start_altitude)
         distance = random.within(self.start_distance)
@@ -138,7 +138,10 @@ class Land(SingleTask):
         return self.reached(state, goal)
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Vector to the site, vertical, acceleration and time to go of the guidance law, propellant left."""
+        """Vector to the site, vertical, the law's acceleration and time to go, propellant left.
+
+        SI units, W. Agents' files record the kinds and order of terms; `guidance` gives the law.
+        """
         law = self.guidance(state, goal)
         zero = state.p.x * 0.0
         return (

@@ -445,7 +445,7 @@ class OrbitalMission(SingleTask):
         return replace(goal, notes=replace(goal.notes, won=won))
 
     def scenery(self, goal: State) -> tuple[Shape, ...]:
-        """Shapes of the mission's limits."""
+        """Shapes of `limits` in their order, in the target's frame (m): filters keep and pages draw them."""
         return tuple(self.limits(goal).values())
 
     def limits(self, goal: State) -> dict[str, Shape]:
@@ -497,7 +497,10 @@ class OrbitalMission(SingleTask):
         return balancing_velocity(drift, state, goal, period, *tolerances, acceleration)
 
     def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
-        """Vector to the goal, velocity to gain and of arrival, miss distance, times left, and entries of limits."""
+        """Vector to the goal, velocities to gain and of arrival, miss distance, times left, limits' entries.
+
+        In SI units and the target's frame. Agents' files record the kinds and order of terms.
+        """
         deadline, arrival = goal.notes.deadline, goal.notes.arrival
         gain = self.velocity_to_gain(state, goal, arrival)
         time = at_least(arrival, self.shortest_aim)
@@ -553,7 +556,7 @@ class OrbitalMission(SingleTask):
         )
 
     def _angle_terms(self, goal: Any) -> tuple[ObservationTerm, ...]:
-        """Cosine and sine of the target's angle on its orbit, where motion depends on it."""
+        """Cosine and sine of the target's angle, or () where the orbit is steady: fixed for each setting."""
         if self.orbit.is_steady:
             return ()
         angle, what = (

@@ -117,7 +117,10 @@ class Rendezvous(OrbitalMission):
         return self.position_tolerance / math.sin(math.radians(self.cone_degrees))
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start near the axis of the cone, and the target at the origin with a deadline and a plan in its notes."""
+        """Start near the cone's axis, and the target at the origin, which notes a deadline and a plan.
+
+        Target's frame, m and m/s. The order of draws is part of every recorded flight.
+        """
         distance = random.uniform(*self.spawn_distance)
         rest = random.at_rest(random.origin(), random.no_rotation())
         # The distance across the axis is bounded by the angle.

@@ -57,7 +57,7 @@ def write_fmu(
 
 
 def _variables(about: Mapping[str, Any]) -> list[Variable]:
-    """Inputs, outputs and notes, with units and meanings of the contract."""
+    """Inputs, outputs and notes with the contract's units and meanings; FMI importers rely on names and order."""
     columns = [
         Variable(
             f"observation[{at}]",

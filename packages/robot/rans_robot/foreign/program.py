@@ -148,7 +148,10 @@ class _Reader:
         return program
 
     def _follow(self, node: Any) -> None:
-        """Add the values of one node to `_values`, by the kind of its operands; a refusal names the node."""
+        """Add the values of one node's outputs to `_values`, by the kind of its operands.
+
+        A refusal names the node.
+        """
         operands: list[Any] = [self._values[name] if name else None for name in node.input]
         attributes = _attributes(node)
         try:
@@ -170,7 +173,7 @@ class _Reader:
         self._values |= dict(zip(node.output, results, strict=False))
 
     def _computed(self, node: Any, operands: Sequence[Any]) -> list[np.ndarray]:
-        """Arrays that ONNX's own reference makes of constants; random operations are refused."""
+        """Arrays that ONNX's own reference makes of constants; random operations are refused (`_Refused`)."""
         from onnx import helper
         from onnx.reference import ReferenceEvaluator
 
@@ -313,7 +316,7 @@ class _Reader:
         return np.arange(begin, begin + values.size).reshape(values.shape)
 
     def _row(self, places: np.ndarray) -> str:
-        """The name of a row of the program with these numbers, in their order."""
+        """Name of the program's row of these numbers (any shape, raveled), an existing one if it is the same."""
         entries = [self._places[k] for k in places.ravel()]
         name, width, _ = entries[0]
         if name and entries == [(name, width, column) for column in range(width)]:

@@ -270,7 +270,7 @@ def turn(vectors: np.ndarray) -> np.ndarray:
 
 
 def _check_times(what: str, name: str, times: np.ndarray) -> None:
-    """Refuse times that do not ascend, or that cannot be those of one flight in seconds."""
+    """Refuse (`ConfigError`) times (n,) that do not ascend, or that cannot be those of one flight in seconds."""
     with np.errstate(over="ignore", invalid="ignore"):  # of times of 1e308
         gaps = np.diff(times)
         length = float(times[-1] - times[0]) if len(times) else 0.0
@@ -424,7 +424,11 @@ def _check_turns(what: str, log: FlightLog, together: Any, is_sure: bool = True)
     gone = np.cumsum(gone, axis=0)
 
     def difference(order: tuple[int, ...], back: float, factor: float, rows: int = 1) -> float:
-        """Median difference over so many rows, as a part of the median turn."""
+        """Median difference between turns of attitude and of rates, as a part of the median turn; NaN: too few.
+
+        ``order`` says which columns are (w, x, y, z), ``back`` is -1 for conjugates, ``factor`` scales the rates,
+        and every ``rows``-th row is compared.
+        """
         q = attitude[::rows, order] * [1.0, back, back, back]
         turned = _turns(q)
         expected = factor * np.diff(gone[::rows], axis=0)
