@@ -202,7 +202,7 @@ def margin_lines(margins: dict[str, Any], is_foreign: bool = False) -> list[str]
 
 
 def _tolerated(margins: dict[str, Any], rest: str) -> str:
-    """Sentence with the interval of each quantity in which enough flights are solved."""
+    """Sentence with the interval of each quantity in which enough flights are solved, all else being ``rest``."""
     parts = []
     for quantity in QUANTITIES:
         holds = margins[quantity.name]["holds"]

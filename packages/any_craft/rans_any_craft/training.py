@@ -185,7 +185,7 @@ def draw_pool(
 
 
 class _Drawing:
-    """Draws layouts of a seed."""
+    """Rows of the pool: layouts of a seed by their numbers, of which none is a shipped craft's."""
 
     def __init__(self, seed: int, dimension: int, shared: float) -> None:
         random = np.random.default_rng(seed)

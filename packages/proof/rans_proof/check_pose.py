@@ -196,7 +196,11 @@ def check_pose(certificate: bytes, files: Mapping[str, bytes]) -> PoseCertificat
 
 
 class Cells:
-    """Set of cells of a position and its rate: a table of rows of the rate and columns of the position."""
+    """Set of cells of a position and its rate: a table of rows of the rate and columns of the position.
+
+    ``inside`` (rows, columns) is changed in place by callers; `moved` must never lose a cell that a state may
+    reach.
+    """
 
     def __init__(self, width: tuple[float, float], half: tuple[int, int]) -> None:
         need(4 * half[0] * half[1] <= _MOST_CELLS, "it has too many cells")
@@ -282,7 +286,10 @@ class Cells:
 
 
 class Loop:
-    """Closed loop of an agent, its craft and the errors of a certificate."""
+    """Closed loop of an agent, its craft and the errors of a certificate, all read from the certificate's files.
+
+    Bounds are enclosures with all rounding, in SI units and the goal's frame; what cannot be read is `Refused`.
+    """
 
     def __init__(self, table: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
         self.period = read_period(files["config.json"], "go-to-pose")
@@ -528,7 +535,11 @@ class Loop:
     def _turn(
         self, begin: Parts, sectors: int, heading: Cells, far: Parts
     ) -> tuple[int, int, tuple[float, float]]:
-        """Periods of the longest turn in which the position rests; those to its end; heading and spin then."""
+        """Periods of the longest turn in which the position rests; those to its end; heading and spin then.
+
+        Over headings from -begin.heading to begin.heading (rad) in so many ``sectors``, until they are in
+        ``heading``, the trapping cells; positions are anywhere within ``far``. `Refused` if the turn does not end.
+        """
         columns = math.ceil(math.pi / heading.width[1])
         whole = self._grid("heading", heading.half[0] + heading.half[0] // 2, columns)
         far = far._replace(spin=whole.half[0] * whole.width[0])
@@ -577,7 +588,10 @@ class Loop:
 
 
 class Network:
-    """Log-odds of an agent whose first layer has units of one column each, in intervals."""
+    """Log-odds of an agent whose first layer has units of one column each, in intervals.
+
+    Columns 0, 1 and 4, 5 are position and velocity along both diagonals; other networks are `Refused`.
+    """
 
     def __init__(self, agent: AgentWeights) -> None:
         need(

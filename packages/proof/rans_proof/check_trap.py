@@ -135,7 +135,10 @@ class _Image(NamedTuple):
 
 
 class _Loop:
-    """Closed loop of an agent and the cells of a certificate."""
+    """Closed loop of an agent and the cells of a certificate, in balls, all read from the certificate's files.
+
+    Speeds are in m/s and spins in rad/s, of the body frame; what cannot be read is `Refused`.
+    """
 
     def __init__(self, table: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
         self.period_text = str(read_period(files["config.json"], "track-velocity"))

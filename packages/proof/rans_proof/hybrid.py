@@ -62,7 +62,7 @@ def search(problem: dict[str, Any], cells: tuple[int, ...]) -> list[dict[str, An
 
 
 class _Cell:
-    """Proof of one cell of starts."""
+    """Search for the proof of one cell of starts, in double precision; `rans_proof.check_hybrid` judges it."""
 
     def __init__(self, problem: dict[str, Any]) -> None:
         self._problem = problem

@@ -35,7 +35,10 @@ class Plant(Protocol):
 
 
 class LinearPlant:
-    """Plant x' = A x + B u, moved by its matrix exponential."""
+    """Plant x' = A x + B u, moved by its matrix exponential over a control period.
+
+    ``_widest`` and ``_second`` bound what flights do between both ends of the period; they must be no smaller.
+    """
 
     def __init__(self, problem: Problem, device: torch.device) -> None:
         from scipy.linalg import expm

@@ -88,7 +88,10 @@ class PoseTrap(NamedTuple):
 
 
 class _Grid:
-    """Rows of a rate and columns of a position, both from -n to n."""
+    """Rows of a rate and columns of a position, both from -n to n; a column is what a row moves in a period.
+
+    The widths are in units of rate (per s) and position; sets of cells are tables (rows, columns) of bool.
+    """
 
     def __init__(
         self, width: float, period: float, fast: float, far: float, slip: float = 0.0
@@ -260,7 +263,7 @@ def pose_trap(
 
 
 class _Asked:
-    """A network, and what it commands."""
+    """A network, and what it commands, by asking it at points: a guess that only the check turns into a proof."""
 
     def __init__(self, run: LoadedRun) -> None:
         self._network: Network = run.network

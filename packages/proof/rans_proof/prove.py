@@ -236,7 +236,7 @@ def reduced(states: Zonotope) -> Zonotope:
 
 
 class ClosedLoop:
-    """Closed loop of a problem and a network on a device."""
+    """Closed loop of a problem and a network on a device: `margins` of sets of starts, with all rounding."""
 
     def __init__(self, problem: Problem, layers: Sequence[Layer], device: torch.device) -> None:
         self.problem = problem

@@ -422,7 +422,11 @@ def _outside(inside: np.ndarray, images: np.ndarray) -> np.ndarray:
 
 
 class _Maps:
-    """Images of cells."""
+    """Images of cells under one control period of the closed loop, with the errors that the trap allows.
+
+    Late commands count as an error of the reading, so that velocity (m/s) and spin (rad/s) are read with a slack;
+    images must hold every state that may be reached.
+    """
 
     def __init__(self, loop: Loop, trap: Trap) -> None:
         self._loop = loop

@@ -88,6 +88,8 @@ def _tables(program: FlightProgram) -> Iterator[str]:
 
 
 class _Writer(Lines):
+    """Writes the kernel's text; ``names`` are the C++ expressions of symbols that are known at its line."""
+
     def __init__(self, program: FlightProgram, design: Design, steps: int) -> None:
         super().__init__()
         self._program = program

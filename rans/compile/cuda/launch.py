@@ -56,7 +56,7 @@ class Function:
         pointers: Sequence[int],
         numbers: Sequence[int],
     ) -> None:
-        """Queue the kernel; all its pointers come before its 32-bit numbers."""
+        """Queue the kernel on a stream; its arguments are device addresses, then 32-bit numbers, in its order."""
         values = (*map(c_void_p, pointers), *map(c_int, numbers))
         places = (c_void_p * len(values))(*map(ctypes.addressof, values))
         one = c_uint(1)

@@ -114,7 +114,7 @@ def _literal(value: float) -> str:
 
 
 class _Writer(Lines):
-    """Of a step."""
+    """Writes the text of a step's kernel; what is rare stands where an episode has ended (`StepProgram.rare`)."""
 
     def __init__(self, program: StepProgram, together: int, members: bool) -> None:
         super().__init__()

@@ -29,7 +29,7 @@ SOLVED_IN_A_ROW = 2
 
 
 def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
-    """Network architecture of settings, for the task and spacecraft of an engine."""
+    """Network architecture of settings for an engine's task and craft; members that train together share it."""
     craft = engine.craft
     memory = settings.memory
     filters = settings.filters

@@ -144,7 +144,6 @@ def front_chart(front: Front, curve: Sequence[Entry] = (), entries: Sequence[Ent
         return styles[names[0]]
 
     # From the back to the front: bounds, a curve of weights, trade-offs of agents, and all others.
-    # Bounds below, then lines of agents and of one controller's weights, then single rivals.
     series = []
     shaded = []
     if bounds := front.front():

@@ -84,7 +84,7 @@ def least_to_stay(
 
 
 class Search:
-    """Branch and bound of one start, with the arguments of `least_to_stay`."""
+    """Branch and bound of one start, with the arguments of `least_to_stay`; a node is never dropped unproved."""
 
     def __init__(
         self,

@@ -774,7 +774,11 @@ def cone_rows(limit: Shape, reference: np.ndarray) -> ConeRows:
 
 
 class _Rows:
-    """The program in Clarabel's form: minimise q . u such that b - A u lies in a product of cones."""
+    """The program for Clarabel: minimise q . u such that b - A u lies in a product of cones.
+
+    u are the commands (in [0, 1]) of the thrusters in the periods that may push, period by period; A, b grow row by
+    row (`be_within`, `keep`), and `prices` relies on their order.
+    """
 
     def __init__(self, meeting: Meeting, start: np.ndarray, check: int) -> None:
         self.meeting = meeting

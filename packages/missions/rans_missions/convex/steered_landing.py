@@ -326,7 +326,11 @@ def _height_of_axis(tilt: ca.MX, roll: ca.MX, offset: float) -> ca.MX:
 
 
 class _Program:
-    """The nonlinear program of landings in a number of periods."""
+    """The nonlinear program of landings in ``count`` periods of ``period`` s.
+
+    Variables are the states after each period (size, count) and its commands (width, count), as of ``step``; each
+    kind of rows comes with its bounds. `SteeredLandings` keeps one for each count.
+    """
 
     def __init__(
         self,

@@ -77,7 +77,10 @@ def foreign_program(file: Path, width: int, craft: Spacecraft) -> Program:
 
 
 class _Reader:
-    """Follows a graph from its observation to its command."""
+    """Follows an ONNX graph from its observation (width,) to its command, and writes a program alike.
+
+    Every number on the way has a place (`_places`); what the program cannot say is refused (`_Refused`).
+    """
 
     def __init__(self, model: Any, file: Path, width: int) -> None:
         from onnx import numpy_helper

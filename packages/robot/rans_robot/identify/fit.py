@@ -225,7 +225,7 @@ def physics_of(craft: Spacecraft, values: np.ndarray) -> Physics:
 
 
 class _Problem:
-    """Residuals of logs as a function of parameters and the windows' starts."""
+    """Residuals of logs as a function of parameters and the windows' starts, in SI units, groups in order."""
 
     def __init__(self, craft: Spacecraft, logs: Sequence[FlightLog], window: float) -> None:
         self.craft = craft
@@ -321,7 +321,10 @@ class _Problem:
 
 
 class _Group:
-    """Windows of one log that have equally many readings."""
+    """Windows (W) of one log that have equally many readings (R), as arrays (W, R, ...), SI units.
+
+    ``starts`` (W, width) are the first readings, or a guess where one is missing: where the fit begins.
+    """
 
     def __init__(
         self,
@@ -607,7 +610,7 @@ class _Normal:
 
 
 class _Solver:
-    """Iterations from one set of values."""
+    """Gauss-Newton iterations from one set of values; `solve` changes values, starts, paths and noise together."""
 
     def __init__(
         self, problem: _Problem, values: np.ndarray, noise: dict[str, float] | None = None

@@ -63,7 +63,11 @@ _WIDTH = 7
 
 
 def smoothed(log: FlightLog) -> tuple[FlightLog, Links]:
-    """The log with most probable rates and attitudes, and the links between its rows as they were read."""
+    """The log with most probable rates (rad/s) and attitudes, and the links between its rows as they were read.
+
+    Rows without a reading stay as they are. Where too few links are left or none agree, it is the log as read, and
+    nothing is linked; ``wheel_speeds`` must be there.
+    """
     assert log.wheel_speeds is not None
     readings = np.column_stack([log.attitude, log.spin, log.wheel_speeds])
     rows = np.asarray(np.isfinite(readings).all(axis=1))

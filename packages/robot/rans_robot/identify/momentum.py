@@ -142,7 +142,10 @@ class MomentumFit:
 
 
 class _Rows:
-    """Readings of a log in which everything was measured, and the momenta that external torques give."""
+    """Readings of a log in which everything was measured, and the momenta that external torques give.
+
+    N rows, SI units; momenta are in ``unit`` (kg m^2). ``weight`` and both errors are changed by the fit.
+    """
 
     def __init__(self, as_read: FlightLog, unit: float) -> None:
         log, self.links = smoothed(as_read)
@@ -252,7 +255,11 @@ class _Rows:
 
 
 class _Momentum:
-    """The model of `fit_momentum` for all logs of one satellite."""
+    """The model of `fit_momentum` for all logs of one satellite: momenta by values, and their derivatives.
+
+    Values are 6 entries of the inertia and W of wheels, in ``unit`` (kg m^2), then 2 delays, s; `free` leaves the
+    sum of the moments as it is.
+    """
 
     def __init__(
         self, craft: Spacecraft, logs: Sequence[FlightLog], nominal: np.ndarray, prior: np.ndarray
