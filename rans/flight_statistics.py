@@ -89,6 +89,7 @@ class FlightStatistics:
         return float(reached[0]) if len(reached) and self.flights else math.inf
 
     def __add__(self, other: FlightStatistics) -> FlightStatistics:
+        """Statistics of both, as of one batch in any order: lists are sorted by number and cut at the shorter."""
         numbers, kinds = (
             np.concatenate(pair)
             for pair in ((self.numbers, other.numbers), (self.kinds, other.kinds))

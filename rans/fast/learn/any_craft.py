@@ -243,6 +243,7 @@ class _Lessons:
             self._step()
 
     def _descend(self) -> Tensor:
+        """Descend on the rows of `_rows`: fixed addresses, since a CUDA graph replays it; returns the norms."""
         assert self._labels is not None
         network = self._network
         columns, actions, returns, owned = (
@@ -280,6 +281,7 @@ def _flown(
     uniform = own.new_empty((engine.num_envs, engine.craft.command_count), dtype=engine.dtype)
 
     def period() -> tuple[Tensor, ...]:
+        """Fly one period, ``observation`` in place; columns, actions, scaled rewards, 1 if it goes on, (N, ...)."""
         label, _ = expert.deterministic_action(observation, None)
         columns, _, order = network.look(network.in_body(observation))
         policy = network.evaluate_seen(columns).policy

@@ -161,7 +161,7 @@ class Thrust:
 
     @classmethod
     def of(cls, craft: Spacecraft, log: FlightLog) -> Thrust:
-        """Shares of full force under the commands of a log, with pulses and the limit of the supply."""
+        """Shares of full force by a log's commands, with pulses and the supply's limit, as if nothing were late."""
         count = craft.thruster_count
         times = []
         shares = []
