@@ -184,10 +184,6 @@ def test_nothing_that_moves_a_craft_divides_by_a_floor() -> None:
     assert places == set(PROVED)
 
 
-
-
-
-
 @given(angles)
 def test_wrap_keeps_the_angle_and_its_range(angle: float) -> None:
     wrapped = float(wrap(angle))

@@ -83,10 +83,6 @@ def test_never_more_than_the_radius_too_small(x: float, y: float) -> None:
     assert 0 <= 3 * abs(x - 2 * y) - size <= 0.03 + 1e-12
 
 
-
-
-
-
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("name", [name for name in ANY_CRAFT if name != "multi-task"])
 def test_rewards_have_gradients_at_the_goal(name: str, dimension: int) -> None:
