@@ -34,26 +34,6 @@ def first_observation(craft: Spacecraft, seed: int, episode: int) -> np.ndarray:
 
 
 @by_turns
-def test_episode_k_is_the_same_however_many_fly(backend: Any, craft: Spacecraft) -> None:
-    """Environment i of N flies episodes i, i + N, i + 2 N, ... as `scenario` gives them."""
-    for count in (1, 3, 7):
-        engine = backend(craft, NEAR, count, SHORT, seed=11, dtype=torch.float64)
-        number = np.arange(count)
-        begun = np.full(count, True)
-        seen = engine.observe()
-        for action in actions(craft, count, 45):
-            for i in np.flatnonzero(begun):
-                expected = first_observation(craft, 11, int(number[i]))
-                # Both take the same draws; sine and cosine may differ in the last place.
-                np.testing.assert_allclose(seen[i].numpy(), expected, rtol=0, atol=1e-14)
-            step = engine.step(action)
-            begun = (step.terminated | step.truncated).numpy()
-            seen = step.observation
-            number = number + count * begun
-        assert number.min() >= 2 * count
-
-
-@by_turns
 def test_a_lost_state_earns_nothing_and_fails(backend: Any, craft: Spacecraft) -> None:
     """The others' rewards stay as they are, to the last bit."""
     engine, whole = (backend(craft, NEAR, 4, SHORT, seed=3, dtype=torch.float64) for _ in range(2))
