@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import gc
 import weakref
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from rans.fast.learn.sweep import Sweep, read_configs
 from rans.fast.learn.trainer import Trainer
 from rans.fast.stepping.step import field_dtype
 from rans.tasks import GoToPose, MultiTask, TrackTwist
-from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions
+from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT
 from tests.support.training import CONFIG, TINY, after, ignore, tiny_trainer
 
 CHOICES: list[dict[str, Any]] = [
@@ -98,43 +97,6 @@ def test_a_member_learns_what_it_would_alone(craft: Any, kind: dict[str, Any]) -
             # Sums of float64 in another order, divided by gradients as small as 1e-5.
             torch.testing.assert_close(ours[name], weight.detach(), rtol=0, atol=1e-8, msg=name)
             assert (ours[name] - before[number][name]).abs().max() > 1e-3, name
-
-
-def test_an_engine_of_members_is_their_engines(backend: Callable[..., Engine]) -> None:
-    """Through many restarts, with settings that are fields: numbers, ranges, and one that adds a term."""
-    engines = [backend(PLATFORM, task, 16, SHORT, seed=seed) for seed, task in enumerate(TASKS)]
-    compiled = None if backend is Engine else True
-    fields = field_dtype(torch.device("cpu"), torch.float32, compiled)
-    members = Engine(
-        PLATFORM,
-        Curriculum(TASKS, (), fields, each=16).task,
-        48,
-        SHORT,
-        seed=range(3),
-        compiled=compiled,
-    )
-    ends = 0
-    for command in actions(PLATFORM, 48, 50):
-        alone = [engine.step(part) for engine, part in zip(engines, command.chunk(3), strict=True)]
-        step = members.step(command)
-        ends += int((step.terminated | step.truncated).sum())
-        for name in (
-            "observation",
-            "reward",
-            "terminated",
-            "truncated",
-            "final_observation",
-            "reached",
-        ):
-            # A float32 field divides where a Python number was divided in float64 and then rounded.
-            torch.testing.assert_close(
-                getattr(step, name),
-                torch.cat([getattr(s, name) for s in alone]),
-                rtol=1e-5,
-                atol=1e-6,
-                msg=name,
-            )
-    assert ends > 150
 
 
 def test_nested_settings_and_every_error(tmp_path: Path) -> None:
