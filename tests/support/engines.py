@@ -59,8 +59,3 @@ def way_to_go(craft: Spacecraft, seen: Tensor) -> Tensor:
     """Distance from the goal, (N,) m, in the observation's task data."""
     first = 6 if craft.dimension == 2 else 13
     return seen[:, first : first + craft.dimension].norm(dim=1)
-
-
-def spin(craft: Spacecraft, seen: Tensor) -> Tensor:
-    """Angular speed, (N,) rad/s."""
-    return (seen[:, 4:5] if craft.dimension == 2 else seen[:, 9:12]).norm(dim=1)

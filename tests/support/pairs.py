@@ -249,8 +249,6 @@ class Apart(NamedTuple):
     """rad."""
     stores: float
     """kg and N m s."""
-    spin: float
-    """Largest spin of the flight, rad/s: no difference."""
 
 
 class Flown(NamedTuple):
@@ -352,10 +350,8 @@ def _apart(flight: Flight, others: Any) -> Apart:
     amounts = len(flight.craft.stores) - len(_stores_of_rod(flight.craft))
     ours, theirs = (replace(x, stores=x.stores[:amounts]) for x in (flight.states, others))
     off = gaps(ours, theirs)
-    spin = np.linalg.norm(np.array(flight.states.spin()), axis=0)
     return Apart(
         float(off["position"].max()),
         float(off["attitude"].max()),
         float(np.max(off.get("stores", 0.0))),
-        float(spin.max()),
     )
