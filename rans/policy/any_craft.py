@@ -22,7 +22,7 @@ from rans.model.twists import authority_margin, balanced, cone_pushes, pushes_al
 from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, spans, spare
 from rans.policy.architecture import Architecture
 from rans.policy.authority import DIMENSIONS, WAYS, Authority, braking_distance
-from rans.policy.frugality import AS_TRAINED, Frugality
+from rans.policy.frugality import AS_TRAINED, Frugality, Leisure, cruise_speed
 from rans.policy.network import Network
 from rans.pretrained import FOR_ANY_CRAFT
 
@@ -273,11 +273,12 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
     return Network(new, fitted(network.tensors), at=at)
 
 
-def frugal(network: Network, value: float, distance: float) -> Network:
+def frugal(network: Network, value: float, distance: float, seconds: float = math.inf) -> Network:
     """The network for any craft at a frugality from 0 (fast) to 1, for starts at a distance (m) from their goals.
 
-    Its weights are linear in the value between those that it has for some (`Network.at`); without any, its own
-    weights are given other numbers (`rans.policy.frugality`).
+    Its weights are linear in the value between those that it has for some (`Network.at`), and above 0.5 as frugal
+    as flights of so many seconds allow (`rans.policy.frugality.Leisure`). Without any, its own weights are given
+    other numbers (`rans.policy.frugality`).
 
     Raises:
         ConfigError: the value is not from 0 to 1.
@@ -293,7 +294,14 @@ def frugal(network: Network, value: float, distance: float) -> Network:
         hurries = (
             dimension == 3 and is_continuous and architecture.coast > 0.0 and WHEEL not in kinds
         )
+        own = Authority.of_numbers(architecture.authority)
+        period, least = float(own.period), float(own.least_linear)
+        margin = authority_margin(_columns(architecture.tokens))
+        value, slow = Leisure.of_flight(value, distance, seconds, least, margin, dimension)
         numbers = Frugality.trained(value, is_continuous, hurries)
+        if slow:
+            speed = cruise_speed(distance, seconds, least, period, CONTINUOUS in kinds)
+            numbers = numbers.slower(slow, distance, braking_distance(speed, least, period))
         beyond = 0.0
         if dimension == 2 and CONTINUOUS not in kinds:
             # Others pay with thrust for the time that this saves, and throttled craft brake too late.
@@ -301,7 +309,8 @@ def frugal(network: Network, value: float, distance: float) -> Network:
             fast = max(0.0, 1.0 - value / _ALONE)
             beyond = _BEYOND * fast
             turn = math.pi + fast * (_FAST_TURN - math.pi)
-            numbers = numbers._replace(largest_angle=round(turn, 6) if fast else 0.0)
+            if fast:
+                numbers = numbers._replace(largest_angle=round(turn, 6))
         nodes = network.at
         values = sorted(nodes)
         following = min(int(np.searchsorted(values, value, "right")), len(values) - 1)
@@ -320,15 +329,20 @@ def _kinds(tokens: tuple[tuple[float, ...], ...]) -> set[float]:
     return {row[-1] for row in tokens}
 
 
+def _columns(tokens: tuple[tuple[float, ...], ...]) -> np.ndarray:
+    """Columns of the thrusters, and of wheels both ways where thrusters alone do not push and turn every way."""
+    columns = np.array([row[:-1] for row in tokens if row[-1] != WHEEL])
+    if not spans(columns):
+        turning = np.array([row[:-1] for row in tokens if row[-1] == WHEEL])
+        columns = np.vstack([columns, turning, -turning])
+    return columns
+
+
 def _reach(
     tokens: tuple[tuple[float, ...], ...], authority: tuple[float, ...]
 ) -> tuple[float, ...]:
     """`Architecture.reach` of a craft in the plane with tokens (`effects`) and an authority."""
-    columns = np.array([row[:-1] for row in tokens if row[-1] != WHEEL])
-    if not spans(columns):
-        # Wheels turn the craft either way.
-        turning = np.array([row[:-1] for row in tokens if row[-1] == WHEEL])
-        columns = np.vstack([columns, turning, -turning])
+    columns = _columns(tokens)
     least = float(Authority.of_numbers(authority).least_linear)
     pushes = pushes_along(columns, np.array(WAYS), tokens[0][-1] == SHARED)
     return tuple(least * float(push) for push in pushes)

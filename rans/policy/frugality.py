@@ -2,7 +2,7 @@
 
 A value from 0 (the agent as it was trained) to 1 (frugal) becomes six numbers. They change the distance and the
 angle to the goal and the accelerations that the network is given, the price of thrust in the allocation, and the
-time for which a craft coasts near the goal.
+time for which a craft coasts near the goal. Above 0.5 the value is that of what the length of a flight allows.
 """
 
 from __future__ import annotations
@@ -43,6 +43,106 @@ take 3 to 5 % less time; the free flyer, throttled craft and those with wheels l
 _COASTS = {2: (1.0,) + (5.0 / 3.0,) * 7, 3: (1.0,) * 8}
 """Factor of the time for which a craft coasts near the goal, by dimension: in the plane five control periods in
 place of three save 2 % of the thrust."""
+
+_EVEN = 0.5
+"""Value up to which the length of a flight changes nothing."""
+_SETTLED_BY = 0.8, 0.75
+"""Part of a flight by which the slowest starts have settled: with trained weights, and by slower ways. The last
+fifth of a flight decides whether it is solved."""
+_SLOWEST = {2: (1.25, 2.0), 3: (1.25, 2.6)}
+"""Time in which the slowest starts settle at `_EVEN` and at 1, over twice the root of the mean distance over the
+acceleration, by dimension."""
+_SMALL_MARGIN = 0.75
+"""Power of an authority margin below 1 with which the time at 1 grows: thrust costs such craft more."""
+_SPARE = 1.1, 1.2
+"""Time that a flight has over the one that weights of 1 take in the plane, from which its ways are slower, and
+wholly so."""
+_SLOW = 0.75
+"""Value from which ways are slower."""
+_SLOW_WEIGHTS = 0.85
+"""Value of the weights of the slowest ways: those of larger ones hardly thrust at a short distance."""
+_SLOW_PRICE = 1.5
+"""Factor of the price of on/off thrust there. At 1.9 one flight of forty is lost."""
+_SLOW_ANGLE = 0.35
+"""Largest angle there, rad."""
+_BEGUN = 0.5
+"""Part of the mean distance that a bound begins with: a larger one changes no speed of frugal weights."""
+_STRAGGLES = {False: 2.5, True: 1.65}
+"""Time in which the slowest starts settle over that of the braking curve from the mean one, by whether thrusters
+are throttled or pulsed."""
+_PUSHED = 0.4
+"""Largest change of speed in a period, over the mean speed, that counts in the next number."""
+_COARSE = 5.2
+"""Part of the time of on/off craft, over the square of that ratio, which their pulses save: they exceed what was
+asked for."""
+
+
+class Leisure(NamedTuple):
+    """What the length of a flight allows at a frugality."""
+
+    value: float
+    """Value of the weights."""
+    slow: float = 0.0
+    """Part of the way to the slowest ways, 0 to 1."""
+
+    @classmethod
+    def of_flight(
+        cls,
+        value: float,
+        distance: float,
+        seconds: float,
+        acceleration: float,
+        margin: float,
+        dimension: int = 2,
+    ) -> Leisure:
+        """What a flight allows: smaller values where it is short, slower ways than the weights' where it is long.
+
+        >>> from rans.policy.frugality import Leisure
+        >>> Leisure.of_flight(1.0, 3.5, 25.0, 0.38, 1.2)
+        Leisure(value=0.85, slow=1.0)
+
+        Args:
+            value: frugality, 0 to 1.
+            distance: mean distance of the starts, m.
+            seconds: length of the flight, s; infinite: only the value counts.
+            acceleration: least linear one of the craft, m/s^2.
+            margin: authority margin of the craft (`rans.model.twists.authority_margin`).
+            dimension: 2 or 3.
+        """
+        if value <= _EVEN or math.isinf(seconds):
+            return cls(value)
+        quick = 2.0 * math.sqrt(distance / acceleration)
+        even, slowest = _SLOWEST[dimension]
+        harder = min(1.0, margin) ** -_SMALL_MARGIN
+        slowest *= harder
+        allowed = (_SETTLED_BY[0] * seconds / quick - even) / (slowest - even)
+        weights = value
+        if allowed < 1.0:
+            weights = _EVEN + (value - _EVEN) * max(allowed, 0.0)
+        low, high = _SPARE
+        spare = (_SETTLED_BY[1] * seconds / (quick * harder * _SLOWEST[2][1]) - low) / (high - low)
+        slow = min(max(spare, 0.0), 1.0) * max(0.0, value - _SLOW) / (1.0 - _SLOW)
+        return cls(weights - slow * max(0.0, weights - _SLOW_WEIGHTS), slow)
+
+
+def cruise_speed(
+    distance: float, seconds: float, acceleration: float, period: float, is_continuous: bool
+) -> float:
+    """Speed, m/s, with which the slowest starts settle in three quarters of a flight.
+
+    Args:
+        distance: mean distance of the starts, m.
+        seconds: length of the flight, s.
+        acceleration: least linear one of the craft, m/s^2.
+        period: control period, s.
+        is_continuous: whether its thrusters are throttled or pulsed.
+    """
+    time = _SETTLED_BY[1] * seconds
+    ratio = min(_PUSHED, acceleration * period * time / distance)
+    time /= _STRAGGLES[is_continuous] - (0.0 if is_continuous else _COARSE * ratio * ratio)
+    # Distance / speed + 1.2 speed / acceleration is that time: rest to rest, braking by 0.7 of the acceleration.
+    left = max(time * time - 4.8 * distance / acceleration, 0.0)
+    return 2.0 * distance / (time + math.sqrt(left))
 
 
 class Frugality(NamedTuple):
@@ -102,6 +202,23 @@ class Frugality(NamedTuple):
         price, coast = _PRICES[2][-1] ** part, 1.0 + part * (_COASTS[2][-1] - 1.0)
         acceleration = 1.0 + (1.0 - toward) * (_HURRY - 1.0) if hurries else 1.0
         return cls(1.0, 0.0, 0.0, round(price, 6), round(acceleration, 6), coast)
+
+    def slower(self, slow: float, distance: float, farthest: float) -> Frugality:
+        """The numbers on the way to the slowest ways.
+
+        Args:
+            slow: part of that way, above 0 to 1.
+            distance: mean distance of the starts, m.
+            farthest: largest distance at its end, m.
+        """
+        begun = max(farthest, _BEGUN * distance)
+        bound = begun ** (1.0 - slow) * farthest**slow
+        # Weights with a price of their own keep it.
+        price = _SLOW_PRICE**slow if self.price == 1.0 else self.price
+        angle = math.pi + slow * (_SLOW_ANGLE - math.pi)
+        return self._replace(
+            farthest=round(bound, 6), largest_angle=round(angle, 6), price=round(price, 6)
+        )
 
 
 AS_TRAINED = Frugality(1.0, 0.0, 0.0, 1.0)

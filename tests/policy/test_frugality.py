@@ -24,7 +24,7 @@ from rans.evaluation.measure.metrics import settling_times
 from rans.fast.agent_files.agent import actor_bytes, read_policy
 from rans.policy.any_craft import frugal as at_value
 from rans.policy.authority import Authority, of_body, shortened
-from rans.policy.frugality import AS_TRAINED, Frugality
+from rans.policy.frugality import AS_TRAINED, Frugality, Leisure, cruise_speed
 from rans.policy.network import Network
 from rans.policy.predict import predict
 from tests.support.pose_observations import observations
@@ -136,6 +136,57 @@ def test_a_larger_value_never_hurries(
     assert high.price >= low.price - 1e-6
 
 
+@given(
+    st.floats(0.0, 1.0),
+    st.floats(0.1, 10.0),
+    st.floats(1.0, 500.0),
+    st.floats(0.005, 1.0),
+    st.floats(0.25, 3.0),
+)
+def test_a_longer_flight_has_slower_ways(
+    value: float, distance: float, seconds: float, acceleration: float, margin: float
+) -> None:
+    """Up to 0.5 no length counts; above, weights are from those of 0.5 to those of the value."""
+    short, long = (
+        Leisure.of_flight(value, distance, length, acceleration, margin)
+        for length in (seconds, 2.0 * seconds)
+    )
+    assert 0.0 <= short.slow <= long.slow <= 1.0
+    if value <= 0.5:
+        assert short == long == Leisure(value)
+    else:
+        assert 0.5 <= short.value <= value
+        assert 0.5 <= long.value <= value
+    speeds = [cruise_speed(distance, x, acceleration, 0.2, True) for x in (seconds, 2.0 * seconds)]
+    assert speeds[1] <= speeds[0]
+
+
+def test_the_length_of_a_flight_bounds_speed_at_1_and_nothing_up_to_the_middle() -> None:
+    network = contestant("any-craft-2d").network
+    for value in (0.0, 0.2, 0.5, 0.7):
+        short, long = (at_value(network, value, 3.5, seconds) for seconds in (25.0, math.inf))
+        assert short.architecture.frugality == long.architecture.frugality
+        assert all(torch.equal(x, long.tensors[name]) for name, x in short.tensors.items())
+    bounds = [
+        at_value(network, 1.0, 3.5, seconds).architecture.frugality.farthest
+        for seconds in (25.0, 30.0, 40.0)
+    ]
+    assert bounds[0] > bounds[1] > bounds[2] > 0.0
+    # Starts so far away that there is no time to spare.
+    assert at_value(network, 1.0, 12.0, 25.0).architecture.frugality.farthest == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("spec", "impulse"), [("any-craft-2d#1", 8.5), ("any-craft-3d#1@free-flyer", 14.0)]
+)
+def test_a_frugal_flight_with_time_to_spare_takes_it(spec: str, impulse: float) -> None:
+    """The weights alone spend 11.3 and 26 N s."""
+    found = flown(spec)
+    assert found["solved"] == 100.0
+    assert found["impulse"] < impulse
+
+
 def test_distance_and_angle_by_hand() -> None:
     """Beyond 15 cm a quarter counts: 3 m along x become 0.15 + 0.25 * 2.85 m; then 0.5 m bound them."""
     half = Frugality(0.25, 0.0, 0.0, 1.0)
@@ -170,6 +221,7 @@ def test_a_quick_value_is_given_larger_accelerations_where_no_wheel_fills_up() -
 def test_weights_are_linear_in_the_value_between_those_of_the_file() -> None:
     network = contestant("any-craft-2d").network
     assert [*network.at] == [0.0, 0.5, 1.0]
+    pulsed = contestant("any-craft-2d@pingu").network
     for value, (low, high, part) in {
         0.0: (0.0, 0.5, 0.0),
         0.2: (0.0, 0.5, 0.4),
@@ -177,7 +229,7 @@ def test_weights_are_linear_in_the_value_between_those_of_the_file() -> None:
         0.9: (0.5, 1.0, 0.8),
         1.0: (0.5, 1.0, 1.0),
     }.items():
-        own = contestant(f"any-craft-2d#{value:g}@pingu").network
+        own = at_value(pulsed, value, 3.5)
         for name in own.tensors:
             if "trunk" in name:
                 expected = (1 - part) * network.at[low][name] + part * network.at[high][name]

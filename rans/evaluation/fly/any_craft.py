@@ -66,11 +66,11 @@ def frugal(run: LoadedRun, value: float) -> LoadedRun:
     Raises:
         ConfigError: it is another agent, or the value is not from 0 to 1.
     """
-    network = _frugal(run.network, value, run.task)
+    network = _frugal(run.network, value, run.task, run.timing)
     return run._replace(controller=Agent(network, f"{run.controller.name}#{value:g}", run.craft))
 
 
-def _frugal(network: Network, value: float, task: Task) -> Network:
+def _frugal(network: Network, value: float, task: Task, timing: Timing) -> Network:
     """The network at a frugality from 0 to 1, for the distances at which the task starts."""
     if not is_for_any_craft(network.architecture):
         raise ConfigError(
@@ -78,7 +78,8 @@ def _frugal(network: Network, value: float, task: Task) -> Network:
             f"{FOR_ANY_CRAFT[3]}."
         )
     low, high = task.for_evaluation().spawn_distance  # type: ignore[attr-defined]  # it flies to a pose
-    return at_value(network, value, 0.5 * (low + high))
+    seconds = timing.control_period * timing.episode_steps
+    return at_value(network, value, 0.5 * (low + high), seconds)
 
 
 def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = None) -> LoadedRun:
@@ -133,7 +134,7 @@ def write_for_spacecraft(
         timing = timing_for(craft, timing)
         network = for_craft(network, craft, timing.control_period)
     if frugality is not None:
-        network = _frugal(network, frugality, config.settings)
+        network = _frugal(network, frugality, config.settings, timing)
     ready_folder(folder)
     content = actor_bytes(network.architecture, network.member(0), saved.steps)
     replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))

@@ -521,7 +521,9 @@ def _choices(run: LoadedRun) -> tuple[list[Network], int]:
     if not is_for_any_craft(own.architecture):
         return [own], 0
     low, high = run.judged.task.spawn_distance  # type: ignore[attr-defined]  # it flies to a pose
-    choices = [frugal(own, value, 0.5 * (low + high)) for value in _FAST_TO_FRUGAL]
+    timing = run.judged.timing
+    seconds = timing.control_period * timing.episode_steps
+    choices = [frugal(own, value, 0.5 * (low + high), seconds) for value in _FAST_TO_FRUGAL]
     if not run.controller.name.partition("#")[2]:
         return [own, *choices[1:]], 0
     for number, one in enumerate(choices):
