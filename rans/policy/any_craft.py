@@ -77,6 +77,9 @@ _FAST_TURN = 0.8
 floating platform takes 1 % less time, random layouts as much."""
 _ALONE = 0.3
 """Value from which the weights are those of the value alone, and angles have no bound."""
+_HEAVIER = math.sqrt(2.0)
+"""Time that twice the mass takes over that of a file's: an agent that adapts has it for a mass of which it does not
+know."""
 _LEEWAY = 1e-3
 """Part of a bound by which it may be missed."""
 
@@ -297,6 +300,8 @@ def frugal(network: Network, value: float, distance: float, seconds: float = mat
         own = Authority.of_numbers(architecture.authority)
         period, least = float(own.period), float(own.least_linear)
         margin = authority_margin(_columns(architecture.tokens))
+        if architecture.adapts:
+            seconds /= _HEAVIER
         value, slow = Leisure.of_flight(value, distance, seconds, least, margin, dimension)
         numbers = Frugality.trained(value, is_continuous, hurries)
         if slow:
