@@ -15,7 +15,7 @@ from rans.extend import ConfigError, brief
 FUNCTIONS = ("sin", "cos", "tan", "exp", "sqrt")
 """Functions of one argument that formulas may have."""
 _DEEPEST = 50
-"""Brackets within brackets at most."""
+"""Operations within operations at most, as the checkers read no more; a longer sum is written with brackets."""
 
 
 def formula_value(text: str, values: Mapping[str, Any]) -> Any:
@@ -55,7 +55,8 @@ def _value(node: ast.expr, values: Mapping[str, Any], text: str, depth: int) -> 
         ):
             return float(number)
         case ast.Name(id=name) if name in values:
-            return values[name]
+            value = values[name]
+            return float(value) if isinstance(value, int) else value
         case ast.UnaryOp(op=ast.USub(), operand=operand):
             return -inner(operand)
         case ast.BinOp(left=left, op=ast.Add(), right=right):
