@@ -126,7 +126,7 @@ def rows(docs: Path, mission: str) -> tuple[Sequence[str], list[list[str]]]:
     found = _found(docs, mission)
     # What gains nothing is no other flight, and its starts may be others.
     better = {who: row for who, row in found.items() if row["gains"]}
-    entries = [(_CHEAPEST, *_cheapest({**flown, **better}, _optima(docs, mission)))]
+    entries = [(_CHEAPEST, *one) for one in _cheapest({**flown, **better}, _optima(docs, mission))]
     for who, row in found.items():
         if row["gains"]:
             entries.append((_FOUND, who, row))
@@ -197,10 +197,11 @@ def _found(docs: Path, mission: str) -> dict[str, Any]:
     return {row["who"]: row for row in read_json(file)["rows"] if row["mission"] == mission}
 
 
-def _cheapest(flown: dict[str, Any], optima: dict[str, Any]) -> tuple[str, Any]:
+def _cheapest(flown: dict[str, Any], optima: dict[str, Any]) -> list[tuple[str, Any]]:
     """Who has the lowest mean ratio to the bound of all that win from every start, from whichever hand.
 
-    Where nobody wins from every start, of those that win from the largest part of them.
+    Where nobody wins from every start, of those that win from the largest part of them. Empty: nobody has a ratio,
+    as where a quick run flies another condition.
     """
     # Drake flies the same guidance once more, from fewer starts.
     candidates = {
@@ -208,11 +209,9 @@ def _cheapest(flown: dict[str, Any], optima: dict[str, Any]) -> tuple[str, Any]:
         for who, row in {**flown, **optima}.items()
         if math.isfinite(_ratio(row)) and not who.endswith(_AGAIN)
     }
-    most = max(map(_won, candidates.values()))
-    return min(
-        ((who, row) for who, row in candidates.items() if _won(row) == most),
-        key=lambda candidate: _ratio(candidate[1]),
-    )
+    most = max(map(_won, candidates.values()), default=0.0)
+    best = [(who, row) for who, row in candidates.items() if _won(row) == most]
+    return sorted(best, key=lambda candidate: _ratio(candidate[1]))[:1]
 
 
 def _won(row: Any) -> float:

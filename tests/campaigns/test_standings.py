@@ -86,3 +86,12 @@ def test_flights_of_any_hand_count(tmp_path: Path) -> None:
         "2.000",
         "2 N s",
     ]
+
+
+def test_a_run_of_another_condition_has_no_cheapest_flight(tmp_path: Path) -> None:
+    """As a quick run whose deadline is not that of the standings."""
+    safety = {"rows": []}
+    row = {"who": "guidance", "condition": "4,000 s", "won": 1.0, "starts": 1, "ratio": 1.1}
+    write_json(tmp_path / "validation" / "passive-safety.json", safety)
+    write_json(tmp_path / "validation" / "mission-rendezvous.json", {"rows": [row]})
+    assert "least known" not in [line[0] for line in standings(tmp_path, "rendezvous")[1]]
