@@ -72,15 +72,19 @@ def test_interrupted_it_writes_what_was_flown(
 
     def interrupted(*job: Any) -> Any:
         calls.append(job)
-        if len(calls) > 1:
+        if len(calls) > 2:
             raise KeyboardInterrupt
         return true(*job)
 
     monkeypatch.setattr(run._Flyer, "flown", interrupted)
     assert main(["stress", "lqr:go-to-pose-2d", *QUICK, "--output", "here"]) == 130
-    conditions = json.loads(Path("here/stress.json").read_text())["conditions"]
-    assert [name for name, one in conditions.items() if one["contestants"]] == ["perfect"]
-    assert "what was written is kept" in capsys.readouterr().err
+    read = json.loads(Path("here/stress.json").read_text())
+    flown = [name for name, one in read["conditions"].items() if one["contestants"]]
+    assert flown == ["perfect", "latency-0.025"]
+    assert read["effects"]["latency"]["holds_to"] == {"LQR": None}
+    told = capsys.readouterr()
+    assert "0.025 or more, not finished" in " ".join(told.out.split())
+    assert "what was written is kept" in told.err
 
 
 @pytest.mark.parametrize(

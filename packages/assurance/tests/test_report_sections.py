@@ -110,7 +110,13 @@ def test_a_stress_test_alone_begins_with_the_worst_conditions(tmp_path: Path) ->
             "title": "mine, LQR: 8 episodes",
             "failures": [],
             "conditions": {"perfect": row(0.9, 0.875), "lab": row(0.5, 0.75)},
-            "effects": {"latency": {"unit": "s", "holds_to": {"mine": 0.1, "LQR": None}}},
+            "effects": {
+                "latency": {
+                    "unit": "s",
+                    "holds_to": {"mine": 0.1, "LQR": None},
+                    "not_finished": ["LQR"],
+                }
+            },
         },
     )
     page = report_from_run(tmp_path)
@@ -120,7 +126,9 @@ def test_a_stress_test_alone_begins_with_the_worst_conditions(tmp_path: Path) ->
     for label, name in zip(labels, ("lab", "perfect", "latency"), strict=True):
         assert name in label
     assert values == ("50.0%", "90.0%", "0.1 s")
-    for note, part in zip(notes, ("40.0% to 60.0%", "80.0% to 100.0%", ""), strict=True):
+    for note, part in zip(
+        notes, ("40.0% to 60.0%", "80.0% to 100.0%", "not finished"), strict=True
+    ):
         assert part in note
         assert "LQR" in note
 

@@ -56,12 +56,25 @@ class StressOutcome:
         return [int(k) for k in ranking[:count] if not self.solved[k]]
 
 
-def holds_to(sizes: Sequence[float], rates: Sequence[Estimate]) -> float | None:
-    """Largest size up to which 99 % of the episodes are solved at every size; None if they are not at the first."""
-    solved = [
-        size for k, size in enumerate(sizes) if all(rate.value >= WANTED for rate in rates[: k + 1])
-    ]
-    return solved[-1] if solved else None
+class Limit(NamedTuple):
+    """Largest size of an effect up to which 99 % of the episodes are solved at every size."""
+
+    size: float | None
+    """The size; None: they are not solved at the first."""
+    is_known: bool
+    """Whether every size that decides it was flown; if not, the limit is this size or a larger one."""
+
+
+def holds_to(sizes: Sequence[float], rates: Sequence[Estimate | None]) -> Limit:
+    """Largest size up to which 99 % of the episodes are solved at every size; rates are None where nobody flew."""
+    solved = None
+    for size, rate in zip(sizes, rates, strict=True):
+        if rate is None:
+            return Limit(solved, False)
+        if rate.value < WANTED:
+            break
+        solved = size
+    return Limit(solved, True)
 
 
 class BreakEven(NamedTuple):

@@ -56,18 +56,24 @@ def test_who_is_lost_is_farthest() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "size"),
+    ("values", "limit"),
     [
-        ((1.0, 1.0, 1.0), 2.0),
-        ((1.0, 0.99, 0.5), 1.0),
-        ((0.98, 1.0, 1.0), None),
-        ((1.0, 0.5, 1.0), 0.0),
-        ((), None),
+        ((1.0, 1.0, 1.0), (2.0, True)),
+        ((1.0, 0.99, 0.5), (1.0, True)),
+        ((0.98, 1.0, 1.0), (None, True)),
+        ((1.0, 0.5, 1.0), (0.0, True)),
+        ((1.0, 0.5, None), (0.0, True)),
+        ((1.0, 1.0, None), (1.0, False)),
+        ((1.0, None, 0.5), (0.0, False)),
+        ((None, 1.0, 1.0), (None, False)),
     ],
 )
-def test_to_which_size_somebody_holds(values: tuple[float, ...], size: float | None) -> None:
-    """A size counts only if all smaller ones are solved too."""
-    assert holds_to([0.0, 1.0, 2.0][: len(values)], shares(*values)) == size
+def test_to_which_size_somebody_holds(
+    values: tuple[float | None, ...], limit: tuple[float | None, bool]
+) -> None:
+    """A size counts only if all smaller ones are flown and solved too."""
+    rates = [None if value is None else shares(value)[0] for value in values]
+    assert holds_to([0.0, 1.0, 2.0], rates) == limit
 
 
 @pytest.mark.parametrize(

@@ -61,10 +61,12 @@ def _result(stress: Mapping[str, Any]) -> tuple[str, list[Tile]]:
         tiles.append(Tile(f"solved, {name}", share(own), note))
     for name, effect in stress.get("effects", {}).items():
 
-        def size(value: float | None, unit: str = effect["unit"]) -> str:
+        def size(value: float | str | None, unit: str = effect["unit"]) -> str:
+            if isinstance(value, str):
+                return value
             return "not solved" if value is None else f"{value:g} {unit}".rstrip()
 
-        limits = effect["holds_to"]
+        limits = effect["holds_to"] | dict.fromkeys(effect.get("not_finished", ()), "not finished")
         if who in limits:
             beside = others(limits, size)
             tiles.append(Tile(f"{name}, 99 % solved up to", size(limits[who]), beside))

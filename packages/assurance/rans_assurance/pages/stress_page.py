@@ -15,7 +15,7 @@ from typing import Any
 from rans.evaluation.fly.contestants import view_command
 from rans.evaluation.measure.scope import Scope, conditions_texts, scope
 from rans.evaluation.stress.effects import Effect, Level
-from rans.evaluation.stress.outcome import WANTED, holds_to
+from rans.evaluation.stress.outcome import WANTED
 from rans.extend import (
     Finding,
     Section,
@@ -404,11 +404,15 @@ class StressReport:
         """
         stress = self.stress
         pairs = {rival: stress.break_even(effect, rival) for rival in stress.names[1:]}
+        limits = {name: stress.limit(effect, name) for name in stress.names}
         return {
             "unit": effect.unit,
             "nominal": effect.nominal,
             "sizes": effect.sizes,
-            "holds_to": {name: holds_to(*stress.curve(effect, name)) for name in stress.names},
+            "holds_to": {
+                name: limit.size if limit.is_known else None for name, limit in limits.items()
+            },
+            "not_finished": [name for name, limit in limits.items() if not limit.is_known],
             "break_even_of_first": {
                 name: pair and {**pair._asdict(), "text": _lead(stress, effect, name)}
                 for name, pair in pairs.items()
@@ -418,10 +422,11 @@ class StressReport:
 
 def _reach(stress: Stress, effect: Effect, name: str) -> str:
     """To which size somebody holds 99 %; "none" where no size that was flown is small enough."""
-    sizes, rates = stress.curve(effect, name)
-    size = holds_to(sizes, rates)
-    if len(sizes) < 2:
-        return "-"
+    size, is_known = stress.limit(effect, name)
+    if not is_known:
+        if size is None or size == effect.nominal:
+            return "not finished"
+        return f"{size:g} or {'more' if size > effect.nominal else 'less'}, not finished"
     if size is None or size == effect.nominal:
         return "none"
     return f"all to {size:g}" if size == effect.sizes[-1] else f"{size:g}"

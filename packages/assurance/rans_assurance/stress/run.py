@@ -16,7 +16,13 @@ from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.tuned import tuned
 from rans.evaluation.measure.statistics import Estimate
 from rans.evaluation.stress.effects import Effect, Level, applicable_effects, failure_levels
-from rans.evaluation.stress.outcome import BreakEven, StressOutcome, break_even
+from rans.evaluation.stress.outcome import (
+    BreakEven,
+    Limit,
+    StressOutcome,
+    break_even,
+    holds_to,
+)
 from rans.extend import (
     CONTROLLERS,
     Conditions,
@@ -90,30 +96,31 @@ class Stress:
 
     def curve(self, effect: Effect, name: str) -> tuple[list[float], list[Estimate]]:
         """Sizes at which a contestant was flown, the nominal one first, and its shares of solved episodes."""
-        sizes = (effect.nominal, *effect.sizes)
-        levels = (_PERFECT, *effect.levels())
-        flown = [
-            (size, self.outcomes[level.name, name].share)
-            for size, level in zip(sizes, levels, strict=True)
-            if (level.name, name) in self.outcomes
-        ]
+        flown = [(size, rate) for size, rate in self._rates(effect, name) if rate is not None]
         return [size for size, _ in flown], [rate for _, rate in flown]
 
+    def limit(self, effect: Effect, name: str) -> Limit:
+        """Largest size up to which a contestant solves 99 % of its episodes."""
+        return holds_to(*zip(*self._rates(effect, name), strict=True))
+
+    def _rates(self, effect: Effect, name: str) -> list[tuple[float, Estimate | None]]:
+        """Every size, the nominal one first, and a contestant's share of solved episodes; None: not flown."""
+        sizes = (effect.nominal, *effect.sizes)
+        outcomes = [self.outcomes.get((level.name, name)) for level in (_PERFECT, *effect.levels())]
+        return [
+            (size, None if outcome is None else outcome.share)
+            for size, outcome in zip(sizes, outcomes, strict=True)
+        ]
+
     def break_even(self, effect: Effect, rival: str) -> BreakEven | None:
-        """Size at which the first contestant and another are equally good; None: both flew too few sizes."""
-        (sizes, first), (others, second) = (
-            self.curve(effect, name) for name in (self.names[0], rival)
-        )
-        both = [size for size in sizes if size in others]
-        if len(both) < 2:
-            return None
-        return break_even(
-            both,
-            *(
-                [rates[flown.index(size)] for size in both]
-                for flown, rates in ((sizes, first), (others, second))
-            ),
-        )
+        """Size at which the first contestant and another are equally good; None: one has not flown every size."""
+        first, second = (self._rates(effect, name) for name in (self.names[0], rival))
+        pairs = [
+            (size, rate, other)
+            for (size, rate), (_, other) in zip(first, second, strict=True)
+            if rate is not None and other is not None
+        ]
+        return break_even(*zip(*pairs, strict=True)) if len(pairs) == len(first) else None
 
     def fly(self, stages: Stages = unseen_stages, workers: int | None = None) -> None:
         """Fly all contestants; one that fails is noted in ``failures`` and flies no more.
