@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import socket
 from collections.abc import Sequence
 from pathlib import Path
@@ -62,5 +64,8 @@ def test_new_agents_are_shown_once_each(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def free_port() -> int:
-    with socket.create_server(("localhost", 0)) as free:
-        return free.getsockname()[1]
+    """Port of this process below those that the system gives to others, who may take one of its own meanwhile."""
+    for port in range(10_000 + os.getpid() % 20_000, 32_000):
+        with contextlib.suppress(OSError), socket.create_server(("localhost", port)):
+            return port
+    raise AssertionError("no free port")
