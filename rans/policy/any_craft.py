@@ -299,7 +299,9 @@ def frugal(network: Network, value: float, distance: float, seconds: float = mat
         )
         own = Authority.of_numbers(architecture.authority)
         period, least = float(own.period), float(own.least_linear)
-        margin = authority_margin(_columns(architecture.tokens))
+        # Throttled craft, which do not coast, have time enough with little margin, too.
+        coarse = not is_continuous or architecture.coast > 0.0
+        margin = authority_margin(_columns(architecture.tokens)) if coarse else 1.0
         if architecture.adapts:
             seconds /= _HEAVIER
         value, slow = Leisure.of_flight(value, distance, seconds, least, margin, dimension)
