@@ -306,7 +306,7 @@ def compare(
                 with watched() as shown:
                     result.trace(between, front_seconds, cache, noting(shown), workers)
         except KeyboardInterrupt:
-            result.note_interrupt(begun, bounded)
+            result.note_interrupt(begun, bounded, cache is not None)
             raise
     return result
 

@@ -79,7 +79,7 @@ class Init(Options):
         check_free(picture)
         asks = sys.stdin is not None and sys.stdin.isatty()
         try:
-            draft = self._asked() if asks else self._drafted({})
+            draft = self._asked() if asks else self._unasked()
         except EOFError as error:
             raise ConfigError(
                 "the input ended before the last answer: nothing was written."
@@ -122,6 +122,20 @@ class Init(Options):
         }
         return init_spacecraft(**options | self._given() | answers)
 
+    def _unasked(self) -> Draft:
+        """Draft from the options alone; where they say too little, the refusal says why nothing is asked."""
+        given = self._given().keys()
+        known = {"dimension", "mass"} <= given and {"inertia", "size"} & given and self.thrusters
+        try:
+            return self._drafted({})
+        except ConfigError as error:
+            if known or self.base is not None:
+                raise
+            raise ConfigError(
+                f"{error} The input is no terminal, so that nothing is asked: give values by --set KEY=VALUE, and "
+                "each thruster by --thruster POSITION;DIRECTION;FORCE."
+            ) from error
+
     def _asked(self) -> Draft:
         """Ask for values without an option; a wrong answer is explained and asked for again."""
         from rans.api.drafting import begun
@@ -137,6 +151,9 @@ class Init(Options):
         def number(text: str) -> float:
             return numbers_of_text(text, "this", (1,))[0]
 
+        def mass(text: str) -> float:
+            return _positive(numbers_of_text(text, "the mass", (1,)), "the mass")[0]
+
         # `input` prints past the stream: this ends the line "rans init: loading ..." before a question.
         sys.stdout.write("")
         # Mass properties; what a base or an imported file says is not asked for.
@@ -147,7 +164,7 @@ class Init(Options):
             dimension = ask("Does it move in the plane (2) or in space (3)", _dimension, "2")
             answers["dimension"] = dimension
         if "mass" not in given and foreign is None:
-            answers["mass"] = ask("Mass, kg", number, None if start is None else f"{start.mass:g}")
+            answers["mass"] = ask("Mass, kg", mass, None if start is None else f"{start.mass:g}")
         has_inertia = foreign is not None and foreign.inertia is not None
         if not {"inertia", "size"} & given.keys() and not has_inertia:
             answers |= _ask_inertia(dimension, start)
@@ -330,7 +347,9 @@ def _ask_inertia(dimension: int, start: Spacecraft | None) -> dict[str, Any]:
     counts = (1,) if dimension == 2 else (1, 3)
 
     def read(text: str) -> tuple[float, ...] | None:
-        return None if text == "box" else numbers_of_text(text, "the inertia", counts)
+        if text == "box":
+            return None
+        return _positive(numbers_of_text(text, "the inertia", counts), "the inertia")
 
     if start is not None:
         unchanged = "as it is"
@@ -345,9 +364,17 @@ def _ask_inertia(dimension: int, start: Spacecraft | None) -> dict[str, Any]:
     if inertia is not None:
         return {"inertia": inertia}
     sides = "x, y" if dimension == 2 else "x, y, z"
-    return {
-        "size": ask(f"Sides {sides}, m", lambda t: numbers_of_text(t, "the sides", (dimension,)))
-    }
+
+    def size(text: str) -> tuple[float, ...]:
+        return _positive(numbers_of_text(text, "the sides", (dimension,)), "the sides")
+
+    return {"size": ask(f"Sides {sides}, m", size)}
+
+
+def _positive(values: tuple[float, ...], what: str) -> tuple[float, ...]:
+    if min(values) < 1e-9:
+        raise ConfigError(f"{what} must be at least 1e-09, got {min(values):g}.")
+    return values
 
 
 def _dimension(text: str) -> int:

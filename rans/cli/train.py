@@ -246,6 +246,8 @@ class Train(Options):
         if not stop.requested and trainer.steps > begun_at and (hole := _nominal_hole(trainer)):
             Terminal().say(hole)
         if stop.requested:
+            if trainer.ended:
+                Terminal().suggest(*self._next(trainer))
             return stop.code
         if trainer.steps > begun_at and rivals is not None:
             with _beside_the_agent("a comparison with others"):
@@ -327,6 +329,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
             + _train_on(path, begun, trust)
         )
     # How it ended, and what it took.
+    stopped = stopped and not trainer.ended
     ending = (
         "Stopped"
         if stopped
@@ -621,6 +624,13 @@ class StopGently:
             self._number = number
             self.code = 128 + number
             set_alarm(_GENTLE)
+            if os.environ.get("RANK", "0") == "0":
+                with contextlib.suppress(
+                    OSError
+                ):  # a buffered stream may be in use when a signal comes
+                    os.write(
+                        2, b"\nrans: stopping after this iteration; Ctrl-C again stops at once.\n"
+                    )
             return
         interrupt = self._before[signal.SIGINT]  # the previous handler may defer it
         (interrupt if callable(interrupt) else signal.default_int_handler)(self._number, frame)

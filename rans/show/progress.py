@@ -66,15 +66,15 @@ class TrainingProgress(Progress):
 def describe(row: dict[str, Any], total: int) -> str:
     """Steps, episodes solved, return, speed, and the longest that training can still take (h:mm:ss).
 
-    Where no episode ended since the last row, there is no return.
+    Where no episode ended since the last row, and after an imitation, there is neither a return nor a time left.
     """
     terms = [value for key, value in row.items() if key.startswith("return/")]
     reward = f"return {sum(terms):.0f}, " if terms else ""
-    left = timedelta(seconds=round(max(total - row["steps"], 0) / max(row["steps_per_s"], 1)))
-    return (
-        f"{row['steps'] / 1e6:.2f} M steps, solved {row['success']:.1%}, {reward}"
-        f"{row['steps_per_s'] / 1e6:.2f} M/s, {left} left"
-    )
+    rate = row["steps_per_s"]
+    speed = f"{rate / 1e6:.2f} M/s" if rate >= 1e4 else f"{rate:,.0f} steps/s"
+    left = timedelta(seconds=round(max(total - row["steps"], 0) / max(rate, 1)))
+    text = f"{row['steps'] / 1e6:.2f} M steps, solved {row['success']:.1%}, {reward}{speed}"
+    return f"{text}, {left} left" if terms else text
 
 
 def describe_terms(row: dict[str, Any]) -> str:

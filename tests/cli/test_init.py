@@ -104,8 +104,11 @@ def test_asked_one_thing_after_the_other(
         "4",  # no dimension
         "2",
         "twelve",  # no number
+        "-3",  # no mass
         "12",
+        "0",  # no inertia
         "box",
+        "0.4 -0.4",  # no sides
         "0.4 0.4",
         "",  # the centre of mass: the origin
         "pulsed",
@@ -123,7 +126,12 @@ def test_asked_one_thing_after_the_other(
     assert craft.actuators == Pulsed(50, 2)
     assert (len(craft.thrusters), len(craft.wheels)) == (6, 1)
     said = capsys.readouterr().out
-    for part in ("type 2 (plane) or 3 (space), got '4'", "got 'twelve'", "between semicolons"):
+    for part in (
+        "type 2 (plane) or 3 (space), got '4'",
+        "got 'twelve'",
+        "between semicolons",
+        "got -3.",
+    ):
         assert part in said
 
 
@@ -160,6 +168,10 @@ def test_an_interrupt_writes_nothing(
     [
         ([], "needs dimension, mass, inertia or size, at least one thruster"),
         ([*BOX], "needs at least one thruster"),
+        (
+            ["--set", "mass=12"],
+            "The input is no terminal, so that nothing is asked: give values by --set",
+        ),
         ([*BOX, "--thruster=1;2"], "is its position (m), the direction of its force"),
         ([*BOX, "--thruster=1,2,3;1,0;1"], "the position of a thruster must be 2 numbers"),
         ([*BOX, "--thruster=0,0;0,0;1"], "must not be zero"),

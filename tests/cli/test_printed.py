@@ -43,13 +43,17 @@ def test_progress_of_a_training() -> None:
         describe(row, 4_000_000) == "1.50 M steps, solved 25.6%, return 16, 0.25 M/s, 0:00:10 left"
     )
     assert describe(row, 1_000_000).endswith("0:00:00 left")
+    # The report of an imitation, whose speed is not that of the training.
+    imitated = {"steps": 98_304, "steps_per_s": 157, "success": 1.0}
+    assert describe(imitated, 4_000_000) == "0.10 M steps, solved 100.0%, 157 steps/s"
     assert describe_terms(row) == "return of 1.50 M steps: position 12 attitude 4"
 
 
 @pytest.mark.parametrize(
     ("stopped", "solved", "share", "ending"),
     [
-        (True, True, 0.99, "Stopped"),
+        (True, False, 0.99, "Stopped"),
+        (True, True, 0.99, "Solved"),
         (False, True, 0.99, "Solved"),
         (False, False, None, "Done"),
         (False, False, 0.99, "Out of steps, not solved"),
@@ -61,6 +65,7 @@ def test_the_end_of_a_training(
     trainer: Any = SimpleNamespace(
         run=SimpleNamespace(path=Path("runs/a b")),
         solved=solved,
+        ended=solved or not stopped,
         warm_up=2.5,
         seconds=4.0,
         rate=123_456.0,
@@ -75,7 +80,7 @@ def test_the_end_of_a_training(
         f"{ending} after 500,000 steps: 4.0 s of training (123,456 steps/s) after 2.5 s "
         "of warm-up, 9.0 s in all. The agent is runs/a b."
     )
-    assert text.endswith("Continue with: rans train --resume 'runs/a b'") is stopped
+    assert text.endswith("Continue with: rans train --resume 'runs/a b'") is (ending == "Stopped")
     assert ("86% of its last episodes are solved" in text) is (ending == "Out of steps, not solved")
     assert ("--resume 'runs/a b' --total-timesteps 1000000; or another --seed" in text) is (
         ending == "Out of steps, not solved"

@@ -300,9 +300,12 @@ def test_an_iteration_that_does_not_end_is_interrupted(monkeypatch: pytest.Monke
     assert signal.getsignal(signal.SIGALRM) is before
 
 
-def test_one_that_ends_leaves_no_alarm() -> None:
+def test_one_that_ends_says_so_at_once_and_leaves_no_alarm(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     with StopGently():
         signal.raise_signal(signal.SIGTERM)
+        assert "stopping after this iteration" in capfd.readouterr().err
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 

@@ -198,10 +198,11 @@ class Comparison(NotebookRepr):
             slow = len(names)
         return names[:slow], names[slow:]
 
-    def note_interrupt(self, begun: Sequence[str], certified: int) -> None:
+    def note_interrupt(self, begun: Sequence[str], certified: int, kept: bool) -> None:
         """Note the progress of an interrupted comparison, whose last stage is the interrupted one.
 
-        Without a bound the note says that none was computed: certification may have been far from its turn.
+        Bounds are counted if they are ``kept`` in a file. Without one the note says that none was computed:
+        certification may have been far from its turn.
         """
         stage = f' in the stage "{begun[-1]}"' if begun else ""
         flown = counted(len(self.entries), "contestant")
@@ -209,7 +210,12 @@ class Comparison(NotebookRepr):
         asked = min(certified, self.contest.episodes)
         bounds = f"bounds were computed from {count} of {asked} starts"
         if not count:
-            bounds = "no bound had been computed"
+            bounds = (
+                "no start had all its bounds" if self.certified else "no bound had been computed"
+            )
+        if self.certified and kept:
+            every = asked * len(self.events())
+            bounds += f"; {len(self.certified)} of {every} bounds are kept for the next run"
         self.notes.insert(0, f"Interrupted{stage}: {flown} had flown, and {bounds}.")
 
     def fly(

@@ -177,7 +177,8 @@ class Trainer:
         return (self.steps - then[0]) / max(self.seconds - then[1], 1e-9)
 
     @property
-    def _ended(self) -> bool:
+    def ended(self) -> bool:
+        """Whether nothing is left to train: the task is solved, or the steps are used up."""
         return self.solved or self.steps >= self.config.total_timesteps
 
     def train(
@@ -227,7 +228,7 @@ class Trainer:
                 self._begun = (self.steps, self.seconds)
             if not self.config.compiled:
                 stopped = self._go_on(report, stop, self._compiling_pays)
-        if not (stopped or self._ended):
+        if not (stopped or self.ended):
             self._go_on(report, stop)
         for number in self.running():
             self.members[number].weights = self.learner.network.member(number)
@@ -271,12 +272,12 @@ class Trainer:
         over: Callable[[], bool] = lambda: False,
     ) -> bool:
         """Train until the end, ``stop`` or ``over``; whether it was ``stop``. Saves now and then."""
-        finished = self._ended
+        finished = self.ended
         self._warm_up()
-        if self._ended and not finished:  # the warm-up took all steps
+        if self.ended and not finished:  # the warm-up took all steps
             self._report(report)
         stopped = False
-        ended = self._ended
+        ended = self.ended
         saved = time.monotonic()
         while not (stopped or ended):
             begun = time.monotonic()
@@ -285,9 +286,9 @@ class Trainer:
             stopped, late, left = self.processes.any(
                 stop(), time.monotonic() - saved > _CHECKPOINT_SECONDS, over()
             )
-            if stopped or self._ended or self._is_report_due():
+            if stopped or self.ended or self._is_report_due():
                 self._report(report)
-            ended = left or self._ended
+            ended = left or self.ended
             if late:
                 self.save()
                 saved = time.monotonic()
@@ -313,7 +314,7 @@ class Trainer:
         """
         begun = time.monotonic()
         steps = self.steps
-        if self.engine.device.type == "cuda" and not self._ended:
+        if self.engine.device.type == "cuda" and not self.ended:
             for _ in range(calls_until_recorded() + 1):
                 self._iterate()
                 self.selection.judge()
