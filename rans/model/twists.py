@@ -75,9 +75,9 @@ def balanced(columns: np.ndarray, shared: bool = False) -> np.ndarray:
     """
     width = columns.shape[1]
     size = np.abs(columns).max(axis=0, initial=0.0)
-    if not (size > 0.0).all():
-        return np.zeros(2 * width)
-    scaled = columns / size
+    # Pushes along an axis that nothing pushes along: the polytope then has facets, and reaches as far along others.
+    idle = np.eye(width)[size <= 0.0]
+    scaled = np.vstack([columns / np.where(size > 0.0, size, 1.0), idle, -idle])
     if shared:
         return _balanced_by_programs(scaled) * size.repeat(2)
     facets = normals(scaled)

@@ -281,15 +281,27 @@ def test_craft_that_it_cannot_fly_are_refused_with_the_reason() -> None:
     with pytest.raises(ConfigError, match="in the plane only: name any-craft-3d for spheres"):
         for_craft(network(), load_spacecraft("spheres"), 0.1)
     # Thrusters through the centre of mass, and no wheels.
-    with pytest.raises(ConfigError, match="afrl-deputy cannot accelerate it"):
+    with pytest.raises(ConfigError, match=r"afrl-deputy cannot turn.*lqr:go-to-position-3d@"):
         for_craft(network(3), load_spacecraft("afrl-deputy"), 1.0)
     with pytest.raises(ConfigError, match="innocube has no thruster"):
         for_craft(network(3), load_spacecraft("innocube"), 1.0)
     craft = load_spacecraft("floating-platform")
     with pytest.warns(UserWarning, match="cannot push and turn"):
         few = replace(craft, thrusters=craft.thrusters[:3])
+    # It turns and goes along x, and nothing pushes it along y: y is named, not x.
+    with pytest.warns(UserWarning, match="cannot push and turn"):
+        flat = replace(
+            craft,
+            thrusters=tuple(
+                Thruster((x, y, 0.0), (x / 0.2, 0.0, 0.0), 1.0)
+                for x in (0.2, -0.2)
+                for y in (0.1, -0.1)
+            ),
+        )
     with pytest.raises(ConfigError, match="missing or reversed thruster"):
         for_craft(network(), few, 0.1)
+    with pytest.raises(ConfigError, match=r"accelerate it along \+y"):
+        for_craft(network(), flat, 0.1)
     specialist = contestant("pretrained:go-to-pose-2d")
     with pytest.raises(ConfigError, match="any-craft-2d"):
         for_spacecraft(specialist, craft)
