@@ -226,11 +226,11 @@ def verdict(comparison: Comparison) -> str:
 
 
 def _dominated(comparison: Comparison, pairs: Sequence[tuple[str, str]]) -> str:
-    """Sentence about who dominates whom, ours and others alike; pairs are (winner, loser)."""
+    """Sentence about who is shown to dominate whom, ours and others alike; pairs are (winner, loser)."""
     starts = counted(comparison.contest.episodes, "start")
     same = f"from the same {starts}" if comparison.contest.episodes > 1 else "from this start"
     if not pairs:
-        return f"Nobody is both quicker and cheaper than another {same}."
+        return f"Nobody is shown to be both quicker and cheaper than another {same} (95 %)."
     losers: dict[tuple[str, ...], list[str]] = {}
     for loser in dict.fromkeys(loser for _, loser in pairs):
         losers.setdefault(tuple(one for one, other in pairs if other == loser), []).append(loser)
@@ -240,7 +240,7 @@ def _dominated(comparison: Comparison, pairs: Sequence[tuple[str, str]]) -> str:
     ]
     beaten = {loser for _, loser in pairs}
     free = [entry.name for entry in comparison.entries if entry.name not in beaten]
-    return f"{'; '.join(clauses)}: quicker and cheaper {same}. Nobody dominates {_names(free)}."
+    return f"{'; '.join(clauses)}: quicker and cheaper {same}. Nobody is shown to dominate {_names(free)} (95 %)."
 
 
 def _times(entry: Entry) -> np.ndarray:

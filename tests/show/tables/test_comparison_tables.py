@@ -104,7 +104,7 @@ def beside(**others: tuple[float, float]) -> Comparison:
         ({"x": (5.0, 4.0)}, "", "ours is cheaper than x."),
         ({"x": (5.0, 3.0)}, "", ""),
         ({"idle": (1e3, 0.0)}, "", ""),  # it stays where it is, for nothing
-        ({"ours": (1e3, 0.0), "x": (5.0, 3.0)}, "", "from the same 12 starts."),
+        ({"ours": (1e3, 0.0), "x": (5.0, 3.0)}, "", "from the same 12 starts (95 %)."),
         (
             {"x": (6.0, 4.0), "y": (4.0, 2.0)},
             "y dominates ours; ours and y dominate x",
@@ -118,9 +118,11 @@ def test_a_comparison_says_first_who_dominates_whom(
     found = verdict(beside(**others))
     assert found.endswith(second)
     if first:
-        assert found.startswith(f"{first}: quicker and cheaper from the same 12 starts. Nobody")
+        assert found.startswith(
+            f"{first}: quicker and cheaper from the same 12 starts. Nobody is shown to dominate"
+        )
     elif others:
-        assert found.startswith("Nobody is both quicker and cheaper")
+        assert found.startswith("Nobody is shown to be both quicker and cheaper")
     else:
         assert not found
 
@@ -155,7 +157,8 @@ def test_an_advantage_from_a_few_starts_is_not_claimed() -> None:
     moved = map_leaves(lambda x: np.roll(x, 6, axis=1), theirs.flight.states)
     found.entries[1] = replace(theirs, flight=replace(theirs.flight, states=moved))
     assert (
-        verdict(found) == "Nobody is both quicker and cheaper than another from the same 12 starts."
+        verdict(found)
+        == "Nobody is shown to be both quicker and cheaper than another from the same 12 starts (95 %)."
     )
 
 
