@@ -304,12 +304,13 @@ def frugal(network: Network, value: float, distance: float, seconds: float = mat
         )
         own = Authority.of_numbers(architecture.authority)
         period, least = float(own.period), float(own.least_linear)
-        # Throttled craft, which do not coast, have time enough with little margin, too.
-        coarse = not is_continuous or architecture.coast > 0.0
-        margin = authority_margin(_columns(architecture.tokens)) if coarse else 1.0
+        margin = authority_margin(_columns(architecture.tokens))
+        has_pulses = not is_continuous or architecture.coast > 0.0
         if architecture.adapts:
             seconds /= _HEAVIER
-        value, slow = Leisure.of_flight(value, distance, seconds, least, margin, dimension)
+        value, slow = Leisure.of_flight(
+            value, distance, seconds, least, margin, dimension, has_pulses
+        )
         numbers = Frugality.trained(value, is_continuous, hurries)
         if slow:
             speed = cruise_speed(distance, seconds, least, period, CONTINUOUS in kinds)

@@ -94,6 +94,7 @@ class Leisure(NamedTuple):
         acceleration: float,
         margin: float,
         dimension: int = 2,
+        has_pulses: bool = True,
     ) -> Leisure:
         """What a flight allows: smaller values where it is short, slower ways than the weights' where it is long.
 
@@ -108,13 +109,16 @@ class Leisure(NamedTuple):
             acceleration: least linear one of the craft, m/s^2.
             margin: authority margin of the craft (`rans.model.twists.authority_margin`).
             dimension: 2 or 3.
+            has_pulses: whether thrusters are on/off or pulsed; throttled craft of small margin need no longer with the
+                weights of a value.
         """
         if value <= _EVEN or math.isinf(seconds):
             return cls(value)
         quick = 2.0 * math.sqrt(distance / acceleration)
         even, slowest = _SLOWEST[dimension]
         harder = min(1.0, margin) ** -_SMALL_MARGIN
-        slowest *= harder
+        if has_pulses:
+            slowest *= harder
         allowed = (_SETTLED_BY[0] * seconds / quick - even) / (slowest - even)
         weights = value
         if allowed < 1.0:
