@@ -152,6 +152,10 @@ def test_a_longer_flight_has_slower_ways(
         for length in (seconds, 2.0 * seconds)
     )
     assert 0.0 <= short.slow <= long.slow <= 1.0
+    # Throttled craft of small margin have weights as frugal, and ways as slow.
+    fine = Leisure.of_flight(value, distance, seconds, acceleration, margin, has_pulses=False)
+    assert fine.slow == short.slow
+    assert fine.value >= short.value
     if value <= 0.5:
         assert short == long == Leisure(value)
     else:
