@@ -109,8 +109,8 @@ class Leisure(NamedTuple):
             acceleration: least linear one of the craft, m/s^2.
             margin: authority margin of the craft (`rans.model.twists.authority_margin`).
             dimension: 2 or 3.
-            has_pulses: whether thrusters are on/off or pulsed; throttled craft of small margin need no longer with the
-                weights of a value.
+            has_pulses: whether thrusters are on/off or pulsed; throttled craft of small margin need no longer with
+                the weights of a value.
         """
         if value <= _EVEN or math.isinf(seconds):
             return cls(value)
