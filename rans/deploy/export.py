@@ -333,7 +333,10 @@ def evaluated(
 
 
 def _judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict[str, Any]:
-    """Value, 95 % interval and unit of every metric, by the name of the task; "" unless there are several."""
+    """[value, low, high, unit] of every metric, with its 95 % interval, by the task's name ("" if there is one).
+
+    Cards of agents have it as it is (`card.json`), and pages and tests read it from there.
+    """
     result = {}
     for judged in judged_separately(spec):
         run = contestant(judged, protocol)

@@ -1,7 +1,7 @@
 """Symbols: fields that record the operations on them.
 
 Running `rans.episode.step` on symbols gives a graph of its operations, without repeated operations and with
-constants folded: the branch-free program that `rans.compile.cuda.source` prints.
+constants folded: the program that `rans.compile` prints as CUDA, C, LLVM and JavaScript.
 """
 
 from __future__ import annotations
@@ -229,7 +229,11 @@ def ordered(roots: Iterable[Symbol], computed: Iterable[Symbol] = ()) -> Iterato
 
 
 def substituted(roots: Iterable[Symbol], values: Mapping[Symbol, Symbol]) -> list[Symbol]:
-    """The roots with some symbols replaced by others, simplified again."""
+    """The roots with some symbols replaced by others, simplified again.
+
+    Printed steps have a branch for each value of a condition (`rans.compile.step_program`): the operations of each
+    are those of the graph with the condition replaced by the value.
+    """
     roots = list(roots)
     new = dict(values)
     for symbol in ordered(roots):

@@ -89,7 +89,11 @@ class Property:
         )
 
     def value(self, state: tuple[Any, Any]) -> Any:
-        """Ball around the property's value over a set, which is below 0 where it is broken."""
+        """Ball around the property's value over a set, which is below 0 where it is broken.
+
+        A set is a pair of its middle and its generators, see `hull`. A certificate holds where the ball is above 0,
+        so that the ball must have the value of every state of the set.
+        """
         x = hull(state)
         values = [(row * column(x))[0, 0] + constant for row, constant in self._rows]
         if values:

@@ -136,7 +136,10 @@ class Loop:
     def fly(
         self, velocity: np.ndarray, spin: np.ndarray, commands: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Velocity in B (N, 2), m/s, and spin (N,), rad/s, a period later, by commands (N, thrusters)."""
+        """Velocity in B (N, 2), m/s, and spin (N,), rad/s, a period later, by commands (N, thrusters).
+
+        The search flies samples by it. What it finds is proved by the checker's own equations, not by these.
+        """
         change = commands @ self.lever * self.step
         v = velocity + self.impulse(spin, commands)
         turn = (spin + 0.5 * change) * self.period

@@ -375,7 +375,16 @@ def _bound_mission(comparison: Comparison, count: int, stages: Stages) -> None:
 def _find_relaxed(
     comparison: Comparison, stages: Stages, workers: int | None, returns: bool
 ) -> None:
-    """Add optima with partly open thrusters to a comparison, or the reason for which there are none."""
+    """Add optima with partly open thrusters to a comparison, or the reason for which there are none.
+
+    The least time comes first: starts that cannot arrive by a horizon are then known, and not searched.
+
+    Args:
+        comparison: changed in place.
+        stages: tells how far it is.
+        workers: number of processes; None: one for each processor.
+        returns: whether the largest return is one of the objectives.
+    """
     contest = comparison.contest
     try:
         check_relaxation(contest.craft)

@@ -182,9 +182,10 @@ class Search:
                 yield [one for one in ordered if one is not None]
 
     def waypoints(self, branch: _Branch) -> list[Waypoint]:
-        """Where (m) and when (s) the flights of a branch pass zones.
+        """Where (m) and when (s) the flights of a branch pass zones: parts of planes that all these flights cross.
 
-        Parts of planes that all these flights cross.
+        The bound holds only if each part has every place in which a flight of the branch may cross its plane in the
+        span: its radius is what a flight can reach until then, and `behind` is how far the zone moves meanwhile.
         """
         points = []
         for zone, passing in zip(self._zones, branch, strict=True):
