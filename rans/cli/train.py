@@ -625,12 +625,10 @@ class StopGently:
             self.code = 128 + number
             set_alarm(_GENTLE)
             if os.environ.get("RANK", "0") == "0":
-                with contextlib.suppress(
-                    OSError
-                ):  # a buffered stream may be in use when a signal comes
-                    os.write(
-                        2, b"\nrans: stopping after this iteration; Ctrl-C again stops at once.\n"
-                    )
+                said = b"\nrans: stopping after this iteration; Ctrl-C again stops at once.\n"
+                # Not by a buffered stream, which may be in use when a signal comes.
+                with contextlib.suppress(OSError):
+                    os.write(2, said)
             return
         interrupt = self._before[signal.SIGINT]  # the previous handler may defer it
         (interrupt if callable(interrupt) else signal.default_int_handler)(self._number, frame)

@@ -26,7 +26,11 @@ const number = x => x === 0 ? "0" : Math.abs(x) >= 100 || Math.abs(x) < 0.001 ? 
 
 // What the agent can do with a craft, in words: {kind, text}.
 function verdict(craft) {
-  const {numbers: [period, a, alpha, least], missing, outside} = assessed(craft);
+  const {columns, numbers: [period, a, alpha, least], missing, outside} = assessed(craft);
+  if (columns.every(([, , turn]) => Math.abs(turn) < 1e-9)) {
+    return {kind: "bad", text: "All of these thrusters push through the centre of mass, so that the craft cannot turn. " +
+      "No agent can steer it to a pose."};
+  }
   if (missing) {
     return {kind: "bad", text: `These thrusters cannot accelerate the craft ${missing} without turning it or pushing it another way. ` +
       "No agent can steer it: it drifts."};

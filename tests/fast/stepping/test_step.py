@@ -31,7 +31,7 @@ from tests.support.host_kernels import compare
 
 
 def alike(craft: Spacecraft, dtype: torch.dtype = torch.float64, **how: Any) -> None:
-    """The same commands on NumPy and with torch, through many ends."""
+    """NumPy and compiled torch step alike by the same commands, through ends of many episodes."""
     ours, theirs = (
         make(craft, NEAR, 64, SHORT, seed=2, dtype=dtype, **how) for make in (Engine, torch_engine)
     )

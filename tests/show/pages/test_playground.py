@@ -335,16 +335,19 @@ def test_a_craft_outside_of_the_training_is_told_so(tmp_path: Path) -> None:
     """Of a tenth of the mass, 0.532 kg, two thrusters push 3.76 m/s^2; two thrusters cannot push every way."""
     page = playground(run_of("any-craft-2d"), SEED)
     script = f"""{page.script}
-const light = clone(DATA.drawing.craft), poor = clone(DATA.drawing.craft);
+const [light, poor, radial] = [1, 2, 3].map(() => clone(DATA.drawing.craft));
 light.mass /= 10;
 poor.thrusters = poor.thrusters.slice(0, 2);
+for (const thruster of radial.thrusters) thruster.at = [0, 0];
 use(poor);
 const flight = new Flight(5);
 flight.refit();
 for (let k = 0; k < 5; ++k) flight.step();
-console.log(JSON.stringify([...[DATA.drawing.craft, light, poor].map(verdict), flight.command]));"""
-    inside, outside, missing, command = answer(script, tmp_path)
+console.log(JSON.stringify([...[DATA.drawing.craft, light, poor, radial].map(verdict), flight.command]));"""
+    inside, outside, missing, radial, command = answer(script, tmp_path)
     assert [one["kind"] for one in (inside, outside, missing)] == ["ok", "outside", "bad"]
+    assert "cannot turn" not in missing["text"]
+    assert "cannot turn" in radial["text"]
     assert "3.76 m/s²; the agent was trained from 0.015 to 0.7" in outside["text"]
     assert command == [0, 0]
 

@@ -40,7 +40,7 @@ def test_the_originals_scheme_by_hand() -> None:
 def test_the_default_step_must_gain_a_decade(
     spacecraft: str, evaluations: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of the error of 50 Hz Euler, whether or not the craft has a wheel, which would be full after seconds.
+    """Error is a tenth of that of 50 Hz Euler, whether or not the craft has a wheel, which fills within seconds.
 
     At 5 Hz six nodes in the plane, or a step of three nodes in space, are 30 and 15 forces a second.
     """
