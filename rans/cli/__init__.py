@@ -73,7 +73,8 @@ def main(arguments: list[str] | None = None) -> int:
         return _end(f"rans: {MissingPackage(module)}", 2)
     except KeyboardInterrupt:
         written = "what was written is kept" if has_written() else "nothing was written"
-        return _end(f"\nrans: interrupted; {written}.", 130)
+        sentence = f"\nrans: interrupted; {written}."
+        return 130 if leave_sentence(sentence, is_interrupt=True) else _end(sentence, 130)
     except BrokenPipeError:
         # Python would flush once more at exit and report an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

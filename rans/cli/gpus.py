@@ -19,6 +19,8 @@ DIVIDED = ("train", "sweep", "assure")
 _FORMS = "all, or a number of GPUs"
 _FOLDER = "RANS_SENTENCES"
 """Environment variable with the folder in which processes leave their last sentences."""
+_INTERRUPTED = ".interrupted"
+"""End of the name of a file with the sentence of an interrupt."""
 
 
 def without_gpus(arguments: Sequence[str]) -> tuple[list[str], str | None]:
@@ -73,13 +75,17 @@ def on_gpus(arguments: Sequence[str], text: str) -> int:
     return _launched(arguments, count)
 
 
-def leave_sentence(sentence: str) -> bool:
-    """Leave the last sentence of a process of `on_gpus` to what started it; False: this process is none."""
+def leave_sentence(sentence: str, is_interrupt: bool = False) -> bool:
+    """Leave the last sentence of a process of `on_gpus` to what started it; False: this process is none.
+
+    Sentences of interrupts are printed only where no process failed: torchrun interrupts the others then.
+    """
     folder = os.environ.get(_FOLDER)
     if folder is None or "RANK" not in os.environ:
         return False
+    name = os.environ["RANK"] + (_INTERRUPTED if is_interrupt else "")
     try:
-        write_text(Path(folder, os.environ["RANK"]), sentence)
+        write_text(Path(folder, name), sentence)
     except ConfigError:  # a full disk must not hide the sentence
         return False
     return True
@@ -93,7 +99,9 @@ def _sentences_in(folder: Path) -> Iterator[None]:
         yield
     finally:
         del os.environ[_FOLDER]
-        texts = [read_text(file) for file in sorted(folder.iterdir())]
+        files = sorted(folder.iterdir())
+        failures = [file for file in files if file.suffix != _INTERRUPTED]
+        texts = [read_text(file) for file in failures or files]
         for text in dict.fromkeys(texts):
             print(text, file=sys.stderr)
 

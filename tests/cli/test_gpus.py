@@ -67,6 +67,32 @@ def test_torchrun_gets_the_command_without_the_option(
     assert (options.training_script, options.training_script_args) == ("rans", own)
 
 
+@pytest.mark.parametrize("failing", [True, False])
+def test_an_interrupt_is_printed_only_where_no_process_failed(
+    failing: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Torchrun ends the others of a process that failed, and they may come first."""
+
+    def processes(_: object) -> None:
+        monkeypatch.setattr("rans.cli._run", interrupt)
+        for rank in ("0", "1"):
+            monkeypatch.setenv("RANK", rank)
+            assert main(["list"]) == 130
+        if failing:
+            monkeypatch.undo()
+            monkeypatch.setenv("RANK", "1")
+            assert main(["list", "nothing"]) == 2
+
+    def interrupt(_: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("torch.distributed.run.run", processes)
+    main(["train", "go-to-pose", "--gpus", "2"])
+    error = capsys.readouterr().err
+    assert ("'nothing'" in error) is failing
+    assert error.count("interrupted") == (0 if failing else 1)
+
+
 @pytest.mark.slow
 def test_two_processes_train_on_the_cpu(tmp_path: Path) -> None:
     """As one process does, by which the sum of their steps is counted; a refusal has the code of one process."""

@@ -61,7 +61,7 @@ def test_a_run_folder_is_left(capsys: pytest.CaptureFixture[str]) -> None:
     run = Path("runs/go-to-pose-floating-platform-seed0")
     assert captured.out.startswith("Done after 1,024 steps: ")
     assert f"The agent is {run}." in captured.out
-    for part in ("training: ", "solved ", "return ", "M/s", "0:00:00 left"):
+    for part in ("training: ", "solved ", "return ", "/s, ", "0:00:00 left"):
         assert part in captured.err
     assert {file.name for file in run.iterdir()} == {
         "config.json",
