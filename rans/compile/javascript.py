@@ -73,7 +73,10 @@ def function(
 
 
 def substep_functions(substeps: Substeps) -> str:
-    """The text of functions that calls name, and of ``repeated``, which applies one to a state several times."""
+    """The text of functions that calls name, and of ``repeated``, which applies one to a state several times.
+
+    Calls in the texts of `function` have these names, and arguments in this order.
+    """
     texts = [
         function(kind.name, {"state": kind.state, "load": kind.others}, {"state": kind.after})
         for kind in substeps.kinds
@@ -129,7 +132,10 @@ class _Lines:
 
 
 def _number(symbol: Symbol) -> str:
-    """A constant as JavaScript writes it, with all digits of a double, in parentheses if negative."""
+    """A constant as JavaScript writes it, with all digits of a double, in parentheses if negative.
+
+    A minus before a power is no JavaScript, and a minus after a minus would be a decrement: hence the parentheses.
+    """
     value = symbol.value
     if symbol.kind == "bool":
         return "true" if value else "false"

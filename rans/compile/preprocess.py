@@ -92,7 +92,10 @@ def row_programs(architecture: Architecture) -> list[tuple[RowProgram, int]]:
 
     # Memory of the filters, after the command is known.
     def next_filter_memory(row: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
-        """The filters' next memory of a row of body columns, memory and command, in the order of `widths`."""
+        """The filters' next memory of a row of body columns, memory and command, in the order of `widths`.
+
+        Columns come concatenated, so that both executors below must cut and join tensors in this order too.
+        """
         widths = {
             "body": architecture.read_count,
             "filters": architecture.filtering,
@@ -164,7 +167,10 @@ class CpuPreprocessor(ColumnExecutor):
         return None if run is None else run(observation)
 
     def _compiled_actor_critic(self, tensors: Mapping[str, Tensor]) -> CpuActorCritic | None:
-        """The whole network as machine code with these tensors; None if it has parts that this lacks."""
+        """The whole network as machine code with these tensors; None if it has parts that this lacks.
+
+        Asked for every new tensor of weights; networks of one shape share their machine code.
+        """
         from rans.compile.cpu.actor_critic import CpuActorCritic  # LLVM, which a GPU does not need
 
         architecture = self._architecture
@@ -180,7 +186,11 @@ class CpuPreprocessor(ColumnExecutor):
 
     @cached_property
     def _programs(self) -> list[CompiledProgram] | None:
-        """Compiled programs of the preprocessing; None if it cannot be traced."""
+        """Compiled programs of the preprocessing; None if it cannot be traced.
+
+        The last output of each is a whole number, the side; `tests/compile/test_preprocess.py` asks for torch's
+        numbers.
+        """
         from rans.compile.cpu.program import CompiledProgram  # LLVM, which a GPU does not need
 
         compiled = []

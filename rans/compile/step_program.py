@@ -130,7 +130,10 @@ class StepProgram:
 
 
 def trace_step(world: World, episode: Episode, dtype: Any) -> StepProgram:
-    """Trace one step of these episodes; TypeError where a task does more than arithmetic on fields."""
+    """Trace one step of these episodes; TypeError where a task does more than arithmetic on fields.
+
+    What a store is called, and its row, is read by both executors: arrays of NumPy or torch, and the kernel's text.
+    """
     world, inputs, memory, settings = on_symbols(world, episode)
     command = tuple(Symbol.input(f"command_{i}") for i in range(world.craft.command_count))
     low, high, first, stride = (
@@ -169,7 +172,11 @@ def trace_step(world: World, episode: Episode, dtype: Any) -> StepProgram:
 def on_symbols(
     world: World, episode: Episode
 ) -> tuple[World, Episode, tuple[Input, ...], tuple[Input, ...]]:
-    """World and episode with symbols for what lies in memory: the episode's, and the task's settings."""
+    """World and episode with symbols for what lies in memory: the episode's, and the task's settings.
+
+    Symbols are numbered in the order in which memory and settings are walked; executors hand arrays over in that
+    order.
+    """
     settings: list[Input] = []
     setup = world.setup._replace(task=_with_symbols(world.task, settings))
     world = dataclasses.replace(world, setup=setup)
@@ -182,7 +189,10 @@ def _rows(array: Any, values: Any) -> Iterator[BufferWrite]:
 
 
 def _remembered(episode: Episode) -> tuple[tuple[Input, ...], Episode]:
-    """The episode's arrays, and the episode with symbols in their place."""
+    """The episode's arrays, and the episode with symbols in their place.
+
+    Their order is that of `Episode.memory`, by which a step's results are written back.
+    """
     types: list[Type] = [
         _TYPES[str(array.dtype).removeprefix("torch.")] for array in episode.memory()
     ]
@@ -199,7 +209,11 @@ def _remembered(episode: Episode) -> tuple[tuple[Input, ...], Episode]:
 
 
 def _with_symbols(settings: Any, result: list[Input]) -> Any:
-    """A task with symbols for its numbers in memory, which are added to those found."""
+    """A task with symbols for its numbers in memory, which are added to those found.
+
+    Plain numbers stay in the program as constants. An array, as of members of a sweep or of a curriculum that
+    moves, is read in every step.
+    """
 
     def symbol(_: str, value: Any) -> Any:
         if isinstance(value, int | float):

@@ -86,7 +86,10 @@ class Processes:
         return self.average(variance + (mean - together).square()), together
 
     def standardised(self, values: Tensor) -> Tensor:
-        """Values (K, rows) standardised over the rows of all processes, as in SB3."""
+        """Values (K, rows) standardised over the rows of all processes, as in SB3.
+
+        PPO's advantages of every minibatch. One process and several agree up to the order of summation.
+        """
         if self.size == 1:
             spread, mean = torch.std_mean(values, dim=1, keepdim=True)
             return (values - mean) / (spread + 1e-8)

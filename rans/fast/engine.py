@@ -194,7 +194,10 @@ class Engine:
 
     @cached_property
     def term_names(self) -> tuple[str, ...]:
-        """Names of the reward terms in the order of `Step.terms`, from one example step."""
+        """Names of the reward terms in the order of `Step.terms`, from one example step.
+
+        Sums of rewards are stored in this order (`Rollout.terms`), which may not depend on values or settings.
+        """
         zero = leaves(self.state)[0] * 0.0
         shut = (zero,) * self.craft.command_count
         transition = Transition(
@@ -390,7 +393,10 @@ def _check_actions(
 
 
 def _check_range(actions: np.ndarray, craft: Spacecraft, is_usual: bool) -> None:
-    """Reject (`ConfigError`) actions (N, n) outside the ranges of the commands, including NaN."""
+    """Reject (`ConfigError`) actions (N, n) outside the ranges of the commands, including NaN.
+
+    It runs in every step, so that usual commands cost only a minimum and a maximum.
+    """
     if not is_usual:
         if not is_possible(craft, actions):
             check_commands(craft, actions, len(actions))

@@ -83,7 +83,11 @@ class Flights:
         self._whole = self._made(products) if generated and not plain else None
 
     def _made(self, products: Products) -> FlightKernel | CpuFlights | None:
-        """Generated program of whole flights; None if there is none, with a warning on a GPU."""
+        """Generated program of whole flights; None if there is none, with a warning on a GPU.
+
+        Its flights equal those of `_stepped` to rounding, so that a flight near a bound may count otherwise in one
+        of them.
+        """
         if getattr(self._setup.guard, "by_values", False):
             return None
         if self.device.type == "cuda":

@@ -99,7 +99,10 @@ def network_of(policy: ActorCriticPolicy) -> Network:
 
 
 def policy_kwargs(architecture: Architecture) -> dict[str, Any]:
-    """``policy_kwargs`` of SB3 for an `AgentPolicy` with this architecture, with fused Adam."""
+    """``policy_kwargs`` of SB3 for an `AgentPolicy` with this architecture, with fused Adam.
+
+    Files of policies have these words, and Stable-Baselines3 makes the policy of them again when it loads one.
+    """
     extractor = {
         field.name: getattr(architecture, field.name)
         for field in fields(Architecture)

@@ -48,7 +48,10 @@ class PrivilegedObservation:
         """Values of the nominal spacecraft, or with conditions the mean values (zero)."""
 
     def of(self, episode: Episode) -> Tensor:
-        """Privileged observation (N, width) of N running episodes, which must keep their parameters."""
+        """Privileged observation (N, width) of N running episodes, which must keep their parameters.
+
+        Columns are in the order of the leaves, by which the critic of a resumed training reads them.
+        """
         if not self._quantities:
             return torch.stack(
                 [self._everywhere * x for x in relative(self._body, self._craft)], dim=1
@@ -72,7 +75,10 @@ class PrivilegedQuantity(NamedTuple):
 
 
 def privileged_quantities(world: World) -> list[PrivilegedQuantity]:
-    """All randomized parameters of the episodes except the episode number; empty if nothing is randomized."""
+    """All randomized parameters of the episodes except the episode number; empty if nothing is randomized.
+
+    Mean and spread are those of 1,024 draws under seed 0: others would rescale what a resumed critic reads.
+    """
     if world.conditions is None:
         return []
     varied = leaves(examples(world.conditions, world.craft, world.timing.episode_steps))

@@ -47,6 +47,8 @@ class CpuActorCritic:
     )
 
     def __init__(self, architecture: Architecture, tensors: Mapping[str, Tensor]) -> None:
+        # Optimizers change weights in place, so that the addresses of the trunk's layers that are taken here stay
+        # valid.
         self._architecture = architecture
         # Statistics, heads and layers, which stay views of the tensors.
         tables = {name: x.detach().numpy() for name, x in tensors.items()}
@@ -76,7 +78,11 @@ class CpuActorCritic:
 
     @cached_property
     def _run(self) -> Callable[..., None]:
-        """Machine code of the forward pass, written when it is first called."""
+        """Machine code of the forward pass, written when it is first called.
+
+        All that `_write` prints from must be in the key: networks that differ in anything else would share wrong
+        code.
+        """
         architecture = self._architecture
         arrays = 4 + 2 * len(self._sizes[1:])
         # The same operations on the same fields are the same symbols.
@@ -89,7 +95,11 @@ class CpuActorCritic:
         return shared("look", alike, (LONG, LONG, *(POINTER,) * arrays), self._write)
 
     def __call__(self, observation: Tensor) -> tuple[Tensor, Tensor]:
-        """Log-odds (N, thrusters) and values (N,) of observations (N, width)."""
+        """Log-odds (N, thrusters) and values (N,) of observations (N, width).
+
+        Statistics and heads are copied in every call; numbers are torch's to rounding
+        (`tests/compile/cpu/test_actor_critic.py`).
+        """
         columns = observation.to(torch.float32).numpy().T
         count = len(observation)
         padded = -(-count // WIDTH) * WIDTH
@@ -143,7 +153,11 @@ class CpuActorCritic:
         starts = [sum(sizes[:at]) * WIDTH for at in range(len(sizes))]
 
         def tile(number: Value, _: list[Value]) -> list[Value]:
-            """Print both networks for tile ``number``: `WIDTH` columns, by way of ``scratch``."""
+            """Print both networks for tile ``number``: `WIDTH` columns, by way of ``scratch``.
+
+            Every layer's outputs lie behind those of the one before, from `starts`: `__call__` allocates the
+            scratch memory so.
+            """
             first = code.mul(number, width)
             offsets = [code.add(first, LONG(v * LANES)) for v in range(TILE)]
             # Features of the tile, from observations, into the first rows of the scratch memory.
@@ -182,7 +196,10 @@ class CpuActorCritic:
     def _read(
         self, code: Code, observation: Value, stride: Value, offset: Value, normal: Value
     ) -> dict[Symbol, Value]:
-        """Vectors of what is observed, and of the statistics that it is normalised by."""
+        """Vectors of what is observed, and of the statistics that it is normalised by.
+
+        The statistics lie in the order in which `__call__` concatenates them.
+        """
         width = self._architecture.column_count
         values = {
             symbol: code.read(observation, code.add(code.mul(LONG(i), stride), offset))

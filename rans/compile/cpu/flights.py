@@ -33,6 +33,8 @@ class CpuFlights:
         program: FlightProgram,
         tables: Mapping[str, np.ndarray],
     ) -> None:
+        # The order of the step's parts is that in which `fly` runs them, since each may use what earlier ones have
+        # computed.
         self._world = world
         self._program = program
         self._own = threading.local()
@@ -61,7 +63,11 @@ class CpuFlights:
 
     @torch.no_grad()
     def fly(self, first: int, count: int, seed: int, listed: int) -> FlightStatistics:
-        """Fly scenarios ``first`` to ``first + count - 1`` and return their outcomes."""
+        """Fly scenarios ``first`` to ``first + count - 1`` and return their outcomes.
+
+        A scenario's draws depend on the seed and its number alone, so that batches of any size give the same
+        flights.
+        """
         numbers = np.arange(first, first + count, dtype=np.int32)
         begin, step, verdict, *memories = self._memory(count)
         stages = list(zip(self._program.policy.stages, self._layers, memories, strict=True))
@@ -93,7 +99,10 @@ class CpuFlights:
         )
 
     def _memory(self, count: int) -> tuple[Any, ...]:
-        """This thread's memory for ``count`` flights, made anew only when the count changes."""
+        """This thread's memory for ``count`` flights, made anew only when the count changes.
+
+        Values of the last batch remain in it: `fly` gives all of them anew.
+        """
         memory = getattr(self._own, "memory", None)
         if memory is None or self._own.count != count:
             self._own.count = count

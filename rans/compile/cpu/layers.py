@@ -43,7 +43,10 @@ class CpuLayers:
 
     @classmethod
     def lacking(cls, architecture: Architecture) -> str:
-        """What these layers lack for flights of a policy, in words; "": nothing."""
+        """What these layers lack for flights of a policy, in words; "": nothing.
+
+        `rans.fast.flights` steps the flights in torch instead, which is slower.
+        """
         if missing := cls.capabilities.missing(architecture):
             return missing
         chosen = None
@@ -53,6 +56,7 @@ class CpuLayers:
         return f"more than {_SUBSETS} ways to open thrusters" if is_large else ""
 
     def __init__(self, stage: Stage, tables: Mapping[str, np.ndarray]) -> None:
+        # Weights are copied here: what an optimizer changes later does not reach them.
         self._layers = stage.layers
         self._sizes = [len(stage.inputs), *(layer.units for layer in stage.layers)]
         parts = list[np.ndarray]()
@@ -109,7 +113,10 @@ class CpuLayers:
         scratch: Value,
         out: Value,
     ) -> None:
-        """Print all layers for one tile of `WIDTH` spacecraft after another."""
+        """Print all layers for one tile of `WIDTH` spacecraft after another.
+
+        Arrays are float32 of as many columns as tiles have. Sums are torch's to rounding, not to the bit.
+        """
 
         def tile(number: Value, _: list[Value]) -> list[Value]:
             """Print all layers for one tile: `WIDTH` columns of ``rows`` become those of ``out``."""

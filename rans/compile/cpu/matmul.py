@@ -40,7 +40,10 @@ def matrix_product(
 
     # Groups of as many rows as registers hold sums of.
     def group(first: Value, count: int) -> None:
-        """Print the sums of ``count`` rows from row ``first``, `TILE` vectors each, and hand them to ``finish``."""
+        """Print the sums of ``count`` rows from row ``first``, `TILE` vectors each, and hand them to ``finish``.
+
+        Each sum runs over the inner index from 0 up, by fused products: another order would be another training.
+        """
         begins = [
             code.at(weights, code.mul(code.add(first, LONG(u)), LONG(steps[0])), FLOAT)
             for u in range(count)
@@ -168,7 +171,11 @@ def row_correlations(
 
 
 def row_sums(code: Code, rows: int, a: Value, stride: Value, vectors: Value, output: Value) -> None:
-    """Print output (rows,) += the sum of each row of ``a``, which has ``vectors`` vectors of `LANES` numbers."""
+    """Print output (rows,) += the sum of each row of ``a``, which has ``vectors`` vectors of `LANES` numbers.
+
+    Gradients of biases are these sums over the samples of a minibatch, whose order is fixed as that of the products
+    is.
+    """
 
     def row_group(first: Value, count: int) -> None:
         """Print the sums of ``count`` rows from ``first``, added to the output."""

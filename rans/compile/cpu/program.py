@@ -56,6 +56,7 @@ class CompiledProgram:
     """
 
     def __init__(self, inputs: Sequence[Symbol], *parts: Iterable[Symbol]) -> None:
+        # No memory is shared by values that are both still to be read, nor by a truth value (a byte) and a number.
         self._inputs = tuple(inputs)
         self._wanted = [list(part) for part in parts]
         orders = []
@@ -133,6 +134,7 @@ class ProgramMemory:
     """Buffers in which a program runs for N values; two threads must not share them."""
 
     def __init__(self, program: CompiledProgram, count: int) -> None:
+        # Views of the block are made once. `give` and `put` copy into them, so that code keeps the addresses.
         self._program = program
         self._runs = 0
         length = -(-count // LANES) * LANES
@@ -195,7 +197,11 @@ class ProgramMemory:
         return self._inputs[value] if value in self._inputs else self._place[value]
 
     def _call(self, operation: _Operation) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        """The NumPy function of an operation and its arguments, of which the last is where it writes."""
+        """The NumPy function of an operation and its arguments, of which the last is where it writes.
+
+        NumPy's bits are what machine code must reproduce, so that a function here is also the oracle of
+        `program_code`.
+        """
         args = [self._value(arg) for arg in operation.args]
         to = self._place[operation.of]
         match operation.name:

@@ -40,7 +40,10 @@ def is_arithmetic(symbol: Symbol) -> bool:
 
 
 def in_phases(symbols: Iterable[Symbol]) -> list[Symbol]:
-    """In another order, in which arithmetic comes in few stretches."""
+    """In another order, in which arithmetic comes in few stretches.
+
+    Operands stay before what is made of them, and in the old order within a stretch.
+    """
     phases = dict[Symbol, int]()
     order = list(symbols)
     arithmetic = {symbol: is_arithmetic(symbol) for symbol in order}
@@ -74,7 +77,10 @@ def write_function(
     """
 
     def body(code: Code, memory: Value, stride: Value, vectors: Value) -> None:
-        """Print the loop over the vectors of a row."""
+        """Print the loop over the vectors of a row.
+
+        Rows of truth values hold a byte a value, in the first quarter of a row of 32-bit numbers.
+        """
 
         def vector(number: Value, _: list[Value]) -> list[Value]:
             """Print the symbols for vector ``number``: loads where needed, stores of what ``stored`` names."""

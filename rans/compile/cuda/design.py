@@ -95,7 +95,12 @@ class Design:
 
     @cached_property
     def places(self) -> dict[str, int]:
-        """First byte of every part of `packed`; "small" is the end of single numbers, "end" that of all."""
+        """First byte of every part of `packed`; "small" is the end of single numbers, "end" that of all.
+
+        Parts are in order of use: single numbers first, then matrices from small to large. Those that do not fit
+        into shared memory are the last ones, which the kernel reads from global memory (`kept`). All begin at
+        multiples of 16 bytes.
+        """
         sizes = {
             "mean": self.given.column_count,
             "scale": self.given.column_count,

@@ -53,6 +53,7 @@ class FlightKernel:
         products: Products,
         most_warps: int | None = None,
     ) -> None:
+        # Weights are copied to the device here; a network that is trained further needs a new kernel.
         self._world = world
         self._device = device
         self._products = products
@@ -100,7 +101,11 @@ class FlightKernel:
             )
 
     def fly(self, first: int, count: int, seed: int, listed: int) -> FlightStatistics:
-        """What becomes of scenarios ``first`` to ``first + count - 1``."""
+        """What becomes of scenarios ``first`` to ``first + count - 1``.
+
+        Threads add their results in any order, so that sums differ in their last digits between runs; failures are
+        sorted.
+        """
         steps = self._world.timing.episode_steps
         device = self._device
         sums = torch.zeros(2 * len(QUANTITIES), dtype=torch.float64, device=device)

@@ -116,7 +116,11 @@ class _Writer(Lines):
         yield "}"
 
     def _memory(self) -> Iterator[str]:
-        """The policy, and where each warp puts what its network is given and answers."""
+        """The policy, and where each warp puts what its network is given and answers.
+
+        Names that `policy.cuh` and the lines below use; addresses are those of `Design.places`, in pieces of 16
+        bytes.
+        """
         design = self._design
         threads = 32 * self._design.warps
         yield "extern __shared__ uint4 shared[];"
@@ -168,7 +172,10 @@ class _Writer(Lines):
         yield from self._verdict()
 
     def _step(self) -> Iterator[str]:
-        """Lines of one control period: observe, act, step, and fold the outcome."""
+        """Lines of one control period: observe, act, step, and fold the outcome.
+
+        All next values are computed before the first is stored, since each may depend on the others' old ones.
+        """
         program = self._program
         yield from self.values([program.policy.view])
         yield from self._shown()
@@ -186,7 +193,10 @@ class _Writer(Lines):
         yield f"if (!__any_sync(~0u, {self.operand(program.going)})) break;"
 
     def _shown(self) -> Iterator[str]:
-        """The first layer's inputs, so many at once as lie in one piece of memory; then the history's rows."""
+        """The first layer's inputs, so many at once as lie in one piece of memory; then the history's rows.
+
+        Names that are valid only within the loop over rows are forgotten after it.
+        """
         architecture = self._architecture
         (stage,) = self._program.policy.stages
         alone = stage.inputs[: architecture.inputs - architecture.rows]
@@ -214,7 +224,11 @@ class _Writer(Lines):
     def _looked_up(
         self, lookups: Iterable[Lookup], sources: Sequence[Symbol], text: str
     ) -> Iterator[str]:
-        """Numbers from where they are among sources, which lie in memory as the text says of a place."""
+        """Numbers from where they are among sources, which lie in memory as the text says of a place.
+
+        What lies in another order on each side of the craft is read by its index, as `rans.compile.flight_program`
+        says.
+        """
         view = self.operand(self._program.policy.view)
         for lookup in lookups:
             first = next(i for i, source in enumerate(sources) if source is lookup.source[0])
@@ -223,7 +237,10 @@ class _Writer(Lines):
                 yield f"const real {symbol.value} = {text.format(place)};"
 
     def _network(self) -> Iterator[str]:
-        """Lines of the network on tensor cores, for one or two tiles of 16 flights at a time."""
+        """Lines of the network on tensor cores, for one or two tiles of 16 flights at a time.
+
+        The words are those of `policy.cuh`, whose templates take the sizes as they are in `Design`.
+        """
         design = self._design
         activation = self._architecture.activation.capitalize()
         parts = design.parts
@@ -271,7 +288,10 @@ class _Writer(Lines):
         )
 
     def _remember(self) -> Iterator[str]:
-        """The history's averages and last rows, in the place of what they were."""
+        """The history's averages and last rows, in the place of what they were.
+
+        Averages use the newest row before the history moves by one row.
+        """
         architecture = self._architecture
         width = architecture.row
         if not architecture.recalled:
@@ -294,7 +314,11 @@ class _Writer(Lines):
             yield f"for (int i = 0; i < {width}; ++i) memory[{end} + i] = newest[i];"
 
     def _verdict(self) -> Iterator[str]:
-        """Added to the results: by the first thread of a warp what all of it has."""
+        """Added to the results: by the first thread of a warp what all of it has.
+
+        `FlightKernel.fly` reads the arrays in this order: sums and squares by turns, failures from the first kind
+        on.
+        """
         program = self._program
         yield from self.values((program.failure, program.settles, program.settled, *program.totals))
         yield "const bool counts = index < unsigned(count);"

@@ -56,7 +56,10 @@ class Function:
         pointers: Sequence[int],
         numbers: Sequence[int],
     ) -> None:
-        """Queue the kernel on a stream; its arguments are device addresses, then 32-bit numbers, in its order."""
+        """Queue the kernel on a stream; its arguments are device addresses, then 32-bit numbers, in its order.
+
+        Queued work is not waited for, and no type is checked: a wrong order reads or writes foreign memory.
+        """
         values = (*map(c_void_p, pointers), *map(c_int, numbers))
         places = (c_void_p * len(values))(*map(ctypes.addressof, values))
         one = c_uint(1)

@@ -66,7 +66,11 @@ class Observation:
         )
 
     def _body(self, members: bool) -> Iterator[str]:
-        """Lines of the kernel that computes the observation of every episode."""
+        """Lines of the kernel that computes the observation of every episode.
+
+        An episode's number follows from member, process and place as in the step's kernel, so that noise is the
+        same.
+        """
         lines = Lines()
         seeds = "[i]" if members else "[0]"
         yield "const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;"

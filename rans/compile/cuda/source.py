@@ -117,6 +117,7 @@ class _Writer(Lines):
     """Writes the text of a step's kernel; what is rare stands where an episode has ended (`StepProgram.rare`)."""
 
     def __init__(self, program: StepProgram, together: int, members: bool) -> None:
+        # What is rare is read and computed only where an episode ended: memory traffic is what a step costs.
         super().__init__()
         self._program = program
         self._together = together
@@ -140,7 +141,11 @@ class _Writer(Lines):
         self._shared = [s for s, place in self._places.items() if place == "[0]" and s in often]
 
     def body(self, thrusters: int, action: Action) -> Iterator[str]:
-        """Lines of the kernel of a step: fetch the episodes of a thread, step, reset those that end, and store."""
+        """Lines of the kernel of a step: fetch the episodes of a thread, step, reset those that end, and store.
+
+        Arguments are named and ordered as `kernel_source` declares them and `rans.fast.stepping.kernel` passes
+        them.
+        """
         program = self._program
         together = self._together
         pieces, commands = _commands(thrusters, action, together)
@@ -260,7 +265,11 @@ def _name(store: BufferWrite) -> str:
 
 
 def _commands(thrusters: int, action: Action, together: int) -> tuple[list[str], list[str]]:
-    """Lines that read those of a thread's spacecraft, up to 16 bytes at once, and lines that name one's."""
+    """Lines that read those of a thread's spacecraft, up to 16 bytes at once, and lines that name one's.
+
+    On/off actions come as bytes, four to a word. `tests/fast/stepping/test_kernel.py` tries other numbers of
+    thrusters.
+    """
     words = action == "unsigned char" and thrusters % 4 == 0
     element = "unsigned" if words else action
     columns = thrusters // 4 if words else thrusters

@@ -115,7 +115,10 @@ def _typed(value: Any) -> Any:
 
 
 def _suggestion(name: str, entries: list[str]) -> str:
-    """Suggestion of a similar entry, by its name in other libraries or by its spelling; else an empty text."""
+    """Suggestion of a similar entry, by its name in other libraries or by its spelling; else an empty text.
+
+    Only words of the message depend on it.
+    """
     last = name.rpartition(".")[2].lower()
     if (synonym := OTHERS_NAMES.get(last)) in entries:
         return f" (did you mean {synonym}?)"

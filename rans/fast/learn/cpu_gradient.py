@@ -187,7 +187,11 @@ class CpuGradient:
         return self._network.inputs(seen, memory)
 
     def __call__(self, part: Batch) -> tuple[Tensor, ...]:
-        """Loss and statistics, (1,) each, of a minibatch whose memory are the `inputs`."""
+        """Loss and statistics, (1,) each, of a minibatch whose memory are the `inputs`.
+
+        The gradient is written into `Adam.gradient`, which is cleared before. Samples are summed tile by tile:
+        another size of tiles is another training in its last bits.
+        """
         assert part.memory is not None
         # The largest tile that divides the minibatch, and arrays in the order of `_Arguments`.
         count = len(part.memory)
@@ -231,7 +235,11 @@ class CpuGradient:
     # The printed function: tile by tile forward pass, losses and backward pass.
 
     def _write(self, code: Code, *values: Value) -> None:
-        """Print the function, whose arguments are those of `_Arguments`."""
+        """Print the function, whose arguments are those of `_Arguments`.
+
+        The order is fixed by memory: a backward pass overwrites the activations that the forward pass of its tile
+        left.
+        """
         arguments = _Arguments(*values)
         tile = arguments.tile
         sizes = self._sizes
@@ -329,7 +337,10 @@ class CpuGradient:
         zero = code.everywhere(0.0)
 
         def vector(number: Value, sums: list[Value]) -> list[Value]:
-            """Print the losses of `LANES` transitions, add them to the sums, and overwrite outputs by gradients."""
+            """Print the losses of `LANES` transitions, add them to the sums, and overwrite outputs by gradients.
+
+            Sums stay in registers, one vector each, and are written after the tile's last transition.
+            """
             first = code.mul(number, LONG(LANES))
             rows = [code.add(first, code.mul(tile, LONG(i))) for i in range(self._sizes[-1])]
             *logits, value = [code.read(outputs, row) for row in rows]
@@ -371,7 +382,11 @@ class CpuGradient:
             add_vector_sum(code, value, scalars, LONG(_LOSS_INPUTS + i))
 
     def _backward(self, code: Code, layer: _Layer, tile: Value, is_first: bool) -> None:
-        """Print the gradients of a layer's parameters and, but for the first layer, of its inputs."""
+        """Print the gradients of a layer's parameters and, but for the first layer, of its inputs.
+
+        The layer's ``output`` holds the derivatives by its sums, as the layer after it, or the losses, have left
+        them.
+        """
         # Gradients of weight and bias: sums over the tile's samples.
         vectors = code.udiv(tile, LONG(LANES))
         row_correlations(

@@ -65,7 +65,11 @@ class Ramp:
         return 0.5 + 0.5 * math.tanh(_STEEPNESS * (x - 0.5)) / math.tanh(0.5 * _STEEPNESS)
 
     def values(self, end: Range, steps: int) -> Iterator[float]:
-        """Yield the one or two numbers of the setting after ``steps`` environment steps."""
+        """Yield the one or two numbers of the setting after ``steps`` environment steps.
+
+        `Curriculum.move_to` writes them in place, and recipes of shipped agents have such ramps: a number that
+        changes makes other agents of the same seed.
+        """
         fraction = self.completed(steps)
         for low, high in zip(_numbers(self.start), _numbers(end), strict=True):
             yield (
@@ -108,7 +112,11 @@ def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:
 
 
 def task_at(task: Task, ramps: Sequence[Ramp], steps: int) -> Task:
-    """The task with its settings after ``steps`` environment steps."""
+    """The task with its settings after ``steps`` environment steps.
+
+    By it `check_ramps` refuses settings that a ramp would make wrong; the training itself moves arrays
+    (`Curriculum`).
+    """
     ends = _numbers_of(task)
     changes = dict[str, float]()
     for ramp in ramps:
@@ -191,7 +199,10 @@ def _numbers(value: Range) -> tuple[float, ...]:
 
 
 def _numbers_of(task: Task) -> dict[str, Range]:
-    """Numbers and ranges of a task's settings by name; those of inner tasks have dotted names."""
+    """Numbers and ranges of a task's settings by name; those of inner tasks have dotted names.
+
+    A range is one entry here and two numbers, ``name.0`` and ``name.1``, in `map_settings`.
+    """
     result: dict[str, Any] = {}
 
     def note(name: str, number: float) -> float:

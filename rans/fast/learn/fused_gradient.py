@@ -171,7 +171,11 @@ class FusedGradient(ABC):
         return weights.bfloat16(), torch.where(self._is_head_bias, biases, _rounded(biases))
 
     def _gathered(self, sums: Tensor, count: int) -> tuple[Tensor, Tensor]:
-        """Gradient (1, parameters), and the loss with its statistics, from the sums of ``count`` transitions."""
+        """Gradient (1, parameters), and the loss with its statistics, from the sums of ``count`` transitions.
+
+        A thruster's logit is a difference of two outputs, so that a sum counts for one with +1 and for the other
+        with -1.
+        """
         means = sums.sum(dim=0) / count
         coefficients = self._coefficients
         surrogate, value, entropy, *rest = means[
@@ -201,7 +205,10 @@ class MatrixGradient(FusedGradient):
         self._losses = fused(self._output_gradients, self._device)
 
     def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
-        """(1, size) sums of gradients and losses of a minibatch, laid out by `UpdateDesign`; see the base."""
+        """(1, size) sums of gradients and losses of a minibatch, laid out by `UpdateDesign`; see the base.
+
+        All of it may be recorded in a CUDA graph: no shape and no branch depends on a value.
+        """
         design = self.design
         first_weight, second_weight, head, head_remainder = design.matrices(weights)
         second_bias, head_bias = biases.tensor_split([len(second_weight)])

@@ -71,7 +71,11 @@ class _Graphed(Generic[R]):
         self._recorded: tuple[torch.cuda.CUDAGraph, R] | None = None
 
     def __call__(self) -> R:
-        """Result of the function: the first calls run it, one records a graph, and later ones replay that."""
+        """Result of the function: the first calls run it, one records a graph, and later ones replay that.
+
+        Results of a replay lie at the same addresses as those before, which it overwrites. Arguments cannot be
+        passed: the function reads them from tensors that stay where they are.
+        """
         if self._compiles != _compiles:  # the recorded kernels are other ones
             self._calls = 0
             self._recorded = None

@@ -29,7 +29,10 @@ SOLVED_IN_A_ROW = 2
 
 
 def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
-    """Network architecture of settings for an engine's task and craft; members that train together share it."""
+    """Network architecture of settings for an engine's task and craft; members that train together share it.
+
+    Agent files have it as a table, and a checkpoint must have the same one to be resumed.
+    """
     craft = engine.craft
     memory = settings.memory
     filters = settings.filters

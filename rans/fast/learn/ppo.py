@@ -124,7 +124,11 @@ class PPOLearner:
         self._ceiling.copy_(highest * (remaining / anneal.clamp(min=1e-9)).clamp(max=1.0))
 
     def state(self) -> dict[str, Any]:
-        """State of the learner without the episodes of the engine; all processes must call it."""
+        """State of the learner without the episodes of the engine; all processes must call it.
+
+        `load` reads these keys, and so do checkpoints of older runs. What else a training's course depends on must
+        be here.
+        """
         weights = self.network.tensors.items()
         memory = self.rollout.memory
         return {
@@ -149,7 +153,10 @@ class PPOLearner:
 
     @torch.no_grad()
     def _collect(self) -> Tensor:
-        """Fly a rollout into the buffer, whose memory is replaced; returns the rewards (T, N)."""
+        """Fly a rollout into the buffer, whose memory is replaced; returns the rewards (T, N).
+
+        Random numbers of the whole rollout come at once, before its first step: another order is another training.
+        """
         engine = self.engine
         rollout = self.rollout
         rollout.begin()
@@ -226,7 +233,11 @@ class PPOLearner:
         )
 
     def _update(self) -> Tensor:
-        """Descend on all minibatches of all epochs and adapt step sizes; (K, statistics) as `learn` returns."""
+        """Descend on all minibatches of all epochs and adapt step sizes; (K, statistics) as `learn` returns.
+
+        Minibatches are the same in all epochs, in the same order, and their advantages are standardised once. The
+        statistics of observations change only afterwards, so that all of them are seen through one normalisation.
+        """
         batch = self.batch()
         parts = minibatches(batch, self.members, self._minibatches)
         # Standardise the advantages of every member in every minibatch.
@@ -275,7 +286,11 @@ def act(
     privileged: Tensor | None,
     uniform: Tensor,
 ) -> Acted:
-    """Random actions of the policy, from uniform random numbers (N, commands) in [0, 1)."""
+    """Random actions of the policy, from uniform random numbers (N, commands) in [0, 1).
+
+    The log-probability is of the action as sampled; the command is what the thrusters get of it, and the memory
+    notes that.
+    """
     output, columns = network.forward(observation, memory, privileged)
     policy = output.policy
     action = policy.sample(uniform)

@@ -174,7 +174,10 @@ def craft_of(config: TrainConfig) -> Spacecraft:
 
 
 def _to_the_end(quick: TrainConfig) -> TrainConfig:
-    """Config of the same task with the length and hyper-parameters of long trainings."""
+    """Config of the same task with the length and hyper-parameters of long trainings.
+
+    The result is what `best` trains where no recipe of the task is in the folder.
+    """
     table = _on_device(_table(RECIPE_FOLDER / "base-precise.toml"), quick.device)
     ppo = structure(table["ppo"], PPOSettings, "base-precise.ppo")
     return replace(
@@ -187,7 +190,11 @@ def _to_the_end(quick: TrainConfig) -> TrainConfig:
 
 
 def _recipe_file(task: str, dimension: int, quality: Quality, randomized: bool) -> Path | None:
-    """Recipe file of a quality, by the names that recipes have; None: this task has none."""
+    """Recipe file of a quality, by the names that recipes have; None: this task has none.
+
+    The first that exists counts, from the most special one on. Names are part of the interface: pages and tests
+    have them.
+    """
     space = "plane" if dimension == 2 else "space"
     own = RECIPE_FOLDER / f"{quality}-{task}-{space}.toml"
     if not (quality == "best" and randomized) and ":" not in task and own.exists():
@@ -228,7 +235,10 @@ def _config(file: Path, device: str) -> TrainConfig:
 
 
 def _table(file: Path) -> dict[str, Any]:
-    """Table of a recipe file merged over that of its ``base``, and of the base's own."""
+    """Table of a recipe file merged over that of its ``base``, and of the base's own.
+
+    Bases may not be files of a user, which ends every chain of them.
+    """
     table = read_toml(read_text(file, LARGEST_TOML))
     refuse_other_file(table, "recipe")
     base = table.pop("base", None)
@@ -245,7 +255,10 @@ def _table(file: Path) -> dict[str, Any]:
 
 
 def _on_device(table: dict[str, Any], device: str) -> dict[str, Any]:
-    """Table of a recipe for a device, with ``[gpu]`` applied or removed."""
+    """Table of a recipe for a device, with ``[gpu]`` applied or removed.
+
+    A table of ``[gpu]`` counts more than its ``step_factor``. The argument loses its entry ``gpu``.
+    """
     gpu = table.pop("gpu", {})
     if not isinstance(gpu, dict):
         raise ConfigError(f"gpu must be a table of what differs on a GPU, got {brief(gpu)}.")

@@ -49,7 +49,11 @@ class Selection:
 
         # An engine a task: the evaluation's starts of every member, one group of episodes behind the other.
         def engine(name: str) -> Engine:
-            """Engine of one task: `EPISODES` rows a member, the same starts for each, without a curriculum."""
+            """Engine of one task: `EPISODES` rows a member, the same starts for each, without a curriculum.
+
+            Starts depend on `SELECTION_SEED` alone, so that members, runs and resumed runs are compared on the same
+            episodes.
+            """
             fixed = [each[name].for_evaluation() for each in judged]
             task = Curriculum(fixed, (), field_dtype(device, plain=plain), device, EPISODES).task
             seeds = [SELECTION_SEED] * members
@@ -81,7 +85,11 @@ class Selection:
         return [self._named(values) for values in self._flight().tolist()]
 
     def _named(self, values: Sequence[float]) -> dict[str, float]:
-        """Figures of an evaluation by their names in the log, in the order in which `judge` computes them."""
+        """Figures of an evaluation by their names in the log, in the order in which `judge` computes them.
+
+        An agent of several tasks counts as good as in its worst one. Logs, sweeps and `solved_share` read these
+        names.
+        """
         left = iter(values)
         duties = []
         success_rates = []
@@ -98,7 +106,11 @@ class Selection:
         return torch.cat([self._flown(engine) for engine in self._engines.values()], dim=1)
 
     def _flown(self, engine: Engine) -> Tensor:
-        """Results of one episode per environment: duty, success share and mean errors, (K, 2 + errors)."""
+        """Results of one episode per environment: duty, success share and mean errors, (K, 2 + errors).
+
+        Nothing is read on the host before the end: a GPU computes it without waiting. Solved is what `rans.verdict`
+        says.
+        """
         members = self._network.members
         steps = engine.timing.episode_steps
         last = last_fifth(steps)

@@ -107,7 +107,10 @@ class Sweep:
             lock.release()
 
     def _begin(self) -> None:
-        """Write the configs; ConfigError if the folder has another sweep."""
+        """Write the configs; ConfigError if the folder has another sweep.
+
+        A resumed sweep reads ``parts``: batches, and with them the folders of their runs, follow from it.
+        """
         file = inside(self.path, "configs.json")
         members = [member.config for member in self.members]
         if file.exists() and read_configs(self.path)[0] != members:
@@ -126,7 +129,11 @@ class Sweep:
     def _train_all(
         self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool]
     ) -> None:
-        """Train batch after batch until all are done or a stop is asked for."""
+        """Train batch after batch until all are done or a stop is asked for.
+
+        Where a stop was asked for, batches with a checkpoint are still opened for their results, and no other one
+        begins.
+        """
         for number, batch in self.processes.mine(list(enumerate(self._batches))):
             run = RunFolder(inside(self.path, "batches", str(number)))
             if not stop() or run.has_checkpoint:
@@ -140,7 +147,10 @@ class Sweep:
             raise WorkerLost(f"{error} {advice}") from error
 
     def _gather_results(self) -> None:
-        """Bring the results of all processes into this one, replacing ``members`` and sums of time and steps."""
+        """Bring the results of all processes into this one, replacing ``members`` and sums of time and steps.
+
+        Other processes' members are made anew, without their trainers: only rows, weights and counts are sent.
+        """
         local = [number for batch in self.processes.mine(self._batches) for number in batch]
         results = {
             number: ((member := self.members[number]).rows, member.weights, member.in_a_row)
@@ -160,7 +170,10 @@ class Sweep:
         report: Callable[[Sequence[Member]], object],
         stop: Callable[[], bool],
     ) -> None:
-        """Train a batch of members together in a run folder; replaces these ``members`` and adds up seconds."""
+        """Train a batch of members together in a run folder; replaces these ``members`` and adds up seconds.
+
+        `Trainer.resume` starts from the beginning where there is no checkpoint, so that both ways come here.
+        """
         configs = [self.members[number].config for number in batch]
         if "torch._dynamo" in sys.modules:
             torch.compiler.reset()  # what earlier batches compiled counts towards the compiler's limit

@@ -327,7 +327,11 @@ class Trainer:
         return self.steps // self._rollout % self.config.report_interval == 0
 
     def _iterate(self) -> None:
-        """Run one iteration of the learner, advancing curriculum, ``steps`` and statistics; a NaN is raised."""
+        """Run one iteration of the learner, advancing curriculum, ``steps`` and statistics; a NaN is raised.
+
+        Settings and step size are set before the rollout that they hold for; both depend on `steps` alone, so that
+        a resumed training has the same.
+        """
         self.curriculum.move_to(self.steps)
         self.learner.slow_down(max(0.0, 1 - self.steps / self.config.total_timesteps))
         losses = self.learner.learn().tolist()
@@ -444,7 +448,10 @@ class Trainer:
                 self.members[row.pop("member", 0)].rows.append(row)
 
     def _restore(self, saved: dict[str, Any]) -> None:
-        """Put weights, optimiser, engine and counts back as a checkpoint has them."""
+        """Put weights, optimiser, engine and counts back as a checkpoint has them.
+
+        Tensors are copied in place, since recorded CUDA graphs hold their addresses.
+        """
         try:
             # Weights of equal shapes may belong to a different network.
             if (network := saved["network"]) != self._network():

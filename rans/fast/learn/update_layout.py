@@ -76,7 +76,10 @@ class UpdateDesign:
 
     @cached_property
     def sums(self) -> dict[str, tuple[int, ...]]:
-        """Shapes of the gradients, which lie one after the other, before the statistics."""
+        """Shapes of the gradients, which lie one after the other, before the statistics.
+
+        In this order they lie in one row, from which `places` and `matrices` take their parts.
+        """
         first, second = self.widths
         firsts = first * self.trunks
         seconds = second * self.trunks

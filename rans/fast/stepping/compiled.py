@@ -111,7 +111,10 @@ class GeneratedStep:
     def _block(
         self, rows: slice, memory: ProgramMemory, commands: np.ndarray, arrays: dict[str, Any]
     ) -> None:
-        """Run the program on some rows of the batch, a block that fits into the caches; writes into ``arrays``."""
+        """Run the program on some rows of the batch, a block that fits into the caches; writes into ``arrays``.
+
+        New memory is written over the old one in the end, when all results of these rows are computed.
+        """
         for symbol, source in self._given:
             memory.put(symbol, source[rows] if np.ndim(source) else source)
         for symbol, command in zip(self._commands, commands, strict=True):
@@ -196,7 +199,10 @@ def stepping(
 
 
 def _everywhere(program: StepProgram) -> Iterator[BufferWrite]:
-    """Stores of every period: those of a reset are selected by ``ended``, since this has no branches."""
+    """Stores of every period: those of a reset are selected by ``ended``, since this has no branches.
+
+    A final observation is written for every row; only where ``ended`` is true it is read.
+    """
     yield from program.always
     for store in program.at_end:
         old = program.memory[store.row].symbol if store.array == "memory" else store.value

@@ -119,7 +119,10 @@ class Kernel:
         return self._functions[action]
 
     def __call__(self, action: Tensor) -> Step:
-        """Hold the thrusters for one control period, see `Engine.step`; changes the episodes' memory in place."""
+        """Hold the thrusters for one control period, see `Engine.step`; changes the episodes' memory in place.
+
+        Pointers and numbers come in the order of the arguments in `rans.compile.cuda.source`, unchecked.
+        """
         action = self._readable(action)
         count = self._count
         shape = self._program.shape
