@@ -167,7 +167,10 @@ def _blocks(rows: Any) -> list[tuple[str, int]]:
 
 
 def _tensors(content: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Header, and tensors of floating-point numbers, of a safetensors file; its bytes are each of one tensor."""
+    """Header, and tensors of floating-point numbers, of a safetensors file; its bytes are each of one tensor.
+
+    Bytes that belong to no tensor or to two are refused, and so is every number that is not finite.
+    """
     length = int.from_bytes(content[:8], "little")
     need(0 < length <= len(content) - 8, "its header is longer than the file")
     header = json_of(content[8 : 8 + length], length)

@@ -31,7 +31,11 @@ def write_certificate(proof: Proof, network: bytes, file: Path) -> str:
 
 
 def table(proof: Proof, network: bytes) -> dict[str, Any]:
-    """Table of the certificate of a proof or of a flight that refutes it; arguments as for `write_certificate`."""
+    """Table of the certificate of a proof or of a flight that refutes it; arguments as for `write_certificate`.
+
+    The checker reads these keys and no others (`rans_proof.check_problem`); a stored certificate must stay
+    readable.
+    """
     head = {
         "format": 1,
         "network": hashlib.sha256(network).hexdigest(),

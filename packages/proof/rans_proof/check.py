@@ -132,6 +132,7 @@ class Loop:
     """
 
     def __init__(self, problem: dict[str, Any], network: bytes) -> None:
+        # The network as read is compared with `onnx.reference` around what it takes from the starts.
         self._problem = problem
         count = len(problem["derivative"])
         names = [f"x{i}" for i in range(count)]
@@ -176,7 +177,11 @@ class Loop:
         return gain * table, gain * shift + offset, errors
 
     def margin(self, cell: Any, depth: int = 0) -> float:
-        """Margin over all times of the flights from a cell, which is halved ``depth`` times at most."""
+        """Margin over all times of the flights from a cell, which is halved ``depth`` times at most.
+
+        Above 0 is a theorem about every state of the cell, so that anything that is not proved must come out as 0
+        or less; halves count as much as the whole, since together they are the cell.
+        """
         try:
             margin = self._margin(*_set(cell))
         except Refused:  # of a motion without a bound
@@ -246,6 +251,8 @@ def _last(problem: dict[str, Any]) -> dict[str, list[float]]:
     """Box in which flights end.
 
     A state that never changes and starts inside needs no margin: its ends are +-1e9.
+
+    The property of the end, in which such a state would otherwise have the margin 0.
     """
     start, end = problem["start"], problem["end"]
     box = {"lower": list(end["lower"]), "upper": list(end["upper"])}

@@ -149,7 +149,11 @@ class Chain:
         need(self._modes and self.count >= 2, "it has no mode, or no position.")
 
     def prove(self, states: Any, proof: Any) -> None:
-        """Refuse a cell of starts whose flights are not proved by its tables of the modes."""
+        """Refuse a cell of starts whose flights are not proved by its tables of the modes.
+
+        What a mode's table does not reach in time is refused, but for modes that begin after the last abort:
+        nothing of them is claimed.
+        """
         keys("a proof", proof, "modes")
         # When the mode begins: for the first and for the last flight.
         first = last = arb(0)
@@ -189,7 +193,10 @@ class Chain:
             first, last = first + end[0], last + end[1]
 
     def _ended(self, rates: Any, states: Any, guard: Any, end: Any) -> tuple[float, float]:
-        """Times (s) of a mode's end: before them its function is below zero, then it rises, then is above."""
+        """Times (s) of a mode's end: before them its function is below zero, then it rises, then is above.
+
+        All three statements are about the whole set: a flight whose function rises twice would be in two modes.
+        """
         ((low, high),) = _box([end], 1)
         row, constant = guard
         need(low > 0.0, "a mode may end at its begin.")

@@ -169,7 +169,10 @@ class Sloped:
 
 
 def linear(text: str, names: Sequence[str]) -> list[Any]:
-    """Factors of names in a formula, and its constant as the last one; a formula that is not linear is refused."""
+    """Factors of names in a formula, and its constant as the last one; a formula that is not linear is refused.
+
+    `ctx.cap` is FLINT's global length of series, which is changed here as in all functions of this module.
+    """
     ctx.cap = 1
     zero, wide = arb_series([0]), arb_series([arb(0, 1e30)])
     variables = [Sloped(zero, wide, {k: arb_series([1])}) for k in range(len(names))]
@@ -235,7 +238,11 @@ class Plant:
         return pieces
 
     def _step(self, middle: list[Any], wide: Any, h: Any) -> tuple[Any, Any] | None:
-        """Set (ball matrices) after a step of length h (s) and its sag; None: the step is too long."""
+        """Set (ball matrices) after a step of length h (s) and its sag; None: the step is too long.
+
+        The set must have every state that is reached, and the sag (per state) must bound how far motion is off its
+        chord: `Loop` judges the property by both.
+        """
         n = self._count
         widths = absolute_row_sums(wide)
         balls = [_ball(c.mid(), w + c.rad()) for c, w in zip(middle, widths, strict=True)]
@@ -284,7 +291,10 @@ class Plant:
         return ([x.mid() for x in after] + middle[n:], side_by_side(moved, extra)), sag
 
     def _series(self, start: list[Any], terms: int) -> list[Any]:
-        """Series of the states, up to a power of time, from series of states and commands of one term."""
+        """Series of the states, up to a power of time, from series of states and commands of one term.
+
+        `ctx.cap` is left at the last length; series that are made afterwards end there.
+        """
         states = start[: self._count]
         for k in range(terms):
             ctx.cap = k + 1  # the rates' terms that follow from the states' so far

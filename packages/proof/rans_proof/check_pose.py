@@ -103,7 +103,10 @@ class PoseCertificate(NamedTuple):
 
     @property
     def theorem(self) -> str:
-        """What it states, in words and units, without a full stop; `rans prove` and pages print it."""
+        """What it states, in words and units, without a full stop; `rans prove` and pages print it.
+
+        Numbers are printed as the certificate has them, since a rounded one would be another theorem.
+        """
         start, keep = self.table["start"], self.table["keep"]
         near = f"within {keep['position']!r} m and {keep['heading']!r} degrees of its goal for ever"
         begin = (
@@ -218,7 +221,10 @@ class Cells:
         return Cells(self.width, self.half)
 
     def largest(self) -> tuple[float, float]:
-        """Largest absolute position (m or rad) and rate (per s) of its states, at the edges of its cells."""
+        """Largest absolute position (m or rad) and rate (per s) of its states, at the edges of its cells.
+
+        Upper bounds: they become `Parts`, by which the other sets are judged.
+        """
         rows, columns = (np.flatnonzero(self.inside.any(axis=axis)) for axis in (1, 0))
         need(len(rows) > 0, "a set has no cells")
         result = []
@@ -376,7 +382,11 @@ class Loop:
         )
 
     def check_closed(self, place: Cells, heading: Cells, bounds: Parts) -> None:
-        """Refuse (`Refused`) a product of sets that an image leaves, of headings first and then of positions."""
+        """Refuse (`Refused`) a product of sets that an image leaves, of headings first and then of positions.
+
+        Both sets must be within ``bounds``: a heading's image is computed for all positions within them, and vice
+        versa.
+        """
         slips = self.late.spin_slip, self.late.slip(self._turned(bounds))
         levels = self.heading_levels(heading, bounds)
         turned = heading.moved(levels, self._twists(), self.period, slips[0])
@@ -403,7 +413,10 @@ class Loop:
         )
 
     def _pulls(self, bounds: Parts) -> dict[int, Interval]:
-        """Bounds of the acceleration along a diagonal of the goal's frame, by thrusters along the craft's."""
+        """Bounds of the acceleration along a diagonal of the goal's frame, by thrusters along the craft's.
+
+        Too wide an interval costs cells and too narrow one would prove what is false; so it is for all bounds here.
+        """
         turned = self._turned(bounds)
         least = math.cos(turned)
         across = self.most_pull * (math.sin(turned) if turned < math.pi / 2 else 1.0)
@@ -476,7 +489,10 @@ class Loop:
 
     @staticmethod
     def _seen(along: Interval, across: float, heading: float) -> Interval:
-        """A component along a diagonal of the craft, by that of the goal's frame and the size of the other one."""
+        """A component along a diagonal of the craft, by that of the goal's frame and the size of the other one.
+
+        Interval and size must hold for every heading up to ``heading``, rad.
+        """
         turned = min(heading, math.pi)
         c = math.cos(turned)
         s = math.sin(turned) if turned < math.pi / 2 else 1.0
@@ -495,7 +511,11 @@ class Loop:
     def reach(
         self, begin: Parts, plan: Mapping[str, int], place: Cells, heading: Cells, bounds: Parts
     ) -> int:
-        """Periods after which all flights from starts at rest are in the trapping set."""
+        """Periods after which all flights from starts at rest are in the trapping set.
+
+        Sets on the way are as large as need be, and none is refined: a period in which a bound is passed is
+        refused.
+        """
         # Positions: a grid for all of the way, in cells of the trapping set.
         columns = math.ceil((begin.place + _ROOM) / place.width[1])
         way = self._grid("place", 8 * place.half[0], columns)
@@ -632,7 +652,10 @@ class Network:
         self._sums = np.array([self._second[i] + self._second[j] for i, j in self._pairs])
 
     def _range(self, rows: np.ndarray, column: int, interval: Interval) -> Interval:
-        """Bounds of what units of a column add to rows: a piecewise linear function, extreme at ends and bends."""
+        """Bounds of what units of a column add to rows: a piecewise linear function, extreme at ends and bends.
+
+        It is exact but for rounding, which the last line makes up for by far more than it is.
+        """
         units = [(k, slope, b) for k, (c, slope, b) in enumerate(self._units) if c == column]
         low, high = (np.asarray(x, float) for x in interval)
 
@@ -701,7 +724,11 @@ class Network:
         across: int,
         down: int,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of linear functions of the first layer: the sum of (2, units, columns) and (2, units, rows)."""
+        """Bounds of linear functions of the first layer: the sum of (2, units, columns) and (2, units, rows).
+
+        The axis ``across`` is that of a cell's columns (position), ``down`` that of its rows (rate); other columns
+        are the same for all cells.
+        """
         along = np.repeat(bias[None, :, None], 2, axis=0)
         upright = np.zeros((2, len(bias), 1))
         for column in range(8):
@@ -777,7 +804,10 @@ def _sine(low: np.ndarray, high: np.ndarray) -> Interval:
 
 
 def _middle(outer: Cells, inner: Cells) -> tuple[slice, slice]:
-    """Where a table of cells lies in a larger one of the same cells, as slices of rows and columns."""
+    """Where a table of cells lies in a larger one of the same cells, as slices of rows and columns.
+
+    Both tables have rest in their middle.
+    """
     need(
         outer.width == inner.width
         and all(a >= b for a, b in zip(outer.half, inner.half, strict=True)),

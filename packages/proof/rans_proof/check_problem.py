@@ -138,7 +138,10 @@ def difference(problem: dict[str, Any], other: dict[str, Any]) -> str:
 
 
 def statement(problem: dict[str, Any]) -> str:
-    """What is proved of a network if a certificate of a problem is accepted, in a few lines."""
+    """What is proved of a network if a certificate of a problem is accepted, in a few lines.
+
+    Printed as the theorem and nothing else: every key that changes what is checked must have its words here.
+    """
     rates = [" ".join(rate.split()) for rate in problem["derivative"]]
     taken = ", ".join(problem.get("inputs", [f"x{i}" for i in range(len(rates))]))
     commands = ", ".join(f"u{i}" for i in range(problem["commands"]))

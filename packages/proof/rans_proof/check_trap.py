@@ -112,7 +112,10 @@ def formulas(
 
 
 def _read(certificate: bytes, files: Mapping[str, bytes]) -> tuple[dict[str, Any], _Loop]:
-    """A certificate and the closed loop of the agent that it is of."""
+    """A certificate and the closed loop of the agent that it is of.
+
+    It sets the precision of all balls of the process (`ctx.prec`).
+    """
     ctx.prec = _BITS
     table = entries("it", json_of(certificate, _LARGEST), _SCHEMA)
     keep, start, grid = table["keep"], table["start"], table["grid"]
@@ -141,6 +144,8 @@ class _Loop:
     """
 
     def __init__(self, table: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
+        # Errors are added to what is read, and factors of the thrust multiply each pull: both enclose all that
+        # flies.
         self.period_text = str(read_period(files["config.json"], "track-velocity"))
         self.period = arb(self.period_text)
         self._integrals: dict[tuple[str, int], Any] = {}
@@ -219,7 +224,11 @@ class _Loop:
         return functools.reduce(lambda hull, ball: hull.union(ball), products)
 
     def commands(self, cell: Any) -> list[tuple[int, ...]]:
-        """Every command that states of a cell may have, with errors of the readings."""
+        """Every command that states of a cell may have, with errors of the readings.
+
+        A thruster whose log-odds may have either sign may be open or shut: a command that is missing would be a
+        hole.
+        """
         r0, r1, middle, half = self.sector(cell)
         c, s = middle.cos_pi(), middle.sin_pi()
         inner = r0 * half.cos_pi()
@@ -240,7 +249,11 @@ class _Loop:
         return list(itertools.product(*choices))
 
     def image(self, cell: Any, commands: Sequence[int]) -> _Image:
-        """Cells that a cell is moved into by a command, and how fast states are on the way."""
+        """Cells that a cell is moved into by a command, and how fast states are on the way.
+
+        Too many cells cost a proof, and one too few would be a hole in it; the sag bounds the speed between both
+        ends.
+        """
         r0, r1, middle, half = self.sector(cell)
         spin = self.spins(cell)
         jump = self._jump(commands)
@@ -285,7 +298,11 @@ class _Loop:
         return ""
 
     def formulas(self) -> tuple[Callable[..., np.ndarray], Callable[..., np.ndarray], float]:
-        """Middles of the balls of network and motion as functions of (N, 3) states, and the period (s)."""
+        """Middles of the balls of network and motion as functions of (N, 3) states, and the period (s).
+
+        `rans_proof.flown` compares them with a flight of the agent. No proof rests on them, which is why middles
+        will do.
+        """
 
         def log_odds(states: np.ndarray) -> np.ndarray:
             x = states
@@ -295,7 +312,10 @@ class _Loop:
             return x
 
         def moved(states: np.ndarray, commands: np.ndarray) -> np.ndarray:
-            """States (N, 3) a period after others under commands (N, thrusters), by the middles of the balls."""
+            """States (N, 3) a period after others under commands (N, thrusters), by the middles of the balls.
+
+            In B, m/s and rad/s; mass and thrust as designed.
+            """
             ends = []
             step = float(self.step)
             for (vx, vy, spin), command in zip(states, commands.astype(int).tolist(), strict=True):
@@ -323,7 +343,10 @@ class _Loop:
         return [sum((f[i] * u for f, u in pairs), arb(0)) for i in (0, 1)]
 
     def _impulse(self, force: Sequence[Any], spin: Any, jump: int) -> tuple[Any, Any, Any]:
-        """Velocity change, in B of the beginning of a period, and a ball of how far it is off."""
+        """Velocity change, in B of the beginning of a period, and a ball of how far it is off.
+
+        For thrust as designed; ``off`` also has the factor by which thrust and mass may be off.
+        """
         c, s = self._rotation(str(spin.mid().man_exp()), arb(spin.mid()), jump)
         # Other spins and torques turn the force by other angles, which are integrated over the period.
         spread = arb(spin.rad()) + abs(self.factor - 1).abs_upper() * abs(jump) / 2
@@ -373,7 +396,10 @@ class _Loop:
 
 
 def _opposed(thrusters: Sequence[Any], commands: Sequence[int]) -> bool:
-    """Whether the open ones of thrusters (force, direction) push in pairs of opposite directions."""
+    """Whether the open ones of thrusters (force, direction) push in pairs of opposite directions.
+
+    Then they sum to no force, whatever their common factor is: the craft coasts exactly, without rounding.
+    """
     rest = [thruster for thruster, u in zip(thrusters, commands, strict=True) if u]
     while rest:
         force, x, y = rest.pop()
@@ -414,7 +440,11 @@ def _middles(matrix: Any) -> np.ndarray:
 
 
 def _network(agent: AgentWeights) -> tuple[Any, Any]:
-    """Layers from velocity and spin to log-odds, and a check that no column is clipped."""
+    """Layers from velocity and spin to log-odds, and a check that no column is clipped.
+
+    What the agent's preprocessing does to an observation is written here once more: normalised with 1e-6 on the
+    variance, clipped at `_CLIP`, which ``check`` refuses. `rans_proof.flown` compares it with the agent.
+    """
     need(agent.activation == "tanh", "its layers are not of tanh.")
     # Columns in B with the goal at rest: velocity, spin, task flag 2, velocity to gain, and two of zeros.
     weights = np.zeros((8, 3))

@@ -76,7 +76,10 @@ DIGEST = Kind(
 def entries(
     what: str, table: Any, needed: dict[str, Kind], optional: dict[str, Kind] | None = None
 ) -> Any:
-    """A table of these keys, with values of their kinds; anything else is refused."""
+    """A table of these keys, with values of their kinds; anything else is refused.
+
+    Readers take a table's values without further tests after this.
+    """
     kinds = needed | (optional or {})
     is_closed = isinstance(table, dict) and needed.keys() <= table.keys() <= kinds.keys()
     need(is_closed, f"{what} has not exactly the keys {', '.join(sorted(kinds))}.")

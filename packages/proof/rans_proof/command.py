@@ -432,7 +432,11 @@ class Prove(Options):
         chunk: int,
         statement: str = "",
     ) -> int:
-        """Judge cells in several processes, and print the result, with the statement that is proved."""
+        """Judge cells in several processes, and print the result, with the statement that is proved.
+
+        One refusal ends it. Cells are divided among processes, and all of them must have been judged for
+        "Accepted".
+        """
         from rans.extend import Workers
         from rans.processes import nothing
 
@@ -456,7 +460,10 @@ class Prove(Options):
 
 
 def _refuted(proof: Proof, content: bytes, network: Path, output: Path, seconds: float) -> int:
-    """Write the flight that refutes a property, let the checker fly it again, and print both results."""
+    """Write the flight that refutes a property, let the checker fly it again, and print both results.
+
+    A flight that the checker does not confirm is "Open", never "False".
+    """
     from rans_proof.certificate import LARGEST, write_certificate
 
     assert proof.counterexample is not None
@@ -569,7 +576,10 @@ def _checked(_: None, certificate: bytes, network: bytes, cells: list[int]) -> t
 
 
 def _verdict(judge: Callable[[], float]) -> tuple[float, str]:
-    """The margin that a judge of a certificate computes, and why it refuses the certificate, or ""."""
+    """The margin that a judge of a certificate computes, and why it refuses the certificate, or "".
+
+    Whatever a judge raises is a refusal, so that a damaged file can never be accepted.
+    """
     from rans_proof.balls import Refused
 
     try:

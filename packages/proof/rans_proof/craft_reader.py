@@ -81,7 +81,10 @@ def read_period(config: bytes, task: str) -> float:
 
 
 def read_craft(content: bytes) -> Craft:
-    """Craft of a spacecraft's file with exact numbers; `Refused` for any key or effector that no proof knows."""
+    """Craft of a spacecraft's file with exact numbers; `Refused` for any key or effector that no proof knows.
+
+    Keys are an allow list: what a file says and the proof leaves out would be a craft that flies otherwise.
+    """
     table = toml_of(content)
     for key, value in table.items():
         is_proved = key in _CRAFT and _CRAFT[key] in (None, value)

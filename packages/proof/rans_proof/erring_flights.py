@@ -59,7 +59,10 @@ class Misread:
         self._run.controller.reset(count)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """Commands (N, n) to a reading that is off by errors drawn anew; the observation is made of it."""
+        """Commands (N, n) to a reading that is off by errors drawn anew; the observation is made of it.
+
+        The random numbers of a decision come in the order position, velocity, heading, spin.
+        """
         count = len(state.w)
 
         def error(name: str) -> np.ndarray:
@@ -139,7 +142,10 @@ class LateValves:
     def _through(
         self, state: Any, before: Any, now: Any, instants: Any, order: Any, body: Body
     ) -> Any:
-        """State when the last valve has moved, from valves ``before`` to valves ``now``, each at its instant."""
+        """State when the last valve has moved, from valves ``before`` to valves ``now``, each at its instant.
+
+        Instants (N, thrusters) are s after the decision; ``order`` has 0 and then these, sorted.
+        """
         for first, last in itertools.pairwise(order):
             if (last > first).any():
                 opened = np.where(instants > first, before, now).astype(float)

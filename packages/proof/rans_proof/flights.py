@@ -40,7 +40,10 @@ def lowest_margins(problem: Problem, layers: Sequence[Layer], start: np.ndarray)
 
 
 def path(problem: Problem, layers: Sequence[Layer], start: np.ndarray) -> list[np.ndarray]:
-    """States (N, n) at the start and after each Runge-Kutta step of flights from starts (N, n)."""
+    """States (N, n) at the start and after each Runge-Kutta step of flights from starts (N, n).
+
+    For the search only: a flight that breaks the property here is flown again by the checker before it counts.
+    """
     h = problem.period / _SUBSTEPS
     inputs = problem.network_inputs()
     x = start

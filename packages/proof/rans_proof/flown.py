@@ -80,7 +80,10 @@ _PROVED: dict[str, Any] = {
 
 
 def check_architecture(architecture: Architecture) -> None:
-    """Refuse (`ConfigError`) networks that the formulas of a trapping set are not of."""
+    """Refuse (`ConfigError`) networks that the formulas of a trapping set are not of.
+
+    A new field of `Architecture` is refused until it is named here, as free or with its one value.
+    """
     for name in (field.name for field in fields(architecture)):
         if name in _FREE:
             continue
@@ -222,7 +225,10 @@ class _Recorder:
 
     @torch.no_grad()
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """Commands (N, n) of the agent; stores its log-odds in single and in double precision beside them."""
+        """Commands (N, n) of the agent; stores its log-odds in single and in double precision beside them.
+
+        The double-precision log-odds are what a proof's formulas are compared with.
+        """
         network = self._agent.network
         double = type(network)(
             network.architecture, {name: x.double() for name, x in network.tensors.items()}

@@ -42,7 +42,11 @@ def _tree(text: str) -> ast.expr:
 
 
 def _value(node: ast.expr, values: Mapping[str, Any], text: str, depth: int) -> Any:
-    """Value of a part of a formula's syntax tree, at a depth of it."""
+    """Value of a part of a formula's syntax tree, at a depth of it.
+
+    The prover computes numbers, arrays and forms by it. The checker has a reader of its own
+    (`rans_proof.check_motion`).
+    """
     if depth > _DEEPEST:
         raise ConfigError(f"{brief(text)} is nested too deep.")
 

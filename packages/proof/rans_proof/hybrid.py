@@ -75,7 +75,10 @@ class _Cell:
         self._coast = functools.cache(lambda time: expm(time * self._passive))
 
     def modes(self, centre: np.ndarray, spread: np.ndarray) -> list[dict[str, Any]]:
-        """Tables of the modes, from a set of starts centre + spread s, |s| <= 1. Arrays are (n,) and (n, m)."""
+        """Tables of the modes, from a set of starts centre + spread s, |s| <= 1. Arrays are (n,) and (n, m).
+
+        The checker reads these tables (`Chain.prove`); times are since the begin of the mode, s.
+        """
         first = last = 0.0
         abort = [float(x) for x in self._problem.get("abort", [])]
         until = abort[1] if abort else self._horizon

@@ -105,7 +105,10 @@ def bent(x: Form, value: Tensor, slope: Tensor, curve: tuple[Tensor, Tensor]) ->
 
 
 def _sine_and_cosine(x: Form) -> tuple[Form, Form]:
-    """Sine and cosine of a form x, whose second derivatives lie between the negated values on the way."""
+    """Sine and cosine of a form x, whose second derivatives lie between the negated values on the way.
+
+    Margins of 1e-9 turns and 1e-12 cover the rounding of torch's functions.
+    """
     sine, cosine = x.centre.sin(), x.centre.cos()
     ends = x.centre - x.radius, x.centre + x.radius
     forms = []
@@ -153,7 +156,10 @@ def _root(x: Form) -> Form:
 
 
 def _inverse(x: Form) -> Form:
-    """One over a form x whose interval does not contain 0; NaN where it does."""
+    """One over a form x whose interval does not contain 0; NaN where it does.
+
+    The NaN reaches the margin of the cell, which then is not proved and is split.
+    """
     low, high = x.centre - x.radius, x.centre + x.radius
     low = torch.where((low > 0.0) | (high < 0.0), low, torch.nan)  # of what may be 0 there is none
     value = 1.0 / x.centre
@@ -257,7 +263,10 @@ class Series:
             state.append(self._values[rate][k].times(1.0 / (k + 1)))
 
     def _coefficient(self, k: int, name: str, *operands: Any) -> Any:
-        """Coefficient k (a form) of an operation, by name and operands, from lower coefficients of its operands."""
+        """Coefficient k (a form) of an operation, by name and operands, from lower coefficients of its operands.
+
+        Coefficients are those of Taylor series in time; nodes come in the order of the tape, after their operands.
+        """
         if name == "variable":
             known = self._variables[operands[0]]
             return known[k] if k < len(known) else self._zero
@@ -349,7 +358,10 @@ class TaylorPlant:
             self._substeps *= 2
 
     def _moved(self, states: Zonotope, planes: Planes, substeps: int) -> tuple[list[Piece], bool]:
-        """Pieces over a period by so many Taylor steps, and whether the rests of all are small."""
+        """Pieces over a period by so many Taylor steps, and whether the rests of all are small.
+
+        It stops early where a rest is too large, and `move` then tries more substeps.
+        """
         # State and commands together; the commands are held.
         n = self._states
         wide = torch.cat((states.generators, torch.diag_embed(states.box)), dim=2)
@@ -376,7 +388,11 @@ class TaylorPlant:
         return pieces, is_fine
 
     def _step(self, states: Zonotope, held: Zonotope, h: float) -> tuple[Zonotope, Tensor, Tensor]:
-        """Set a Taylor step of h (s) later, by how much the way there sags (B, n), and the rest (B, n)."""
+        """Set a Taylor step of h (s) later, by how much the way there sags (B, n), and the rest (B, n).
+
+        The rest is the next term over a box that no motion of the step leaves (`_during`); it is in the set
+        already.
+        """
         n = self._states
         boxes = [
             Form(zonotope.centre[:, k], zonotope.generators[:, 0, :0], radius[:, k])
@@ -432,7 +448,11 @@ class TaylorPlant:
             ]
 
         def grown(ways: list[tuple[Tensor, Tensor]], room: float) -> list[Form]:
-            """Boxes with room beyond these ways; commands stay."""
+            """Boxes with room beyond these ways; commands stay.
+
+            Only a guess of where the motion stays in the step: `_during` then proves it, by the rates over the
+            guess.
+            """
             forms = []
             for box, (down, up) in zip(boxes, ways, strict=False):
                 more = room * (up - down) + 1e-9 * (box.centre.abs() + box.radius) + 1e-12

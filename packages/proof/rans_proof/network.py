@@ -162,7 +162,10 @@ class _Unread(Exception):
 
 
 def _refuse_beside_the_graph(model: Any, where: object) -> None:
-    """Refuse (`ConfigError`) functions, sparse weights and other operator sets: they change what a graph means."""
+    """Refuse (`ConfigError`) functions, sparse weights and other operator sets: they change what a graph means.
+
+    `rans_proof.network_reader` refuses the same by its own lines; neither may rely on the other.
+    """
     versions = [entry.version for entry in model.opset_import if entry.domain == ""]
     if len(versions) != 1 or versions[0] not in _OPSETS:
         raise ConfigError(
@@ -565,7 +568,10 @@ def _deviation(layers: Sequence[Layer], states: np.ndarray) -> np.ndarray:
 
 
 def apply(layers: Sequence[Layer], states: np.ndarray) -> np.ndarray:
-    """Outputs (N, outputs) of a network for states (N, inputs), in double precision without any enclosure."""
+    """Outputs (N, outputs) of a network for states (N, inputs), in double precision without any enclosure.
+
+    For flights and comparisons; proofs use `rans_proof.relaxation.enclose`.
+    """
     x = states
     for layer in layers:
         x = x @ layer.weight.T + layer.bias

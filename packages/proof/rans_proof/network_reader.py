@@ -85,7 +85,11 @@ def layers_of(content: bytes, low: tuple[float, ...], high: tuple[float, ...]) -
 
 
 def _chain(model: Any) -> tuple[list[Any], str, tuple[int, ...], Any]:
-    """Layers of a network, and the name, the shape and the precision of its input."""
+    """Layers of a network, and the name, the shape and the precision of its input.
+
+    Linear operations are joined until an activation ends the layer; what the machine's rounding adds is joined with
+    them.
+    """
     graph = model.graph
     versions = {entry.domain: entry.version for entry in model.opset_import}
     is_known = len(versions) == len(model.opset_import) and 7 <= versions.get("", 0) <= 28
@@ -239,7 +243,10 @@ def _compare(
     low: Sequence[float],
     high: Sequence[float],
 ) -> None:
-    """Refuse layers that answer otherwise than onnx.reference on random states around the starts, and far away."""
+    """Refuse layers that answer otherwise than onnx.reference on random states around the starts, and far away.
+
+    The allowed difference follows from the rounding of the file's precision, so that a wrong weight stands out.
+    """
     random = np.random.default_rng(1)
     wide = np.maximum(np.abs(np.subtract(high, low)), 0.02 * np.abs(np.add(high, low)) + 1e-6)
     close = np.add(low, high) / 2 + wide * random.uniform(-1.5, 1.5, (_SAMPLES // 2, len(low)))

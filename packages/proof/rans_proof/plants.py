@@ -63,7 +63,11 @@ class LinearPlant:
         self._second = tensor(rates @ widest * problem.period**2 / 8.0 * (1.0 + 1e-9))
 
     def move(self, states: Zonotope, planes: Planes) -> list[Piece]:
-        """One piece: between its ends the motion is off the chord by at most max |x''| T^2 / 8."""
+        """One piece: between its ends the motion is off the chord by at most max |x''| T^2 / 8.
+
+        Its end encloses with all rounding, and its sag with the largest |x''| of the period, of which `_second` is
+        the factor.
+        """
         gain = self._state + self._command @ planes.gain
         centre = (gain @ states.centre[:, :, None])[:, :, 0] + planes.offset @ self._command.T
         commands = (planes.gain.abs() @ states.size[:, :, None])[:, :, 0]

@@ -141,7 +141,10 @@ class _Lookup:
         return chosen[:, 1] * self._column, chosen[:, 0] * self._width
 
     def holds(self, position: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """Whether states (...) are in cells; on an edge, in a cell of either side."""
+        """Whether states (...) are in cells; on an edge, in a cell of either side.
+
+        Edges get 1e-6 of a cell, since states of an engine are rounded.
+        """
         result = np.zeros(position.shape, dtype=bool)
         limit = 2 * self._half - 1
         for a in (-1e-6, 1e-6):

@@ -305,7 +305,10 @@ class _Asked:
         return policy.logit.numpy() > 0.0
 
     def turns(self, grid: _Grid, off: PoseErrors) -> dict[int, np.ndarray]:
-        """Where (rows, columns) so many thrusters may turn the craft, by asking the network at corners of cells."""
+        """Where (rows, columns) so many thrusters may turn the craft, by asking the network at corners of cells.
+
+        Corners are no proof: a command that only occurs within a cell is found by the check, which then refuses.
+        """
         found = []
         # A reading lacks what valves let through late, by up to four thrusters.
         heading = off.heading + 2.0 * self.twist * 1.3 * off.shutting**2
@@ -392,7 +395,10 @@ def write_pose_trap(
 
 
 def _runs(cells: np.ndarray) -> list[list[int]]:
-    """Runs of cells (rows, columns) that are set: row, first column, one after the last, from the middle."""
+    """Runs of cells (rows, columns) that are set: row, first column, one after the last, from the middle.
+
+    The certificate's form of a set, which `rans_proof.check_pose.Loop.cells` reads.
+    """
     half = [n // 2 for n in cells.shape]
     result = []
     for row in np.flatnonzero(cells.any(axis=1)):

@@ -157,7 +157,10 @@ class Problem:
         return [formula_value(text, values) for text in self.derivative]
 
     def linear(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Matrices A (n, n) and B (n, p) of x' = A x + B u, or None if the plant is no such one."""
+        """Matrices A (n, n) and B (n, p) of x' = A x + B u, or None if the plant is no such one.
+
+        Then the motion is the matrix exponential, without Taylor series (`LinearPlant`).
+        """
         names = [f"x{i}" for i in range(self.states)] + [f"u{i}" for i in range(self.commands)]
         try:
             rows = np.array([linear_function(rate, names) for rate in self.derivative])
@@ -262,7 +265,10 @@ def read_problem(file: Path) -> Problem:
 
 
 def problem_of(text: str, where: object = "the problem") -> Problem:
-    """Problem of a TOML text, with closed tables; errors begin with ``where`` and are those of `read_problem`."""
+    """Problem of a TOML text, with closed tables; errors begin with ``where`` and are those of `read_problem`.
+
+    Texts that this accepts and the checker's own reader refuses end as refused certificates.
+    """
     table = read_toml(text)
     required = {"name", "period", "steps", "derivative", "commands", "start"}
     if table.keys() - {"keep", "end", "inputs", "begins"} != required:

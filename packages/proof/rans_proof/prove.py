@@ -157,7 +157,10 @@ def _proof(
 
 
 def _grid(problem: Problem, first: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (N, n) of equal cells; neighbours share their edges bit for bit, and a state of one value has one."""
+    """Corners (N, n) of equal cells; neighbours share their edges bit for bit, and a state of one value has one.
+
+    The checker asks that cells cover the starts: a gap of one rounding between neighbours would be refused.
+    """
     edges = [
         np.append(low + (high - low) * (np.arange(count) / count), high)[-2 if low == high else 0 :]
         for low, high, count in zip(problem.lower, problem.upper, first, strict=True)
@@ -259,7 +262,10 @@ class ClosedLoop:
         self._round = torch.stack((angles.cos(), angles.sin()), 1).to(device)
 
     def _on_device(self, layer: Layer) -> TorchLayer:
-        """A layer in double tensors on the device, with what a machine's rounding adds."""
+        """A layer in double tensors on the device, with what a machine's rounding adds.
+
+        The part that a machine's order of sums makes of the bound is multiplied in here, once.
+        """
 
         def tensor(array: np.ndarray) -> Tensor:
             return torch.tensor(array, dtype=torch.float64, device=self.device)
@@ -275,7 +281,11 @@ class ClosedLoop:
 
     @torch.no_grad()
     def margins(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Proved margins (N,) of cells over all times, and what a split along each state is worth (N, n)."""
+        """Proved margins (N,) of cells over all times, and what a split along each state is worth (N, n).
+
+        Cells are independent of each other, and a batch is only for speed. What is lost is dropped from it on the
+        way.
+        """
         ends = [torch.tensor(x, dtype=torch.float64, device=self.device) for x in (low, high)]
         radius = 0.5 * (ends[1] - ends[0])
         centre = 0.5 * (ends[0] + ends[1])
@@ -311,7 +321,10 @@ class ClosedLoop:
         return margins.nan_to_num(-torch.inf).cpu().numpy(), worth.cpu().numpy()
 
     def _margin(self, piece: Piece) -> Tensor:
-        """Margin (B,) over all times of a piece, by the kind of the property; above 0 is a proof for that piece."""
+        """Margin (B,) over all times of a piece, by the kind of the property; above 0 is a proof for that piece.
+
+        A lower bound with all rounding over both ends and, by the sag, all that lies between them.
+        """
         keep = self.problem.keep
         if isinstance(keep, Avoid | Within):
             return self._faces(piece, *_faces_of(keep), every=isinstance(keep, Within))

@@ -119,7 +119,10 @@ class Loop:
         return float(pull), float(np.abs(commands @ self.lever).max() * self.step / self.period)
 
     def impulse(self, spin: np.ndarray, commands: np.ndarray) -> np.ndarray:
-        """Velocity change (N, 2), in B of the beginning of a period, by commands (N, thrusters)."""
+        """Velocity change (N, 2), in B of the beginning of a period, by commands (N, thrusters).
+
+        Force and lever are as designed; Gauss's rule of ten nodes.
+        """
         force = commands @ self.force
         rate = commands @ self.lever * self.step / self.period
         total = np.zeros_like(force)
@@ -409,7 +412,10 @@ def _blocks(rings: int, sectors: int, layers: int) -> np.ndarray:
 
 
 def _outside(inside: np.ndarray, images: np.ndarray) -> np.ndarray:
-    """Whether images (N, 6) leave a set; those with a negative first number have left all cells."""
+    """Whether images (N, 6) leave a set; those with a negative first number have left all cells.
+
+    Sectors go round: the table has them twice, so that a box over the last one is counted like any other.
+    """
     rings, sectors, layers = inside.shape
     a, b, c, d, e, f = images.T
     lost = (a < 0) | (b > rings) | (e < 0) | (f > layers)
@@ -445,7 +451,10 @@ class _Maps:
         self._spin = off.spin + off.delay * high * twist
 
     def halves(self, cells: np.ndarray) -> np.ndarray:
-        """Both halves of cells (N, 6), along what matters most to the first layer and can be split."""
+        """Both halves of cells (N, 6), along what matters most to the first layer and can be split.
+
+        Split cells share an edge. Which axis is split costs time only.
+        """
         width = cells[:, 1::2] - cells[:, ::2]
         dr, dphi, dw = self._sizes()
         size = np.stack(
@@ -485,7 +494,10 @@ class _Maps:
 
     @torch.no_grad()
     def _commands(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Every command (M, thrusters) that cells may have, and whose it is (M,)."""
+        """Every command (M, thrusters) that cells may have, and whose it is (M,).
+
+        The number of every cell occurs at least once.
+        """
         loop, trap = self._loop, self._trap
         dr, dphi, _ = self._sizes()
         low, high = trap.uncertainty.push()
@@ -528,7 +540,11 @@ class _Maps:
         return number, commands.astype(float)
 
     def _moved(self, cells: np.ndarray, commands: np.ndarray) -> np.ndarray:
-        """Images (N, 6) of cells (N, 6) under commands (N, thrusters); -1 where the speed is above its limit."""
+        """Images (N, 6) of cells (N, 6) under commands (N, thrusters); -1 where the speed is above its limit.
+
+        Cells that a flight enters at all must be in the box, rounding included; whole boxes are tested by
+        `_outside`.
+        """
         loop, trap = self._loop, self._trap
         dr, dphi, _ = self._sizes()
         low, high = trap.uncertainty.push()
