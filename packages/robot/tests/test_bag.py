@@ -7,7 +7,7 @@ import os
 import socket
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from rans_robot.messages import FLOATS, POSE, TEXT, array, make, pack, unpack
 
 from rans.cli import main
 from rans.errors import ConfigError
+from tests.support.processes import PATIENCE, wait_until
 from tests.support.robots import AWAY
 
 ROBOTS: tuple[RobotName, ...] = ("ros", "odometry", "px4", "roboran", "pingu")
@@ -152,14 +153,6 @@ def router(port: int) -> Iterator[int]:
     opened.close()
 
 
-def until(condition: Callable[[], object]) -> None:
-    """Wait until something holds; 10 s are far more than messages on one machine take."""
-    end = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
-
-
 @pytest.mark.parametrize("ros", ["humble", "jazzy", "kilted"])
 def test_somebody_else_reads_attachments(router: int, ros: Distribution) -> None:
     """By zenoh-ros2-sdk, as a node of ROS 2 hears them: a peer that is connected to the router."""
@@ -170,9 +163,9 @@ def test_somebody_else_reads_attachments(router: int, ros: Distribution) -> None
     bus = open_bus("zenoh", 3, f"tcp/127.0.0.1:{router}", ros)
     before = time.time_ns()
     try:
-        until(lambda: bus.publish("rans/note", TEXT, SPOKEN) or heard)
+        wait_until(lambda: bus.publish("rans/note", TEXT, SPOKEN) or bool(heard))
         bus.publish("rans/note", TEXT, SPOKEN)
-        until(lambda: len(heard) > 1)
+        wait_until(lambda: len(heard) > 1)
         samples = list(heard)  # more may come
         first, *_, last = [attachment.Attachment.from_bytes(bytes(x.attachment)) for x in samples]
         kinds = {str(x.key_expr).rpartition("/")[2] for x in samples}
@@ -203,7 +196,7 @@ def test_somebody_else_lists_topics(router: int) -> None:
             listed[:] = discovery.get_topic_names_and_types(5, "127.0.0.1", router)
             return len(listed) == 2
 
-        until(all_are_listed)
+        wait_until(all_are_listed)
         about = discovery.get_topic_info("/pose", 5, "127.0.0.1", router)
     finally:
         bus.close()
@@ -236,10 +229,10 @@ def test_somebody_elses_node_is_commanded(router: int, monkeypatch: pytest.Monke
                 poses.publish(pose)
                 await asyncio.sleep(0.05)
             bus.publish("commands", FLOATS, command)
-            return await asyncio.wait_for(commands.wait_for_value(), 10.0)
+            return await asyncio.wait_for(commands.wait_for_value(), PATIENCE)
 
     try:
-        taken = asyncio.run(asyncio.wait_for(robot(), 300.0))
+        taken = asyncio.run(asyncio.wait_for(robot(), PATIENCE))
     finally:
         bus.close()
         node.close()

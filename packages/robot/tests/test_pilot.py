@@ -15,7 +15,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -32,7 +34,8 @@ from rans_robot.node import END_TOPIC, Inbox, Report, fly_over, planned_task, re
 from rans_robot.pilot import AGENT_TOPIC, MessagePilot, Plan
 
 from rans.errors import ConfigError
-from tests.support.robots import AWAY
+from tests.support.processes import PATIENCE, wait_until
+from tests.support.robots import AWAY, hear_all
 
 OPEN = np.ones(8)
 
@@ -140,9 +143,10 @@ def quick(agent: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(autouse=True)
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Other nodes are listened for, and disks waited for, in no time; every valve is opened."""
+    """Other nodes are listened for in no time, disks and terminals waited for; every valve is opened."""
     monkeypatch.setattr("rans_robot.node._ANNOUNCED", 0.001)
-    monkeypatch.setattr("rans_robot.bag._PATIENCE", 0.05)
+    monkeypatch.setattr("rans_robot.node._LAST_SENTENCES", PATIENCE)
+    monkeypatch.setattr("rans_robot.bag._PATIENCE", PATIENCE)
     monkeypatch.setattr("rans_robot.pilot.exported_agent", lambda _: Wide())
     monkeypatch.setattr("rans_robot.node._warm_up", lambda _: None)
     monkeypatch.setattr(gc, "collect", lambda _=2: 0)  # of all that the tests have imported
@@ -172,22 +176,36 @@ def flight(
     "robot",
     ["ros", "px4", *(pytest.param(name, marks=pytest.mark.slow) for name in ("roboran", "pingu"))],
 )
-def test_no_failing_disk_leaves_a_valve_open(robot: RobotName, quick: Path, tmp_path: Path) -> None:
+def test_no_failing_disk_leaves_a_valve_open(
+    robot: RobotName, quick: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """20 flights with disks that are full from some write on, at one write, or hang there."""
     chance = random.Random(robot)
     for number in range(20):
         at = chance.randint(1, 40)
         from_then_on = chance.random() < 0.5
+        hangs = number % 10 == 0
+        # A disk that hangs is waited for only a moment, but the flight goes on until it does.
+        monkeypatch.setattr("rans_robot.bag._PATIENCE", 0.05 if hangs else PATIENCE)
         disk = Disk(
             (lambda k, at=at: k >= at) if from_then_on else (lambda k, at=at: k == at),
-            hangs=number % 10 == 0,
+            hangs=hangs,
             error=chance.choice([errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EROFS]),
         )
         file = OnDisk(tmp_path / f"{number}.mcap")
         file.disk = disk
         bus = Robot(robot)
         said: list[str] = []
-        report = flight(bus, quick, file, robot=robot, say=said.append)
+        report = fly_over(
+            bus,
+            plan(quick, lost_after=60.0, robot=robot),
+            file,
+            None,
+            said.append,
+            lambda bus=bus, disk=disk, last=at if hangs else 0: (
+                len(bus.commands) >= 6 and disk.writes >= last
+            ),
+        )
         assert any(command.any() for command in bus.commands)
         assert not bus.commands[-1].any()
         assert report.fault == ""  # it went on
@@ -266,7 +284,7 @@ def test_no_wait_for_a_message_is_endless(quick: Path) -> None:
 
     waits = threading.Thread(target=wait, daemon=True)
     waits.start()
-    waits.join(30.0)
+    waits.join(PATIENCE)
     assert not waits.is_alive()
 
 
@@ -294,9 +312,20 @@ def test_a_lost_terminal_does_not_end_a_flight(error: BaseException, quick: Path
 )
 @pytest.mark.parametrize("ends_by", ["time", "interrupt"])
 def test_a_flight_without_a_state_is_a_fault(
-    sends: tuple[str, ...], words: tuple[str, ...], ends_by: str, quick: Path, tmp_path: Path
+    sends: tuple[str, ...],
+    words: tuple[str, ...],
+    ends_by: str,
+    quick: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Its time is up, or it is stopped, long before it gives the robot up."""
+    """Its time is up, or it is stopped, long before it gives the robot up.
+
+    2 ms pass whenever it looks at the clock: in 0.2 s it decides several times on any machine.
+    """
+    clock = SimpleNamespace(**vars(time))
+    clock.monotonic_ns = count(0, 2_000_000).__next__
+    monkeypatch.setattr("rans_robot.node.time", clock)
 
     class Deaf(Robot):
         def send(self, topic: str, data: bytes) -> None:
@@ -405,7 +434,7 @@ def _signals(*arguments: str, begin: str = "") -> dict[int, str]:
         capture_output=True,
         text=True,
         check=True,
-        timeout=60,
+        timeout=PATIENCE,
     ).stdout
     return dict(eval(text))  # a list of our own
 
@@ -437,6 +466,7 @@ class Node:
     """A process that flies over UDP, with a robot that sends states, and the commands that it takes."""
 
     def __init__(self, agent: Path, folder: Path, domain: int) -> None:
+        self.domain = domain
         self.robot = UDPBus(domain)
         self.ends = interface("ros", 8, 8)
         self.opened: list[bool] = []
@@ -464,10 +494,8 @@ class Node:
                 self.robot.publish(*message)
 
     def until_open(self) -> None:
-        deadline = time.monotonic() + 60.0
-        while not any(self.opened[-3:]):
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        wait_until(lambda: any(self.opened[-3:]) or self.process.poll() is not None)
+        assert self.process.poll() is None
 
     def close(self) -> None:
         self.process.kill()
@@ -485,8 +513,9 @@ def test_a_signal_shuts_the_valves_of_a_node(name: str, agent: Path, tmp_path: P
     try:
         node.until_open()
         node.process.send_signal(signal.Signals[name])
-        text, _ = node.process.communicate(timeout=30)
+        text, _ = node.process.communicate(timeout=PATIENCE)
         assert node.process.returncode == 0, text
+        hear_all(node.robot, node.domain)
         assert not any(node.opened[-3:])
     finally:
         node.close()
@@ -503,11 +532,13 @@ def test_what_came_while_a_node_was_stopped_is_not_flown(agent: Path, tmp_path: 
         node.silent.set()
         node.sender.join()
         time.sleep(1.0)
+        hear_all(node.robot, node.domain)
         before = len(node.opened)
         node.process.send_signal(signal.SIGCONT)
         # A second without a state ends the flight.
-        node.process.communicate(timeout=30.0)
+        node.process.communicate(timeout=PATIENCE)
         assert node.process.returncode == 1
+        hear_all(node.robot, node.domain)
         # A command that was decided before the stop may go out after it.
         assert len(node.opened) > before + 2
         assert not any(node.opened[before + 1 :])
@@ -524,7 +555,7 @@ def announcement(node: str, topics: list[str]) -> bytes:
 
 def test_a_second_node_refuses(quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first is heard of; a node of another robot is none of its business."""
-    monkeypatch.setattr("rans_robot.node._ANNOUNCED", 0.3)
+    monkeypatch.setattr("rans_robot.node._ANNOUNCED", 1.0)
     done = threading.Event()
     first, second = Robot(), Robot()
     said: list[str] = []
