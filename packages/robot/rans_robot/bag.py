@@ -73,7 +73,11 @@ class BagWriter:
             self._channels[topic] = self._writer.register_channel("/" + topic, "cdr", schema)
 
     def write(self, entry: BagMessage) -> None:
-        """Add a message to the stream; its topic is declared with the first one. Nothing is flushed."""
+        """Add a message to the stream; its topic is declared with the first one. Nothing is flushed.
+
+        Times are ns since 1970, and replays sort nothing: messages must come in the order in which they came to the
+        node.
+        """
         self.declare(entry.topic, entry.kind)
         self._count += 1
         self._writer.add_message(
@@ -110,6 +114,7 @@ class Recorder:
     """
 
     def __init__(self, file: Path, topics: Mapping[str, str]) -> None:
+        # Each of the two counts is written by one thread only, so that no lock is needed.
         self.trouble = ""
         """Why the bag goes on no more, in a sentence; "" while it does."""
         self._file = file
@@ -185,7 +190,10 @@ def index_bag(file: Path) -> None:
     from mcap.writer import CompressionType, Writer
 
     def indexed(draft: Path) -> None:
-        """Copy the bag into a draft in chunks with an index, message by message."""
+        """Copy the bag into a draft in chunks with an index, message by message.
+
+        Nothing is decoded. Times, numbers and bytes stay as they were, since `rans replay` compares them.
+        """
         with open_regular(file) as recorded, draft.open("wb") as stream:
             writer = Writer(stream, compression=CompressionType.NONE)  # every reader can read it
             writer.start(profile="ros2", library="rans")

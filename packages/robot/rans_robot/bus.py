@@ -123,7 +123,10 @@ class UDPBus:
         self._socket.close()
 
     def _listen(self) -> None:
-        """The receiving thread: hands packets of subscribed topics of the right type on until the bus closes."""
+        """The receiving thread: hands packets of subscribed topics of the right type on until the bus closes.
+
+        Receivers are called in this thread; an exception of one would end it for all topics.
+        """
         while not self._closed.is_set():
             try:
                 packet = self._socket.recv(65_536)
@@ -203,7 +206,11 @@ class ZenohBus:
         return f"{self._domain}/{topic}/{dds_type(kind)}/{self._hash(kind)}"
 
     def _announce(self, entity: str, topic: str = "", kind: str = "") -> None:
-        """Declare the token of a node ("NN"), a publisher ("MP") or a subscription ("MS")."""
+        """Declare the token of a node ("NN"), a publisher ("MP") or a subscription ("MS").
+
+        Words, their order and the two kinds of slashes are those of rmw_zenoh: with others `ros2 topic list` is
+        empty.
+        """
         number = len(self._tokens)
         # Slashes in names are written as %: enclave and namespace are the root.
         parts = ["@ros2_lv", self._domain, self._session.info.zid(), 0, number, entity]
@@ -222,7 +229,10 @@ class ZenohBus:
         self._announce("MS", topic, kind)
 
     def publish(self, topic: str, kind: str, data: bytes) -> None:
-        """Publish with Zenoh's attachment (number, time, sender), which robots' middleware asks for; see `Bus`."""
+        """Publish with Zenoh's attachment (number, time, sender), which robots' middleware asks for; see `Bus`.
+
+        The number rises by one for each topic, since subscribers count what they lost by it.
+        """
         if topic not in self._publishers:
             self._publishers[topic] = self._session.declare_publisher(self._key(topic, kind))
             self._senders[topic] = os.urandom(16)
@@ -313,7 +323,10 @@ class DDSBus:
         return self._topics[topic]
 
     def subscribe(self, topic: str, kind: str, receive: Receive) -> None:
-        """Hand samples of a topic on, in DDS's thread, as CDR with its head; see `Bus`."""
+        """Hand samples of a topic on, in DDS's thread, as CDR with its head; see `Bus`.
+
+        Readers are kept in a list, as they end when Python forgets them.
+        """
         from cyclonedds.sub import DataReader
 
         kept = self._structures.of(kind)

@@ -192,7 +192,10 @@ class Odometry(Floats):
         return Reading(measured_at(message), position, attitude, velocity, spin, frame)
 
     def state(self, motion: Motion, now: int) -> list[Message]:
-        """Odometry of a motion at a time (ns), its twist in the body's frame, as ROS has it; see `Interface`."""
+        """Odometry of a motion at a time (ns), its twist in the body's frame, as ROS has it; see `Interface`.
+
+        `read` turns the twist back, so that the twin's motion comes to the pilot as it was.
+        """
         unknown = np.zeros(36)
         linear = rotated(conjugate(motion.attitude), motion.velocity)
         twist = make("geometry_msgs/msg/Twist", linear=vector(linear), angular=vector(motion.spin))
@@ -243,7 +246,10 @@ class PX4(Interface):
         return Reading(int(message.timestamp_sample) * 1000, *motion)
 
     def command(self, values: Sequence[float], now: int) -> list[Message]:
-        """PX4's mode and motors for commands at a time (ns): a shut motor is NaN; see `Interface`."""
+        """PX4's mode and motors for commands at a time (ns): a shut motor is NaN; see `Interface`.
+
+        Both messages come with every command, since PX4 leaves offboard mode where its stream stops.
+        """
         microseconds = now // 1000
         others = ("position", "velocity", "acceleration", "attitude", "body_rate")
         mode = make(

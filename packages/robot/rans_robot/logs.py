@@ -252,7 +252,10 @@ def _ends_of_plan(source: Path, entry: BagMessage, craft: Spacecraft) -> Interfa
 def _reading(
     ends: Interface, validator: Validator, topic: str, data: bytes, wheels: int
 ) -> tuple[int, tuple[Any, ...]]:
-    """Time stamp (ns), and pose, twist and wheels' speeds of a message, in SI (else `ValueError`)."""
+    """Time stamp (ns), and pose, twist and wheels' speeds of a message, in SI (else `ValueError`).
+
+    Every message goes through the validator of flights, which raises for what it refuses.
+    """
     if topic in ends.inputs:
         reading = ends.read(topic, data)
         validator.pose(topic, reading.frame, reading.position, reading.attitude)

@@ -326,7 +326,10 @@ class Inbox:
             bus.subscribe(topic, kind, lambda data, topic=topic: self._put(topic, data))
 
     def _put(self, topic: str, data: bytes) -> None:
-        """Put a message into the queue; it is dropped, and named once, if it is too large or too many come."""
+        """Put a message into the queue; it is dropped, and named once, if it is too large or too many come.
+
+        Threads of the bus call it while the flight's own thread takes messages; `refill` makes room again.
+        """
         # In a thread of the bus.
         if len(data) > LARGEST_MESSAGE:
             self._dropped.add(
@@ -373,6 +376,7 @@ class Announcements:
     """
 
     def __init__(self, bus: Bus, pilot: MessagePilot) -> None:
+        # `announced` reads these keys, in nodes of any version.
         self._bus = bus
         self._period = pilot.period
         self._topics = sorted(pilot.interface.outputs)
@@ -428,7 +432,10 @@ class Announcements:
 
 
 def _warm_up(pilot: MessagePilot) -> None:
-    """Decide a few times on states that never were: what is computed first takes a hundred times as long."""
+    """Decide a few times on states that never were: what is computed first takes a hundred times as long.
+
+    Its pilot is not the one that flies, for which these states would count as readings.
+    """
     still = np.zeros(3)
     attitude = np.array([1.0, 0.0, 0.0, 0.0])
     for k in range(1, 20):
@@ -484,7 +491,10 @@ def replay_bag(bag: Path, folder: Path | None = None) -> BagReplay:
     recorded: list[Message] = []
 
     def compare() -> None:
-        """Compare the command that was recorded last, all of whose messages have come."""
+        """Compare the command that was recorded last, all of whose messages have come.
+
+        Bytes of all messages of outputs are compared, not numbers.
+        """
         nonlocal decisions, equal, difference
         if moment is None:
             return

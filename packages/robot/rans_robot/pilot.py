@@ -79,7 +79,11 @@ _SPREAD = 20
 
 
 def craft_hash(craft: Spacecraft) -> str:
-    """Digest of what a spacecraft is made of: numbers to nine digits, without its name and looks."""
+    """Digest of what a spacecraft is made of: numbers to nine digits, without its name and looks.
+
+    Robots and twins announce it, and a pilot shuts all valves where it is another one: what is hashed is an
+    interface.
+    """
     table = asdict(craft)
     for key in ("name", "radius", "shape", "solids"):
         table.pop(key)
@@ -283,7 +287,10 @@ class MessagePilot:
                 self._parts[topic].refused = (now, f"its messages are refused: {error}")
 
     def _take_state(self, topic: str, data: bytes, now: int) -> None:
-        """Take a message with a state: refuse what is old or implausible, else keep it as the reading."""
+        """Take a message with a state: refuse what is old or implausible, else keep it as the reading.
+
+        Parts of a state come by topic; what a message does not have stays as the last message had it.
+        """
         part = self._parts[topic]
         reading = self.interface.read(topic, data)
         verdict = self._validator.state(topic, reading, now)
@@ -392,6 +399,8 @@ class MessagePilot:
         """Why there is no state to decide by, and whether that ends the flight; None: there is one.
 
         A state is as old as the oldest of its parts, each of which has a topic.
+
+        The order counts: what is missing is named before what is stale, and rates are judged only of fresh states.
         """
         # Ages, s; of a part that never came, since the begin.
         ages = {
@@ -538,7 +547,10 @@ def _with_trade_off(task: Task, trade_off: float | None) -> Task:
 
 
 def _goal(craft: Spacecraft, task: Task, plan: Plan) -> State:
-    """Goal of a plan: position (m) and angles (degrees), velocities, and what the task's goals have beside them."""
+    """Goal of a plan: position (m) and angles (degrees), velocities, and what the task's goals have beside them.
+
+    Numbers are m and degrees, velocities m/s and rad/s in the order of a state.
+    """
     planar = craft.dimension == 2
     wanted = 3 if planar else 6
     numbers = plan.goal or (0.0,) * wanted
@@ -570,7 +582,10 @@ def _goal(craft: Spacecraft, task: Task, plan: Plan) -> State:
 
 
 def _notes(craft: Spacecraft, task: Task, plan: Plan) -> Any:
-    """Data of a goal that an agent observes beside its pose: its trade-off, or keep-out zones."""
+    """Data of a goal that an agent observes beside its pose: its trade-off, or keep-out zones.
+
+    Where the task has zones, all of them must be given: the network has columns for so many.
+    """
     name = type(task).__name__
     sampled = scenario(task, craft.dimension, seed=0, episode=0).goal.notes
     zones = getattr(sampled, "zones", ())

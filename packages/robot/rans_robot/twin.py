@@ -137,7 +137,11 @@ class Craft:
         return motion_of(self._now.state)
 
     def measured(self) -> Motion | None:
-        """Motion as sensors measure it now; None: they repeat their last reading. Remembers what it gave."""
+        """Motion as sensors measure it now; None: they repeat their last reading. Remembers what it gave.
+
+        It is called once a published state, as each call draws the errors of the present instant and compares with
+        the last.
+        """
         state = self._world.sensed(self._now, self._draws)
         state = map_leaves(lambda x: float(np.squeeze(x)), state)
         values = leaves(replace(state, stores=()))
@@ -161,7 +165,10 @@ class Craft:
         self._elapsed = 0.0
 
     def advance(self) -> np.ndarray:
-        """Fly one step of the engine, and return what (n,) the effectors were given: duties become pulses."""
+        """Fly one step of the engine, and return what (n,) the effectors were given: duties become pulses.
+
+        A new command sets `_elapsed` back, so that its pulse begins then.
+        """
         given = self._command
         if self.plan.craft.actuators.kind == "pulsed":
             # Of a pulse of command times control period, that which falls into this step.
@@ -182,7 +189,10 @@ class Craft:
 
 
 def _at_rate(conditions: Conditions | None, ratio: float) -> Conditions | None:
-    """Conditions whose readings are as late, and impulses as noisy, at so many times the rate of commands."""
+    """Conditions whose readings are as late, and impulses as noisy, at so many times the rate of commands.
+
+    ``ratio`` is states a control period.
+    """
     if conditions is None or conditions.or_none is None:
         return None
 

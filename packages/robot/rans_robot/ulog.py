@@ -221,7 +221,10 @@ def _whole_messages(file: Path, content: bytes) -> bytes:
 
 
 def _check_formats(formats: Mapping[str, Any]) -> None:
-    """Refuse (ValueError) messages larger than ULog allows, which definitions of a few bytes can ask for."""
+    """Refuse (ValueError) messages larger than ULog allows, which definitions of a few bytes can ask for.
+
+    It comes before pyulog reads data, since that reserves what a format asks for.
+    """
     sizes = {"int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4}
     sizes |= {"int64_t": 8, "uint64_t": 8, "float": 4, "double": 8, "bool": 1, "char": 1}
 
@@ -275,7 +278,10 @@ Readings = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 def _odometry(fields: Mapping[str, np.ndarray]) -> tuple[np.ndarray, Readings, np.ndarray]:
-    """Times in microseconds, readings in RANS's frames and counters of resets (M, R) of PX4's VehicleOdometry."""
+    """Times in microseconds, readings in RANS's frames and counters of resets (M, R) of PX4's VehicleOdometry.
+
+    Times are those of the sample, not of the message. What is in a frame that is not read is NaN.
+    """
     position = _stacked(fields, [f"position[{k}]" for k in range(3)])
     attitude = _stacked(fields, [f"q[{k}]" for k in range(4)])
     velocity = _stacked(fields, [f"velocity[{k}]" for k in range(3)])

@@ -128,7 +128,11 @@ def write_craft_export(
 
 
 def _names(setup: Setup) -> list[_Name]:
-    """Name, unit and meaning of each number of a state, with those of effectors and of where the target is."""
+    """Name, unit and meaning of each number of a state, with those of effectors and of where the target is.
+
+    Their order is that of a state's leaves: `_motion` and craft.h rely on it, and models that import the unit on
+    the names.
+    """
     craft = setup.craft
     stores = [
         (store.name.replace(" ", "_"), store.unit, f"{store.name} of the effectors")
@@ -274,7 +278,10 @@ def _header(setup: Setup, names: Sequence[str]) -> str:
 
 
 def _motion(setup: Setup) -> str:
-    """Text of craft.c: the engine's own equations of motion over a control period, traced in double precision."""
+    """Text of craft.c: the engine's own equations of motion over a control period, traced in double precision.
+
+    `tests/fmu/test_craft.py` flies it beside the engine.
+    """
     world = World(setup._replace(conditions=None, guard=None))
     craft = world.craft
     before = inputs("state", len(_names(setup)))
@@ -330,7 +337,10 @@ def state_of(craft: Spacecraft, entries: Sequence[Field]) -> Any:
 
 
 def _substep(kind: Substep) -> list[str]:
-    """Functions of a substep, and of its repetition, as lines of C."""
+    """Functions of a substep, and of its repetition, as lines of C.
+
+    Results come after all reads, so that ``state`` may not be ``after``; the repeated one copies for that reason.
+    """
     size = len(kind.state)
     lines = _CLines({"state": kind.state, "load": kind.others})
     body = _indented(lines.results(kind.after))

@@ -173,7 +173,10 @@ def _exported(spec: str, label: str, count: int, margins: int) -> _Exported:
 
 
 def _check(program: Program, ports: Ports, pairs: dict[str, Any], file: Path) -> None:
-    """Refuse (`ConfigError`) a program whose commands, as printed for NumPy, are not those of ONNX Runtime."""
+    """Refuse (`ConfigError`) a program whose commands, as printed for NumPy, are not those of ONNX Runtime.
+
+    Nothing has been written by then but into a temporary folder.
+    """
     with tempfile.TemporaryDirectory() as folder:
         write_numpy(Path(folder), program, ports, "check")
         agent = code_of(Path(folder) / "agent.py").Agent()

@@ -123,7 +123,10 @@ class _Reader:
         self._answer = self._values[graph.output[0].name]
 
     def program_of(self, craft: Spacecraft) -> Program:
-        """The program, with its answer as commands within the ranges of a craft."""
+        """The program, with its answer as commands within the ranges of a craft.
+
+        Clipping to the ranges is part of the exported program, as a foreign network answers with anything.
+        """
         if not isinstance(self._answer, _Numbers):
             raise ConfigError(
                 f"{self._file} answers without its observation, or with the number of a choice: its first output "
@@ -194,7 +197,10 @@ class _Reader:
             raise _Refused(f"which cannot be computed: {first_line(error)}") from error
 
     def _moved(self, node: Any, operands: Sequence[Any]) -> list[_Numbers]:
-        """Places after an operation that moves numbers; constants between them get places of their own."""
+        """Places after an operation that moves numbers; constants between them get places of their own.
+
+        Places are whole numbers that ONNX's own reference moves, so that no rule of an operation is written here.
+        """
         # Concat alone takes numbers in all of its operands; those of the others after the first are indices.
         joins = node.op_type == "Concat"
         places = [
@@ -319,7 +325,10 @@ class _Reader:
         return np.arange(begin, begin + values.size).reshape(values.shape)
 
     def _row(self, places: np.ndarray) -> str:
-        """Name of the program's row of these numbers (any shape, raveled), an existing one if it is the same."""
+        """Name of the program's row of these numbers (any shape, raveled), an existing one if it is the same.
+
+        Steps may be added to the program for it.
+        """
         entries = [self._places[k] for k in places.ravel()]
         name, width, _ = entries[0]
         if name and entries == [(name, width, column) for column in range(width)]:
@@ -407,7 +416,11 @@ class _Reader:
         return [_Numbers(places.take([k], axis=axis)) for k in range(count)]
 
     def _reduced(self, operator: str, places: np.ndarray, axis: int, keeps: bool) -> _Numbers:
-        """Sum, mean or largest number of places (an array of any shape) along an axis, in their order."""
+        """Sum, mean or largest number of places (an array of any shape) along an axis, in their order.
+
+        The order of sums is that of the places, in pieces; ONNX Runtime's is another one, to which `_check` gives
+        room.
+        """
         count = places.shape[axis]
         operation = "Max" if operator == "ReduceMax" else "Add"
         if count > _IN_PIECES and places.size == count:

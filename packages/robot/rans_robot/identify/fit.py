@@ -129,7 +129,10 @@ class Fit:
         return float(self.values[[parameter.name for parameter in self.parameters].index(name)])
 
     def correlation(self, channel: str) -> tuple[float, float]:
-        """Correlation of successive residuals of a channel, and the bound that white ones exceed in 1 of 1,000."""
+        """Correlation of successive residuals of a channel, and the bound that white ones exceed in 1 of 1,000.
+
+        Intervals are widened by it, and a channel may fail by it (`Identification.channels`).
+        """
         columns = channel_columns(self.craft)[channel]
         rows = [part[:, columns] for part in self.residuals]
         if self.momentum is not None:  # their errors grow with the acceleration of the wheels
@@ -155,7 +158,10 @@ class Fit:
 
 
 def parameters_of(craft: Spacecraft) -> tuple[Parameter, ...]:
-    """Quantities that are identified of a spacecraft; its mass is weighed, since motion determines ratios only."""
+    """Quantities that are identified of a spacecraft; its mass is weighed, since motion determines ratios only.
+
+    Their order is that of all vectors of values and of the covariance; `physics_of` reads it one by one.
+    """
     check_identifiable(craft)
     forces = [thruster.force for thruster in craft.thrusters]
     axes = "xyz"[: craft.dimension]
@@ -297,7 +303,10 @@ class _Problem:
         return chain
 
     def difference(self, to: np.ndarray, path: np.ndarray) -> np.ndarray:
-        """States or readings minus predicted states, (..., width); in space the attitude's is a rotation vector."""
+        """States or readings minus predicted states, (..., width); in space the attitude's is a rotation vector.
+
+        `moved` is its counterpart: a start that is moved by a small difference differs by it.
+        """
         if self.planar:
             result = to - path
             result[..., 2] = np.mod(result[..., 2] + np.pi, 2.0 * np.pi) - np.pi
@@ -308,7 +317,11 @@ class _Problem:
         )
 
     def moved(self, starts: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """Starts (W, columns) changed by (W, width); attitudes in space turn by a rotation vector in B."""
+        """Starts (W, columns) changed by (W, width); attitudes in space turn by a rotation vector in B.
+
+        Rates and speeds of wheels are the last columns; those of a start have one more than its changes, the
+        quaternion's.
+        """
         if self.planar:
             return starts + change
         half = 0.5 * change[:, 3:6]
@@ -594,7 +607,10 @@ class _Normal:
         return self.corner - np.tensordot(across, self.sides, ((0, 2), (0, 2)))
 
     def leverages(self) -> list[np.ndarray]:
-        """Derivatives (W, N) of each group's predictions by their readings: 1 where a reading is fitted exactly."""
+        """Derivatives (W, N) of each group's predictions by their readings: 1 where a reading is fitted exactly.
+
+        `_Solver` divides squares of residuals by the degrees of freedom that they leave, which is the noise.
+        """
         inverse = np.linalg.inv(self.blocks)
         of_values = np.linalg.inv(self.reduced())
         across = inverse @ self.sides.mT
@@ -711,7 +727,10 @@ class _Solver:
         )
 
     def _normal(self) -> _Normal:
-        """Normal equations for values in units of their prior, and for starts."""
+        """Normal equations for values in units of their prior, and for starts.
+
+        It is for the present `paths`, which must be those of the present values and starts.
+        """
         problem = self.problem
         weights = self._weights()
         rows = []
@@ -748,7 +767,11 @@ class _Solver:
         return change
 
     def evidence(self) -> float:
-        """Minus twice the logarithm of the likelihood and the prior, up to a constant."""
+        """Minus twice the logarithm of the likelihood and the prior, up to a constant.
+
+        It compares first latencies and ways to date commands, at windows of one length: others would have other
+        starts.
+        """
         total = float(np.sum(self._from_prior(self.values) ** 2))
         for residual in self.residuals(1 + max(group.number for group in self.problem.groups)):
             for name in self.noise:
@@ -764,7 +787,10 @@ class _Solver:
         return np.linalg.inv(self._normal().reduced()) * np.outer(prior, prior)
 
     def coasting(self) -> dict[str, float]:
-        """Standard deviation of each channel about coasts of the windows, which is `Fit.coasting`."""
+        """Standard deviation of each channel about coasts of the windows, which is `Fit.coasting`.
+
+        `result.py` calls a channel explained where its noise is well below this.
+        """
         squares = dict.fromkeys(self.columns, 0.0)
         free = dict.fromkeys(self.columns, 0)
         total = dict.fromkeys(self.columns, 0)

@@ -105,6 +105,7 @@ class Links:
     """
 
     def __init__(self, log: FlightLog, rows: np.ndarray) -> None:
+        # A link is one row and the next in one frame of attitudes; `linked` (N - 1,) says which count.
         self.rows = rows
         self.spreads = np.array([first for first, _, _ in _SPREADS])
         self._spin = log.spin[rows]
@@ -165,7 +166,11 @@ class Links:
         )
 
     def errors(self, spreads: np.ndarray) -> tuple[float, np.ndarray]:
-        """Minus twice the log likelihood of spreads (6,), and most probable errors (N, 7) of each row."""
+        """Minus twice the log likelihood of spreads (6,), and most probable errors (N, 7) of each row.
+
+        `equations` has the order of the seven errors: attitude, rate, and the time stamp. ``_UNLIKELY`` ends a step
+        of the search for spreads.
+        """
         blocks, beside, right, square, volume = self.equations(spreads)
         try:
             lower = factor(blocks, beside)
@@ -180,6 +185,8 @@ class Links:
         self, spreads: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, float]:
         """Normal equations of the errors of all rows for spreads (6,).
+
+        The errors of a row are those of attitude (3, rad) and rate (3, rad/s) in B, and of its time stamp (s).
 
         Returns:
             Blocks (N, 7, 7) of rows, blocks (N - 1, 7, 7) of a row (second index) and the next (first), right side
@@ -278,7 +285,10 @@ def likeliest(
 def _spline(
     times: np.ndarray, speeds: np.ndarray, noise: float, change: float
 ) -> tuple[float, np.ndarray]:
-    """Minus twice the log likelihood of both standard deviations, and accelerations (N, W)."""
+    """Minus twice the log likelihood of both standard deviations, and accelerations (N, W).
+
+    Unknowns of a row are speed and acceleration; all wheels share the factor.
+    """
     gap = np.diff(times)
     count = len(times)
     # Between two rows speed and acceleration change by this covariance, whose inverse is written out.

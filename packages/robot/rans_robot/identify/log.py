@@ -250,7 +250,10 @@ gaps in the rows of InnoCube leave up to 25 degrees; new goals are 107 degrees a
 
 
 def _frames(log: FlightLog, together: np.ndarray) -> np.ndarray:
-    """Number of the frame (M,) of each attitude, which rises where the attitude jumps."""
+    """Number of the frame (M,) of each attitude, which rises where the attitude jumps.
+
+    Attitudes of different frames are never compared; `momentum` turns them to the first one.
+    """
     rows = np.flatnonzero(together)
     R = rotations(log.attitude[rows])
     mean = 0.5 * (log.spin[rows][1:] + log.spin[rows][:-1])
@@ -470,7 +473,10 @@ def _check_turns(what: str, log: FlightLog, together: Any, is_sure: bool = True)
 
 
 def rotations(attitude: np.ndarray) -> np.ndarray:
-    """Rotation matrices (M, 3, 3) of quaternions (M, 4), from body to world."""
+    """Rotation matrices (M, 3, 3) of quaternions (M, 4), from body to world.
+
+    `_frames` and `momentum` rely on the direction: a transposed matrix raises nothing.
+    """
     w, x, y, z = (attitude / np.linalg.norm(attitude, axis=1, keepdims=True)).T
     rows = (
         (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
@@ -489,7 +495,10 @@ def _turns(attitude: np.ndarray) -> np.ndarray:
 
 
 def _guess(factor: float, pose: str) -> str:
-    """What makes a pose change so many times as much as its rate says, as a question."""
+    """What makes a pose change so many times as much as its rate says, as a question.
+
+    Words of a message only: ``factor`` is the slope of the change of the pose over the integral of its rate.
+    """
     rate, angle = {"position": ("velocity", False), "attitude": ("spin", True)}[pose]
     usual: list[tuple[float, str]] = [
         (1e3, f"is the {pose} in thousandths, or the time in thousands of s"),

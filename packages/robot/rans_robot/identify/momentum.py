@@ -148,6 +148,7 @@ class _Rows:
     """
 
     def __init__(self, as_read: FlightLog, unit: float) -> None:
+        # What `index` has is the rows with everything; `t` counts from the first of these, s.
         log, self.links = smoothed(as_read)
         assert log.wheel_speeds is not None
         read = self.links.rows
@@ -239,7 +240,11 @@ class _Rows:
         return result
 
     def information(self, walk: float, lever: float, largest: float) -> tuple[np.ndarray, float]:
-        """Information (P, P) about the unknowns before, and its log determinant."""
+        """Information (P, P) about the unknowns before, and its log determinant.
+
+        Unknowns are momenta at the starts of frames, steps of the random walk, then what is fixed in the body, as
+        `columns`.
+        """
         starts = 3 * self.starts.shape[1]
         walks = 3 * (len(self.knots) - 1)
         size = self.columns.shape[2]
@@ -289,7 +294,11 @@ class _Momentum:
         return result + self.axes * values[6:-2] @ self.axes.T
 
     def momentum(self, rows: _Rows, values: np.ndarray) -> tuple[np.ndarray, ...]:
-        """In the body (N, 3): momentum as read, its change by a delay of speeds and of attitudes, and their sum."""
+        """In the body (N, 3): momentum as read, its change by a delay of speeds and of attitudes, and their sum.
+
+        Delays are those of ``values[-2:]``; `derivatives` differentiates these very terms, so that both change
+        together.
+        """
         rotors = values[6:-2]
         read = rows.rates @ self.tensor(values) + (rows.speeds * rotors) @ self.axes.T
         change = rows.acceleration + 0.5 * values[-2] * rows.jerk
@@ -305,7 +314,10 @@ class _Momentum:
     def whitening(
         self, rows: _Rows, values: np.ndarray, spread: dict[str, float]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What makes momenta (N, 3) in the frame of their row white, (N, 3, 3), and log det of rates' errors."""
+        """What makes momenta (N, 3) in the frame of their row white, (N, 3, 3), and log det of rates' errors.
+
+        Rows that are left out become zeros, and do not count in the determinant.
+        """
         tensor = self.tensor(values)
         read, by_speeds, by_attitudes, _ = self.momentum(rows, values)
         of_wheels = self.axes * values[6:-2] ** 2 @ self.axes.T
@@ -321,7 +333,10 @@ class _Momentum:
         return whitening * rows.weight[:, None, None], volume * rows.weight
 
     def derivatives(self, rows: _Rows, values: np.ndarray) -> np.ndarray:
-        """Derivatives (N, 3, 7 + W) of momenta in the body by free values, at adjusted rates and speeds."""
+        """Derivatives (N, 3, 7 + W) of momenta in the body by free values, at adjusted rates and speeds.
+
+        Those of `momentum`, in the order of the values, then mapped to free ones.
+        """
         rates = rows.rates - rows.rate_errors
         speeds = rows.speeds - rows.speed_errors
         columns = []
@@ -448,6 +463,8 @@ def _solved(
     """Values that minimise the squares for these standard deviations, and the errors of momenta (`_adjust`).
 
     With ``of_rates`` it replaces the rows' errors of rates and speeds.
+
+    `_Momentum.derivatives` reads these errors, so that a call depends on the ones before it.
     """
     adjusted = []
     for _ in range(_STEPS):
@@ -617,7 +634,10 @@ def _torques_of(
         return np.diff(np.stack(parts, axis=1), axis=0)
 
     def torque(of_unknowns: np.ndarray, of_free: np.ndarray, mean: np.ndarray) -> Torque:
-        """Torque by momenta gained (stretches, 3), from changes with the log's unknowns and with free values."""
+        """Torque by momenta gained (stretches, 3), from changes with the log's unknowns and with free values.
+
+        Momenta are in ``model.unit`` in inertial axes, torques in N m.
+        """
         columns = np.concatenate([of_unknowns, of_free], axis=2)
         variance = np.einsum("kxp,pq,kxq->kx", columns, both, columns)
         scale = model.unit / rows.stretch

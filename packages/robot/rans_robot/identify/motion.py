@@ -161,7 +161,10 @@ class Thrust:
 
     @classmethod
     def of(cls, craft: Spacecraft, log: FlightLog) -> Thrust:
-        """Shares of full force by a log's commands, with pulses and the supply's limit, as if nothing were late."""
+        """Shares of full force by a log's commands, with pulses and the supply's limit, as if nothing were late.
+
+        The integrals are exact for steps of thrust, so that they can be shifted by any delay without a grid.
+        """
         count = craft.thruster_count
         times = []
         shares = []
@@ -185,7 +188,10 @@ class Thrust:
         return cls(t, first, second, u, Motors.of(craft, log))
 
     def _integrals(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """First and second integral of the shares at times t of any shape (s): (..., n) each, s and s^2."""
+        """First and second integral of the shares at times t of any shape (s): (..., n) each, s and s^2.
+
+        From the log's first command on; before it both are 0.
+        """
         index = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, None)
         since = np.maximum(t - self.times[index], 0.0)[..., None]  # nothing acts before the log
         first = self.first[index] + self.shares[index] * since

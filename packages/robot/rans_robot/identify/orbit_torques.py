@@ -154,7 +154,10 @@ def _between(
 
 
 def _orbit(what: str, log: FlightLog, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (m) and velocities (m/s), (N, 3), at times (s), of a free fall, which they are checked to be."""
+    """Positions (m) and velocities (m/s), (N, 3), at times (s), of a free fall, which they are checked to be.
+
+    A cubic spline through the positions; the check is of the mean acceleration in the middle ten minutes at most.
+    """
     rows = np.isfinite(log.position).all(axis=1)
     _check_dense(what, "positions", log.times[rows], times)
     position = log.position[rows]

@@ -110,7 +110,10 @@ class Identification:
 
     @property
     def spacecraft(self) -> Spacecraft:
-        """The spacecraft with the identified forces, inertia and centre of mass."""
+        """The spacecraft with the identified forces, inertia and centre of mass.
+
+        Its file is what `rans identify` writes and agents are then trained for; the name gets "-identified".
+        """
         craft = self.fit.craft
         count = craft.thruster_count
         values = [float(x) for x in self.fit.values]
@@ -262,7 +265,10 @@ class Identification:
         return _positive(size - spread, size + spread)
 
     def rows(self) -> list[Identified]:
-        """Every quantity with its interval, in the order of the spacecraft file."""
+        """Every quantity with its interval, in the order of the spacecraft file.
+
+        Tables, `identified.json` and the conditions of the next training read them.
+        """
         identifiable = self.fit.is_identifiable()
         fitted = [
             Identified(
@@ -281,7 +287,10 @@ class Identification:
         return [*fitted, *self._fixed_in_body()]
 
     def _fixed_in_body(self) -> Iterator[Identified]:
-        """Components of a satellite's dipole, and of the lever times the force of the air, from all logs."""
+        """Components of a satellite's dipole, and of the lever times the force of the air, from all logs.
+
+        Logs are independent, so that their informations add up.
+        """
         sources = () if self.fit.momentum is None else self.fit.momentum.sources
         for name, title, unit, prior in (
             ("magnetic dipole", "dipole", "A m^2", DIPOLE),
@@ -307,7 +316,10 @@ class Identification:
                 )
 
     def channels(self) -> list[Channel]:
-        """How well each measured quantity is predicted, before and after."""
+        """How well each measured quantity is predicted, before and after.
+
+        One that is not explained is refused before any file is written.
+        """
         columns = channel_columns(self.fit.craft)
         result = []
         for name in CHANNELS:
@@ -371,7 +383,10 @@ class Identification:
             )
 
     def notes(self) -> list[str]:
-        """Sentences on what the logs do not determine, and whether the intervals can be believed."""
+        """Sentences on what the logs do not determine, and whether the intervals can be believed.
+
+        Terminal and `identified.json` have them as they are.
+        """
         craft = self.fit.craft
         if self.fit.momentum is not None:
             return self._satellite_notes(self.fit.momentum)
