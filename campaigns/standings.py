@@ -249,15 +249,18 @@ def _cells(row: Any, safety: Any, evidence: dict[str, Any], unit: str) -> list[s
         return [*"-------"]
     won = _won(row)
     spent = _number(row, "spent") if "spent" in row else row["impulse"]
-    median = f"{row['median']:,.0f}" if "median" in row else "-"
-    rest = [median, "-", "-"] if safety is None else _safe(safety)
+    median, *margins = [*"---"] if safety is None else _safe(safety)
+    if "median" in row:
+        # A percentile is the time of a flight, which a median of an even number of flights may not be.
+        median = f"{row['median']:,.0f}"
     starts = row.get("starts", evidence["episodes"])
     return [
         f"{starts:,}",
         f"{100.0 * won:.1f}",
         over(row),
         _spent(spent, unit),
-        *rest,
+        median,
+        *margins,
     ]
 
 
