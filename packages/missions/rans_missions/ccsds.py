@@ -59,7 +59,10 @@ class Orbit(NamedTuple):
     """Argument of latitude at the start of the flight, rad."""
 
     def axes(self, times: np.ndarray) -> np.ndarray:
-        """Rotation matrices (T, 3, 3) whose columns are the axes of the Hill frame in the inertial one."""
+        """Rotation matrices (T, 3, 3) whose columns are the axes of the Hill frame in the inertial one.
+
+        Times are s since the epoch. Every position and velocity that is written or read goes through it.
+        """
         angle = self.latitude + self.mean_motion * np.asarray(times, dtype=float)
         c, s = np.cos(self.node), np.sin(self.node)
         node = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -425,7 +425,10 @@ class DockingPlant:
         port.FixValue(self._root, thrust)
 
     def _set(self, row: np.ndarray) -> None:
-        """Put a state, a row as in `rans.reference.plant`, into the joint between world and craft."""
+        """Put a state, a row as in `rans.reference.plant`, into the joint between world and craft.
+
+        Drake's joint has its angular velocity in W, the row's is in B; `state` turns it back.
+        """
         if self.craft.dimension == 2:
             self._joint.set_translation(self._context, row[0:2])
             self._joint.set_rotation(self._context, row[2])

@@ -78,7 +78,10 @@ def mission_bounds(
 
 
 def _first_bounds(contest: Contest, progress: Progress) -> MissionBounds:
-    """Bounds of the first start and of its front: N s by the deadline, and (K,) N s over K times (s)."""
+    """Bounds of the first start and of its front: N s by the deadline, and (K,) N s over K times (s).
+
+    Steps of progress are those that `steps_of` announces.
+    """
     if contest.task.optimal_problem == "landing":
         return _landing_bounds(contest, progress)
     lower = _lower(contest, 0)
@@ -186,7 +189,10 @@ def _deadline(contest: Contest, k: int) -> float:
 
 
 def _least(contest: Contest, k: int, deadline: float) -> float:
-    """Lower bound of the impulse of reaching the goal by a deadline (s), and staying if the task asks it, N s."""
+    """Lower bound of the impulse of reaching the goal by a deadline (s), and staying if the task asks it, N s.
+
+    Infinite where nothing arrives, and where the solver ends without an answer.
+    """
     start = contest.start(k)
     state = state_of(start)
     meeting = _meeting(contest, start.goal)

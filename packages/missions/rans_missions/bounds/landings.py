@@ -221,7 +221,10 @@ def landing_table(title: str, answers: list[LandingAnswer]) -> Table:
 
 
 def write_landings(folder: Path, about: dict[str, Any], answers: list[LandingAnswer]) -> None:
-    """Write optimal.json, and optimal.npz with every landing's p, v, mass and acceleration."""
+    """Write optimal.json, and optimal.npz with every landing's p, v, mass and acceleration.
+
+    Keys are an interface: pages and users' scripts read both files.
+    """
     rows = [answer.to_json() for answer in answers]
     write_json(folder / "optimal.json", {**about, "environment": environment(), "starts": rows})
     arrays = {

@@ -160,7 +160,10 @@ class Search:
         return max(0.0, min(most, left[0][0] if left else math.inf))
 
     def splits(self, branch: _Branch) -> Iterator[list[_Branch]]:
-        """Ways to split a branch, each into parts that together have all of its flights."""
+        """Ways to split a branch, each into parts that together have all of its flights.
+
+        No flight may be lost between parts: spans and sectors share their edges.
+        """
         for k, passing in enumerate(branch):
             parts: list[list[_Passing]] = []
             if passing is None:
@@ -209,7 +212,10 @@ class Search:
 
 
 def _in_order(branch: _Branch, time: float) -> _Branch | None:
-    """A branch whose spans are cut to the order in which zones are passed; None: it has no flights."""
+    """A branch whose spans are cut to the order in which zones are passed; None: it has no flights.
+
+    The zones of a branch are in the order in which they are passed along the way, so that instants may not go back.
+    """
     known = [k for k, passing in enumerate(branch) if passing is not None]
     spans = np.array([(0.0, time) if passing is None else passing[:2] for passing in branch])
     spans[:, 0] = np.maximum.accumulate(spans[:, 0])

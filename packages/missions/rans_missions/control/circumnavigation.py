@@ -301,7 +301,11 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         return planned.T + np.where(corrects, missing, 0.0)
 
     def _search(self, row: int, state: Any, goal: Any, now: float) -> bool:
-        """Set the cheapest flight that a search finds as the plan of one craft; whether it has found one."""
+        """Set the cheapest flight that a search finds as the plan of one craft; whether it has found one.
+
+        It replaces the row's entries of `_plans` and `_searched`; where it finds none, the row no longer flies a
+        searched one.
+        """
         assert self._plans is not None
         assert self._searched is not None
         self._searched.flying[row] = False
@@ -559,7 +563,10 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
     def _priced(
         self, state_now: Any, target_now: Any
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Times of both burns (K,), position of the second (2, K), and velocity change (K,) of all plans."""
+        """Times of both burns (K,), position of the second (2, K), and velocity change (K,) of all plans.
+
+        For one craft; plans are in the order of the product of waits, transfers, phases and widths.
+        """
         n = self.task.mean_motion
         orbit = self._orbit
         least = self.task.keep_out + _CLEAR

@@ -169,7 +169,10 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         rows: np.ndarray,
         commands: np.ndarray,
     ) -> np.ndarray:
-        """Rows that closed-form transfers do not serve; the commands (N, m) of the others are written."""
+        """Rows that closed-form transfers do not serve; the commands (N, m) of the others are written.
+
+        Arrivals are s from now. Rows that are left need a program each.
+        """
         assert self._impulses is not None
         left = []
         # Whole periods, no later than planned: that may be the deadline.
@@ -193,7 +196,10 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         return np.concatenate(left) if left else rows
 
     def _cautious(self, goal: Any) -> Meeting:
-        """The meeting with one episode's goal; tolerances and limits are tightened, since flights are not exact."""
+        """The meeting with one episode's goal; tolerances and limits are tightened, since flights are not exact.
+
+        Plans keep these limits, so that errors of a flight up to the reserve do not violate the mission's own.
+        """
         meeting = Meeting.of(self._craft, self._mission, goal)
         remaining = 1.0 - self._reserve
         return replace(
@@ -206,7 +212,10 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         )
 
     def _is_off(self, meeting: Meeting, plan: _Plan, relative_state: np.ndarray) -> bool:
-        """Whether a plan that is flown on from this state (2 d,), relative to the point, would miss its arrival."""
+        """Whether a plan that is flown on from this state (2 d,), relative to the point, would miss its arrival.
+
+        Too strict a test plans in every period, which takes seconds; too loose a one misses.
+        """
         size = len(meeting.point)
         free = meeting.transition(len(plan.states) - 1)
         missed = free @ (relative_state - plan.states[0])

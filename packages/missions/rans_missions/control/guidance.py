@@ -139,7 +139,10 @@ class VelocityToGain(ModelBased):
         self._flown = int(memory[0, -1]) if len(memory) else 0
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """Commands (N, n) from the state, not the observation; counts periods, and remembers what rounding owes."""
+        """Commands (N, n) from the state, not the observation; counts periods, and remembers what rounding owes.
+
+        One call a control period: called twice, it would believe a period gone and owe two roundings.
+        """
         period = self._timing.control_period
         if self._afterwards is not None:
             goal = self._afterwards.goal(state, goal, exact=not self._stop)
@@ -177,7 +180,11 @@ class VelocityToGain(ModelBased):
         return burns
 
     def _burn_by(self, left: int, state: Any, goal: Any) -> np.ndarray:
-        """As `_burn` for episodes that should arrive after so many periods, or later where thrust is too weak."""
+        """As `_burn` for episodes that should arrive after so many periods, or later where thrust is too weak.
+
+        Burns and arrivals are tried from the shortest and soonest on, and the first that thrust suffices for
+        counts.
+        """
         state_now = np.array([*leaves(state.p), *leaves(state.v)])
         first = np.zeros((self._craft.dimension, state_now.shape[1]))
         open_ = np.ones(state_now.shape[1], dtype=bool)

@@ -170,7 +170,10 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         self._landed = np.zeros(count, bool)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """Commands (N, n) from the state and the site's position; remembers plans and who has landed."""
+        """Commands (N, n) from the state and the site's position; remembers plans and who has landed.
+
+        Once landed, an episode's engines stay at their least thrust; `reset` begins others.
+        """
         count = len(observation)
         if len(self._plans) != count:
             self.reset(count)
@@ -223,7 +226,10 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         return np.concatenate([levels, gimbals])
 
     def _here(self, row: np.ndarray, site: np.ndarray) -> _Here:
-        """State as plans have it, of a row (14,) of state and propellant left, kg, and the site (3,), m."""
+        """State as plans have it, of a row (14,) of state and propellant left, kg, and the site (3,), m.
+
+        The row has position, quaternion (w first), velocity, spin and propellant, in the order of a state's leaves.
+        """
         w, x, y, z = row[3:7] / np.linalg.norm(row[3:7])
         rotation = np.array(
             [
@@ -250,7 +256,10 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
         return turning - outwards * (max(0.0, excess) / period)
 
     def _planned(self, situation: _Here) -> _Followed | None:
-        """The first plan of a flight, from the convex optimum; None counts a failure."""
+        """The first plan of a flight, from the convex optimum; None counts a failure.
+
+        The convex optimum is on side "bound": no flight is faster, so that its time is where the search begins.
+        """
         period = self._timing.control_period
         propellant = situation.state[10] - (self._lander.mass - self._lander.propellant)
         start = situation.state[:3], situation.state[3:6]
@@ -397,7 +406,10 @@ class _Followed:
         return self.plan.states[self._flown]
 
     def is_off(self, state: np.ndarray, descent: Descent) -> bool:
-        """Whether the plan is to be made anew: corrections of this state (14,) would miss its end, or be large."""
+        """Whether the plan is to be made anew: corrections of this state (14,) would miss its end, or be large.
+
+        `misses` says what is left at the end after the plan's own gains have corrected.
+        """
         if self._flown < self._trusted:
             return False
         off = state - self.plan.states[self._flown]

@@ -169,7 +169,10 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
         return np.where((begun[:, None] > 0) & (largest > _TRIM), change, 0.0)
 
     def _plan(self, start: np.ndarray, goal: np.ndarray, deadline: float) -> _Plan:
-        """The cheapest plan from a state (6,) whose coasts are safe; else the one with the largest distance."""
+        """The cheapest plan from a state (6,) whose coasts are safe; else the one with the largest distance.
+
+        The order of draws decides which plan is flown; recorded flights and published rows have it.
+        """
         is_unsafe_start = self._coast_distance(start) < self._radius
         farthest, distance = None, -1.0
         cheapest, price = None, math.inf
@@ -300,7 +303,10 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
         goal: np.ndarray,
         deadline: float,
     ) -> _Batch:
-        """Plans of a number of coasts from a state (6,) to a goal (3,), m, before a deadline, s."""
+        """Plans of a number of coasts from a state (6,) to a goal (3,), m, before a deadline, s.
+
+        Times are drawn before points: both share one generator.
+        """
         times = self._sampled_times(random, legs, count, deadline)
         points = _sampled_points(random, legs, count, start[:3], goal)
         n = self.task.mean_motion

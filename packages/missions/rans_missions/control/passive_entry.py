@@ -221,7 +221,10 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
     def _change(
         self, states: np.ndarray, points: np.ndarray, ends: np.ndarray, now: float
     ) -> np.ndarray:
-        """(N, 3) change of velocity in W, m/s, of this period, which acts in its middle and keeps its direction."""
+        """(N, 3) change of velocity in W, m/s, of this period, which acts in its middle and keeps its direction.
+
+        Now is s since the start; a burn that is not worth its error (`_TRIM`) waits for the next period.
+        """
         turned = now > ends[:, 0] - 0.75 * self._period
         points = np.where(turned[:, None], points[:, 1], points[:, 0])
         ends = np.where(turned, ends[:, 1], ends[:, 0])
@@ -301,7 +304,10 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         plans: list[_Plan],
         scheduled: dict[int, np.ndarray] | None = None,
     ) -> np.ndarray:
-        """Whether flights by plans from states (N, 6) with these numbers keep all limits and arrive, (K,)."""
+        """Whether flights by plans from states (N, 6) with these numbers keep all limits and arrive, (K,).
+
+        It flies a copy of this guidance with arrays of its own, so that nothing of the running episodes changes.
+        """
         ahead = copy(self)
         # Everything forgotten, in objects of its own.
         ahead._guidance = MissionGuidance(self.craft, self.task, self._timing)
@@ -314,7 +320,11 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         return ahead._arrives(states[rows], some, aim)
 
     def _arrives(self, states: np.ndarray, state: Any, goal: Any) -> np.ndarray:
-        """Whether flights from states (N, 6) keep all limits at every check, and arrive by the deadline, (N,)."""
+        """Whether flights from states (N, 6) keep all limits at every check, and arrive by the deadline, (N,).
+
+        The motion is that of the drift in closed form, and checks are those of the engine. `act` changes this
+        object.
+        """
         n, checks = self.task.mean_motion, self._timing.checks
         forces = np.array([t.force * np.array(t.direction) for t in self.craft.thrusters])
         inside = np.ones(len(states), bool)
@@ -342,7 +352,10 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
     def _plan(
         self, start: np.ndarray, deadline: float, excluded: Sequence[np.ndarray] = ()
     ) -> _Plan:
-        """The plan from a state (6,); another one than those whose points are excluded."""
+        """The plan from a state (6,); another one than those whose points are excluded.
+
+        Each try has a seed of its own, so that a plan depends on the start and the deadline alone.
+        """
         is_unsafe_start = self._coast_distance(start) < self._radius
         best: _Plan | None = None
         farthest = -1.0
@@ -480,7 +493,10 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         )
 
     def _within_cone(self, direction: np.ndarray, random: np.random.Generator) -> np.ndarray:
-        """Directions (K, 3), or as many within the cone of the mission if it has one."""
+        """Directions (K, 3), or as many within the cone of the mission if it has one.
+
+        It draws from ``random`` only where there is a cone.
+        """
         for limit in self._limits.others:
             if isinstance(limit, Cone):
                 axis = np.array([float(x) for x in limit.axis.columns()])

@@ -93,7 +93,10 @@ class Visiting(VelocityGuidance[Inspect]):
         return np.where(burns, change, 0.0).T, burns
 
     def _change_to_leave(self, state: Any) -> np.ndarray:
-        """(3, N) change of velocity in W, m/s, of craft that have seen enough."""
+        """(3, N) change of velocity in W, m/s, of craft that have seen enough.
+
+        The law of `hold` is flown with a goal behind the target, whose deadline has passed.
+        """
         zero = np.zeros(np.shape(state.p.x))
         still = Vec3(zero, zero, zero)
         behind = replace(still, y=zero - self._distance)

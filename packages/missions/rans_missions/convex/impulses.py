@@ -87,7 +87,10 @@ class Impulses:
         return Firings(impulses.sum(axis=1), period, thruster, impulses / meeting.price[thruster])
 
     def flown(self, states: np.ndarray, firings: Firings, checks: np.ndarray) -> np.ndarray:
-        """States (N, L, 2 d) at checks (L,) from now on, of states (N, 2 d) that fire so."""
+        """States (N, L, 2 d) at checks (L,) from now on, of states (N, 2 d) that fire so.
+
+        Firings whose period has not begun at a check do nothing there.
+        """
         meeting = self._meeting
         _, offset, effect = meeting._tables
         result = np.einsum("lij,nj->nli", meeting.transition(checks), states) + offset[checks]

@@ -124,7 +124,10 @@ class InspectionSearch:
         self._grid = self._gridded(self._period, np.arange(0, int(within / self._period), _EVERY))
 
     def _gridded(self, step: float, slots: np.ndarray) -> _Grid:
-        """What burns in control periods (K,) do to a flight, at instants a step (s) apart."""
+        """What burns in control periods (K,) do to a flight, at instants a step (s) apart.
+
+        Burns are columns by slot and then by axis, in the order of `Burns`.
+        """
         times = step * np.arange(1, int(self._within / step + 1e-9) + 1)
         p, v = Vec3(*self._start[:3]), Vec3(*self._start[3:])
         since = np.maximum(times[:, None] - (slots + 0.5) * self._period, 0.0)
@@ -169,7 +172,10 @@ class InspectionSearch:
         return self._polished(best)
 
     def _hop(self, best: _Found, random: np.random.Generator) -> _Found | None:
-        """Begin again from a flight with a dear point left out or seen at another time, or with other burns."""
+        """Begin again from a flight with a dear point left out or seen at another time, or with other burns.
+
+        Published prices are those of these draws in this order; another order finds other flights of the same seed.
+        """
         path = self._grid.path(best.burns)
         way = random.random() if len(best.dear) else 1.0
         if way < 0.4:

@@ -484,7 +484,10 @@ class _Problem:
         return None if answer is None else self._read(answer)
 
     def answer(self, log_mass: np.ndarray, side: Side) -> Any:
-        """Answer in the variables of the solver, about masses whose logarithms (count + 1,) are given."""
+        """Answer in the variables of the solver, about masses whose logarithms (count + 1,) are given.
+
+        Rows come in the order that `ConeProgram` asks for: equations, inequalities, cones.
+        """
         linear = self._linear(log_mass, side)
         blocks = [self.equations, linear, *self.fixed]
         cost = np.zeros(self.size)
@@ -508,7 +511,10 @@ class _Problem:
         return float(full - self.lander.mass * math.exp(-float(answer.obj_val_dual)))
 
     def _farthest(self, side: Side) -> np.ndarray:
-        """(n,) sizes that no variable exceeds: the largest acceleration all the way, in any direction."""
+        """(n,) sizes that no variable exceeds: the largest acceleration all the way, in any direction.
+
+        Dual bounds are made true by these sizes: a variable that may be larger makes a bound that may be wrong.
+        """
         lander = self.lander
         emptying = math.log(1.0 - lander.propellant / lander.mass)
         lines = [line for pair in self._inverse_masses(self.heaviest, side) for line in pair]
@@ -602,7 +608,11 @@ class _Problem:
         return sparse.vstack(rows, format="csc"), np.concatenate(values), 1
 
     def _linear(self, log_mass: np.ndarray, side: Side) -> tuple[Any, np.ndarray, int]:
-        """Bounds of sigma, the thrust's cone about the vertical, and the propellant, as rows with A x <= b."""
+        """Bounds of sigma, the thrust's cone about the vertical, and the propellant, as rows with A x <= b.
+
+        On side "bound" every row must hold for all landings that can be flown, on the other side for none that
+        cannot.
+        """
         # Rows, as (row, column, value), and their right sides.
         n = self.count
         rows: list[tuple[int, int, float]] = []
@@ -788,7 +798,10 @@ def thrusts(corners: tuple[tuple[float, float, float], ...], tilt: float) -> tup
 
 
 def _lines_above(x: np.ndarray, y: np.ndarray) -> Lines:
-    """Lines (slope, offset) of the least concave function that is nowhere below points (x, y), (n,) each."""
+    """Lines (slope, offset) of the least concave function that is nowhere below points (x, y), (n,) each.
+
+    They limit thrust in programs of bounds, so that none of the points may lie above a line.
+    """
     highest: dict[float, float] = {}
     for a, b in zip(x.round(6).tolist(), y.tolist(), strict=True):
         highest[a] = max(b, highest.get(a, -math.inf))

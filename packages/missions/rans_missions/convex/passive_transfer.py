@@ -202,7 +202,10 @@ class _Rows:
         self.cone(np.zeros(self._count), radius, matrix, vector, kind)
 
     def program(self, price: np.ndarray) -> ConeProgram:
-        """The program of commands that cost ``price`` (n,) each, with slack at `_PRICES`."""
+        """The program of commands that cost ``price`` (n,) each, with slack at `_PRICES`.
+
+        Commands come first, then the slacks in the order of `_PRICES`; `matrix` has a column for each.
+        """
         slack = np.ones(len(_PRICES))
         return ConeProgram(
             np.concatenate([price, price.max() * np.array(_PRICES)]),

@@ -164,7 +164,11 @@ class Meeting:
         return effect[: last + 1 - period * self.timing.checks]
 
     def saved(self, multiplier: np.ndarray, last: int) -> np.ndarray:
-        """(last + 1,) what commands may save in `proof`'s bounds by a multiplier (2 d,), N s, at most zero."""
+        """(last + 1,) what commands may save in `proof`'s bounds by a multiplier (2 d,), N s, at most zero.
+
+        `proof` adds it to a bound: a number that is too low weakens the bound, and one that is too high makes it
+        wrong.
+        """
         _, _, effect = self._tables
         # What commands of each age may save, added up over all that began before each check.
         saved = np.minimum(self.price + multiplier @ effect[: last + 1], 0.0).sum(axis=1)
@@ -680,7 +684,10 @@ def _at_checks(limits: Sequence[Shape]) -> Callable[[Any], Sequence[Shape]]:
 
 
 def least_margin(limits: Sequence[Shape], states: np.ndarray) -> float:
-    """The least margin of any limit at any state (L, 2 d) after the start."""
+    """The least margin of any limit at any state (L, 2 d) after the start.
+
+    A gap below 0 is a violation at a check, as the engine's own constraint has it; the start is not judged.
+    """
     return min(
         (
             float(np.min(_gap(limit, states[1:])))
@@ -796,7 +803,10 @@ class _Rows:
         self._cones: list[int] = []
 
     def be_within(self, check: int) -> None:
-        """Add the rows of being within both balls at a check, with `_SLACK` to spare for the solver's tolerance."""
+        """Add the rows of being within both balls at a check, with `_SLACK` to spare for the solver's tolerance.
+
+        `solve` and `prices` find its multipliers by the order of rows: the last check's come before all limits.
+        """
         meeting = self.meeting
         size = len(meeting.point)
         effect = meeting.effect(check, self.periods)[:, self._used]
@@ -808,7 +818,10 @@ class _Rows:
             self._append(np.zeros(effect.shape[1]), radius - _SLACK, effect[part], free[part])
 
     def keep(self, limit: Shape, check: int, reference: np.ndarray) -> None:
-        """Add the rows of keeping a limit at a check, whose concave part is its tangent at a reference (2 d,)."""
+        """Add the rows of keeping a limit at a check, whose concave part is its tangent at a reference (2 d,).
+
+        The tangent keeps less than the limit leaves: what keeps the row at a check keeps the limit there.
+        """
         effect = self.meeting.effect(check, self.periods)[:, self._used]
         free = self.meeting.free(self._start, np.array([check]))[0]
         cone = cone_rows(limit, reference)
@@ -851,7 +864,10 @@ class _Rows:
         )
 
     def prices(self) -> np.ndarray | None:
-        """(K, 2 d) multipliers of the states of `be_within`; None: it is proved that no flight is there."""
+        """(K, 2 d) multipliers of the states of `be_within`; None: it is proved that no flight is there.
+
+        For programs that have rows of `be_within` only.
+        """
         price = np.tile(self.meeting.price, self.periods)[self._used]
         result = self.program(price).solve(f"a stay until {self.check * self.meeting.interval:g} s")
         if result is None:

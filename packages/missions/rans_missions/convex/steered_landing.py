@@ -164,7 +164,10 @@ class SteeredLandings:
         return SteeredLanding(self._period, states, commands, gains, misses)
 
     def _gains(self, states: np.ndarray, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`SteeredLanding.gains` (T, width, size) and `.misses` (T + 1, 6, size), by Riccati's recursion."""
+        """`SteeredLanding.gains` (T, width, size) and `.misses` (T + 1, 6, size), by Riccati's recursion.
+
+        Gains and misses are in SI units, slopes of `_slopes` in the solver's.
+        """
         count, width = commands.shape
         size = states.shape[1]
         scales = _UNITS[:size]
@@ -287,7 +290,10 @@ def _packed(states: np.ndarray, commands: np.ndarray) -> np.ndarray:
 
 
 def _step(lander: Lander, descent: Descent, period: float, rolls: bool = False) -> ca.Function:
-    """Motion over one period in the solver's units, by the classical Runge-Kutta method."""
+    """Motion over one period in the solver's units, by the classical Runge-Kutta method.
+
+    Both the program and the gains of the guidance have their motion from here.
+    """
     state = ca.SX.sym("state", _STATES + 2 * rolls)
     command = ca.SX.sym("command", _COMMANDS + rolls)
     units = ca.DM(_UNITS[: _STATES + 2 * rolls])
@@ -411,7 +417,10 @@ class _Program:
         }
 
     def solve(self, state: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """States (N + 1, n) and commands (N, m) in SI units; None: the solver did not succeed."""
+        """States (N + 1, n) and commands (N, m) in SI units; None: the solver did not succeed.
+
+        Other local optima come from other guesses, and no solution says that there is none.
+        """
         scales = _UNITS[: self._size]
         answer = self._solver(x0=guess, p=state / scales, **self._bounds)
         if not self._solver.stats()["success"]:

@@ -147,7 +147,10 @@ class Ahead:
         return result.state, result.goal, tuple(tuple(x.values()) for x in result.margins)
 
     def _predicted(self, state: Any, goal: Any, command: tuple[Field, ...]) -> PredictedState:
-        """State at the end of a control period, and the least margins between checks on the way, of fields (N,)."""
+        """State at the end of a control period, and the least margins between checks on the way, of fields (N,).
+
+        Between checks a margin may sag below both ends: a parabola through the middle tells by how much.
+        """
         world = self.world
         task = world.task
         apart = world.timing.control_period / world.timing.checks

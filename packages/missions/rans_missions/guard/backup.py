@@ -139,7 +139,10 @@ class _Search:
         return escaped
 
     def leaves_by(self, library: tuple[Manoeuvre, ...], state: Any, goal: Any) -> Any:
-        """Whether each manoeuvre leads to a state from which the craft may coast, (manoeuvres, N)."""
+        """Whether each manoeuvre leads to a state from which the craft may coast, (manoeuvres, N).
+
+        Rows that have left or lost are dropped on the way; the order of manoeuvres is that of the library.
+        """
         size = count(state)
         manoeuvre = repeated(state, library, size)
         again = stacked([row_indices(state, size)] * len(library))
@@ -183,7 +186,10 @@ class _Search:
     def passes(
         self, state: Any, goal: Any, command: Command, library: tuple[Manoeuvre, ...]
     ) -> Field:
-        """Whether (N,) commands keep every margin for a period, and a manoeuvre is safe after each."""
+        """Whether (N,) commands keep every margin for a period, and a manoeuvre is safe after each.
+
+        Coasting is asked first, as it is cheap; only the others fly manoeuvres.
+        """
         arrival = self.held(state, goal, command)
         passed = arrival.free
         left = where_true(arrival.kept & ~arrival.free)
@@ -194,7 +200,10 @@ class _Search:
         return passed
 
     def instead(self, state: Any, goal: Any, command: Command) -> Command:
-        """Replacements (N,) of commands that do not pass: near ones, then a backup's, then whatever keeps most."""
+        """Replacements (N,) of commands that do not pass: near ones, then a backup's, then whatever keeps most.
+
+        Rows are independent: each gets the first of these that passes.
+        """
         size = count(state)
         first = self.command(self.ways[0], state, goal)
         admitted = [copied(x) for x in first]
@@ -225,7 +234,10 @@ class _Search:
         return tuple(admitted)
 
     def backups(self, admitted: list[Any], state: Any, goal: Any, open_: Any) -> Any:
-        """Set commands of rows ``open_`` to those of backups that work; the rows without any."""
+        """Set commands of rows ``open_`` to those of backups that work; the rows without any.
+
+        ``admitted`` is changed in place: columns of commands of all rows.
+        """
         states, goals = taken(state, open_), taken(goal, open_)
         coasts = self.coasting.safe(states, goals)
         for x in admitted:

@@ -201,7 +201,10 @@ class _Search:
         return pairs
 
     def _slopes(self, state: Any, goal: Any, command: Command, margins: Any) -> Any:
-        """Slopes of the margins over the commands by difference quotients, (N, rows, commands)."""
+        """Slopes of the margins over the commands by difference quotients, (N, rows, commands).
+
+        Steps go inwards, since margins beyond the range of a command are those of no flight.
+        """
         ranges = self.world.craft.commands
         size = len(margins)
         number = len(ranges)
@@ -237,6 +240,8 @@ def braking_command(world: World, state: Any, goal: Any) -> Command:
     """Command that brings the craft to rest relative to the goal without spin, within a period if possible.
 
     It counters the drift of that period, and leaves a slow motion away from the nearest boundary.
+
+    A state is safe if this law, flown period after period, keeps every margin (`_Search.braking`).
     """
     craft = world.craft
     period = world.timing.control_period

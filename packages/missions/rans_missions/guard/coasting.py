@@ -39,7 +39,10 @@ class Coasting:
         return self.least(state, goal) >= self.slack
 
     def least(self, state: Any, goal: Any) -> Field:
-        """Least margin of coasting from states (N,) with goals (N,), less the largest reserve, (N,)."""
+        """Least margin of coasting from states (N,) with goals (N,), less the largest reserve, (N,).
+
+        From `slack` on it is a promise that all valves may be shut: it may be too low, never too high.
+        """
         balls = self._balls(goal)
         if balls is None:
             return self._sampled(state, goal)
@@ -51,7 +54,10 @@ class Coasting:
         return result - max((reserve for _, reserve in self.ahead.reserve), default=0.0)
 
     def _balls(self, goal: Any) -> tuple[Ball, ...] | None:
-        """Balls of the constraints; None if there are other constraints or a drift."""
+        """Balls of the constraints; None if there are other constraints or a drift.
+
+        A constraint that is no ball of the scenery makes it None, and `least` then samples.
+        """
         task = self.ahead.world.task
         shapes = task.scenery(goal)
         if self.ahead.world.task.drift != FREE or not all(
@@ -63,7 +69,11 @@ class Coasting:
         return shapes  # pyrefly: ignore[bad-return]
 
     def _sampled(self, state: Any, goal: Any) -> Field:
-        """Least margin (N,) of a coast over the horizon, from samples and what the margin may sag between them."""
+        """Least margin (N,) of a coast over the horizon, from samples and what the margin may sag between them.
+
+        Second differences bound the sag of smooth margins only: they must not be cut off or switched between
+        samples.
+        """
         period = self.ahead.world.timing.control_period
         size = len(next(x for x in (*state.p.columns(), *state.v.columns()) if is_array(x)))
         chunk = max(4, _CHUNK // size)

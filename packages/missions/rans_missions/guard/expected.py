@@ -116,7 +116,10 @@ def _delays(conditions: Conditions, period: float) -> tuple[float, float]:
 
 
 def _slopes(setup: Setup, starts: Any, of: str) -> dict[str, float]:
-    """Largest gradient (1 per m, or s/m) of each constraint over position ("p") or velocity ("v") at the starts."""
+    """Largest gradient (1 per m, or s/m) of each constraint over position ("p") or velocity ("v") at the starts.
+
+    Reserves are errors times these, so that a gradient that is larger elsewhere is not covered.
+    """
     vector = getattr(starts.start, of)
     columns = vector.columns()
     squares: dict[str, Any] = {}

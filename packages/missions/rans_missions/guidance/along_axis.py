@@ -94,7 +94,10 @@ class AlongAxis:
 
 
 def _reference(line: Line, time: float, distance: Array, speed: Array) -> Array:
-    """States (N, 6) a time, s, from now on the axes, at distances, m, and speeds along them, m/s."""
+    """States (N, 6) a time, s, from now on the axes, at distances, m, and speeds along them, m/s.
+
+    A central difference over `_HALF` gives the velocity of a point at rest on an axis that turns.
+    """
     places = []
     for instant in (time - _HALF, time, time + _HALF):
         origin, axis = line(instant)

@@ -50,7 +50,10 @@ class Coasts:
         return self.slowed(limits, state, velocity)
 
     def slowed(self, limits: Limits, state: Any, velocity: Any) -> Any:
-        """A velocity in W, m/s, scaled down to the largest speed that is allowed where the craft is."""
+        """A velocity in W, m/s, scaled down to the largest speed that is allowed where the craft is.
+
+        The direction stays, as plans aim by it.
+        """
         largest: Field = self.largest_speed
         for limit in limits.speeds:
             allowed = self.allowed_speed(limit, state.p, state.v)

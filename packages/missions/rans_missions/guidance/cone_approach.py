@@ -111,7 +111,10 @@ class ConeApproach:
     depth: float
 
     def burn(self) -> Vec3:
-        """Velocity change in W for the control period that begins now, m/s."""
+        """Velocity change in W for the control period that begins now, m/s.
+
+        The last period brakes whatever the plan is, and shortly before it nothing is postponed any more.
+        """
         cheapest = self._cheapest()
         inside = self._cheapest_inside()
         mixture = cheapest.mixed(inside, self._inside_fraction(cheapest, inside))
@@ -243,7 +246,10 @@ class ConeApproach:
         return best
 
     def _cheapest_inside(self) -> Transfer:
-        """The cheapest transfer that is inside the cone, or the one that is least outside."""
+        """The cheapest transfer that is inside the cone, or the one that is least outside.
+
+        Postponed burns count only where they save more than `LEAST_SAVING`, or the law would wait for ever.
+        """
         best = self._penalized(self._burning_now)
         others = [*self._postponed, *(self._bent(j) for j in range(1, len(BURN_TIMES) + 1))]
         for possible, transfer in others:
@@ -313,7 +319,10 @@ class ConeApproach:
         return transfer._replace(price=transfer.price + over * _OUTSIDE_PRICE)
 
     def _inside_fraction(self, cheapest: Transfer, inside: Transfer) -> Field:
-        """Least fraction (field) of the transfer inside the cone with which a mixture is inside, too."""
+        """Least fraction (field) of the transfer inside the cone with which a mixture is inside, too.
+
+        Excesses are mixed linearly, which is never less than the mixture's own, since the cone is convex.
+        """
         fraction = self._time * 0.0
         slopes = self._excess_slopes(cheapest.at_goal), self._excess_slopes(inside.at_goal)
         for far, near in zip(*slopes, strict=True):

@@ -136,7 +136,10 @@ class Coast:
     acceleration: float
 
     def cheapest(self, ball: KeepOut | None = None) -> Transfer:
-        """The cheapest transfer whose burns in the plane may be postponed, beside a ball."""
+        """The cheapest transfer whose burns in the plane may be postponed, beside a ball.
+
+        Earlier ones win ties, so that a rounding does not change the plan from one period to the next.
+        """
         across, price, brake, heights = self._across()
         burning_now = self._plane_burning_now
         best = burning_now
@@ -178,7 +181,10 @@ class Coast:
         return responses
 
     def _coast_position(self, k: int) -> Vec3:
-        """Position after k of `INTERVALS` parts of the time, without burns, m in the Hill frame."""
+        """Position after k of `INTERVALS` parts of the time, without burns, m in the Hill frame.
+
+        The same equations as `ClohessyWiltshire.carry`, from responses that all transfers share.
+        """
         p, v, response = self.p, self.v, self._responses[k]
         (a, b), (c, d) = response.displacement(self.n, 0), response.displacement(self.n, 1)
         return Vec3(
@@ -209,6 +215,8 @@ class Coast:
 
     def _across(self) -> tuple[Field, Field, Field, list[Field]]:
         """The cheapest burn across the plane, at any interval.
+
+        `_detour` needs the heights after this burn, so that it is chosen before those in the plane.
 
         Returns:
             The part of it that is now, price with brake, and brake, m/s; and the height after each interval, m.
@@ -337,7 +345,10 @@ class Coast:
         clearances: Sequence[tuple[Field, Field, Field]],
         burns: tuple[_Burn, _Burn],
     ) -> Field:
-        """Price of the detour around a ball that a transfer by two burns needs, m/s; see `_clearances`."""
+        """Price of the detour around a ball that a transfer by two burns needs, m/s; see `_clearances`.
+
+        It only prices: `Coasts.within` is what keeps a flight out of the ball.
+        """
         violation = self.time * 0.0
         for k in range(1, INTERVALS + 1):
             x, y, least_square = clearances[k]

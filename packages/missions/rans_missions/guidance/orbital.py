@@ -89,7 +89,10 @@ class OrbitalGuidance(ABC):
     braking_time: float
 
     def arrival(self, start: Any, goal: Any, deadline: Field, limits: Limits) -> Field:
-        """The time of arrival with the least price among whole control periods up to the deadline, s."""
+        """The time of arrival with the least price among whole control periods up to the deadline, s.
+
+        Drawn goals have it in their notes: another price makes other episodes of the same seed.
+        """
         latest = whole_periods(
             deadline - self.braking_time if self.brakes else deadline, self.period
         )

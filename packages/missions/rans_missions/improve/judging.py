@@ -40,7 +40,10 @@ class Best:
     def take(
         self, start: int, changes: np.ndarray, cost: float, flight: Flight, number: int
     ) -> None:
-        """Take a cheaper flight from a start, (T, K), which is one of those that were flown; T may be shorter."""
+        """Take a cheaper flight from a start, (T, K), which is one of those that were flown; T may be shorter.
+
+        `changes` and `cost` are changed in place; whether it is cheaper is the caller's to ask.
+        """
         steps = len(changes)
         if flight.lengths is not None:
             steps = int(flight.lengths[number])

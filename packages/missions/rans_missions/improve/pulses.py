@@ -148,7 +148,11 @@ def search_pulses(
     pulse = float(np.mean([one.force for one in craft.thrusters])) * timing.control_period
 
     def flies(commands: Sequence[np.ndarray], at: np.ndarray | None = None) -> list[_Flown]:
-        """What flights (M, T, thrusters) from every start come to; at (N,): the instant that counts."""
+        """What flights (M, T, thrusters) from every start come to; at (N,): the instant that counts.
+
+        It also takes every flight that solves and is cheaper into the result, so that callers may drop what they
+        get.
+        """
         group = np.repeat(np.arange(len(commands)), [len(one) for one in commands])
         rows = group % count
         many = map_leaves(lambda x: np.broadcast_to(x, count)[rows], starts)

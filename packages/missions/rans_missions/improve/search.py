@@ -77,7 +77,11 @@ class Improved:
         )
 
     def write(self, file: str | Path) -> Path:
-        """Write the flights as a contestant of `rans compare`: a CSV file of changes of velocity or of commands."""
+        """Write the flights as a contestant of `rans compare`: a CSV file of changes of velocity or of commands.
+
+        `rans.evaluation.fly.flights_file` reads it. A start without burns has a row of zeros, or it would be
+        missing.
+        """
         text = io.StringIO()
         rows = csv.writer(text, lineterminator="\n")
         rows.writerow(["start", "time", *self.columns])

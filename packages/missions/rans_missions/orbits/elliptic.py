@@ -178,7 +178,10 @@ class EllipticOrbit(UnevenOrbit):
         return 1.0 - e * cosine(eccentric_anomaly(self.mean_anomaly, e))
 
     def _passed(self, t: Field) -> tuple[Field, Field, Field, Field]:
-        """Sine and cosine of the true anomaly at the start, and of half of its change over a time t (s)."""
+        """Sine and cosine of the true anomaly at the start, and of half of its change over a time t (s).
+
+        The difference of two anomalies loses its digits at short times, which the step of Newton gives back.
+        """
         n = self.mean_motion
         e = self.eccentricity
         eta = math.sqrt(1.0 - e * e)

@@ -168,7 +168,10 @@ class PerturbedOrbit(UnevenOrbit):
         )
 
     def _linear(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
-        """`carry` without drag, to the first order in k, by quadrature over the sphere's motion."""
+        """`carry` without drag, to the first order in k, by quadrature over the sphere's motion.
+
+        How many nodes there are may depend on a number only, never on a field: kernels have no such branch.
+        """
         sphere = ClohessyWiltshire(self.mean_motion)
         p_1, v_1 = sphere.carry(p, v, t)
         if not self.oblateness:

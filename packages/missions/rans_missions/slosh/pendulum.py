@@ -93,7 +93,10 @@ class PlanarPair(NamedTuple):
 
     @classmethod
     def of(cls, slosh: Slosh, craft: Spacecraft, body: Body) -> PlanarPair:
-        """Constants of a body, whose factors apply to the fraction that swings of the designed craft."""
+        """Constants of a body, whose factors apply to the fraction that swings of the designed craft.
+
+        The craft's mass and inertia have the liquid at rest in them, which is taken out here.
+        """
         fraction = _swinging(slosh, craft, body)
         ratio = fraction / (1.0 - fraction)
         x, y = (
@@ -222,7 +225,10 @@ class SphericalPair(NamedTuple):
 
     @classmethod
     def of(cls, slosh: Slosh, craft: Spacecraft, body: Body) -> SphericalPair:
-        """Constants of a body, whose factors apply to the fraction that swings of the designed craft."""
+        """Constants of a body, whose factors apply to the fraction that swings of the designed craft.
+
+        The craft's mass and inertia have the liquid at rest in them, which is taken out here.
+        """
         fraction = _swinging(slosh, craft, body)
         ratio = fraction / (1.0 - fraction)
         shift = body.centre or (0.0, 0.0, 0.0)

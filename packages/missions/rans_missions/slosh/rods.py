@@ -174,7 +174,11 @@ class SphericalRods(Rods):
             v[own] = (-y, x)
 
     def get(self, context: Context) -> np.ndarray:
-        """Directions (unit vectors) and their rates (1/s) in B, (N, 6), from the plant's angles."""
+        """Directions (unit vectors) and their rates (1/s) in B, (N, 6), from the plant's angles.
+
+        In the order of `Pendulum.stores`; frames of hinges are turned every period, so that angles alone say
+        nothing.
+        """
         positions, velocities = self.coordinates()
         a, b = self._plant.GetPositions(context)[positions].T
         da, db = self._plant.GetVelocities(context)[velocities].T

@@ -84,7 +84,10 @@ class Dock(OrbitalMission):
         return start, self.planned(random, start, goal)
 
     def _direction(self, random: Random) -> Vector:
-        """Unit vector as the benchmark draws it, denser towards the poles than uniform directions."""
+        """Unit vector as the benchmark draws it, denser towards the poles than uniform directions.
+
+        The azimuth is drawn first; starts of published comparisons depend on the order.
+        """
         if random.dimension == 2:
             return random.direction()
         azimuth = random.uniform(-math.pi, math.pi)

@@ -146,7 +146,10 @@ class DockPort(SingleTask):
         return self.reached(state, goal)
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Differences of p, v (W), attitude and spin from the docked state, and the cone, in this order."""
+        """Differences of p, v (W), attitude and spin from the docked state, and the cone, in this order.
+
+        Agents' files record kinds and order.
+        """
         cone = self._cone(goal)
         return (
             VectorInW("d", "m", goal.p - state.p),

@@ -151,7 +151,10 @@ class FinalApproach(SingleTask):
         return self.reached(state, goal)
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
-        """Position and velocity of the port relative to the craft, its axis, and the margins' shapes."""
+        """Position and velocity of the port relative to the craft, its axis, and the margins' shapes.
+
+        Agents' files record kinds and order.
+        """
         cone, _, speed = self.scenery(goal)
         return (
             VectorInW("d", "m", goal.p - state.p),
