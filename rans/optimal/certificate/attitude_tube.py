@@ -436,7 +436,11 @@ def _check(craft: Spacecraft, start: State, goal: State) -> None:
 
 
 def _sets(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
-    """Wrenches (K, 3 or 6) of all sets of thrusters, with shared thrust of single ones, and their thrust (K,)."""
+    """Wrenches (K, 3 or 6) of all sets of thrusters, with shared thrust of single ones, and their thrust (K,).
+
+    Bounds need every set that may be open, at the thrust that it costs: one that is missing would be a cheaper
+    flight.
+    """
     count = craft.thruster_count
     forces = np.array([thruster.force for thruster in craft.thrusters])
     if craft.thrust_sharing == "split":
@@ -448,7 +452,10 @@ def _sets(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
 
 @cache
 def _corners(craft: Spacecraft, measure: _Measure | None) -> tuple[_Corners, float]:
-    """Extreme wrenches, and the largest torque of the wheels, N m; in space torques are those of a measure."""
+    """Extreme wrenches, and the largest torque of the wheels, N m; in space torques are those of a measure.
+
+    Points within the hull may be dropped, since the bound is linear in them; a corner may not.
+    """
     size = craft.dimension
     wrench, thrust = _sets(craft)
     if measure is None:
@@ -489,6 +496,8 @@ def _transfer(
     """The transfer of one way to turn; None: the torque does not suffice for it.
 
     The bound of a craft in space that is closer by impulse may be another than the one that is closer by time.
+
+    A flight is bounded by the least over all ways (`_signs`).
     """
     edges = np.linspace(0.0, time, _INTERVALS + 1)
     displacement, before, after = (
@@ -695,7 +704,10 @@ def _leaning(
 
 
 def _matrix(state: State) -> np.ndarray:
-    """(3, 3) rotation matrix R_WB of a state of numbers."""
+    """(3, 3) rotation matrix R_WB of a state of numbers.
+
+    Of a state of numbers with a unit quaternion, w first; from B to W.
+    """
     w, x, y, z = (float(value) for value in leaves(state.attitude))
     return np.array(
         [
@@ -716,7 +728,10 @@ def _plane_tube(
     tolerances: GoalSet,
     sign: int,
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Middle (N,) and half width (N,) of the headings of each interval, rad; None: there are none in one."""
+    """Middle (N,) and half width (N,) of the headings of each interval, rad; None: there are none in one.
+
+    No heading that a flight can have in an interval may lie outside of it.
+    """
     first = float(leaves(start.attitude)[0])
     time = edges[-1]
     left = time - edges

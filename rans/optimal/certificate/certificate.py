@@ -172,7 +172,10 @@ def bounder(
 
 
 def _certificate(result: Found, upper: float, began: float) -> Certificate:
-    """Certificate of commands that need this much fuel or time; commands without any pulse are left out."""
+    """Certificate of commands that need this much fuel or time; commands without any pulse are left out.
+
+    A start in the goal set needs no pulse, and its certificate has no commands.
+    """
     commands = result.commands if upper > 0.0 else None
     seconds = time.monotonic() - began
     return Certificate(

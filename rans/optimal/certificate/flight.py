@@ -12,7 +12,10 @@ from rans.model.spacecraft import Spacecraft
 def state_after(
     craft: Spacecraft, start: AnyState, commands: np.ndarray, period: float, substeps: int = 1
 ) -> AnyState:
-    """The state after all commands (T, thrusters), each held for a period (s), by the engines' equations."""
+    """The state after all commands (T, thrusters), each held for a period (s), by the engines' equations.
+
+    Commands that prove an optimum are flown by it and must end in the goal set.
+    """
     state = start
     body = Body.of(craft)
     for command in commands:

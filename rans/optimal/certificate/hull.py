@@ -63,7 +63,10 @@ class Reach:
     @classmethod
     @cache
     def of(cls, craft: Spacecraft, health: Health | None = None) -> Reach:
-        """Reach of a spacecraft, with its thrusters as faults leave them from the start on."""
+        """Reach of a spacecraft, with its thrusters as faults leave them from the start on.
+
+        Upper bounds of force and torque: too large ones make bounds loose, too small ones wrong.
+        """
         check_certifiable(craft, wheels=True)
         wheels = sum(wheel.max_torque for wheel in craft.wheels)
         gain, leak = np.array(health or Health.sound(craft))
@@ -302,7 +305,10 @@ class _Dual:
         self._radii = np.array([goal_set.velocity, goal_set.position])
 
     def value(self, costate: np.ndarray) -> float:
-        """Dual value of multipliers (2 * dimension,) of the final velocity and position."""
+        """Dual value of multipliers (2 * dimension,) of the final velocity and position.
+
+        A lower bound for any multipliers, which is why `ascend` may stop anywhere.
+        """
         costate = costate.reshape(2, -1) * self._aimed
         switching = costate[0] @ self._gain + costate[1] @ self._way
         spared = self._radii @ np.linalg.norm(costate, axis=1)

@@ -32,7 +32,10 @@ class LinearMotion:
 
     @classmethod
     def of(cls, drift: Drift, dimension: Literal[2, 3], time: float) -> LinearMotion:
-        """The motion of one drift over a time (s): matrices of (2 d,) states, exact for thrust held over it."""
+        """The motion of one drift over a time (s): matrices of (2 d,) states, exact for thrust held over it.
+
+        It stands for one instant of the drift: where the drift changes, controllers refuse it (`steady`).
+        """
         vector: Any = Vec2 if dimension == 2 else Vec3
 
         def carried(x: np.ndarray, duration: float) -> np.ndarray:

@@ -117,7 +117,10 @@ class LQR(ModelBased):
         return self._rounding.round(self.wrench(state, goal), rest, state.stores)
 
     def wrench(self, state: Any, goal: Any) -> np.ndarray:
-        """The regulator's force and torque on B, (N, 3 or 6), N and N m, for the mass that is left."""
+        """The regulator's force and torque on B, (N, 3 or 6), N and N m, for the mass that is left.
+
+        What it asks for is before allocation and rounding, so that it may exceed what thrusters give.
+        """
         later = self._task.later(goal, self._timing.control_period)
         regulator = self._regulator
         # Force: feedback and feed-forward in W, expressed in B's axes at the start of the period.

@@ -227,7 +227,10 @@ class MPC(ModelBased):
         return np.moveaxis(np.array(ahead, dtype=float), 0, 1)
 
     def _holding(self, state: Any, goal: Any) -> np.ndarray:
-        """Commands (N, thrusters and wheels) that keep the craft at its goal in its drift, as it is turned."""
+        """Commands (N, thrusters and wheels) that keep the craft at its goal in its drift, as it is turned.
+
+        The force is for the nominal mass.
+        """
         later = self._task.later(goal, self._timing.control_period)
         push = self._regulator.holding(state, goal, later)
         force = state.attitude.to(self._identity).rotate(type(state.p)(*(self._craft.mass * push)))
@@ -360,7 +363,10 @@ class _Program:
         )
 
     def _cost(self, plan: np.ndarray, error: np.ndarray, goals: np.ndarray, slope: Any) -> float:
-        """Cost (a number) of a plan (nozzles, horizon) as it is flown, with what its margins lack."""
+        """Cost (a number) of a plan (nozzles, horizon) as it is flown, with what its margins lack.
+
+        Constants of the quadratic cost are left out, so that only differences of it count.
+        """
         assert self._missing is not None
         flown, _ = self._linearised(error, plan, goals)
         variables = ca.vertcat(ca.vec(ca.DM(plan)), ca.vec(flown))
@@ -400,7 +406,10 @@ class _Program:
         return ca.Function("linearised", [error, plan, goals], [flown, matrix])
 
     def _margin_rows(self, margins: ca.Function) -> ca.Function:
-        """(errors along the plan, goals) to least values of, and the matrix of, G_k e_k + s_k."""
+        """(errors along the plan, goals) to least values of, and the matrix of, G_k e_k + s_k.
+
+        The last columns are slacks, one a margin, at the price `_VIOLATION`: a plan exists always.
+        """
         flown = ca.MX.sym("flown", self._size, self._count)
         goals = ca.MX.sym("goals", margins.size1_in(1), self._count + 1)
         e, g = (ca.SX.sym(n, margins.size1_in(i)) for i, n in enumerate("eg"))

@@ -66,7 +66,10 @@ class Observer:
         self._expected: Any = None
 
     def see(self, state: Any) -> None:
-        """Learn from the state (fields (N,)) that followed what `expect` was told."""
+        """Learn from the state (fields (N,)) that followed what `expect` was told.
+
+        It adds to `force` and `torque`; one call a period, after `expect` of the period before.
+        """
         if self._expected is None:
             return
         rate = self._trust.share / self._period
@@ -156,7 +159,10 @@ class ObserverMPC(MPC):
         )
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """Commands (N, n) from the state, not the observation, which the observer learns from."""
+        """Commands (N, n) from the state, not the observation, which the observer learns from.
+
+        The order counts: it sees, plans, then expects what was rounded, not what was planned.
+        """
         self._observer.see(state)
         rest = self._deadband.holds(
             self._craft,

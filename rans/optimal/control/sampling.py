@@ -141,7 +141,10 @@ class MPPI(ModelBased):
         return commands
 
     def _planned(self, state: Any, goal: Any, which: np.ndarray) -> np.ndarray:
-        """First patterns of the best plans of some episodes, (M, thrusters); their chances go on in time."""
+        """First patterns of the best plans of some episodes, (M, thrusters); their chances go on in time.
+
+        Draws are in one order for all awake episodes: who rests changes the draws of the others.
+        """
         chances = self._chances[which]
         shape = len(which), self._draws.samples, *chances.shape[1:]
         best = np.zeros(chances.shape)

@@ -232,7 +232,10 @@ class Switching(ModelBased):
         return self._cost(gap, shut, self._scales(len(gap.p)))[:, 0]
 
     def _gap(self, time: float, state: Any, goal: Any) -> _Gap:
-        """From where the goal will be, of a state that coasts for a time, s; fields (N,)."""
+        """From where the goal will be, of a state that coasts for a time, s; fields (N,).
+
+        Without thrust; `_cost` adds what patterns do, in the axes of the middle of the period.
+        """
         shut = wrench(self._craft, (0.0,) * len(self._forces))
         body = Body.of(self._craft)
         drift = self._task.drift

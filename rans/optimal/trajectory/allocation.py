@@ -127,7 +127,11 @@ class Allocation:
         return force / craft.mass, float(about.min())
 
     def _reach(self) -> np.ndarray:
-        """Force along (N) and torque about (N m) every axis of B in both senses; no torques if it cannot turn."""
+        """Force along (N) and torque about (N m) every axis of B in both senses; no torques if it cannot turn.
+
+        Gains of regulators and the braking of `Switching` follow from it: a craft with too large a reach
+        overshoots.
+        """
         craft = self._craft
         if self._basis is None:
             axes = np.diag(self._size)
@@ -163,7 +167,11 @@ class Allocation:
         return np.maximum(supply, command[:, self._thrusters :].max(axis=1, initial=0.0))
 
     def _unbounded(self, wrench: np.ndarray) -> np.ndarray:
-        """Commands (N, n) >= 0 of least squares that give the wrenches (N, d), by Newton steps on the dual."""
+        """Commands (N, n) >= 0 of least squares that give the wrenches (N, d), by Newton steps on the dual.
+
+        Commands of recorded flights come from here: other steps to the same minimum change their last bits, and so
+        roundings.
+        """
         columns = self._columns
         scale = np.abs(wrench).max(initial=1.0)
         dual = 2.0 * wrench @ np.linalg.inv(columns @ columns.T)
@@ -316,6 +324,7 @@ class ThrusterPatterns:
     """
 
     def __init__(self, craft: Spacecraft) -> None:
+        # Candidates are tried in this order, none first, and ties go to the first: recorded flights rely on it.
         self.wrenches = craft.wrenches
         forces = np.array([thruster.force for thruster in craft.thrusters])
         self._impulse = forces / max(forces.sum(), 1e-300)
@@ -472,7 +481,10 @@ class Proportional:
     def round(
         self, wrench: np.ndarray, rest: np.ndarray | None = None, stores: Sequence[Any] = ()
     ) -> np.ndarray:
-        """Commands (N, n) for wrenches (N, d); changes what is owed. See `Rounding`."""
+        """Commands (N, n) for wrenches (N, d); changes what is owed. See `Rounding`.
+
+        One call a period. `left` is what this period lacks, `owed` what the next one is to add.
+        """
         rest = np.zeros(len(wrench), bool) if rest is None else rest
         within_reach = wrench / np.maximum(self._allocation.load(wrench), 1.0)[:, None]
         debt = np.where(rest[:, None], 0.0, self.owed + within_reach)
@@ -538,7 +550,10 @@ class WithWheels:
     def round(
         self, wrench: np.ndarray, rest: np.ndarray | None = None, stores: Sequence[Any] = ()
     ) -> np.ndarray:
-        """Commands (N, n) for wrenches (N, d): wheels first, then thrusters, then wheels again. See `Rounding`."""
+        """Commands (N, n) for wrenches (N, d): wheels first, then thrusters, then wheels again. See `Rounding`.
+
+        One call a period, since the rounding of the thrusters within remembers what it owes.
+        """
         count = len(wrench)
         rest = np.zeros(count, bool) if rest is None else rest
         low, high = self._wheels.bounds(stores, count)

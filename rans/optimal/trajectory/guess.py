@@ -165,7 +165,10 @@ def _bowed(
 def _turning(
     start: State, duration: float, s: np.ndarray, number: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Attitude and w over shares s (T,) of a turn that is done after a third of the time, to anywhere."""
+    """Attitude and w over shares s (T,) of a turn that is done after a third of the time, to anywhere.
+
+    Guesses of one number are the same in every process, so that multi-start results are repeatable.
+    """
     if isinstance(start.attitude, Heading):
         turn = np.array([(-1.0) ** number * math.pi / 4.0 * ((number + 1) // 2)])
     else:

@@ -170,7 +170,10 @@ class MaximumReward(_GivenTime):
     measure = "minus return"
 
     def cost(self, path: SymbolicTrajectory) -> Any:
-        """Minus the return: the sum of all terms of `Task.reward` over all steps."""
+        """Minus the return: the sum of all terms of `Task.reward` over all steps.
+
+        The task's reward is traced as it is: what it branches on must be a field.
+        """
         (state, goal), arguments = _symbols(path)
         earlier, _ = _symbols(path)[0]
         now, before = ([ca.SX.sym("u") for _ in path.craft.thrusters] for _ in range(2))

@@ -188,7 +188,10 @@ def usual_guesses(craft: Spacecraft, task: Task, objective: Objective) -> int:
 
 
 def at_once(objective: Objective, craft: Spacecraft, start: State) -> Trajectory:
-    """The least time from a start that is the goal: none, in control periods of no length."""
+    """The least time from a start that is the goal: none, in control periods of no length.
+
+    Callers read its length and states like those of any other trajectory.
+    """
     count = objective.intervals
     return Trajectory(
         objective=objective.name,
@@ -204,7 +207,10 @@ def at_once(objective: Objective, craft: Spacecraft, start: State) -> Trajectory
 
 
 def unsolved(objective: Objective, craft: Spacecraft, start: State, status: str) -> Trajectory:
-    """A trajectory of NaN, for a problem whose solver never answered."""
+    """A trajectory of NaN, for a problem whose solver never answered.
+
+    Its arrays have the shapes of a solved one, so that tables of starts stay rectangular.
+    """
     nothing = np.full((objective.intervals + 1, craft.command_count), np.nan)
     return Trajectory(
         objective=objective.name,
@@ -382,7 +388,10 @@ class Transcription:
         return bool((excess <= _SOLVED).all())
 
     def attempt(self, start: State, goal: State, number: int) -> Trajectory:
-        """From one guess; what has corners is solved again with sharper ones, from the answer before."""
+        """From one guess; what has corners is solved again with sharper ones, from the answer before.
+
+        Only the first corner begins from the guess. The result is the best of those that were solved.
+        """
         problem = self._bounds_and_guess(start, goal, number)
         results = []
         for corner in self._corners:
@@ -501,7 +510,10 @@ class Transcription:
 
 
 def _step(craft: Spacecraft, like: State, drift: Drift) -> ca.Function:
-    """The engines' motion over one control period: (state, wrench on B, period) to the state after."""
+    """The engines' motion over one control period: (state, wrench on B, period) to the state after.
+
+    One substep a period, of `_NODES` nodes: `Trajectory.replay_error` says what that leaves out.
+    """
     state: Any = map_leaves(lambda _: ca.SX.sym("s"), like)
     period, *parts = [ca.SX.sym("s") for _ in range(1 + craft.degrees_of_freedom)]
     planar = craft.dimension == 2

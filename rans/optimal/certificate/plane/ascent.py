@@ -133,7 +133,10 @@ def ascend(
 def _highest(
     cuts: list[Cut], centre: np.ndarray, trust: float, normal: np.ndarray | None
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """Where (4,) in the box, and on the plane of ``normal``, the lowest cut is highest; height, weights (cuts,)."""
+    """Where (4,) in the box, and on the plane of ``normal``, the lowest cut is highest; height, weights (cuts,).
+
+    Its height is an upper bound of what the box still offers; the ascent ends where that is little.
+    """
     from scipy.optimize import linprog
 
     planes = np.array([np.append(-cut.slope, 1.0) for cut in cuts])

@@ -173,7 +173,10 @@ def planar_bounder(
 def _root(
     lattice: Lattice, problem: Problem, steps: int, cap: float, effort: SearchEffort
 ) -> tuple[Relaxation, Ascent]:
-    """The relaxation with a cap on fuel that its own bound does not exclude."""
+    """The relaxation with a cap on fuel that its own bound does not exclude.
+
+    A cap that is too low proves nothing, one that is too high only costs time: it grows until it is not excluded.
+    """
     everything = lattice.most_fuel(steps)
     while True:
         relaxation = Relaxation(
@@ -211,7 +214,10 @@ def _root_ascent(relaxation: Relaxation, target: float, effort: SearchEffort) ->
 
 
 def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: SearchEffort) -> _Outcome:
-    """Exclude a level by branch and bound, best bound first, or find commands that reach it."""
+    """Exclude a level by branch and bound, best bound first, or find commands that reach it.
+
+    Where work runs out the level stays open: the bound no longer rises, and still holds.
+    """
     outcome = _Outcome()
     evaluated = set()
     order = itertools.count()
@@ -257,7 +263,10 @@ def _commands(
     effort: SearchEffort,
     evaluated: set[bytes],
 ) -> np.ndarray | None:
-    """Commands (T, thrusters) of the paths that weigh most, or None; adds to ``evaluated``."""
+    """Commands (T, thrusters) of the paths that weigh most, or None; adds to ``evaluated``.
+
+    What it returns has been flown by the engine's equations; a path alone is no control.
+    """
     for index in np.argsort(-result.weights)[:2]:
         path = result.cuts[index].path
         commands = replayed_within_cost(relaxation, path, level)

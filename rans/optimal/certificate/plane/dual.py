@@ -127,7 +127,10 @@ class Relaxation:
         self._before[0, self._reach, self._origin] = 0.0
 
     def _spin_limits(self) -> np.ndarray:
-        """(N + 1,) bounds of |n|: by the torque at hand before and after, and by the fuel to spend."""
+        """(N + 1,) bounds of |n|: by the torque at hand before and after, and by the fuel to spend.
+
+        They cut the search off: a spin that some flight within the cap may have must be inside.
+        """
         k = np.arange(self.steps + 1)
         strongest = np.abs(self.lattice.patterns.torque).max()
         last = max(abs(n) for n in self.net)
@@ -192,7 +195,10 @@ class Relaxation:
         return np.isin(n, list(self.net))[:, None] & (error <= self.goal_set.heading + margin)
 
     def _costs(self, costate: np.ndarray, branch: Branch) -> Any:
-        """`lattice_kernel.Costs` of patterns under a costate (4,) of the final velocity and position."""
+        """`lattice_kernel.Costs` of patterns under a costate (4,) of the final velocity and position.
+
+        Numbers and order are those that the compiled kernel reads (`lattice_kernel.Costs`).
+        """
         velocity = complex(*costate[:2])
         position = complex(*costate[2:])
         left = (self.steps - np.arange(self.steps)) * self.lattice.period
