@@ -220,7 +220,7 @@ from rans.fast.learn.run_folder import RunFolder
 run = RunFolder(Path("run"))
 run.lock()
 print("held", flush=True)
-time.sleep(60)
+time.sleep(10**6)
 """
 
 

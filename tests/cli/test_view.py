@@ -141,7 +141,10 @@ def test_it_serves_until_it_is_interrupted(option: list[str], said: str, has: by
             assert has in page.read()
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=PATIENCE)
-        assert (process.returncode, errors) == (0, "")
+        assert process.returncode == 0, errors
+        # Where flying takes long, lines say how far it is.
+        assert "Traceback" not in errors
+        assert "interrupted" not in errors
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 from dataclasses import replace
@@ -32,7 +31,7 @@ from rans.policy.network import Network
 from rans.tasks import TASKS
 from tests.support.command_runs import tiny
 from tests.support.engines import NEAR, PLATFORM, SHORT
-from tests.support.processes import PATIENCE, python
+from tests.support.processes import PATIENCE, free_port, python
 from tests.support.training import CONFIG, TINY, weights
 
 ROOT = Path(__file__).parents[2]
@@ -226,8 +225,6 @@ def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(
     """Which one process then resumes. They are on two machines, here both are this one."""
     monkeypatch.chdir(tmp_path)
     Path("mortal.py").write_text(MORTAL)
-    with socket.create_server(("localhost", 0)) as free:
-        port = free.getsockname()[1]
     command = [
         sys.executable,
         "-m",
@@ -241,7 +238,7 @@ def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(
         "--rdzv-id",
         "tests",
         "--rdzv-endpoint",
-        f"localhost:{port}",
+        f"localhost:{free_port()}",
         "--local-addr",
         "localhost",
         "--",

@@ -19,8 +19,11 @@ def test_a_line_fits_eighty_columns() -> None:
     assert len(describe(longest, 10**10)) + _BAR + 1 <= 80
 
 
-def test_the_last_row_is_told_however_soon_it_comes(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_last_row_is_told_however_soon_it_comes(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Rows in between only now and then; the last is that of the whole budget, or of more."""
+    monkeypatch.setattr("rans.show.progress.time.monotonic", lambda: 1.0)
     for last in (3_000_000, 3_100_000):
         progress = TrainingProgress(3_000_000)
         for steps in (1_000_000, 2_000_000, last):

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import socket
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,6 +12,7 @@ from rans.model.fields import leaves
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.show import watch
 from rans.show.pages.page import Page
+from tests.support.processes import free_port
 from tests.support.training import tiny_trainer
 
 
@@ -61,11 +59,3 @@ def test_new_agents_are_shown_once_each(tmp_path: Path, monkeypatch: pytest.Monk
     assert starts[0] == [x.tolist() for x in leaves(judged.start)]
     assert (first.commands != second.commands).any()
     assert pauses == [0.5, 0.5, 10.0, 0.5, 0.5, 10.0, 0.5, 0.5, 0.5]
-
-
-def free_port() -> int:
-    """Port of this process below those that the system gives to others, who may take one of its own meanwhile."""
-    for port in range(10_000 + os.getpid() % 20_000, 32_000):
-        with contextlib.suppress(OSError), socket.create_server(("localhost", port)):
-            return port
-    raise AssertionError("no free port")

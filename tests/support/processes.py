@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import socket
 import subprocess
 import sys
 import time
@@ -57,6 +58,14 @@ def printed(*arguments: str | Path, cwd: Path = ROOT, **environment: str) -> str
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+def free_port() -> int:
+    """Port of this process below those that the system gives to others, who may take one of its own meanwhile."""
+    for port in range(10_000 + os.getpid() % 20_000, 32_000):
+        with contextlib.suppress(OSError), socket.create_server(("localhost", port)):
+            return port
+    raise AssertionError("no free port")
 
 
 def wait_until(holds: Callable[[], bool]) -> None:

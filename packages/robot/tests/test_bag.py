@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import socket
 import tempfile
 import time
 from collections.abc import Iterator
@@ -24,7 +23,7 @@ from rans_robot.messages import FLOATS, POSE, TEXT, array, make, pack, unpack
 
 from rans.cli import main
 from rans.errors import ConfigError
-from tests.support.processes import PATIENCE, wait_until
+from tests.support.processes import PATIENCE, free_port, wait_until
 from tests.support.robots import AWAY
 
 ROBOTS: tuple[RobotName, ...] = ("ros", "odometry", "px4", "roboran", "pingu")
@@ -140,9 +139,7 @@ def session(mode: str, end: str, port: int) -> Any:
 @pytest.fixture
 def port() -> int:
     """A port of this machine where nothing listens."""
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
+    return free_port()
 
 
 @pytest.fixture

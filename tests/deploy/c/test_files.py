@@ -39,6 +39,7 @@ from rans.policy.any_craft import for_craft, without
 from rans.pretrained import pretrained_folder
 from tests.support import packages
 from tests.support.exports import FAST, exported, remembering, written
+from tests.support.processes import PATIENCE
 from validation.speed.exported import c_compilers
 
 if shutil.which("cc") is None:
@@ -160,7 +161,7 @@ def test_golden_pairs_come_out_of_a_microcontroller(folder: Path, tmp_path: Path
     subprocess.run([*command, *map(str, sources), "-o", str(built), "-lm"], check=True)
     emulator = ["qemu-system-arm", "-M", "mps2-an500", "-nographic", "-kernel", str(built)]
     emulator += ["-semihosting-config", "enable=on,target=native", "-monitor", "none"]
-    run = subprocess.run(emulator, check=True, capture_output=True, text=True, timeout=120)
+    run = subprocess.run(emulator, check=True, capture_output=True, text=True, timeout=PATIENCE)
     assert "500 of 500 golden pairs" in run.stdout + run.stderr
 
 

@@ -45,6 +45,7 @@ from rans.show.pages.playground import _Traced, playground
 from tests.support import packages
 from tests.support.browser import opened, served
 from tests.support.layouts import sample_layout
+from tests.support.processes import PATIENCE
 
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="needs Node.js to run JavaScript")
@@ -71,7 +72,7 @@ def answer(script: str, tmp_path: Path) -> Any:
     file = tmp_path / "script.js"
     file.write_text(script)
     done = subprocess.run(
-        [NODE, str(file)], capture_output=True, text=True, check=False, timeout=120
+        [NODE, str(file)], capture_output=True, text=True, check=False, timeout=PATIENCE
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
