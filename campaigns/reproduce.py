@@ -245,7 +245,8 @@ def compared(
 ) -> Iterator[tuple[Difference | None, int]]:
     """Compare every cell of two tables: a difference, or None, and 1 for each cell that counts.
 
-    Rows are paired by number if both have as many, else by their first texts.
+    Rows are paired by their first cells if both have the same, each once; else by number if both have as many, else
+    by their first texts.
     """
     headings = list(published.headings)
     pairs = _paired(published.rows, found.rows, source.named_by)
@@ -272,6 +273,10 @@ def _paired(
     published: Sequence[Sequence[str]], found: Sequence[Sequence[str]], named_by: int
 ) -> list[tuple[Sequence[str], Sequence[str] | None]]:
     if len(published) == len(found):
+        # A table may be sorted by what was measured, which fewer flights order in another way.
+        by_first = {row[0]: row for row in found}
+        if len(by_first) == len(found) and by_first.keys() == {row[0] for row in published}:
+            return [(row, by_first[row[0]]) for row in published]
         return list(zip(published, found, strict=True))
     by_label = {_label(row, named_by): row for row in found}
     return [(row, by_label.get(_label(row, named_by))) for row in published]

@@ -119,6 +119,16 @@ def test_rows_are_paired_by_what_they_are_about_and_not_by_what_was_measured() -
     )
 
 
+def test_rows_in_another_order_are_compared_with_themselves() -> None:
+    """Rows of what errors cost stand by their cost."""
+    before = table(("mass", "64", "90.0", "2.00", "3"), ("delay", "64", "50.0", "1.99", "2"))
+    now = table(("delay", "64", "50.0", "1.99", "2"), ("mass", "64", "90.0", "2.00", "3"))
+    assert not any(one for one, _ in compared(before, now, SOURCE, True, False))
+    # Where two rows have one name only their numbers tell them apart.
+    twice = table(*(("mass", *row[1:]) for row in now.rows))
+    assert any(one for one, _ in compared(before, twice, SOURCE, True, False))
+
+
 def test_a_row_without_any_cell_is_a_failure(tmp_path: Path) -> None:
     """The command leaves an empty table of evidence."""
     (tmp_path / "empty.py").write_text(
