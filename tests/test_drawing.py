@@ -10,8 +10,8 @@ from matplotlib.patches import Circle
 from matplotlib.quiver import Quiver
 
 from rans.drawing import Scene
-from rans.model.dynamics import PlanarState, SpatialState
-from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.show.figures.layout_figure import draw_layout
@@ -24,6 +24,7 @@ from rans.tasks import (
     TrackVelocityHeading,
 )
 from rans.tasks.multi_task import DrawnTask
+from tests.support.states import planar, spatial
 
 BODY = (220, 230, 240)
 FLAME = (230, 159, 0)
@@ -33,15 +34,6 @@ PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")
 TASK = GoToPose()
 FAR = 3.0  # m; the view then holds start and goal side by side
-
-
-def planar(x: float = 0.0, y: float = 0.0, angle: float = 0.0) -> PlanarState:
-    return PlanarState(Vec2(x, y), Heading(angle), Vec2(0.0, 0.0), 0.0)
-
-
-def spatial(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> SpatialState:
-    rest = Vec3(0.0, 0.0, 0.0)
-    return SpatialState(Vec3(x, y, z), Quat(1.0, 0.0, 0.0, 0.0), rest, rest)
 
 
 def shut(craft: Spacecraft) -> np.ndarray:
@@ -77,7 +69,7 @@ def test_only_open_thrusters_have_flames() -> None:
 @pytest.mark.parametrize("heading", [0.0, 1.1, -2.5])
 def test_flames_leave_against_the_force(index: int, heading: float) -> None:
     frame = Scene(PLATFORM, TASK).render(
-        planar(angle=heading), planar(FAR), opened(PLATFORM, index)
+        planar(heading=heading), planar(FAR), opened(PLATFORM, index)
     )
     found = centre(frame, FLAME) - centre(frame, BODY)
     thruster = PLATFORM.thrusters[index]
@@ -91,7 +83,7 @@ def test_flames_leave_against_the_force(index: int, heading: float) -> None:
 
 def goal_of(task: SingleTask, angle: float) -> np.ndarray:
     """Green pixels from the craft's middle at (3, 0); the goal is at the origin and moves to +y."""
-    goal = PlanarState(Vec2(0.0, 0.0), Heading(angle), Vec2(0.0, 0.7), 0.0)
+    goal = planar(heading=angle, v=(0.0, 0.7))
     frame = Scene(PLATFORM, task).render(planar(FAR), goal, shut(PLATFORM), [(0.0, 0.0)])
     return spots(frame, GOAL) - centre(frame, BODY)
 
@@ -117,7 +109,7 @@ def test_the_goal_is_what_the_task_wants() -> None:
 def test_arrows_end_within_the_frame() -> None:
     """However the way was that led here: fast along it, both ways."""
     for speed in (0.75, -0.75):
-        there = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(speed, 0.0), 0.0)
+        there = planar(v=(speed, 0.0))
         frame = Scene(PLATFORM, TrackVelocity()).render(
             planar(FAR), there, shut(PLATFORM), [(0.0, 0.0)]
         )
@@ -151,8 +143,8 @@ def test_the_trail_is_drawn_and_fits_the_frame() -> None:
 def test_space_is_seen_with_z_up() -> None:
     scene = Scene(FLYER, TASK)
     goal = spatial()
-    above = centre(scene.render(spatial(z=FAR), goal, shut(FLYER)), BODY)
-    below = centre(scene.render(spatial(z=-FAR), goal, shut(FLYER)), BODY)
+    above = centre(scene.render(spatial((0.0, 0.0, FAR)), goal, shut(FLYER)), BODY)
+    below = centre(scene.render(spatial((0.0, 0.0, -FAR)), goal, shut(FLYER)), BODY)
     assert above[1] - below[1] > 150
     np.testing.assert_allclose(above[0], below[0], atol=3.0)
 
@@ -161,7 +153,7 @@ def test_the_body_hides_what_is_behind_it() -> None:
     # Thruster 2 pushes up at (x, y), so its flame points down; seen from azimuth -60 degrees, the
     # anchor at 45 degrees is behind the sphere, the one at 315 degrees before it.
     frames = [
-        Scene(FLYER, TASK).render(spatial(), spatial(x=FAR), opened(FLYER, index))
+        Scene(FLYER, TASK).render(spatial(), spatial((FAR, 0.0, 0.0)), opened(FLYER, index))
         for index in (2, 14)
     ]
     behind, before = (len(spots(frame, FLAME)) for frame in frames)

@@ -38,6 +38,7 @@ from rans.tasks import (
 from rans.tasks.derived import watches_switching
 from rans.tasks.observation_terms import ObservationTerm, Scalar, VectorInW
 from tests.support.random_flights import Random
+from tests.support.states import planar
 from tests.support.switching import SwitchingGoToPose
 from validation.study.conditions import Watching
 
@@ -163,7 +164,7 @@ def test_an_episode_ends_before_a_state_that_no_craft_reaches(way: tuple[float, 
         return (replace(state, p=state.p + Vec2(place, 0.0), v=state.v + Vec2(0.0, speed)),)
 
     start = PlanarState(Vec2(1.0, 2.0), Heading(0.5), Vec2(0.1, 0.2), 0.3)
-    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    goal = planar()
     world = World(Setup(PLATFORM, GoToPose(fail_distance=1e30)))
     outcome = step(world, Episode(start, goal), (0.0,) * 8, move=move)
     assert outcome.lost

@@ -9,10 +9,10 @@ from rans.effectors.motion import held
 from rans.model.actuators import Pulsed
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState
-from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.reference.plant import Plant
+from tests.support.states import planar
 
 ATMOS = load_spacecraft("atmos")
 PERIOD = 0.1
@@ -48,5 +48,5 @@ def test_a_short_pulse_comes_first_and_in_whole_counts() -> None:
 
 def pulsed(command: list[float]) -> PlanarState:
     assert ATMOS.actuators == Pulsed(10_000)
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    rest = planar()
     return held(rest, ATMOS, Body.of(ATMOS), command, Timing(control_period=PERIOD))

@@ -14,10 +14,10 @@ from rans.effectors.motion import held
 from rans.model.actuators import Pulsed
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, Wrench
-from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
 from rans.randomization.valves import Lag, pieces
+from tests.support.states import planar
 
 PERIOD = 0.2
 
@@ -88,7 +88,7 @@ NONE = (0.0,) * 6
 def test_impulses_by_hand(lag: Lag, told: Any, earlier: Any, speed: float, known: bool) -> None:
     if known:
         lag = replace(lag, latest=lag.latency, slowest=lag.rise or 0.0)
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    rest = planar()
     found = after(rest, ROD, lag, told, earlier)
     assert (found.v.x, found.v.y) == pytest.approx((speed, 0.0), abs=1e-15)
 
@@ -96,7 +96,7 @@ def test_impulses_by_hand(lag: Lag, told: Any, earlier: Any, speed: float, known
 def test_a_pulse_as_long_as_the_period_does_not_end_with_it() -> None:
     """Two valves open all the time stay open, however slowly valves move."""
     craft = replace(ROD, actuators=Pulsed(100))
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    rest = planar()
     both = (1.0, 0.0, 1.0, *[0.0] * 3)
     found = after(rest, craft, Lag(0.0, 0.1), both, [both])
     assert (found.v.x, found.v.y) == pytest.approx((0.1, 0.1), abs=1e-15)

@@ -16,8 +16,8 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import Question, bound
 from rans.model.body import Body
-from rans.model.dynamics import PlanarState, SpatialState, advance, thrust, wrench
-from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.dynamics import PlanarState, advance, thrust, wrench
+from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.plane.ascent import ascend, scale, towards_goal
@@ -25,6 +25,7 @@ from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
 from rans.optimal.certificate.problem import SearchEffort
 from rans.scenario import Scenario
+from tests.support.states import spatial
 
 PERIOD = 0.2
 _AIMS = (
@@ -127,7 +128,7 @@ def flight(craft: Spacecraft, random: np.random.Generator) -> tuple[Any, Any, fl
     if random.random() < 0.5:
         v = 0.0 * v
         w = 0.0 * w
-    start: Any = SpatialState(Vec3(*p), Quat(1.0, 0.0, 0.0, 0.0), Vec3(*v), Vec3(*w))
+    start: Any = spatial(p, v=v, w=w)
     if craft.dimension == 2:
         start = PlanarState(Vec2(p[0], p[1]), Heading(p[2]), Vec2(v[0], v[1]), w[2])
     state = start

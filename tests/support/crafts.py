@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rans.model.actuators import Throttle
-from rans.model.dynamics import PlanarState, SpatialState
-from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import spacecraft_names
 from rans.tasks import TASKS
+from tests.support.states import spatial
 
 OWN_CRAFT = {name: TASKS[name].spacecraft for name in TASKS if TASKS[name].spacecraft}
 """Missions that only a craft of their own can fly, which tests of their own do."""
@@ -197,6 +198,4 @@ def random_states(
         w = generator.uniform(-spin, spin, count)
         return PlanarState(Vec2(*p), Heading(angle), Vec2(*v), w)
     x, y, z, w = Rotation.random(count, rng=generator).as_quat().T
-    return SpatialState(
-        Vec3(*p), Quat(w, x, y, z), Vec3(*v), Vec3(*generator.uniform(-spin, spin, (3, count)))
-    )
+    return spatial(p, attitude=(w, x, y, z), v=v, w=generator.uniform(-spin, spin, (3, count)))

@@ -9,8 +9,8 @@ from typing import Any
 
 from scipy.spatial.transform import Rotation
 
-from rans.model.dynamics import PlanarState, SpatialState
-from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
+from rans.model.dynamics import SpatialState
+from rans.model.fields import Quat, Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -28,10 +28,6 @@ FORWARD = 4 * math.sqrt(0.5)
 """N: four 1 N nozzles at 45 degrees to a body axis of the platform; no direction has more."""
 SOLVER = 1e-6
 """Relative accuracy of a cost: the optimiser stops at 1e-8 of scaled optimality and feasibility."""
-
-
-def planar(x: float = 0.0, y: float = 0.0, heading: float = 0.0) -> PlanarState:
-    return PlanarState(Vec2(x, y), Heading(heading), Vec2(0.0, 0.0), 0.0)
 
 
 def spatial(x: float = 0.0, attitude: Rotation | None = None) -> SpatialState:

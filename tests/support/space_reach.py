@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from rans.model.dynamics import SpatialState
-from rans.model.fields import Quat, Vec3, leaves
+from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.goal_set import GoalSet
+from tests.support.states import spatial
 
 PERIOD = 0.2
 FLYER = load_spacecraft("free-flyer")
@@ -47,11 +48,11 @@ def lopsided() -> Spacecraft:
 def moving(seed: int, spin: float) -> SpatialState:
     random = np.random.default_rng(seed)
     q = random.normal(size=4)
-    return SpatialState(
-        Vec3(*random.uniform(-0.5, 0.5, 3)),
-        Quat(*(q / np.linalg.norm(q))),
-        Vec3(*random.uniform(-0.3, 0.3, 3)),
-        Vec3(*random.uniform(-spin, spin, 3)),
+    return spatial(
+        random.uniform(-0.5, 0.5, 3),
+        attitude=q / np.linalg.norm(q),
+        v=random.uniform(-0.3, 0.3, 3),
+        w=random.uniform(-spin, spin, 3),
     )
 
 

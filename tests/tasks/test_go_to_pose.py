@@ -14,21 +14,20 @@ from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.tasks import GoToPose, observation
 from rans.tasks.rewards import RestReward, Transition
+from tests.support.states import planar, spatial
 
 HALF = math.sqrt(0.5)
 
 PLANAR = PlanarState(Vec2(0.3, -0.4), Heading(math.pi / 2), Vec2(0.1, 0.2), -0.5)
 """Half a metre from the origin, facing +y."""
-PLANAR_GOAL = PlanarState(Vec2(0.0, 0.0), Heading(2 * math.pi / 3), Vec2(0.0, 0.0), 0.0)
+PLANAR_GOAL = planar(heading=2 * math.pi / 3)
 """30 degrees further to the left."""
 
 SPATIAL = SpatialState(
     Vec3(1.0, 2.0, -2.0), Quat(HALF, 0.0, 0.0, HALF), Vec3(0.1, 0.2, 0.3), Vec3(-0.1, 0.4, 0.5)
 )
 """3 m from the origin, a quarter turn about z: body x is world y."""
-SPATIAL_GOAL = SpatialState(
-    Vec3(0.0, 0.0, 0.0), Quat(HALF, HALF, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
-)
+SPATIAL_GOAL = spatial(attitude=(HALF, HALF, 0.0, 0.0))
 """A quarter turn about x instead: body y is world z."""
 
 
@@ -69,11 +68,13 @@ def test_spatial_observation() -> None:
 
 
 def test_errors() -> None:
-    planar = GoToPose().errors(PLANAR, PLANAR_GOAL)
-    assert planar == pytest.approx({"position": 0.5, "attitude": math.pi / 6})
+    assert GoToPose().errors(PLANAR, PLANAR_GOAL) == pytest.approx(
+        {"position": 0.5, "attitude": math.pi / 6}
+    )
     # trace of R^T R_goal is 0 = 1 + 2 cos(angle): a third of a turn
-    spatial = GoToPose().errors(SPATIAL, SPATIAL_GOAL)
-    assert spatial == pytest.approx({"position": 3.0, "attitude": 2 * math.pi / 3})
+    assert GoToPose().errors(SPATIAL, SPATIAL_GOAL) == pytest.approx(
+        {"position": 3.0, "attitude": 2 * math.pi / 3}
+    )
 
 
 def test_reward() -> None:
@@ -109,7 +110,7 @@ def test_only_those_who_have_arrived_in_all_four_get_that_reward() -> None:
     )
 
     def arrived(task: GoToPose, x: float, angle: float, v: float, spin: float) -> float:
-        goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+        goal = planar()
         state = PlanarState(Vec2(0.0, x), Heading(angle), Vec2(v, 0.0), spin)
         return task.reward(Transition(state, goal, (0.0,), (0.0,)))["arrived"]
 
@@ -148,8 +149,8 @@ def test_thrust_costs_those_who_have_arrived() -> None:
     """Two of three open at 0.5 each: 1 of 6 in the set, half on the middle of a side, next to none beyond."""
     task = GoToPose(arrived=RestReward(weight=6.0, thrust_weight=0.5), position_tolerance=0.04)
     for x, expected in ((0.0, 5.0), (0.04, 2.5), (0.4, 5.0 / 10_001.0)):
-        state = PlanarState(Vec2(x, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-        goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+        state = planar(x)
+        goal = planar()
         terms = task.reward(Transition(state, goal, (1.0, 0.0, 1.0), (0.0,) * 3))
         assert terms["arrived"] == pytest.approx(expected)
 
@@ -157,9 +158,9 @@ def test_thrust_costs_those_who_have_arrived() -> None:
 def test_stillness_is_worth_something_to_those_who_have_arrived() -> None:
     """ln 2 scales of 3 mm/s: half of 8 beside the 6; the speed is a 24th of what counts as rest."""
     task = GoToPose(arrived=RestReward(weight=6.0, still_weight=8.0, sharpness=3))
-    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    goal = planar()
     for v, expected in ((0.0, 14.0), (0.003 * math.log(2.0), 10.0), (0.1, 6.0 / 257.0)):
-        state = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, -v), 0.0)
+        state = planar(v=(0.0, -v))
         terms = task.reward(Transition(state, goal, (0.0,), (0.0,)))
         assert terms["arrived"] == pytest.approx(expected, abs=1e-6)
 
@@ -184,8 +185,8 @@ def test_who_is_nearly_there_pays_for_not_being_there(
         position_tolerance=0.04,
         attitude_tolerance=0.1,
     )
-    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    state = PlanarState(Vec2(x, 0.0), Heading(angle), Vec2(0.0, 0.0), 0.0)
+    goal = planar()
+    state = planar(x, heading=angle)
     cost = task.reward(Transition(state, goal, (0.0,), (0.0,)))["boundary"]
     assert cost == pytest.approx(expected, abs=1e-6)
     spare = replace(
@@ -224,8 +225,8 @@ def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
     def cost(x: float, angle: float) -> float:
         return task.reward(
             Transition(
-                PlanarState(Vec2(x, 0.0), Heading(angle), Vec2(0.0, 0.0), 0.0),
-                PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0),
+                planar(x, heading=angle),
+                planar(),
                 (0.0,),
                 (0.0,),
             )
@@ -237,13 +238,13 @@ def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
     assert cost(0.1 * half, 0.0) == 0.0
     assert cost(5.0, math.pi) == pytest.approx(0.0, abs=1e-15)
     # In space 3 m and a third of a turn off; beyond the rests 2 m and 2 rad, ln 2 scales each: -8 / 2 / 2.
-    spatial = GoToPose(
+    far = GoToPose(
         misaligned_weight=8.0,
         fine_scale=2.0 / half,
         rest_position=1.0,
         rest_attitude=2 * math.pi / 3 - 2.0,
     )
-    terms = spatial.reward(Transition(SPATIAL, SPATIAL_GOAL, (0.0,), (0.0,)))
+    terms = far.reward(Transition(SPATIAL, SPATIAL_GOAL, (0.0,), (0.0,)))
     assert terms["misaligned"] == pytest.approx(-2.0)
     assert "misaligned" not in GoToPose().reward(Transition(PLANAR, PLANAR_GOAL, (1.0,), (0.0,)))
 
@@ -251,34 +252,19 @@ def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
 @pytest.mark.parametrize(
     ("state", "expected"),
     [
-        (PlanarState(Vec2(4.8, 6.3), Heading(0.0), Vec2(0.0, 0.0), 0.0), False),  # 7.92 m
-        (PlanarState(Vec2(4.8, 6.5), Heading(0.0), Vec2(0.0, 0.0), 0.0), True),  # 8.08 m
-        (PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 50.0), False),
+        (planar(4.8, 6.3), False),  # 7.92 m
+        (planar(4.8, 6.5), True),  # 8.08 m
+        (planar(w=50.0), False),
         (
-            SpatialState(
-                Vec3(4.0, 4.0, 5.8),
-                Quat(1.0, 0.0, 0.0, 0.0),
-                Vec3(0.0, 0.0, 0.0),
-                Vec3(0.0, 0.0, 0.0),
-            ),
+            spatial((4.0, 4.0, 5.8)),
             True,
         ),  # 8.10 m
         (
-            SpatialState(
-                Vec3(0.0, 0.0, 0.0),
-                Quat(1.0, 0.0, 0.0, 0.0),
-                Vec3(0.0, 0.0, 0.0),
-                Vec3(2.4, 0.0, -3.3),
-            ),
+            spatial(w=(2.4, 0.0, -3.3)),
             True,
         ),  # 4.08 rad/s
         (
-            SpatialState(
-                Vec3(0.0, 0.0, 0.0),
-                Quat(1.0, 0.0, 0.0, 0.0),
-                Vec3(0.0, 0.0, 0.0),
-                Vec3(2.4, 0.0, -3.1),
-            ),
+            spatial(w=(2.4, 0.0, -3.1)),
             False,
         ),  # 3.92 rad/s
     ],

@@ -8,22 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.model.dynamics import PlanarState, SpatialState
-from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.dynamics import PlanarState
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks import GoToPosition, Transition
+from tests.support.states import planar, spatial
 
 SHUT = (0.0, 0.0)
-
-
-def planar(x: float, w: float = 0.0) -> PlanarState:
-    return PlanarState(Vec2(x, 0.0), Heading(0.0), Vec2(0.0, 0.0), w)
-
-
-def spatial(x: float, w: float = 0.0) -> SpatialState:
-    zero = Vec3(0.0, 0.0, 0.0)
-    return SpatialState(Vec3(x, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), zero, Vec3(0.0, w, 0.0))
 
 
 @pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
@@ -41,7 +32,7 @@ def test_a_slow_spin_is_still_enough() -> None:
     """Half of it is paid for a spin of 0.3 less 0.1 rad/s at a scale of 0.2: exp(-1)."""
     task = GoToPosition(stillness_weight=0.5, stillness_scale=0.2, rest_spin=0.1, thrust_weight=0.0)
     paid = {
-        w: float(task.reward(Transition(planar(0.0, w), planar(0.0), SHUT, SHUT))["stillness"])
+        w: float(task.reward(Transition(planar(w=w), planar(), SHUT, SHUT))["stillness"])
         for w in (0.0, 0.1, -0.1, 0.3)
     }
     assert paid == pytest.approx(
@@ -52,7 +43,7 @@ def test_a_slow_spin_is_still_enough() -> None:
 def test_what_it_pays_by_hand() -> None:
     """0.5 m away: exp(-0.5 / 0.25), half of exp(-0.5 / 1.5), and a quarter of exp(-0.5 / 0.1)."""
     task = GoToPosition(fine_weight=0.25, fine_scale=0.1)
-    terms = task.reward(Transition(planar(0.5), planar(0.0), SHUT, SHUT))
+    terms = task.reward(Transition(planar(0.5), planar(), SHUT, SHUT))
     assert {name: float(x) for name, x in terms.items()} == pytest.approx(
         {
             "position": math.exp(-2.0),
@@ -70,17 +61,17 @@ def test_what_it_pays_by_hand() -> None:
     [
         (planar(7.9), False),
         (planar(8.1), True),
-        (planar(0.0, 99.0), False),
-        (spatial(8.1), True),
-        (spatial(0.0, 3.9), False),
-        (spatial(0.0, -4.1), True),
+        (planar(w=99.0), False),
+        (spatial((8.1, 0.0, 0.0)), True),
+        (spatial(w=(0.0, 3.9, 0.0)), False),
+        (spatial(w=(0.0, -4.1, 0.0)), True),
     ],
 )
 def test_when_it_has_failed(state: Any, fails: bool) -> None:
-    goal: Any = planar(0.0) if isinstance(state, PlanarState) else spatial(0.0)
+    goal: Any = planar() if isinstance(state, PlanarState) else spatial()
     assert bool(GoToPosition().failed(state, goal)) is fails
 
 
 def test_reached_is_near_whatever_the_spin() -> None:
-    assert GoToPosition().reached(planar(0.049, 3.0), planar(0.0))
-    assert not GoToPosition().reached(planar(0.051), planar(0.0))
+    assert GoToPosition().reached(planar(0.049, w=3.0), planar())
+    assert not GoToPosition().reached(planar(0.051), planar())

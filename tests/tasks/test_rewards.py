@@ -11,20 +11,19 @@ from rans_missions.tasks.avoid import Zones
 
 from rans.errors import ConfigError
 from rans.flight import Flight
-from rans.model.dynamics import PlanarState, SpatialState
-from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPosePriced, SingleTask
 from rans.tasks.rewards import Prices, Transition, nearness
 from tests.support.crafts import ANY_CRAFT
+from tests.support.states import planar, spatial
 from tests.support.switching import SwitchingGoToPose
 
 PLANAR = PlanarState(Vec2(7.0, -9.0), Heading(2.0), Vec2(0.3, -0.4), -0.2)
 """At 0.5 m/s and 0.2 rad/s."""
-SPATIAL = SpatialState(
-    Vec3(7.0, -9.0, 1.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.2, 0.6, -0.9), Vec3(-0.2, 0.3, 0.6)
-)
+SPATIAL = spatial((7.0, -9.0, 1.0), v=(0.2, 0.6, -0.9), w=(-0.2, 0.3, 0.6))
 """At 1.1 m/s and 0.7 rad/s."""
 WORK = ((1.0, 0.0, 1.0, 0.0, 1.0), (1.0, 1.0, 0.0, 0.0, 0.0))
 """Three valves are open; of the two open before one has shut, and two of the three have opened."""
@@ -111,8 +110,8 @@ def test_nothing_is_nearer_than_a_rest() -> None:
 )
 def test_an_agent_at_rest_gains_nothing_by_coming_closer(name: str, fine: set[str]) -> None:
     """At 7 mm and 0.01 rad within rests of 8 mm and 0.02 rad every term is as at the goal."""
-    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    near = PlanarState(Vec2(0.0, -7e-3), Heading(0.01), Vec2(0.0, 0.0), 0.0)
+    goal = planar()
+    near = planar(y=-7e-3, heading=0.01)
     rests = {
         "rest_position": 8e-3,
         "rest_spin" if name == "go-to-position" else "rest_attitude": 0.02,

@@ -14,12 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rans.model.dynamics import PlanarState, SpatialState
-from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.fields import Vec2, Vec3
 from rans.model.trace import Symbol
 from rans.tasks.base import Task
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.shapes import Ball, Cone, GlideSlope, Shape, SpeedLimit, nearest_first
+from tests.support.states import planar, spatial
 
 STILL = Vec2(0.0, 0.0)
 THIRTY = math.radians(30.0)
@@ -74,7 +74,7 @@ def test_speed_limits_by_hand() -> None:
     assert limit.gap(Vec2(1.0, 1.0), Vec2(0.3, -0.4)) == pytest.approx(-0.3, abs=ROUNDING)
     with pytest.raises(ValueError, match="needs a velocity"):
         limit.gap(Vec2(4.0, 5.0))
-    state = PlanarState(Vec2(4.0, 5.0), Heading(0.0), Vec2(0.3, -0.4), 0.0)
+    state = planar(4.0, 5.0, v=(0.3, -0.4))
     (entry,) = limit.entries("limit", state)
     assert (entry.unit, entry.columns()[0]) == ("m/s", pytest.approx(0.2, abs=ROUNDING))
 
@@ -90,7 +90,7 @@ def test_balls_move() -> None:
 def test_what_is_observed_of_a_ball() -> None:
     """Way to the centre, relative velocity and margin; their targets are themselves, wherever one is."""
     ball = Ball(Vec2(4.0, 5.0), Vec2(0.5, -1.0), 2.0)
-    state = PlanarState(Vec2(1.0, 1.0), Heading(0.0), Vec2(1.0, 1.0), 0.0)
+    state = planar(1.0, 1.0, v=(1.0, 1.0))
     entries = ball.entries("zone", state)
     found = [x for entry in entries for x in entry.columns()]
     assert found == pytest.approx([3.0, 4.0, -0.5, -2.0, 3.0])
@@ -217,8 +217,6 @@ def gradient_of(shape: Any, point: np.ndarray, library: str) -> np.ndarray:
 
 
 def test_tasks_have_no_scenery_by_default() -> None:
-    goal = SpatialState(
-        Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
-    )
+    goal = spatial()
     assert GoToPose().scenery(goal) == ()
     assert GoToPose.scenery is Task.scenery

@@ -16,6 +16,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks import TrackTwist, TrackVelocity, TrackVelocityHeading, observation
 from rans.tasks.rewards import Transition
+from tests.support.states import planar, spatial
 
 HALF = math.sqrt(0.5)
 
@@ -28,9 +29,7 @@ SPATIAL = SpatialState(
     Vec3(9.0, 9.0, 9.0), Quat(HALF, 0.0, 0.0, HALF), Vec3(0.1, 0.2, 0.3), Vec3(-0.1, 0.4, 0.5)
 )
 """A quarter turn about z."""
-SPATIAL_GOAL = SpatialState(
-    Vec3(0.0, 0.0, 0.0), Quat(HALF, HALF, 0.0, 0.0), Vec3(0.2, 0.0, 0.1), Vec3(0.1, 0.5, 0.3)
-)
+SPATIAL_GOAL = spatial(attitude=(HALF, HALF, 0.0, 0.0), v=(0.2, 0.0, 0.1), w=(0.1, 0.5, 0.3))
 """0.3 m/s away (1-2-2), a quarter turn about x instead, 0.3 rad/s away (2-1-2)."""
 
 
@@ -63,7 +62,7 @@ def test_spatial_observation(task: Any, data: list[float]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("task", "planar", "spatial"),
+    ("task", "in_plane", "in_space"),
     [
         (
             TrackVelocity(),
@@ -79,9 +78,9 @@ def test_spatial_observation(task: Any, data: list[float]) -> None:
         ),
     ],
 )
-def test_errors(task: Any, planar: dict[str, float], spatial: dict[str, float]) -> None:
-    assert task.errors(PLANAR, PLANAR_GOAL) == pytest.approx(planar)
-    assert task.errors(SPATIAL, SPATIAL_GOAL) == pytest.approx(spatial)
+def test_errors(task: Any, in_plane: dict[str, float], in_space: dict[str, float]) -> None:
+    assert task.errors(PLANAR, PLANAR_GOAL) == pytest.approx(in_plane)
+    assert task.errors(SPATIAL, SPATIAL_GOAL) == pytest.approx(in_space)
 
 
 @pytest.mark.parametrize(
@@ -125,7 +124,7 @@ def test_a_twist_is_reached_with_both_velocities() -> None:
 @pytest.mark.parametrize("task", [TrackVelocity(), TrackTwist(), TrackVelocityHeading()])
 def test_fails_beyond_6_rad_per_s_wherever_it_is(task: Any) -> None:
     for spin, expected in ((5.9, False), (-6.1, True)):
-        state = PlanarState(Vec2(1e6, 0.0), Heading(0.0), Vec2(30.0, 0.0), spin)
+        state = planar(1e6, v=(30.0, 0.0), w=spin)
         assert bool(task.failed(state, PLANAR_GOAL)) is expected
     for spin, expected in (
         (Vec3(3.0, -3.0, 4.0), False),
@@ -162,7 +161,7 @@ def test_one_nozzle_changes_the_spin_by_what_the_task_says(craft: str) -> None:
 def test_pairs_that_do_not_turn_change_the_velocity_by_what_the_task_says() -> None:
     """Nozzles 0 and 7 push along +x: 2 * 1 N * cos 45 deg * 0.2 s / 5.32 kg = 0.0532 m/s."""
     ship = load_spacecraft("floating-platform")
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    rest = planar()
     command = [float(k in (0, 7)) for k in range(8)]
     after = advance(rest, wrench(ship, command), Body.of(ship), 0.2)
     assert (after.v.x, after.v.y, after.w) == pytest.approx((0.0532, 0.0, 0.0), abs=5e-5)

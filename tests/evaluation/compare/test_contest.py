@@ -21,6 +21,7 @@ from rans.optimal.control.lqr import LQR
 from rans.tasks import GoToPose
 from rans.tasks.goal_set import arrived
 from tests.support.evaluation_flights import flight_of
+from tests.support.states import planar
 
 CRAFT = load_spacecraft("floating-platform")
 CONTEST = Contest(CRAFT, GoToPose().for_evaluation(), Timing(), 5, 3)
@@ -40,7 +41,7 @@ def test_goal_set_is_that_of_the_certificate() -> None:
     u, v = random.uniform(-0.05, 0.05, (2, count))
     angle, w = random.uniform(-0.1, 0.1, (2, count))
     states = PlanarState(Vec2(x + 1.0, y), Heading(angle + math.pi), Vec2(u, v), w).normalised()
-    goal = PlanarState(Vec2(1.0, 0.0), Heading(-math.pi), Vec2(0.0, 0.0), 0.0)
+    goal = planar(1.0, heading=-math.pi)
     goals = goal_set(CONTEST.task)
     ours = arrived(CONTEST.task, map_leaves(lambda f: np.asarray(f)[None], states), goal)[0]
     theirs = [

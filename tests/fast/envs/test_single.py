@@ -17,13 +17,14 @@ import rans
 from rans.errors import ConfigError
 from rans.fast.envs.single import SpacecraftEnv
 from rans.model.dynamics import PlanarState
-from rans.model.fields import Heading, Vec2, leaves
+from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario, scenario
 from rans.tasks import TASKS, GoToPose, gymnasium_ids, observation
 from tests.support.crafts import ANY_CRAFT
 from tests.support.processes import loaded
+from tests.support.states import planar
 
 PLANE = "rans/GoToPose2D-v0"
 IDS = [gymnasium_ids(name)[d - 2] for name in TASKS for d in TASKS[name].dimensions]
@@ -43,10 +44,6 @@ def make(name: str = PLANE, **kwargs: Any) -> SpacecraftEnv:
 def first_observation(env: SpacecraftEnv, seed: int, episode: int) -> np.ndarray:
     chosen = scenario(env.task, env.craft.dimension, seed, episode)
     return np.array(observation(env.task, chosen.start, chosen.goal), dtype=np.float32)
-
-
-def at(x: float, y: float, angle: float = 0.0) -> PlanarState:
-    return PlanarState(Vec2(x, y), Heading(angle), Vec2(0.0, 0.0), 0.0)
 
 
 def test_every_task_has_its_ids() -> None:
@@ -83,22 +80,22 @@ def test_results_are_plain_numbers(name: str) -> None:
 @pytest.mark.parametrize(
     ("start", "success"),
     [
-        (at(0.04, 0.0), True),
-        (at(0.06, 0.0), False),
-        (at(0.0, 0.0, math.radians(4.9)), True),
-        (at(0.0, 0.0, math.radians(5.1)), False),
+        (planar(0.04), True),
+        (planar(0.06), False),
+        (planar(heading=math.radians(4.9)), True),
+        (planar(heading=math.radians(5.1)), False),
     ],
 )
 def test_success_is_to_be_there_when_time_is_up(start: PlanarState, success: bool) -> None:
     env = make(timing=Timing(episode_steps=2))
-    env.reset(options={"scenario": Scenario(start, at(0.0, 0.0))})
+    env.reset(options={"scenario": Scenario(start, planar())})
     env.step(SHUT)
     assert env.step(SHUT)[4]["is_success"] is success
 
 
 def test_info_holds_the_errors() -> None:
     env = make()
-    start = Scenario(at(3.0, 4.0, math.radians(350.0)), at(0.0, 0.0, math.radians(20.0)))
+    start = Scenario(planar(3.0, 4.0, math.radians(350.0)), planar(heading=math.radians(20.0)))
     _, before = env.reset(options={"scenario": start})
     *_, after = env.step(SHUT)
     expected = {"position": 5.0, "attitude": math.radians(30.0)}
@@ -143,8 +140,8 @@ def test_a_given_scenario_is_flown(name: str) -> None:
     [
         ({"episode": 3}, "unknown option 'episode'"),
         ("scenario", "the options of reset must be a dict, got 'scenario'"),
-        ({"scenario": (at(1.0, 0.0), at(0.0, 0.0))}, r"must be a rans\.scenario\.Scenario"),
-        ({"scenario": Scenario(at(math.nan, 0.0), at(0.0, 0.0))}, "6 finite numbers"),
+        ({"scenario": (planar(1.0), planar())}, r"must be a rans\.scenario\.Scenario"),
+        ({"scenario": Scenario(planar(math.nan), planar())}, "6 finite numbers"),
         ({"scenario": scenario(GoToPose(), 3, 0, 0)}, "6 finite numbers"),
     ],
 )

@@ -12,22 +12,18 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
-from rans.model.dynamics import PlanarState, SpatialState
-from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft import Propellant, Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate import attitude_tube, hull
 from rans.optimal.certificate.goal_set import GoalSet
 from tests.support.bounded_flights import PERIOD, flight, random_craft
+from tests.support.states import planar, spatial
 
 EXACT = GoalSet(0.0, 0.0, 0.0, 0.0)
 PINGU = load_spacecraft("pingu")
 CLOSE = 0.004
 """Relative: 0.1 % of the bisection, and the tube of forty intervals."""
-
-
-def _planar(x: float = 0.0, y: float = 0.0, heading: float = 0.0) -> PlanarState:
-    return PlanarState(Vec2(x, y), Heading(heading), Vec2(0.0, 0.0), 0.0)
 
 
 def _fixed() -> Spacecraft:
@@ -39,19 +35,19 @@ def _fixed() -> Spacecraft:
 
 def test_least_time_of_a_craft_that_cannot_turn_is_that_of_its_axis() -> None:
     # 2 sqrt(m d / F) along x; the hull bound turns the diagonal force of 1.41 N there.
-    goal = _planar(1.0)
-    bound = attitude_tube.least_time(_fixed(), _planar(), goal, EXACT)
+    goal = planar(1.0)
+    bound = attitude_tube.least_time(_fixed(), planar(), goal, EXACT)
     optimum = 2.0 * math.sqrt(12.0)
     assert optimum * (1.0 - CLOSE) < bound < optimum
     assert hull.least_time(
-        _fixed(), ("position", "velocity"), _planar(), goal, EXACT
+        _fixed(), ("position", "velocity"), planar(), goal, EXACT
     ) == pytest.approx(optimum / 2.0**0.25)
 
 
 def test_least_impulse_of_a_straight_way_is_two_burns() -> None:
     # Burns of t at both ends: F t (T - t) = m d, with T = 10 s.
     burn = 5.0 - math.sqrt(25.0 - 12.0)
-    bound = attitude_tube.least_impulse(_fixed(), _planar(), _planar(1.0), 10.0, EXACT)
+    bound = attitude_tube.least_impulse(_fixed(), planar(), planar(1.0), 10.0, EXACT)
     assert 2.0 * burn * (1.0 - CLOSE) < bound < 2.0 * burn
 
 
@@ -60,34 +56,34 @@ def test_least_time_of_a_turn_includes_wheels() -> None:
     # Four thrusters of 1.75 N at 0.2388427 m and a wheel of 0.1 N m turn 0.5 kg m^2 by one radian.
     torque = 4.0 * 1.75 * 0.2388427 + 0.1
     optimum = 2.0 * math.sqrt(0.5 / torque)
-    bound = attitude_tube.least_time(PINGU, _planar(), _planar(heading=1.0), EXACT)
+    bound = attitude_tube.least_time(PINGU, planar(), planar(heading=1.0), EXACT)
     assert optimum * (1.0 - CLOSE) < bound < optimum
 
 
 def test_the_hull_bound_of_a_turn_includes_wheels() -> None:
     # A turn about one axis is a double integrator, for which the bound is the optimum; the wheel has no price.
     torque = 4.0 * 1.75 * 0.2388427 + 0.1
-    turn = _planar(), _planar(heading=1.0)
+    turn = planar(), planar(heading=1.0)
     aims = ("attitude", "spin")
     bound = hull.least_time(PINGU, aims, *turn, EXACT)
     assert bound == pytest.approx(2.0 * math.sqrt(0.5 / torque), rel=1e-6)
     assert hull.least_fuel(PINGU, aims, *turn, 20.0, EXACT) == 0.0
     # In space nothing is claimed of a turn with wheels.
-    start = SpatialState(Vec3(0, 0, 0), Quat(1, 0, 0, 0), Vec3(0, 0, 0), Vec3(0, 0, 0))
+    start = spatial()
     half: Any = replace(start, attitude=Quat(0, 0, 0, 1))
     assert hull.least_time(load_spacecraft("cubesat-3u"), aims, start, half, EXACT) == 0.0
 
 
 @pytest.mark.slow
 def test_wheels_turn_without_impulse() -> None:
-    turn = _planar(heading=1.0)
-    assert attitude_tube.least_impulse(PINGU, _planar(), turn, 20.0, EXACT) == 0.0
+    turn = planar(heading=1.0)
+    assert attitude_tube.least_impulse(PINGU, planar(), turn, 20.0, EXACT) == 0.0
     # Without them two couples: torque t (T - t) = I angle, at 2 t F per couple of arm 0.2388427 m.
     bare = replace(PINGU, wheels=())
     torque = 4.0 * 1.75 * 0.2388427
     burn = 10.0 - math.sqrt(100.0 - 0.5 / torque)
     optimum = 2.0 * burn * 4.0 * 1.75
-    bound = attitude_tube.least_impulse(bare, _planar(), turn, 20.0, EXACT)
+    bound = attitude_tube.least_impulse(bare, planar(), turn, 20.0, EXACT)
     assert optimum * (1.0 - CLOSE) < bound < optimum
 
 
@@ -106,7 +102,7 @@ def test_linear_program_of_an_oblique_transfer_agrees() -> None:
         b_eq=[1.0, 0.6, 0.0, 0.0],
         bounds=(0.0, 1.0),
     )
-    bound = attitude_tube.least_impulse(_fixed(), _planar(), _planar(1.0, 0.6), horizon, EXACT)
+    bound = attitude_tube.least_impulse(_fixed(), planar(), planar(1.0, 0.6), horizon, EXACT)
     assert answer.fun * (1.0 - CLOSE) < bound < answer.fun * (1.0 + 1e-9)
 
 
@@ -114,7 +110,7 @@ def test_linear_program_of_an_oblique_transfer_agrees() -> None:
 def test_half_turn_in_space_is_in_the_tube() -> None:
     # A ball-like craft that may turn at once and one that cannot: the tube lies between them.
     craft = load_spacecraft("spheres")
-    start = SpatialState(Vec3(0, 0, 0), Quat(1, 0, 0, 0), Vec3(0, 0, 0), Vec3(0, 0, 0))
+    start = spatial()
     goal: Any = replace(start, p=Vec3(1.0, 1.0, 0.5))
     bound = attitude_tube.least_time(craft, start, goal, EXACT)
     free = hull.least_time(craft, ("position", "velocity"), start, goal, EXACT)
@@ -151,7 +147,7 @@ def test_spinning_wheels_do_not_turn_a_craft_out_of_its_tube() -> None:
         growth = max(growth, float(np.linalg.norm(moments * w)) / (largest * h * (k + 1)))
     assert growth > 1.2
     # Forwards and backwards: every attitude is in the tubes of the intervals on both sides.
-    start = SpatialState(Vec3(0, 0, 0), Quat(1, 0, 0, 0), Vec3(0, 0, 0), Vec3(0, 0, 0))
+    start = spatial()
     x, y, z, real = map(float, attitudes[-1].as_quat())
     goal: Any = replace(start, attitude=Quat(real, x, y, z), w=Vec3(*map(float, w)))
     back: Any = replace(goal, w=goal.w.scale(-1.0))
@@ -168,7 +164,7 @@ def test_spinning_wheels_do_not_turn_a_craft_out_of_its_tube() -> None:
 
 _BALL = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 """Moments of inertia of 1 kg m^2."""
-_AT_REST = SpatialState(Vec3(0, 0, 0), Quat(1, 0, 0, 0), Vec3(0, 0, 0), Vec3(0, 0, 0))
+_AT_REST = spatial()
 
 
 def _turning(main: bool) -> Spacecraft:
@@ -247,11 +243,11 @@ def _diagonal(moments: np.ndarray) -> Any:
 def test_what_is_not_covered_is_refused() -> None:
     tank = replace(PINGU, propellant=Propellant(1.0, 60.0))
     with pytest.raises(ConfigError, match="propellant"):
-        attitude_tube.least_time(tank, _planar(), _planar(1.0), EXACT)
+        attitude_tube.least_time(tank, planar(), planar(1.0), EXACT)
     with pytest.raises(ConfigError, match="at rest"):
-        attitude_tube.least_time(PINGU, _planar(), _planar(1.0), GoalSet(0.0, 0.1, 0.0, 0.0))
+        attitude_tube.least_time(PINGU, planar(), planar(1.0), GoalSet(0.0, 0.1, 0.0, 0.0))
     with pytest.raises(ConfigError, match="horizon"):
-        attitude_tube.least_impulse(PINGU, _planar(), _planar(1.0), 0.0, EXACT)
+        attitude_tube.least_impulse(PINGU, planar(), planar(1.0), 0.0, EXACT)
 
 
 @pytest.mark.slow

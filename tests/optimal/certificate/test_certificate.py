@@ -8,8 +8,6 @@ from typing import Any
 import pytest
 
 from rans.errors import ConfigError
-from rans.model.dynamics import PlanarState
-from rans.model.fields import Heading, Vec2
 from rans.optimal.certificate.certificate import (
     Certificate,
     certified_least_fuel,
@@ -18,6 +16,7 @@ from rans.optimal.certificate.certificate import (
 from rans.optimal.certificate.plane.bounder import PlanarBounder
 from rans.optimal.certificate.plane.lattice import Lattice
 from rans.optimal.certificate.problem import Problem
+from tests.support.states import planar
 from tests.support.tiny_lattice import (
     PERIOD,
     PLATFORM,
@@ -26,21 +25,21 @@ from tests.support.tiny_lattice import (
 
 @pytest.mark.parametrize("steps", [0, -3, math.nan, math.inf, 2.5])
 def test_periods_are_counted(steps: Any) -> None:
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    rest = planar()
     for ask in (certified_least_fuel, certified_least_time):
         with pytest.raises(ConfigError, match="at least one control period"):
             ask(PlanarBounder(Lattice(PLATFORM, PERIOD)), Problem(rest, rest), steps)
 
 
 def test_already_there_costs_nothing() -> None:
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(1.0), Vec2(0.0, 0.0), 0.0)
+    rest = planar(heading=1.0)
     answer = certified_least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, rest), 5)
     assert (answer.lower, answer.upper) == (0.0, 0.0)
 
 
 def test_out_of_reach_is_a_sentence() -> None:
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    far = PlanarState(Vec2(30.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    rest = planar()
+    far = planar(30.0)
     with pytest.raises(ConfigError, match="too short a time"):
         certified_least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 10)
     # 2 sqrt(30 m 5.32 kg / 2.83 N) = 15.02 s, less what the tolerances save.

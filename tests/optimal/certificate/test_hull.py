@@ -13,8 +13,8 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.model.dynamics import PlanarState, thrust, wrench
-from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, unflatten
+from rans.model.dynamics import thrust, wrench
+from rans.model.fields import Quat, Vec3, leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate import hull
@@ -26,6 +26,7 @@ from rans.tasks import GoToPose, GoToPosition, Task, TrackTwist, TrackVelocity, 
 from rans.tasks.goal_set import aims
 from tests.support.crafts import nasty_planar, nasty_spatial
 from tests.support.problems import spatial
+from tests.support.states import planar
 from tests.support.tiny_lattice import fly_everything, lopsided
 
 PLATFORM = load_spacecraft("floating-platform")
@@ -35,16 +36,6 @@ POSE = aims(GoToPose())
 EXACT = GoalSet(0.0, 0.0, 0.0, 0.0)
 SLACK = 1 - 1e-6
 """What is optimal has rounding, and the optimiser 1e-8 of its own."""
-
-
-def planar(
-    x: float = 0.0,
-    y: float = 0.0,
-    heading: float = 0.0,
-    v: tuple[float, float] = (0.0, 0.0),
-    w: float = 0.0,
-) -> PlanarState:
-    return PlanarState(Vec2(x, y), Heading(heading), Vec2(*v), w)
 
 
 @pytest.mark.parametrize(

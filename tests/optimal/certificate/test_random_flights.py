@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rans.model.dynamics import PlanarState
-from rans.model.fields import Heading, Vec2
 from rans.optimal.certificate import hull
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
 from tests.support.bounded_flights import ROUNDING, beaten, points, random_craft
+from tests.support.states import planar
 from tests.support.tiny_lattice import lopsided
 
 
@@ -48,7 +47,7 @@ def test_a_bound_that_is_too_high_is_found_out(monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_lattice_is_as_large_as_planned() -> None:
     """The plan is what the certificate then builds; larger ones are left out."""
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    rest = planar()
     lattice = Lattice(lopsided(), 0.2)
     loose = GoalSet()
     built = Relaxation(lattice, rest, rest, loose, 7, None)._after.size

@@ -22,6 +22,7 @@ from rans.optimal.control.mpc import MPC
 from rans.optimal.control.regulator import Deadband, Weights, distance_scale
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import TASKS, GoToPose
+from tests.support.states import planar
 
 TASK = GoToPose().for_evaluation()
 
@@ -76,7 +77,7 @@ def batch(state: PlanarState) -> Any:
 def test_the_sweep_goes_from_stiff_to_lazy() -> None:
     """A factor multiplies what deviation is worth full thrust: of 0.6 m for a half 0.3 m, for four 2.4 m."""
     craft = load_spacecraft("floating-platform")
-    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    goal = planar()
     sweep = LQR.sweep(craft, TASK, Timing())
     state = replace(goal, p=Vec2(0.1, 0.0))
     assert [*sweep] == [f"LQR x {factor}" for factor in ("0.5", "0.7", "1", "1.4", "2", "2.8", "4")]

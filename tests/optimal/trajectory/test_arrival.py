@@ -15,7 +15,7 @@ from rans_missions.tasks.avoid import Zones
 
 from rans.errors import ConfigError
 from rans.model.dynamics import PlanarState, SpatialState
-from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, map_leaves
+from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.trajectory.arrival import ROUNDINGS, rounded
 from rans.optimal.trajectory.objectives import MinimumTime
@@ -27,6 +27,7 @@ from rans.tasks.observation_terms import ObservationTerm, Scalar
 from rans.tasks.rewards import Transition, nearness
 from rans.tasks.shapes import Ball
 from tests.support.crafts import ANY_CRAFT
+from tests.support.states import planar, spatial
 
 X = ca.SX.sym("x")  # type: ignore[call-arg]
 Y = ca.SX.sym("y")  # type: ignore[call-arg]
@@ -88,13 +89,7 @@ def test_never_more_than_the_radius_too_small(x: float, y: float) -> None:
 def test_rewards_have_gradients_at_the_goal(name: str, dimension: int) -> None:
     """Where their norms do not; and are worth the same there."""
     task = TASKS[name](spin_weight=0.1)
-    rest: PlanarState | SpatialState = (
-        PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-        if dimension == 2
-        else SpatialState(
-            Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
-        )
-    )
+    rest: PlanarState | SpatialState = planar() if dimension == 2 else spatial()
     state = map_leaves(lambda _: ca.SX.sym("s"), rest)  # type: ignore[call-arg]
     commands = ca.SX.sym("u", 4)  # type: ignore[call-arg]
     u = [commands[i] for i in range(4)]

@@ -10,7 +10,7 @@ import pytest
 from rans.errors import ConfigError
 from rans.model.fields import leaves
 from rans.optimal.trajectory.endpoints import endpoint
-from tests.support.problems import planar, spatial
+from tests.support.states import planar, spatial
 
 
 def test_keys_in_the_plane() -> None:

@@ -11,13 +11,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rans.model.body import Body
-from rans.model.dynamics import PlanarState, advance, wrench
-from rans.model.fields import Heading, Quat, Vec2, leaves, unflatten
+from rans.model.dynamics import advance, wrench
+from rans.model.fields import Heading, Quat, leaves, unflatten
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.trajectory.guess import guess, needed_wrenches, rotation_vector, transfer_time
 from rans.scenario import scenario
 from rans.tasks import TASKS, GoToPose, TrackTwist
 from rans.tasks.goal_set import aims
+from tests.support.states import planar
 
 
 def test_rotation_vector_of_quaternions_is_scipys() -> None:
@@ -105,7 +106,7 @@ def _rotations(rows: np.ndarray) -> Rotation:
 
 def test_turning_alone_takes_time() -> None:
     platform = load_spacecraft("floating-platform")
-    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    goal = planar()
     least = 2 * math.sqrt(math.pi / 2 * 0.2045008 / 1.24)
     assert transfer_time(platform, POSE, replace(goal, attitude=Heading(math.pi / 2)), goal) > least
 

@@ -25,10 +25,10 @@ from tests.support.crafts import deputy
 from tests.support.problems import (
     PLATFORM,
     TASK,
-    planar,
     solved,
     spatial,
 )
+from tests.support.states import planar
 
 
 @dataclass(frozen=True)

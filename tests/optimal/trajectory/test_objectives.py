@@ -34,10 +34,10 @@ from tests.support.problems import (
     FORWARD,
     PLATFORM,
     TASK,
-    planar,
     replay_error,
     solved,
 )
+from tests.support.states import planar
 from tests.support.switching import SwitchingGoToPose
 
 

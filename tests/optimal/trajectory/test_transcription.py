@@ -45,12 +45,12 @@ from tests.support.problems import (
     SHARED,
     SOLVER,
     TASK,
-    planar,
     replay_error,
     solved,
     spatial,
     transcription,
 )
+from tests.support.states import planar
 
 
 def test_least_time_along_a_body_axis_is_bang_bang() -> None:

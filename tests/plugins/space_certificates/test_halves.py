@@ -14,17 +14,16 @@ from rans_space_certificates.halves_kernel import gained
 from rans_space_certificates.reach import SpinLattice
 
 from rans.model.body import Body
-from rans.model.dynamics import SpatialState, advance, wrench
+from rans.model.dynamics import advance, wrench
 from rans.model.fields import Quat, Vec3, leaves, unflatten
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.optimal.certificate.goal_set import GoalSet
 from tests.support.space_reach import PERIOD, POSE, REST, craft_with, lopsided, near
+from tests.support.states import spatial
 
 SET = GoalSet(0.01, 0.02, 0.05, 0.1)
 STEPS = 8
-STILL = SpatialState(
-    Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
-)
+STILL = spatial()
 
 
 def corners() -> Spacecraft:

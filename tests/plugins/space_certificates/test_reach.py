@@ -17,8 +17,8 @@ from rans_space_certificates.search import is_in_goal_set
 from rans.errors import ConfigError, NonFiniteState
 from rans.model.actuators import Throttle
 from rans.model.body import Body
-from rans.model.dynamics import SpatialState, advance, wrench
-from rans.model.fields import Quat, Vec3, map_leaves
+from rans.model.dynamics import advance, wrench
+from rans.model.fields import Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate import hull
@@ -39,6 +39,7 @@ from tests.support.space_reach import (
     moving,
     near,
 )
+from tests.support.states import spatial
 from tests.support.tiny_lattice import fly_everything
 
 LOOSE = GoalSet(0.02, 0.02, 0.05, 0.1)
@@ -246,9 +247,7 @@ def test_what_is_found_flies_there() -> None:
 @pytest.mark.slow
 def test_there_already_and_never() -> None:
     lattice = SpinLattice(FLYER, PERIOD)
-    here = SpatialState(
-        Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
-    )
+    here = spatial()
     far = replace(here, p=Vec3(9.0, 0.0, 0.0))
     assert (
         certified_least_time(

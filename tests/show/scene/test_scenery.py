@@ -13,14 +13,14 @@ from rans_missions.tasks.avoid import Zones
 
 from rans.drawing import Scene, outlines
 from rans.flight import fly
-from rans.model.dynamics import PlanarState
-from rans.model.fields import Heading, Vec2, Vec3, map_leaves
+from rans.model.fields import Vec2, Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.show.figures.figures import episode_figure
 from rans.show.scene.scene import SceneMotion, at_instant, scenery_parts, scenery_pose
 from rans.tasks.shapes import Ball, Cone, GlideSlope, SpeedLimit
+from tests.support.states import planar
 
 PLATFORM = load_spacecraft("floating-platform")
 UP = Vec3(0.0, 0.6, 0.8)
@@ -99,7 +99,7 @@ def test_figures_and_environments_draw_zones() -> None:
     figure = episode_figure(fly(PLATFORM, task, shut(), starts, Timing(episode_steps=5)))
     (axes,) = figure.subfigs[0].axes
     assert "keep-out zone, dotted at first" in axes.get_legend_handles_labels()[1]
-    state = PlanarState(Vec2(2.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    state = planar(2.0)
     goal = map_leaves(lambda x: float(np.ravel(x)[0]), starts.goal)
     red = np.array([0xD5, 0x5E, 0x00])
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from rans.model.body import Body
-from rans.model.dynamics import PlanarState, SpatialState, Wrench
-from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.dynamics import SpatialState, Wrench
+from rans.model.fields import Quat, Vec2, Vec3
 from rans.model.spacecraft_file import load_spacecraft
+from tests.support.states import planar
 from validation.study import discretisation
 from validation.study.checks import Check, Curve
 from validation.study.discretisation import discretisation_checks, order_curves, semi_implicit_euler
@@ -18,7 +19,7 @@ from validation.study.sampling import random_states
 
 def test_the_originals_scheme_by_hand() -> None:
     """One step of 0.5 s, 2 kg pushed by 4 N: velocity first (1 m/s), then position with it (0.5 m)."""
-    start = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    start = planar()
     end = semi_implicit_euler(start, Wrench(Vec2(4.0, 0.0), 0.25), Body(2.0, (0.5,)), 0.5, 1)
     assert (end.p.x, end.v.x, end.w, end.attitude.angle) == (0.5, 1.0, 0.25, 0.125)
     coasting = random_states(3, 4, 0)

@@ -5,20 +5,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.model.dynamics import PlanarState, SpatialState
-from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from tests.support.states import planar, spatial
 from validation.study import flights
 from validation.study.checks import Check
 
 
 def test_long_ways_loosen_in_proportion() -> None:
     """25 m is two and a half times 10 m; in space a thousand times as much is allowed as in the plane."""
-    plane = PlanarState(Vec2(25.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    space = SpatialState(
-        Vec3(0.0, 0.0, -25.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
-    )
+    plane = planar(25.0)
+    space = spatial((0.0, 0.0, -25.0))
     assert flights._agreement(plane) == pytest.approx(2.5e-9)
     assert flights._agreement(space) == pytest.approx(2.5e-6)
 

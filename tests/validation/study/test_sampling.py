@@ -18,6 +18,7 @@ from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from tests.support.crafts import nasty_planar, nasty_spatial
+from tests.support.states import spatial
 from validation.study.sampling import (
     Restless,
     gap_checks,
@@ -66,9 +67,7 @@ def test_gaps_in_the_plane() -> None:
 def test_gaps_in_space() -> None:
     """Quaternions of either sign are the same attitude; 60 degrees about y are 60 degrees."""
     half = math.radians(30)
-    a = SpatialState(
-        Vec3(1.0, 2.0, 3.0), Quat(-1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(1.0, 0.0, 0.0)
-    )
+    a = spatial((1.0, 2.0, 3.0), attitude=(-1.0, 0.0, 0.0, 0.0), w=(1.0, 0.0, 0.0))
     b = SpatialState(
         Vec3(3.0, 3.0, 1.0),
         Quat(math.cos(half), 0.0, math.sin(half), 0.0),

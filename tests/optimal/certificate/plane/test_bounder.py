@@ -31,6 +31,7 @@ from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
 from rans.tasks import GoToPose
 from rans.tasks.goal_set import aims
+from tests.support.states import planar
 from tests.support.tiny_lattice import (
     CRAFTS,
     PERIOD,
@@ -111,8 +112,8 @@ def test_least_time_of_failed_thrusters(
 
 def test_a_goal_that_only_throttled_thrust_reaches_in_time_is_out_of_reach() -> None:
     """5 mm in two periods: two pulses forth and back go 8 mm or not at all, and 1.6 N are no help."""
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    goal = PlanarState(Vec2(0.005, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    rest = planar()
+    goal = planar(0.005)
     with pytest.raises(ConfigError, match="reach the goal set in 2 control periods"):
         certified_least_fuel(
             PlanarBounder(Lattice(PLATFORM, PERIOD)),
@@ -144,7 +145,7 @@ def test_starts_that_move_and_spin(seed: int) -> None:
     start = PlanarState(
         Vec2(0.2 * x, 0.2 * y), Heading(3.0 * angle), Vec2(0.1 * u, 0.1 * v), 0.6 * w
     )
-    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    goal = planar()
     lattice = Lattice(PLATFORM, PERIOD)
     goals = GoalSet(0.08, 0.08, 0.3, spin=0.5 * lattice.spin)
     answer = certified_least_time(
@@ -205,7 +206,7 @@ def test_the_bound_of_time_is_the_first_that_was_not_excluded(
     monkeypatch.setattr(bounder, "_decide", decide)
     root = SimpleNamespace(best=SimpleNamespace(value=0.0))
     monkeypatch.setattr(bounder, "_root_ascent", lambda *_: root)
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    rest = planar()
     away = dataclasses.replace(rest, p=Vec2(0.0501, 0.0))
     craft = PlanarBounder(Lattice(doubled(), PERIOD))
     found = certified_least_time(craft, Problem(away, rest), len(ends), SearchEffort(levels=3))

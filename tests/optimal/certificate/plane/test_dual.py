@@ -18,6 +18,7 @@ from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.plane.ascent import ascend, scale, towards_goal
 from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
+from tests.support.states import planar
 from tests.support.tiny_lattice import CRAFTS, PERIOD, PLATFORM, SNUG, Flown, instance
 
 multipliers = st.lists(st.floats(-30.0, 30.0, allow_subnormal=False), min_size=4, max_size=4)
@@ -53,7 +54,7 @@ def test_inner_minimum_equals_brute_force(name: str, seed: int, costate: list[fl
 @pytest.mark.filterwarnings("ignore:overflow encountered")
 def test_overflow_is_no_proof() -> None:
     """Infinite costs once meant that no path is left; with such numbers they may be sums too large."""
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    rest = planar()
     relaxation = Relaxation(Lattice(PLATFORM, PERIOD), rest, rest, GoalSet(), 3, None)
     for costate in (np.full(4, np.nan), np.full(4, 1e305)):
         with pytest.raises(NonFiniteState, match="far too large numbers"):

@@ -24,6 +24,7 @@ from rans.optimal.certificate.goal_set import GoalSet, pulse
 from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
 from tests.support.crafts import nasty_planar
+from tests.support.states import planar
 from tests.support.tiny_lattice import PERIOD, lopsided, through
 
 PLATFORM = load_spacecraft("floating-platform")
@@ -136,7 +137,7 @@ def test_nozzles_along_lines_through_the_centre_have_one_spin(turn: float, scale
     lattice = Lattice(craft, PERIOD)
     assert (lattice.multiples == 0).all()
     assert (lattice.patterns.torque == 0).all()
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    rest = planar()
     assert lattice.net_spins(GoalSet(), rest, rest) == {0}
     with pytest.raises(ConfigError, match="misses by"):
         lattice.net_spins(GoalSet(spin=0.1), dataclasses.replace(rest, w=0.11), rest)
@@ -144,7 +145,7 @@ def test_nozzles_along_lines_through_the_centre_have_one_spin(turn: float, scale
 
 def test_spin_off_the_lattice() -> None:
     lattice = Lattice(PLATFORM, PERIOD)
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    rest = planar()
     spinning = dataclasses.replace(rest, w=2.4 * lattice.spin)
     with pytest.raises(ConfigError, match=r"misses by 0\.121 rad/s"):
         lattice.net_spins(GoalSet(), spinning, rest)
@@ -157,7 +158,7 @@ def test_missing_numba_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("compiled", "plane.lattice_kernel"):
         monkeypatch.delitem(sys.modules, f"rans.optimal.certificate.{name}", raising=False)
         monkeypatch.delattr(f"rans.optimal.certificate.{name}", raising=False)
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    rest = planar()
     with pytest.raises(ConfigError, match=r"pip install 'rans\[optimal\]'"):
         Relaxation(Lattice(PLATFORM, PERIOD), rest, rest, GoalSet(), 3, None)
 
