@@ -291,7 +291,10 @@ def _plain(episode: Episode) -> Episode:
 
 
 def _scenario_in(options: dict[str, Any], like: Scenario) -> Scenario | None:
-    """Scenario in the options of `reset`, checked against one of the same shape; None if there is none."""
+    """Scenario in the options of `reset`, checked against one of the same shape; None if there is none.
+
+    The given scenario replaces what the seed would draw; conditions are drawn as before.
+    """
     for key in options:
         if key != "scenario":
             raise ConfigError(f'unknown option {key!r} of reset; the only one is "scenario".')

@@ -299,7 +299,10 @@ class World:
 
     @cached_property
     def remembered(self) -> int:
-        """Number of last commands that an episode stores: the most that lag, faults, guard and reward look back."""
+        """Number of last commands that an episode stores: the most that lag, faults, guard and reward look back.
+
+        Too few would read past the end of `Episode.commands`; more cost memory in every kernel.
+        """
         delay = getattr(self.setup.guard, "delay", 0.0)
         queued = math.ceil(delay / self.timing.control_period - 1e-9)
         return max(
@@ -342,7 +345,10 @@ class World:
         )
 
     def step_inputs(self, episode: Episode, command: Command, draws: Draws | None) -> StepInputs:
-        """Body, commands and disturbances of a control period in which a command is held."""
+        """Body, commands and disturbances of a control period in which a command is held.
+
+        Draws depend on the number of the step, so that an episode that goes on from a stored state draws the same.
+        """
         parameters = episode.parameters
         period = self.timing.control_period
         drift = self.task.drift_at(episode.goal)
@@ -372,7 +378,10 @@ class World:
         return episode.reading if episode.reading is not None else self.read(episode, draws)
 
     def read(self, episode: Episode, draws: Draws | None, last: Any = None) -> Any:
-        """New reading of the sensors; the last reading, if there is one, is kept where they drop out."""
+        """New reading of the sensors; the last reading, if there is one, is kept where they drop out.
+
+        Each step has 16 blocks of random numbers: sensors may not take more, or steps would share them.
+        """
         parameters = episode.parameters
         if parameters is None or parameters.sensors is None or draws is None:
             return episode.state
@@ -557,7 +566,11 @@ def _least(one: dict[str, Field], other: dict[str, Field]) -> dict[str, Field]:
 
 
 def restart(world: World, outcome: Outcome, draws: Draws) -> Episode:
-    """Next episode where one has ended, elsewhere the same episode."""
+    """Next episode where one has ended, elsewhere the same episode.
+
+    It computes both everywhere and chooses, since nothing may branch; printed programs move the draws to where an
+    episode ended.
+    """
     ended = outcome.ended
     arrived = outcome.episode
 

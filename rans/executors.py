@@ -152,7 +152,10 @@ def answers(
     attempts = [0] * len(jobs)
 
     def submit(number: int) -> None:
-        """Submit the job with this number, once more if its worker was lost."""
+        """Submit the job with this number, once more if its worker was lost.
+
+        It changes ``numbers`` and ``attempts``; pickling happens here, once for each attempt.
+        """
         content = cloudpickle.dumps((function, jobs[number]))
         try:
             future = executor.submit(_job, version, state, content)
@@ -386,7 +389,10 @@ class _Submitit(Executor):
             job.cancel()
 
     def _watch(self) -> None:
-        """Submit new calls as arrays, and hand over the results of jobs that have ended."""
+        """Submit new calls as arrays, and hand over the results of jobs that have ended.
+
+        It runs in a thread of its own, alone with ``_begun``.
+        """
         while not self._closed.is_set():
             new = [self._new.get() for _ in range(self._new.qsize())]
             # A future that was cancelled before it began is left out.

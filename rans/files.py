@@ -471,7 +471,10 @@ def first_line(error: BaseException) -> str:
 
 
 def environment() -> dict[str, str]:
-    """Versions, revision of the code and hardware, which JSON files of measurements have under "environment"."""
+    """Versions, revision of the code and hardware, which JSON files of measurements have under "environment".
+
+    Readers of measurements show these keys; none may depend on what is imported later.
+    """
     torch = sys.modules.get("torch")  # only if it is already loaded
     gpu = (
         torch.cuda.get_device_name() if torch is not None and torch.cuda.is_available() else "none"

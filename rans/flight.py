@@ -181,7 +181,10 @@ class Flight(NotebookRepr):
         return Path(file)
 
     def rewards(self) -> dict[str, np.ndarray]:
-        """Reward terms of every step by name, (T, N); 0 after an episode's end."""
+        """Reward terms of every step by name, (T, N); 0 after an episode's end.
+
+        Kernels and engines pay the same terms as they fly; this computes them again from the stored states.
+        """
         after = map_leaves(lambda x: x[1:], self.states)
         goals = map_leaves(lambda x: x[1:] if x.ndim == 2 else x, self.goals)
         command = np.moveaxis(self.commands, 2, 0)
@@ -248,7 +251,10 @@ class Flight(NotebookRepr):
         return Episode(map_leaves(now, self.states), map_leaves(now, self.goals), clock=clock)
 
     def _outcomes(self) -> Iterator[Outcome]:
-        """Outcome of every step of all N episodes for `rans.verdict`, without rewards, T in all."""
+        """Outcome of every step of all N episodes for `rans.verdict`, without rewards, T in all.
+
+        It must judge as `rans.episode.step` does, from states that are stored (`tests/test_flight.py`).
+        """
         violated = self.violated_when()
         for k, commands in enumerate(self.commands):
             episode = self._episode(k + 1)

@@ -65,7 +65,10 @@ class Outline:
         return tuple(np.cos(_AROUND) * axes[a] + np.sin(_AROUND) * axes[b] for a, b in planes)
 
     def values(self, decimals: int) -> dict[str, Any]:
-        """Plain values for the script of a page, `rans/show/pages/craft.js`, rounded."""
+        """Plain values for the script of a page, `rans/show/pages/craft.js`, rounded.
+
+        `craft.js` reads these keys.
+        """
 
         def rounded(vector: np.ndarray) -> list[float]:
             # Zeros without a sign.

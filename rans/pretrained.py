@@ -78,7 +78,10 @@ def pretrained_folder(name: str) -> Path:
 
 
 def _folders() -> dict[str, Path]:
-    """Folder of each installed agent, by its name; an agent of this package has precedence."""
+    """Folder of each installed agent, by its name; an agent of this package has precedence.
+
+    Nothing is read of a folder before its agent is asked for.
+    """
     spec = importlib.util.find_spec(PACKAGE) if is_installed(PACKAGE) else None
     others = (spec and spec.submodule_search_locations) or ()
     return {

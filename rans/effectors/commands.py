@@ -22,7 +22,10 @@ _ROUNDING = 1e-6
 
 
 def action_space(craft: Spacecraft) -> spaces.Space[np.ndarray]:
-    """Gymnasium action space (n,): MultiDiscrete for on/off thrusters alone, else a Box of the bounds."""
+    """Gymnasium action space (n,): MultiDiscrete for on/off thrusters alone, else a Box of the bounds.
+
+    Agents' files have it, and Stable-Baselines3 refuses one that differs, also in the shape of its bounds.
+    """
     from gymnasium import spaces
 
     if not craft.is_continuous:
@@ -168,7 +171,10 @@ def is_identity(craft: Spacecraft) -> bool:
 
 
 def _command(command_range: CommandRange, output: Field) -> Field:
-    """A command (field) in its range from an output in [0, 1]; an on/off thruster opens from 0.5 on."""
+    """A command (field) in its range from an output in [0, 1]; an on/off thruster opens from 0.5 on.
+
+    Kernels and exports print it: 0.5 itself opens, in all of them.
+    """
     if command_range.kind == "on-off":
         return where(output < 0.5, output * 0.0, output * 0.0 + 1.0)
     scaled = (

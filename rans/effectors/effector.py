@@ -33,7 +33,10 @@ class Growth:
 
     @classmethod
     def of(cls, values: Sequence[Field], rule: Rule) -> Growth:
-        """Growth from values (fields) at the nodes of a quadrature rule (`rans.model.dynamics.RULES`)."""
+        """Growth from values (fields) at the nodes of a quadrature rule (`rans.model.dynamics.RULES`).
+
+        The second line is that of the growth times the elapsed share, which positions need.
+        """
         mean, first, second = (
             reduce(
                 add,

@@ -102,7 +102,10 @@ def _without_exhaust(wrench: Wrench) -> Wrench:
 
 
 def divided(piece: Piece, count: int) -> Iterator[Piece]:
-    """``count`` equal parts of a piece, in order; wrenches at their ends lie on the piece's line."""
+    """``count`` equal parts of a piece, in order; wrenches at their ends lie on the piece's line.
+
+    `Tank.burned` takes one part at a time, within which mass falls.
+    """
     duration, first, last, longest = piece
     for k in range(count):
         begins, ends = first, last

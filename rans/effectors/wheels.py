@@ -128,7 +128,10 @@ def wheel_inertia(wheels: Sequence[Wheel]) -> tuple[float, ...]:
 
 
 def along_axes(wheels: ReactionWheels, amounts: Sequence[Field]) -> Any:
-    """Sum of amounts (one a wheel) times axes, in B: a vector in space, a scalar about z in the plane; any unit."""
+    """Sum of amounts (one a wheel) times axes, in B: a vector in space, a scalar about z in the plane; any unit.
+
+    Zeros of axes are left out, so that a traced step has no operation for them.
+    """
     if wheels.dimension == 2:
         return reduce(add, (x * w.axis[2] for x, w in zip(amounts, wheels.wheels, strict=True)))
     columns = []

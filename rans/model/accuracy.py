@@ -161,7 +161,10 @@ def spin_up(craft: Spacecraft, body: Body | None = None) -> float:
 
 
 def _spin_up_by_thrusters_and_wheels(craft: Spacecraft, body: Body | None) -> float:
-    """Largest angular acceleration of their commands, rad/s^2; with several bodies, the largest among them."""
+    """Largest angular acceleration of their commands, rad/s^2; with several bodies, the largest among them.
+
+    The number of substeps follows from it: another number of substeps changes recorded flights in their last bits.
+    """
     accelerations = _ways(craft, body or Body.of(craft))
     directions = np.random.default_rng(0).normal(size=(64, 3))
     wheels = np.zeros((1, 0, accelerations.shape[-1]))
@@ -182,7 +185,10 @@ def _spin_up_by_thrusters_and_wheels(craft: Spacecraft, body: Body | None) -> fl
 
 
 def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
-    """Angular acceleration of every body by each fully open thruster, rad/s^2, (bodies, n, 1 or 3)."""
+    """Angular acceleration of every body by each fully open thruster, rad/s^2, (bodies, n, 1 or 3).
+
+    About the true centre of mass; a leak counts as thrust.
+    """
     tensors = np.atleast_3d(_tensors(body).T).T
     size = craft.dimension
     count = craft.thruster_count
@@ -207,7 +213,10 @@ def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
 
 
 def _wrenches(craft: Spacecraft, body: Body) -> np.ndarray:
-    """Wrench of each fully open thruster, N and N m: (n, 3 or 6), with true positions (bodies, n, 3 or 6)."""
+    """Wrench of each fully open thruster, N and N m: (n, 3 or 6), with true positions (bodies, n, 3 or 6).
+
+    About the designed centre of mass: `_ways` moves torques to the true one.
+    """
     if not body.mountings:
         return craft.wrenches
     size = craft.dimension

@@ -181,7 +181,10 @@ class Pulsed(Actuators):
         return [self._width(duty) * (1.0 / self.counts) for duty in command]
 
     def pulses(self, command: Command) -> Iterator[tuple[Field, Command]]:
-        """Pieces that end at every count, or at the closing times if fewer; see `Actuators.pulses`."""
+        """Pieces that end at every count, or at the closing times if fewer; see `Actuators.pulses`.
+
+        Widths are fields, so that they are sorted without a branch.
+        """
         widths = [self._width(duty) for duty in command]
         begun = past = 0.0
         regular = self.counts <= len(widths) + 1

@@ -210,7 +210,10 @@ def _state(
     turn: Rotation,
     stores: tuple[float, ...],
 ) -> Any:
-    """A state of the same kind as another, from position, velocity and spin (3,) in W; its own spin is in B."""
+    """A state of the same kind as another, from position, velocity and spin (3,) in W; its own spin is in B.
+
+    Its turn is from B to W.
+    """
     x, y, z = map(float, p)
     u = tuple(map(float, v))
     if isinstance(like, PlanarState):

@@ -16,7 +16,10 @@ _TINY = 1e-24
 
 
 def around(goal: Any, coordinates: Any) -> Any:
-    """The state that has these coordinates around the goal, given as 6 or 12 fields."""
+    """The state that has these coordinates around the goal, given as 6 or 12 fields.
+
+    MPC plans in these coordinates, and differentiates this function.
+    """
     if len(coordinates) == 6:
         px, py, turn, vx, vy, w = coordinates
         return PlanarState(

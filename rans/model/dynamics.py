@@ -180,7 +180,11 @@ def wrench(craft: Spacecraft, command: Sequence[Field], body: Body | None = None
 
 
 def wrench_of(craft: Spacecraft, openings: Sequence[Field], body: Body | None) -> Wrench:
-    """Wrench in B about the true centre of mass (N, N m) of thrusters with these shares, linear in them."""
+    """Wrench in B about the true centre of mass (N, N m) of thrusters with these shares, linear in them.
+
+    `thrust` turns commands into shares first. Sums run in the thrusters' order: another one changes flights bit by
+    bit.
+    """
     forces = [thruster.force for thruster in craft.thrusters]
     exhaust = None if craft.propellant is None else _dot(openings, forces)
     planar = craft.dimension == 2
@@ -346,7 +350,10 @@ class _Load:
 
 
 def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> PlanarState:
-    """State after a substep h (s) in the plane: the heading is a polynomial in time, translation a quadrature."""
+    """State after a substep h (s) in the plane: the heading is a polynomial in time, translation a quadrature.
+
+    An effect that is None has no operation here, and so none in a kernel.
+    """
     # Torque at the start, and its change until the end.
     torque = load.thrust.torque
     rise = None if load.change is None else load.change.torque

@@ -105,7 +105,10 @@ def fraction_of(part: Field, whole: Field) -> Field:
 
 
 def ascending(values: Sequence[Field]) -> list[Field]:
-    """The fields sorted in ascending order (by a bubble sort, which needs no branches)."""
+    """The fields sorted in ascending order (by a bubble sort, which needs no branches).
+
+    NaN is left where comparisons put it.
+    """
     result = list(values)
     for last in range(len(result) - 1, 0, -1):
         for k in range(last):
@@ -133,7 +136,10 @@ def leaves(tree: Any) -> tuple[Field, ...]:
 
 
 def _gather(tree: Any, leaves: list[Field]) -> None:
-    """Append the fields of a tree to a list, in the order of definition."""
+    """Append the fields of a tree to a list, in the order of definition.
+
+    This order is an interface: memory of kernels, rows of files and `_filled` have it.
+    """
     if tree is None:
         return
     if isinstance(tree, tuple):
@@ -159,7 +165,10 @@ def unflatten(tree: Tree, fields: Iterable[Field]) -> Tree:
 
 
 def _filled(tree: Any, fields: Iterator[Field]) -> Any:
-    """A tree like this one with the next fields in place of its own."""
+    """A tree like this one with the next fields in place of its own.
+
+    None stays None, so that a tree without an effect keeps its shape.
+    """
     if tree is None:
         return None
     if isinstance(tree, tuple):

@@ -135,7 +135,10 @@ class Random:
         self._spare: Field = None
 
     def unit(self) -> Field:
-        """Uniform in [0, 1), the next word of a hash: a multiple of 2^-24, the same in float32 and float64."""
+        """Uniform in [0, 1), the next word of a hash: a multiple of 2^-24, the same in float32 and float64.
+
+        A hash has four words; the next one begins with the next block. Pages compute the same hash in JavaScript.
+        """
         if not self._words:
             low, high = (self._episode * 0 + word for word in self._key)
             self._words = hash4(self._episode, self._episode * 0 + self._block, low, high)
@@ -198,7 +201,10 @@ class Random:
         return Vec3(r * cos(angle), r * sin(angle), z)
 
     def attitude(self) -> Heading | Quat:
-        """Attitude, uniform over the full circle or over SO(3) (Shoemake, Graphics Gems III)."""
+        """Attitude, uniform over the full circle or over SO(3) (Shoemake, Graphics Gems III).
+
+        One draw in the plane and three in space, in this order.
+        """
         if self.dimension == 2:
             return Heading(self.uniform(-math.pi, math.pi))
         u = self.unit()

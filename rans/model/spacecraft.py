@@ -257,7 +257,10 @@ class Spacecraft(NotebookRepr):
 
     @cached_property
     def commands(self) -> tuple[CommandRange, ...]:
-        """Commands of a control period: one per thruster, one per wheel, then those of further effectors."""
+        """Commands of a control period: one per thruster, one per wheel, then those of further effectors.
+
+        Networks, files of flights and action spaces have this order.
+        """
         actuators = self.actuators
         thrusters = (
             CommandRange(f"thruster {i}", actuators.kind, actuators.low, actuators.high)
@@ -698,7 +701,10 @@ def controls_every_direction(craft: Spacecraft) -> bool:
 
 
 def wrenches_either_way(craft: Spacecraft) -> np.ndarray:
-    """Wrench of each thruster, and of each wheel in both directions, N and N m: (3 or 6, effectors)."""
+    """Wrench of each thruster, and of each wheel in both directions, N and N m: (3 or 6, effectors).
+
+    A wheel has two columns, one for each sense, so that commands of all columns are 0 to 1.
+    """
     size = craft.dimension
     turns = np.array(
         [sign * np.array(column) for column in craft.wheel_map for sign in (1.0, -1.0)]

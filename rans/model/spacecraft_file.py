@@ -222,7 +222,10 @@ def spacecraft_label(craft: Spacecraft) -> str:
 
 
 def to_toml(craft: Spacecraft) -> str:
-    """TOML text from which `parse_spacecraft` reads the same spacecraft, up to rounding of directions."""
+    """TOML text from which `parse_spacecraft` reads the same spacecraft, up to rounding of directions.
+
+    Agents' folders have this text, and stored certificates its digest: a new key must be left out at its default.
+    """
     table: dict[str, Any] = dataclasses.asdict(craft)
     del table["further_effectors"]
     defaults = {f.name: f.default for f in dataclasses.fields(craft.actuators)}

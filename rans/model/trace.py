@@ -60,7 +60,11 @@ class Symbol:
     def _of(
         cls, operation: str, kind: Kind, args: tuple[Symbol, ...] = (), value: Any = None
     ) -> Symbol:
-        """The symbol of an operation; an equal one is the same object."""
+        """The symbol of an operation; an equal one is the same object.
+
+        What is equal here is computed once in every printed program. A symbol holds its operands, whose ids are in
+        its key.
+        """
         key = (operation, kind, tuple(map(id, args)), repr(value))
         if (existing := cls._interned.get(key)) is not None:
             return existing
@@ -103,7 +107,11 @@ class Symbol:
 
     @classmethod
     def apply(cls, operation: str, *operands: Operand) -> Symbol:
-        """Result of an operation on symbols and numbers, folded and simplified; equal ones are one object."""
+        """Result of an operation on symbols and numbers, folded and simplified; equal ones are one object.
+
+        Operands that commute are sorted, which does not change a result of IEEE arithmetic, but the text of
+        kernels.
+        """
         args = _alike(operation, operands)
         if all(arg.operation == "constant" for arg in args):
             return cls.constant(
@@ -182,7 +190,10 @@ def _operand_kind(operation: str, args: tuple[Symbol, ...]) -> Kind:
 
 
 def _simplified(operation: str, args: tuple[Symbol, ...]) -> Symbol | None:
-    """Simpler symbol with the same value wherever that is finite; None if there is none."""
+    """Simpler symbol with the same value wherever that is finite; None if there is none.
+
+    A division by a constant becomes a product, which rounds otherwise: programs equal the equations to rounding.
+    """
     a = args[0]
     b = args[-1]
     if operation in ("+", "*", "&", "|", "^") and a.operation == "constant":

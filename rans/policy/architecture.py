@@ -295,7 +295,10 @@ class Architecture:
         )
 
     def modules(self) -> dict[str, nn.Module]:
-        """Modules before the heads, in the order of SB3, with torch's initial weights."""
+        """Modules before the heads, in the order of SB3, with torch's initial weights.
+
+        Names become those of tensors in agents' files.
+        """
         modules: dict[str, nn.Module] = {"trunk": self._layers(self.inputs, self.layers)}
         if self.units:
             modules["core"] = nn.GRUCell(self.layers[-1], self.units)

@@ -322,7 +322,10 @@ def _place_of_rest(
     time: Field,
     factor: Field = 1.0,
 ) -> list[Field]:
-    """Error along each axis after a time (s) without thrust and then a braking, by ``factor`` times ``ways``."""
+    """Error along each axis after a time (s) without thrust and then a braking, by ``factor`` times ``ways``.
+
+    ``ways`` has a pair of accelerations, forth and back, for each axis; trained networks observe the result.
+    """
     return [
         e
         - v * time

@@ -97,7 +97,10 @@ class Filters(NamedTuple):
 
     @property
     def each(self) -> tuple[Filter, ...]:
-        """The filters, in the order in which their estimates follow one another in an observation."""
+        """The filters, in the order in which their estimates follow one another in an observation.
+
+        Shorter lists are filled with 0: no such effect.
+        """
         return tuple(
             Filter(
                 drift=drift,
@@ -187,7 +190,10 @@ class Filters(NamedTuple):
         return GateMemory.unpacked(layout, memory[-GateMemory.width(layout) :])
 
     def fits(self, layout: Layout, thrusters: int) -> bool:
-        """Whether the bank has the sizes that this layout, of an observation in B, and these thrusters need."""
+        """Whether the bank has the sizes that this layout, of an observation in B, and these thrusters need.
+
+        Files of strangers come here: whatever is not of these sizes would be an error inside of a flight.
+        """
         axes, spins = (block.width for block in layout.blocks[:2])
         sizes = (thrusters, axes), (thrusters, spins), (len(layout.blocks), 3)
         count = len(self.drift)

@@ -222,7 +222,10 @@ class GatedGaussian(NamedTuple):
         return GatedGaussian(*(x.gather(1, site) for x in (self.logit, self.level, spread)))
 
     def _drawn(self, uniform: Tensor, temperature: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
-        """Whether each fires, and its throttle, (N, n): the random number is uniform again within each choice."""
+        """Whether each fires, and its throttle, (N, n): the random number is uniform again within each choice.
+
+        One number serves both choices, so that rollouts draw as many numbers as for other heads.
+        """
         probability = torch.sigmoid(self.logit / temperature).detach()
         fires = uniform < probability
         within = torch.where(

@@ -216,7 +216,10 @@ class Filter(NamedTuple):
     # The update by a reading.
 
     def _updated(self, layout: Layout, read: Columns, prediction: _State) -> _State:
-        """State after a reading: the prediction, corrected by Kalman's gains times the innovation, in B."""
+        """State after a reading: the prediction, corrected by Kalman's gains times the innovation, in B.
+
+        It is traced into kernels and exports: operations on fields alone, and none that depends on a value.
+        """
         # Gains of poses, velocities and accelerations, each for the innovations of pose and of velocity.
         # A reading's noise is the unit, so that its variance is 1.
         xx, xv, xa, vv, va, aa = prediction.covariance
@@ -306,7 +309,10 @@ class Filter(NamedTuple):
     def _updated_responses(
         self, prediction: _State, innovations: tuple[Columns, Columns]
     ) -> tuple[Response, ...]:
-        """Responses after the innovations of velocity and spin (m/s, rad/s); empty if they are not estimated."""
+        """Responses after the innovations of velocity and spin (m/s, rad/s); empty if they are not estimated.
+
+        Variances are those of the prediction, before the reading. A covariance of 0 marks the begin of an episode.
+        """
         xx, _, _, vv, *_ = prediction.covariance
         return tuple(
             response.updated(innovation, (vv + 1.0) * strongest**2).restarted(

@@ -53,7 +53,10 @@ class Remembering:
         return self._like.new_zeros(count, width) if width else None
 
     def _parted(self, memory: Tensor | None, count: int) -> tuple[Tensor | None, Tensor | None]:
-        """History or recurrent state (N, m), and what filters remember, which know nothing without a memory."""
+        """History or recurrent state (N, m), and what filters remember, which know nothing without a memory.
+
+        A history comes first in the memory, filters behind it.
+        """
         architecture = self.architecture
         if not architecture.filtering:
             return memory, None

@@ -237,7 +237,10 @@ class Network(Remembering):
         return preprocessed[:, first:last] @ self._levers
 
     def inputs(self, preprocessed: Tensor, memory: Tensor | None = None) -> Tensor:
-        """Inputs of the trunk from columns (N, k) and a history (N, m), by member."""
+        """Inputs of the trunk from columns (N, k) and a history (N, m), by member.
+
+        With a history its rows follow the columns, viewed from the same side as these.
+        """
         architecture = self.architecture
         rows = self._rows(preprocessed)
         views_of_rows = (
@@ -304,7 +307,11 @@ class Network(Remembering):
         return x.to(dtype)
 
     def _core(self, x: Tensor, memory: Tensor, going_on: Tensor | None) -> Tensor:
-        """Outputs (..., T n, units) of the recurrent core for features (..., T n, i)."""
+        """Outputs (..., T n, units) of the recurrent core for features (..., T n, i).
+
+        With ``going_on`` (T, N) rows are of T steps, and the memory is that of each step's begin, of which the
+        first counts.
+        """
         of_inputs, of_memory = (
             [self.tensors[f"{EXTRACTOR}core.{kind}_{of}"] for kind in ("weight", "bias")]
             for of in ("ih", "hh")

@@ -72,7 +72,10 @@ class TorchPreprocessor(ColumnExecutor):
         return torch.stack(self._architecture.preprocessed(observation.unbind(dim=1)), dim=1)
 
     def viewed(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """See `ColumnExecutor`; there are filters, or several sides and a way to go."""
+        """See `ColumnExecutor`; there are filters, or several sides and a way to go.
+
+        Other executors are compared with it (`tests/compile/test_preprocess.py`).
+        """
         architecture = self._architecture
         if architecture.adapts:
             read, memory = rows.tensor_split([architecture.read_count], dim=1)

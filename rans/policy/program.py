@@ -68,7 +68,10 @@ class Program:
         return output
 
     def split(self, value: str, widths: Sequence[int], names: Sequence[str] = ()) -> list[str]:
-        """The value's last axis in pieces of these widths; none for a piece without any."""
+        """The value's last axis in pieces of these widths; none for a piece without any.
+
+        Names are those of the next steps, so that two values of one program may not be split under the same names.
+        """
         nonempty = [index for index, width in enumerate(widths) if width]
         if len(nonempty) == 1 and not names:
             return [value if width else "" for width in widths]
@@ -88,7 +91,10 @@ class Program:
         return self._single[value, width]
 
     def joined(self, *values: str, name: str = "") -> str:
-        """Values side by side along the last axis; empty names are nothing, a number is the same for all N."""
+        """Values side by side along the last axis; empty names are nothing, a number is the same for all N.
+
+        ONNX and C take rows of one length only, which is why numbers are spread first.
+        """
         parts = [value for value in values if value]
         row = next((part for part in parts if part not in self.constants), "")
         if row and len(row_numbers := self.constants.keys() & set(parts)):

@@ -197,7 +197,11 @@ class _Stages:
         self._uses = Counter([*requested, *(name for step in steps for name in step.inputs)])
 
     def through(self, step: Step, row: Sequence[Field]) -> Sequence[Field]:
-        """Record a layer in `stages`, and give inputs that stand for its outputs; see `Dense`."""
+        """Record a layer in `stages`, and give inputs that stand for its outputs; see `Dense`.
+
+        A layer is joined to the stage before only if nobody else reads that stage's outputs, since these are then
+        not stored.
+        """
         source, weight, bias = step.inputs
         (name,) = step.outputs
         units = int(step.attributes["units"])
@@ -277,7 +281,11 @@ def _number(x: Any) -> Field:
 
 
 def _largest(values: Sequence[Field]) -> _ArgMax:
-    """Index of the largest field as conditions, of equal ones the first: as NumPy's and torch's argmax."""
+    """Index of the largest field as conditions, of equal ones the first: as NumPy's and torch's argmax.
+
+    Ties decide commands: torch, machine code and C choose the same thruster only if the first of equals wins
+    everywhere.
+    """
     best = values[0]
     conditions = []
     for value in values[1:]:

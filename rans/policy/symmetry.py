@@ -99,7 +99,10 @@ def _arrow(craft: Spacecraft, thruster: Thruster) -> tuple[np.ndarray, np.ndarra
 
 
 def _places(craft: Spacecraft, view: np.ndarray) -> list[int] | None:
-    """Thrusters' permutation by a view (d, d); None unless inertia, arms, forces and supplies are alike."""
+    """Thrusters' permutation by a view (d, d); None unless inertia, arms, forces and supplies are alike.
+
+    Tolerances are `_ROUNDING`: a craft that is nearly symmetric has no symmetry.
+    """
     tensor = np.array(craft.inertia)
     slack = _ROUNDING * tensor.trace()
     if craft.dimension == 3 and not np.allclose(

@@ -201,7 +201,10 @@ def _commands(
 
 
 def parameters(network: Network) -> dict[str, np.ndarray]:
-    """Parameters of a program for a network of one member: float32 arrays by their names in the program."""
+    """Parameters of a program for a network of one member: float32 arrays by their names in the program.
+
+    These names are in exports and in machine code's tables; the scale is 1 / sqrt(variance + 1e-6), as in training.
+    """
     # Layers before the heads, without the critic's; gates of a recurrent core are layers of their own.
     tensors = {name: x.detach().cpu().float() for name, x in network.tensors.items()}
     architecture = network.architecture
@@ -305,7 +308,10 @@ class _View:
         )
 
     def columns(self, program: Program, layout: Layout, value: str, rows: bool = False) -> str:
-        """Columns (N, k), or with ``rows`` several rows of them (N, rows, k), as viewed from the side."""
+        """Columns (N, k), or with ``rows`` several rows of them (N, rows, k), as viewed from the side.
+
+        Rows of a history are turned by the side of the present observation.
+        """
         count, size, _ = self.views.turn.shape
         table = np.concatenate(
             (self.views.turn.reshape(count, -1), self.views.hand[:, None]), axis=1
@@ -355,7 +361,10 @@ def _normalised_history(
 def _next_history(
     program: Program, architecture: Architecture, history: str, body: str, command: str
 ) -> list[str]:
-    """Parts of the next history: moving averages of columns and command, then the last rows, oldest first."""
+    """Parts of the next history: moving averages of columns and command, then the last rows, oldest first.
+
+    `Remembering` has the same order in torch.
+    """
     newest = program.joined("" if architecture.commands_only else body, command, name="newest")
     width = architecture.row
     count = len(architecture.averages)

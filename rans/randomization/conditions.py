@@ -370,7 +370,10 @@ def _check_alike(first: Any, second: Any, section: str) -> None:
 
 
 def _mixed(parts: Sequence[Any], ends: Sequence[float], chance: Field) -> Any:
-    """The first part with the ranges of the part to whose share of [0, 1) the field ``chance`` belongs."""
+    """The first part with the ranges of the part to whose share of [0, 1) the field ``chance`` belongs.
+
+    Ranges that are alike in all parts stay as they are, without an operation.
+    """
     changed: dict[str, Any] = {}
     for range_field in fields(parts[0]):
         values = [getattr(part, range_field.name) for part in parts]

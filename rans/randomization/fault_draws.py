@@ -63,7 +63,10 @@ def draw_fault(
 
 
 def _named(faults: FaultConditions, body: Body, random: Random) -> Fault:
-    """The fault of thrusters that are named, each with its own fault kind."""
+    """The fault of thrusters that are named, each with its own fault kind.
+
+    A draw for each thruster, in the order in which they are named: recorded flights rely on it.
+    """
     begins = random.within(faults.time)
     gain = list(body.gain)
     leak = list(body.leak)
@@ -142,7 +145,10 @@ def _member(sets: Sequence[tuple[int, ...]], which: Field) -> tuple[Field, ...]:
 
 
 def _failure(kinds: Sequence[FaultKind], chance: Field, severity: Field) -> tuple[Field, Field]:
-    """Gain and leak (fields) of the fault kind that a number in [0, 1) selects, all kinds alike."""
+    """Gain and leak (fields) of the fault kind that a number in [0, 1) selects, all kinds alike.
+
+    Sets of `_places` are chosen by the same ``chance``, so that kind and set belong together.
+    """
     none = chance * 0.0
     full = chance * 0.0 + 1.0
     gain, leak = failed(kinds[0], severity, none, full)

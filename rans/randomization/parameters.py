@@ -217,7 +217,10 @@ class EpisodeParameters:
 
 
 def scaled(body: Body, factors: Sequence[Field]) -> Body:
-    """Body whose thrusters have forces times these factors (fields); a gain or leak of 0 stays constant."""
+    """Body whose thrusters have forces times these factors (fields); a gain or leak of 0 stays constant.
+
+    Zeros stay numbers, so that what a dead thruster does costs no operation.
+    """
     gain, leak = (
         tuple(
             x if isinstance(x, float) and x == 0.0 else x * k
@@ -366,7 +369,10 @@ def _across(direction: Sequence[float]) -> list[Sequence[float]]:
 
 
 def _body(conditions: Conditions, base: Body, random: Random, thrusters: Random) -> Body:
-    """Mass properties and thrusts of the episode; ``thrusters`` draws the factor of each thruster."""
+    """Mass properties and thrusts of the episode; ``thrusters`` draws the factor of each thruster.
+
+    The order of these draws is that of recorded flights; a new quantity is drawn last, or from a stream of its own.
+    """
     body = conditions.body
     given = conditions.thrusters
     mass = random.within(body.mass)

@@ -57,7 +57,10 @@ class Sensors:
 
 
 def draw_sensors(conditions: SensorsConditions, random: Random) -> Sensors | None:
-    """Draw the sensor errors of an episode; None if readings are the true state."""
+    """Draw the sensor errors of an episode; None if readings are the true state.
+
+    Quantities are drawn in the order p, attitude, v, w for each kind of error; recorded flights rely on it.
+    """
     sensors = conditions.each()
     off = SensorConditions()
 

@@ -252,7 +252,10 @@ def goal_after(task: Task, goal: State, state: State, time: Field) -> State:
 def reward_terms(
     task: Task, transition: Transition, done: Field | None, violated: Field | None
 ) -> dict[str, Field]:
-    """Terms (fields) of a task's reward by name, with those for success and for violated constraints."""
+    """Terms (fields) of a task's reward by name, with those for success and for violated constraints.
+
+    The order of terms is that of `Engine.term_names` and of logs.
+    """
     terms = task.reward(transition)
     if not isinstance(terms, Mapping):
         raise ConfigError(
@@ -269,7 +272,10 @@ def reward_terms(
 
 
 def typed_observation(task: Task, state: State, goal: State) -> Observation:
-    """Observation of a measured state with a goal, as typed terms."""
+    """Observation of a measured state with a goal, as typed terms.
+
+    This layout is the paper's, and every network's: terms may be added behind, and none may move.
+    """
     flag = state.attitude.columns()[0] * 0.0 + task.flag_of(goal)
     data = task.observation_terms(state, goal)
     missing = _DATA_COLUMNS[len(state.p.columns())] - sum(len(entry.columns()) for entry in data)

@@ -75,7 +75,11 @@ class GoToPosition(SingleTask):
         return {"position": (goal.p - state.p).norm(), "spin": speed(state.spin())}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """Terms (fields): exp(-distance / scale) of the original system, two more scales, and low spin."""
+        """Terms (fields): exp(-distance / scale) of the original system, two more scales, and low spin.
+
+        Shipped agents were trained with it, so that another term or scale needs a setting whose default leaves it
+        out.
+        """
         distance, spin = self.errors(transition.state, transition.goal).values()
         near = partial(nearness, distance, rest=self.rest_position)
         still = nearness(spin, self.stillness_scale, self.rest_spin)

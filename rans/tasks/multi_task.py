@@ -104,7 +104,10 @@ class MultiTask(Task):
         return goal.notes.flag
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start and goal of the drawn task, whose flag is in the goal's notes; every task draws."""
+        """Start and goal of the drawn task, whose flag is in the goal's notes; every task draws.
+
+        All tasks draw, whichever is chosen, so that a batch of fields draws as one episode does.
+        """
         parts = tuple(self.parts().values())
         draw = random.unit() * len(self.tasks)
         flag = draw * 0.0 + float(parts[0].flag)
@@ -132,7 +135,10 @@ class MultiTask(Task):
     def _choices(
         self, terms: Sequence[tuple[ObservationTerm, ...]], width: int
     ) -> tuple[Choice, ...]:
-        """Blocks of the second term of `observation_terms`, by the flag of the drawn task."""
+        """Blocks of the second term of `observation_terms`, by the flag of the drawn task.
+
+        Symmetries mirror the columns by it.
+        """
 
         def blocks(data: Sequence[ObservationTerm]) -> tuple[Block, ...]:
             used = tuple(entry.block() for entry in data)

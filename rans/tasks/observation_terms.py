@@ -238,7 +238,10 @@ class Block(NamedTuple):
     choices: tuple[Choice, ...] = ()
 
     def mirrored(self, columns: Columns, view: Turned, hand: Field, flag: Field) -> Columns:
-        """Columns (fields) in B under a symmetry of the spacecraft, for a task flag."""
+        """Columns (fields) in B under a symmetry of the spacecraft, for a task flag.
+
+        ``view`` turns vectors of B, and ``hand`` is -1 for a mirror image, which reverses angular velocities.
+        """
         result = self.kind.mirrored(columns, view, hand)
         for choice, blocks in self.choices:
             images = [

@@ -80,7 +80,11 @@ def map_settings(function: Callable[..., Any], *tasks: Tree, checked: bool = Fal
 
 
 def _mapped(function: Callable[..., Any], name: str, values: tuple[Any, ...], checked: bool) -> Any:
-    """A function applied to the numbers of several settings side by side, in tuples and dataclasses too."""
+    """A function applied to the numbers of several settings side by side, in tuples and dataclasses too.
+
+    Names of inner settings have dots (``thrust.weight``), those of entries numbers (``range.0``): curricula read
+    them.
+    """
     first = values[0]
     if isinstance(first, tuple):
         return tuple(

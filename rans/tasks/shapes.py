@@ -68,7 +68,10 @@ class Ball(Shape):
         return replace(self, centre=self.centre + self.v.scale(time))
 
     def entries(self, name: str, state: State) -> tuple[ObservationTerm, ...]:
-        """Vector to the centre and relative velocity, both in W, and distance from the surface."""
+        """Vector to the centre and relative velocity, both in W, and distance from the surface.
+
+        Networks are trained on this order.
+        """
         return (
             InformationInW(
                 f"{name} d",
