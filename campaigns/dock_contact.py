@@ -17,6 +17,7 @@ from rans_missions.tasks import DockPort
 
 from rans.episode import Setup
 from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.measure.metrics import won
 from rans.model.fields import map_leaves
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, scenarios
@@ -55,9 +56,7 @@ class DockContact:
                     )
                     for k in range(self.episodes)
                 ]
-                assert free.done is not None
-                docked = free.done & ~free.violated()
-                yield _row(name, port, docked, dockings)
+                yield _row(name, port, won(free), dockings)
 
 
 def _row(agent: str, port: str, docked: np.ndarray, dockings: list[Docking]) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from rans_missions.two_body import TwoBodyMover, relative_motion
 
 from campaigns.missions import of_first, row, row_of
 from campaigns.satellites import directions
-from rans.evaluation.measure.metrics import impulses
+from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import Flight, fly
 from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.fields import Vec3
@@ -155,7 +155,6 @@ def _two_body(craft: Spacecraft, task: Dock) -> TwoBodyMover:
 
 def _median(flight: Flight) -> float:
     """Median time until the end of the period of the docking, s; NaN where nobody docked."""
-    assert flight.done is not None
     assert flight.lengths is not None
-    times = flight.lengths[flight.done & ~flight.violated()] * flight.timing.control_period
+    times = flight.lengths[won(flight)] * flight.timing.control_period
     return float(np.median(times)) if len(times) else float("nan")

@@ -22,7 +22,7 @@ from campaigns.missions import least_impulses, of_first, row_of
 from campaigns.parts import in_parts
 from campaigns.passive import quantile
 from rans.episode import Setup
-from rans.evaluation.measure.metrics import PERCENTILES, impulses, settling_times, solved
+from rans.evaluation.measure.metrics import PERCENTILES, impulses, settling_times, won
 from rans.evaluation.measure.statistics import figure as rounded
 from rans.files import number
 from rans.flight import fly
@@ -213,11 +213,10 @@ def flown(_: None, name: str, first: int, count: int, seed: int, mission: str) -
         conditions=conditions.or_none,
         draws=draws(seed, count, first) if conditions.or_none else None,
     )
-    broken = flight.violated()
     (margins,) = flight.margins.values()
     return (
-        solved(flight) & ~broken,
-        broken,
+        won(flight),
+        flight.violated(),
         settling_times(flight),
         impulses(flight),
         margins.min(axis=0),

@@ -20,7 +20,7 @@ from rans_missions.tasks.inspect import Inspect
 from campaigns.parts import in_parts
 from rans.episode import Guard, Setup
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.measure.metrics import impulses
+from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import Controller, fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED, each, scenarios
@@ -74,15 +74,13 @@ def flown(_: None, who: str, first: int, count: int, seed: int) -> np.ndarray:
     controller, guard = CONTESTANTS[who](Setup(craft, task))
     flight = fly(craft, task, controller, starts, task.timing, guard=guard)
     assert isinstance(task, Inspect)
-    assert flight.done is not None
     assert flight.lengths is not None
     times = flight.lengths * task.timing.control_period
-    broken = flight.violated()
     bounds = []
     for start, time in zip(each(starts), times, strict=True):
         one: Any = start
         bounds.append(inspection_bound(craft, task, one.start, one.goal, float(time), task.timing))
-    return np.stack([flight.done & ~broken, broken, times, impulses(flight), bounds], axis=1)
+    return np.stack([won(flight), flight.violated(), times, impulses(flight), bounds], axis=1)
 
 
 def _row(who: str, flights: np.ndarray) -> dict[str, Any]:

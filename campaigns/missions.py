@@ -34,7 +34,7 @@ from rans_missions.tasks.orbital import OrbitalMission
 from rans.episode import Setup
 from rans.errors import SolverFailed
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.measure.metrics import impulses, solved
+from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import Controller, Flight, fly
 from rans.model.body import Body
 from rans.model.fields import map_leaves
@@ -335,9 +335,9 @@ def row_of(
 
     Numbers that are not known, such as a ratio without a bound, are NaN.
     """
-    violated = flight.violated()
-    won = solved(flight) & ~violated
-    return row(condition, who, won, violated, spent, (spent / lower[: len(spent)])[won])
+    successes = won(flight)
+    ratios = (spent / lower[: len(spent)])[successes]
+    return row(condition, who, successes, flight.violated(), spent, ratios)
 
 
 def row(

@@ -14,7 +14,7 @@ from rans_missions.control.passive_entry import PassiveEntry
 from rans_missions.passive_flights import passive_safety
 
 from campaigns.parts import in_parts
-from rans.evaluation.measure.metrics import PERCENTILES, impulses, settling_times, solved
+from rans.evaluation.measure.metrics import PERCENTILES, impulses, settling_times, won
 from rans.evaluation.measure.statistics import figure
 from rans.files import number
 from rans.flight import Controller, fly
@@ -119,7 +119,7 @@ def flights(_: None, name: str, first: int, count: int, seed: int) -> Flown:
     flight = fly(craft, task, made(craft, task, task.timing), starts, task.timing)
     safety = passive_safety(flight)
     return Flown(
-        solved(flight) & ~flight.violated(),
+        won(flight),
         settling_times(flight),
         impulses(flight),
         safety.distance,

@@ -21,7 +21,7 @@ from rans_missions.two_body import Perturbations, TwoBodyMover, perturbed_motion
 
 from campaigns.elliptic import gaps
 from campaigns.satellites import directions
-from rans.evaluation.measure.metrics import impulses
+from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import fly
 from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.spacecraft_file import load_spacecraft
@@ -71,11 +71,10 @@ class Perturbed:
         starts = scenarios(perturbed, craft, self.seed, self.bounded)
         answers = transfer_bounds(craft, perturbed, starts, _DEADLINE)
         flight = fly(craft, perturbed, MissionGuidance(craft, perturbed), starts, timing)
-        assert flight.done is not None
         return {
             "bounds": [answer.lower for answer in answers],
             "spent": impulses(flight).tolist(),
-            "won": (flight.done & ~flight.violated()).tolist(),
+            "won": won(flight).tolist(),
         }
 
     def _flown(self) -> list[dict[str, Any]]:
@@ -101,7 +100,6 @@ class Perturbed:
             starts = scenarios(task, craft, self.seed, count)
             pilot = MissionGuidance(craft, knows)
             flight = fly(craft, task, pilot, starts, timing, mover)
-            assert flight.done is not None
             spent = impulses(flight)
             if not len(calm):
                 calm = spent
@@ -111,7 +109,7 @@ class Perturbed:
                     "who": who,
                     "flown in": flown_in,
                     "starts": count,
-                    "won": 100.0 * float((flight.done & ~flight.violated()).mean()),
+                    "won": 100.0 * float(won(flight).mean()),
                     "broken": 100.0 * float(flight.violated().mean()),
                     "spent": float(spent.mean()),
                     "more": 100.0 * float(spent.sum() / calm[:count].sum() - 1.0),

@@ -14,7 +14,7 @@ from rans_missions.slosh.liquid import Slosh
 
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
-from rans.evaluation.measure.metrics import impulses, settling_times, solved
+from rans.evaluation.measure.metrics import impulses, settling_times, won
 from rans.flight import Flight
 from rans.model.spacecraft import Spacecraft
 from rans.scenario import EVALUATION_SEED
@@ -64,28 +64,30 @@ class Sloshing:
         run = contestant(who)
         setup = run.judged._replace(craft=with_slosh(run.craft, share))
         flight = fly_episodes(run.controller, setup, self.seed, self.episodes).flight
-        won = _won(flight)
-        times = settling_times(flight)[won]
+        successes = won(flight)
+        times = settling_times(flight)[successes]
         drake = 0 if share < max(SHARES) else min(self.drake, self.episodes)
         there = float("nan")
         if drake:
             other = fly_episodes(run.controller, setup, self.seed, drake, "drake", workers=1)
-            there = float(_won(other.flight).mean())
+            there = float(won(other.flight).mean())
         return {
             "who": who.removeprefix("pretrained:"),
             "share": share,
             "starts": self.episodes,
             # Share that settled, or docked without breaking a limit; and that broke one.
-            "won": float(won.mean()),
+            "won": float(successes.mean()),
             "violated": float(flight.violated().mean()),
             # Median time and mean impulse of those that won, s and N s.
             "time": float(np.median(times)) if len(times) else float("nan"),
-            "impulse": float(impulses(flight)[won].mean()) if won.any() else float("nan"),
+            "impulse": float(impulses(flight)[successes].mean())
+            if successes.any()
+            else float("nan"),
             "swing": _swing(flight),
             # Shares of the first starts that win in Drake, and in RANS.
             "drake": there,
             "drake_starts": drake,
-            "drake_here": float(won[:drake].mean()) if drake else float("nan"),
+            "drake_here": float(successes[:drake].mean()) if drake else float("nan"),
         }
 
 
@@ -100,10 +102,6 @@ def with_slosh(craft: Spacecraft, share: float) -> Spacecraft:
     liquid = share * craft.mass / of_one.mass
     slosh = Slosh.in_cylinder(liquid, *tank, _DAMPING_RATIO, _ACCELERATION)
     return replace(craft, further_effectors=(slosh,))
-
-
-def _won(flight: Flight) -> np.ndarray:
-    return solved(flight) & ~flight.violated()
 
 
 def _swing(flight: Flight) -> float:

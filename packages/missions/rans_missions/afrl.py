@@ -17,6 +17,7 @@ from rans.effectors.commands import per_velocity
 from rans.extend import ConfigError, Spacecraft, Task, Timing, read_bytes, require
 from rans_missions.tasks import Dock
 from rans_missions.tasks.inspect import Inspect
+from rans_missions.vectors import components
 
 NORMS = np.array([100.0, 100.0, 100.0, 0.5, 0.5, 0.5])
 """Divisors of position, m, and velocity, m/s. The count of points is divided by 100, and nothing else."""
@@ -177,7 +178,7 @@ class AfrlInspection(_Afrl):
         inspected = np.stack(
             [np.broadcast_to(known, count) for _, known in self._task.markers(goal)], axis=1
         )
-        sun = np.stack([np.broadcast_to(x, count) for x in self._task.sun(goal).columns()], axis=1)
+        sun = components(self._task.sun(goal), count)
         light = math.cos(math.radians(self._task.light_degrees))
         waiting = ~inspected & (sun @ self._normals.T > light)
         directions = np.zeros((count, 3))

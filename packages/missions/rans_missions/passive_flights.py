@@ -11,6 +11,7 @@ import numpy as np
 
 from rans.extend import ConfigError, Flight, Sample
 from rans.model.drift import ClohessyWiltshire
+from rans_missions.vectors import motion_of
 
 if TYPE_CHECKING:
     from rans_missions.passive_safety import CoastZone
@@ -87,7 +88,7 @@ def passive_safety(
     n = drift.mean_motion
     seconds = 2.0 * math.pi / n if seconds is None else seconds
     period = flight.timing.control_period
-    states = np.stack([*flight.states.p.columns(), *flight.states.v.columns()], axis=-1)
+    states = motion_of(flight.states)
     periods, count = flight.commands.shape[:2]
     # Periods that count: before success, before the approach, and with finite states.
     lengths = np.full(count, periods) if flight.lengths is None else np.asarray(flight.lengths)

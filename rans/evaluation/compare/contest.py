@@ -195,7 +195,7 @@ class Entry:
         """(N,) whether each flight of a mission that ends succeeded without breaking a limit."""
         done = self.flight.done
         assert done is not None
-        return done & ~self.flight.violated() if self.flight.margins else done
+        return done & ~self.flight.violated()
 
     @cached_property
     def success(self) -> np.ndarray:

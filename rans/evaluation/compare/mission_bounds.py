@@ -50,11 +50,8 @@ class MissionBounds:
 
     def over(self, entry: Entry) -> np.ndarray:
         """Ratio of cost to the lower bound of the same start, (n,); NaN without a success, or for a bound of 0."""
-        flight = entry.flight
-        assert flight.done is not None
-        succeeded = (flight.done & ~flight.violated())[: len(self.lower)]
         lower = np.where(self.lower > 0.0, self.lower, np.nan)
-        return np.where(succeeded, self.spent(entry) / lower, np.nan)
+        return np.where(entry.won[: len(self.lower)], self.spent(entry) / lower, np.nan)
 
     def ratios(self, entry: Entry) -> np.ndarray:
         """Ratio of cost to the bound (> 0) of the same start, for those of the first n flights that succeeded."""

@@ -195,6 +195,11 @@ def solved(flight: Flight) -> np.ndarray:
     return np.asarray(flight.verdict.solved)
 
 
+def won(flight: Flight) -> np.ndarray:
+    """(N,) whether each episode was solved, and no limit was broken in it."""
+    return solved(flight) & ~flight.violated()
+
+
 def metric_definitions(task: Task) -> tuple[str, str, str]:
     """Definitions of "solved", "settled" and "settling time" for a task that holds a goal, or for a mission."""
     if type(task).done is Task.done:

@@ -27,7 +27,6 @@ from rans.extend import (
     Vec3,
     World,
     environment,
-    leaves,
     map_leaves,
     unseen,
     write_json,
@@ -36,6 +35,7 @@ from rans.randomization.parameters import StepInputs
 from rans.scenario import each
 from rans_missions.convex.landing import Descent, Lander, Landing, best_landing
 from rans_missions.tasks.land import Land
+from rans_missions.vectors import numbers
 
 REPLAY_BOUND = 0.1
 """Largest distance between the planned and the flown end, m, a tenth of the task's tolerance: between two knots the
@@ -115,7 +115,7 @@ def landings(
     times = period, period * task.timing.episode_steps
     answers = []
     for number, scenario in enumerate(each(starts)):
-        start = _columns(scenario.start.p), _columns(scenario.start.v)
+        start = numbers(scenario.start.p), numbers(scenario.start.v)
         # The plan that is flown has a model which the craft can follow; the bound's may do more.
         result = best_landing(lander, descent, start, period, "flyable", times)
         answer = LandingAnswer(number, result)
@@ -184,7 +184,7 @@ def _missed(
 ) -> float:
     """Distance, m, between the plan's end and that of its flight."""
     last = replay_landing(craft, task, lander, start, plan, drake)[-1]
-    return float(np.linalg.norm(_columns(last.p) - plan.p[-1]))
+    return float(np.linalg.norm(numbers(last.p) - plan.p[-1]))
 
 
 def _upright_along(direction: np.ndarray) -> Quat:
@@ -192,11 +192,6 @@ def _upright_along(direction: np.ndarray) -> Quat:
     x, y, z = direction / np.linalg.norm(direction)
     w = math.sqrt(0.5 * (1.0 + z))
     return Quat(*(np.array([value]) for value in (w, -0.5 * y / w, 0.5 * x / w, 0.0)))
-
-
-def _columns(vector: Any) -> np.ndarray:
-    """Components (3,) of a vector of numbers or of arrays of one number."""
-    return np.array([float(np.asarray(x).item()) for x in leaves(vector)])
 
 
 def landing_table(title: str, answers: list[LandingAnswer]) -> Table:

@@ -13,6 +13,7 @@ import numpy as np
 from rans.extend import Scenario, Spacecraft, State, Timing
 from rans_missions.convex import waypoints
 from rans_missions.tasks import DockPort
+from rans_missions.vectors import numbers
 
 _SPANS = 20
 """Number of spans of an episode in which a craft may enter the cone of a port, or dock."""
@@ -56,9 +57,7 @@ def least_to_dock_at(
     """
     start: Any = one.start
     docked: Any = task.later(one.goal, time)
-    position, velocity = (
-        np.array([float(x) for x in column.columns()]) for column in (docked.p, docked.v)
-    )
+    position, velocity = numbers(docked.p), numbers(docked.v)
     near = task.tolerances()
     drift = _DRIFT * time
     far = near["position"] + drift * near["velocity"]
@@ -82,8 +81,8 @@ def _begins_inside(task: DockPort, one: Scenario) -> bool:
     """Whether the start is in the sphere of the cone's length around its apex."""
     start: Any = one.start
     goal: Any = one.goal
-    at = np.array([float(x) for x in start.p.columns()])
-    apex = np.array([float(x) for x in goal.p.columns()])
+    at = numbers(start.p)
+    apex = numbers(goal.p)
     apex *= 1.0 - task.cone_depth / task.standoff
     return float(np.linalg.norm(at - apex)) <= task.cone_length
 
@@ -125,7 +124,7 @@ def port_waypoints(
     ports = []
     for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         then: Any = task.later(goal, 0.5 * (first + last))
-        place = np.array([float(x) for x in then.p.columns()])
+        place = numbers(then.p)
         out = place / np.linalg.norm(place)
         mouths.append(waypoints.Waypoint(first, last, middle * out, rim, out, middle - plane))
         ports.append(waypoints.Waypoint(first, last, place, near))

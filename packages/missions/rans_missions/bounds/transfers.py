@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.measure.metrics import impulses
+from rans.evaluation.measure.metrics import impulses, won
 from rans.extend import (
     Controller,
     Flight,
@@ -281,5 +281,4 @@ def _to_stay(meeting: Meeting, start: np.ndarray, answer: Answer) -> MeetingTran
 
 def row_of(name: str, flight: Flight) -> Row:
     """Row of the flights of a contestant."""
-    violated = flight.violated()
-    return Row(name, flight.done & ~violated, violated, impulses(flight))
+    return Row(name, won(flight), flight.violated(), impulses(flight))

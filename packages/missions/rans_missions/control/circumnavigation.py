@@ -31,6 +31,7 @@ from rans_missions.passive_safety import (
     single_coasts,
 )
 from rans_missions.tasks.inspect import Inspect
+from rans_missions.vectors import motion_of
 
 _WAITS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 """Times until the first burn, as shares of an orbit."""
@@ -158,6 +159,8 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
     name = "circumnavigation"
     slow: ClassVar[bool] = True
     heeds_constraints: ClassVar[bool] = True
+    mission = Inspect
+    purpose = "circumnavigation flies inspections"
 
     def __init__(
         self,
@@ -167,7 +170,7 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         within: float | None = None,
         safe_coasts: bool = False,
     ) -> None:
-        super().__init__(craft, task, timing, Inspect, "circumnavigation flies inspections")
+        super().__init__(craft, task, timing)
         length = self._period * self._timing.episode_steps
         self._within = length if within is None else within
         self._safe_coasts = safe_coasts
@@ -289,7 +292,7 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         p, v = self.task.drift.carry(state.p, state.v, 0.5 * self._period)
         planned = searched.changes[:, 0]
         expected = searched.middle
-        away = np.array([*p.columns(), *v.columns()]) - expected.T
+        away = motion_of(replace(state, p=p, v=v)).T - expected.T
         back = velocity_to_reach(self.task.drift, Vec3(*away[:3]), Vec3(0.0, 0.0, 0.0), _BACK)
         missing = np.array(back.columns()) - away[3:]
         corrects = np.linalg.norm(missing, axis=0) > np.maximum(_TRIM, _DOUBT * errors)
@@ -313,7 +316,7 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         if not self._searches or left <= self._period:
             return False
         state_now, target_now = map_leaves(lambda x: float(x[row]), (state, goal))
-        start = np.array([*state_now.p.columns(), *state_now.v.columns()])
+        start = motion_of(state_now)
         perfect = self._filter is None
         search = InspectionSearch(
             self.task,
@@ -377,7 +380,7 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
 
     def _estimated(self, navigation: NavigationFilter, state: Any) -> tuple[Any, Any, Any]:
         """Estimated state after a reading, and standard deviations (N,) of a component of position and velocity."""
-        reading = np.array([*state.p.columns(), *state.v.columns()]).T
+        reading = motion_of(state)
         mean, covariance = navigation.read(reading)
         variance = np.diagonal(covariance, axis1=1, axis2=2)
         deviations = np.sqrt(variance[:, :3].max(axis=1)), np.sqrt(variance[:, 3:].max(axis=1))
@@ -481,7 +484,7 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
             Whether there is one that costs less than a price, m/s; else nothing is set.
         """
         n, half = self.task.mean_motion, 0.5 * self._period
-        start = np.array([*state_now.p.columns(), *state_now.v.columns()])
+        start = motion_of(state_now)
         # Changes of velocity in the middle of this period, and coasts through it afterwards, as states of now.
         random = np.random.default_rng(0)
         direction = random.normal(size=(_DETOURS, 3))
@@ -708,7 +711,7 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
         count = len(first)
         if not count:
             return np.zeros(0, bool)
-        start = np.array([*state_now.p.columns(), *state_now.v.columns()])
+        start = motion_of(state_now)
         where = np.zeros((count, 3)) if via is None else via
         plans = _Plans(
             first=first,

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from rans.extend import Spacecraft, Task, Timing, leaves
+from rans.extend import leaves
 from rans_missions.control.velocity_guidance import VelocityGuidance
 from rans_missions.guidance.along_axis import AlongAxis
 from rans_missions.tasks.final_approach import FinalApproach
+from rans_missions.vectors import motion_of
 
 _FASTEST = 0.2
 """Greatest speed along the axis, m/s."""
@@ -38,14 +39,13 @@ class Corridor(VelocityGuidance[FinalApproach]):
     """
 
     name = "corridor"
+    mission = FinalApproach
+    purpose = "the corridor guidance flies final approaches"
 
-    def __init__(
-        self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None = None
-    ) -> None:
-        super().__init__(
-            craft, task, timing, FinalApproach, "the corridor guidance flies final approaches"
-        )
-        self._law = AlongAxis(self.task.mean_motion, self._period)
+    @cached_property
+    def _law(self) -> AlongAxis:
+        """LQR that keeps the craft at their references."""
+        return AlongAxis(self.task.mean_motion, self._period)
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
@@ -63,6 +63,6 @@ class Corridor(VelocityGuidance[FinalApproach]):
             contact = 0.5 * self.task.velocity_tolerance
             return np.minimum(contact + _SLOWING * np.maximum(distance, 0.0), _FASTEST)
 
-        rows = np.stack(leaves((state.p, state.v)), axis=1)
+        rows = motion_of(state)
         change = self._law.change(rows, line, speed, nearest=0.0)
         return change, np.ones(len(rows), bool)

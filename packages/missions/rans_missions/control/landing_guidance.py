@@ -35,6 +35,7 @@ from rans_missions.convex.steered_landing import (
     tilt_rate,
 )
 from rans_missions.tasks.land import Land
+from rans_missions.vectors import components
 
 _STATES = 11
 """Number of states of a plan without roll."""
@@ -179,7 +180,7 @@ class LandingGuidance(PlanningGuidance["_Followed"]):
             self.reset(count)
         columns = [np.asarray(x, float) for x in leaves(replace(state, stores=()))]
         columns.append(np.asarray(state.stores[0], float))
-        site = np.stack([np.broadcast_to(x, count) for x in goal.p.columns()], axis=1)
+        site = components(goal.p, count)
         height = np.asarray(state.p.z, float) - site[:, 2]
         self._landed = self._landed | self._mission.reached(state, goal) | (height <= 0.0)
         engines = self._craft.thruster_count

@@ -36,6 +36,7 @@ from rans.randomization.conditions import largest
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.navigation_filter import NavigationFilter
 from rans_missions.tasks.orbital import OrbitalMission
+from rans_missions.vectors import components
 
 _DOUBT = 2.0
 """Standard deviations of a correction below which it is not given: it would mostly correct errors of navigation."""
@@ -219,7 +220,8 @@ class MissionGuidance(ModelBased):
         burns = change.norm() > small
         change = map_leaves(lambda x: np.where(burns, x, 0.0), change)
         in_body = state.attitude.to(self._identity).rotate(change)
-        command = np.clip(_rows(in_body, state) @ self._levers.T, 0.0, 1.0)
+        shape = np.shape(state.p.x)
+        command = np.clip(components(in_body, shape) @ self._levers.T, 0.0, 1.0)
         if self._counts is not None:
             command = np.floor(command * self._counts) / self._counts
         acceleration = None
@@ -228,7 +230,7 @@ class MissionGuidance(ModelBased):
         command = self._afterwards.commands(state, goal, command, acceleration)
         if self._filter is not None:
             burn_in_body = type(state.p)(*(command @ self._changes).T)
-            burn = _rows(self._identity.to(state.attitude).rotate(burn_in_body), state)
+            burn = components(self._identity.to(state.attitude).rotate(burn_in_body), shape)
             past = 0.0 if self._past is None else self._past
             self._filter.burn((1.0 - self._late) * burn + self._late * past)
             self._past = burn
@@ -254,7 +256,10 @@ class MissionGuidance(ModelBased):
         What is still to come of the last burn is part of the estimated velocity.
         """
         d = self._craft.dimension
-        reading = np.concatenate([_rows(state.p, state), _rows(state.v, state)], axis=1)
+        shape = np.shape(state.p.x)
+        reading = np.concatenate(
+            [components(vector, shape) for vector in (state.p, state.v)], axis=1
+        )
         mean, covariance = navigation.read(reading)
         past = np.zeros((len(mean), d)) if self._past is None else self._past
         vector = type(state.p)
@@ -268,10 +273,3 @@ class MissionGuidance(ModelBased):
         coming = ((self._lateness * past) ** 2).sum(axis=1)
         variance = of_p / time**2 + 2.0 * mixed / time + of_v + coming
         return replace(state, p=p, v=v), _DOUBT * np.sqrt(variance)
-
-
-def _rows(vector: Any, state: Any) -> np.ndarray:
-    """Components of a vector side by side, (N, d), for the N episodes of a state."""
-    shape = np.shape(state.p.x)
-    columns = [np.broadcast_to(np.asarray(x, float), shape) for x in vector.columns()]
-    return np.stack(columns, axis=1)

@@ -7,14 +7,12 @@ frame.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rans.extend import Spacecraft, Task, Timing
 from rans_missions.control.passively_safe import PassivelySafeGuidance
 from rans_missions.control.velocity_guidance import closed_ellipse, weaker
 from rans_missions.passive_safety import (
@@ -25,6 +23,7 @@ from rans_missions.passive_safety import (
     single_coasts,
 )
 from rans_missions.tasks.hold import Hold
+from rans_missions.vectors import motion_of
 
 _LEGS = ((1, 24), (2, 6000), (3, 8000))
 """Numbers of coasts of plans, and how many of these are drawn first: one has only its time to choose."""
@@ -108,20 +107,14 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
 
     name = "passive"
     heeds_constraints: ClassVar[bool] = True
-
-    def __init__(
-        self,
-        craft: str | Path | Spacecraft,
-        task: str | Task,
-        timing: Timing | None = None,
-    ) -> None:
-        super().__init__(craft, task, timing, Hold, "passive approach flies to hold points")
-        self.reset(0)
+    mission = Hold
+    purpose = "passive approach flies to hold points"
+    _plans: Sequence[_Plan] = ()
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; forgets plans."""
         super().reset(count)
-        self._plans: list[_Plan] = []
+        self._plans = ()
 
     def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
         """Changes of velocity (N, 3), m/s, and which rows burn; see the base.
@@ -129,7 +122,7 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
         All plans are made at the first call and stay in `_plans`. Craft that have arrived and drift to the edge of
         the tolerance come back.
         """
-        states = np.stack([*state.p.columns(), *state.v.columns()], axis=1)
+        states = motion_of(state)
         goals = np.stack(goal.p.columns(), axis=1)
         if not self._plans:
             deadlines = np.asarray(goal.notes.deadline)
@@ -143,7 +136,7 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
         return change, burns
 
     def _change_by_plans(
-        self, plans: list[_Plan], states: np.ndarray, goals: np.ndarray, now: float
+        self, plans: Sequence[_Plan], states: np.ndarray, goals: np.ndarray, now: float
     ) -> np.ndarray:
         """(N, 3) change of velocity in W, m/s, that plans ask of this period; a burn acts in its middle.
 

@@ -36,6 +36,7 @@ from rans_missions.passive_safety import (
     single_coasts,
 )
 from rans_missions.tasks.orbital import OrbitalMission, last_check
+from rans_missions.vectors import motion_of, numbers
 
 _TRIES = ((0, 4000, 0.75), (0, 16_000, 0.92), (1, 32_000, 0.92))
 """Seeds and numbers of plans that are drawn for a start, and the largest part of the time to its deadline that the
@@ -132,6 +133,8 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
 
     name = "passive-entry"
     heeds_constraints: ClassVar[bool] = True
+    mission = OrbitalMission
+    purpose = "passive entry flies missions on an orbit"
 
     def __init__(
         self,
@@ -139,9 +142,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         task: str | Task,
         timing: Timing | None = None,
     ) -> None:
-        super().__init__(
-            craft, task, timing, OrbitalMission, "passive entry flies missions on an orbit"
-        )
+        super().__init__(craft, task, timing)
         self._guidance = MissionGuidance(self.craft, self.task, timing)
         steady(self.task.drift, "passive entry computes coasts")
         zone = coast_zone(self.task)
@@ -193,7 +194,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
 
         The first call plans. Rows that are near, or late, are handed over to mission guidance for good.
         """
-        states = np.stack([*state.p.columns(), *state.v.columns()], axis=1)
+        states = motion_of(state)
         if not len(self._points):
             size = len(states)
             self._entered, self._arrivals = np.zeros(size, bool), np.zeros(size)
@@ -499,7 +500,7 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         """
         for limit in self._limits.others:
             if isinstance(limit, Cone):
-                axis = np.array([float(x) for x in limit.axis.columns()])
+                axis = numbers(limit.axis)
                 axis /= np.linalg.norm(axis)
                 across = direction - np.outer(direction @ axis, axis)
                 across /= np.linalg.norm(across, axis=1, keepdims=True)

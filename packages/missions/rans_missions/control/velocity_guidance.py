@@ -29,14 +29,16 @@ class VelocityGuidance(ABC, Generic[Mission]):
         craft: by name, TOML file or as such.
         task: a mission, by name or as such.
         timing: control period, and length of the episode; None: the task's.
-        mission: class of the missions that the law flies.
-        purpose: beginning of the message for other tasks, such as "visiting flies inspections".
 
     Raises:
         ConfigError: the task is no such mission.
     """
 
     name: str
+    mission: ClassVar[Any]
+    """Class of the missions that the law flies."""
+    purpose: ClassVar[str]
+    """Beginning of the message for other tasks, such as "visiting flies inspections"."""
     observes: ClassVar[bool] = False
     """Whether it reads observations (`rans.flight.Controller`)."""
 
@@ -44,12 +46,10 @@ class VelocityGuidance(ABC, Generic[Mission]):
         self,
         craft: str | Path | Spacecraft,
         task: str | Task,
-        timing: Timing | None,
-        mission: type[Mission],
-        purpose: str,
+        timing: Timing | None = None,
     ) -> None:
         self.craft, task_value = craft_and_task(craft, task)
-        self.task: Mission = mission.expected(task_value, purpose)
+        self.task: Mission = self.mission.expected(task_value, self.purpose)
         self._timing = self.task.timing if timing is None else timing
         self._period = self._timing.control_period
         # Nothing is carried over to the next period: the law sees what is missing in the next state.

@@ -50,6 +50,8 @@ class Visiting(VelocityGuidance[Inspect]):
     """
 
     name = "visiting"
+    mission = Inspect
+    purpose = "visiting flies inspections"
 
     def __init__(
         self,
@@ -61,7 +63,7 @@ class Visiting(VelocityGuidance[Inspect]):
         turn: float = 0.9,
         least: float = 0.05,
     ) -> None:
-        super().__init__(craft, task, timing, Inspect, "visiting flies inspections")
+        super().__init__(craft, task, timing)
         self._distance = distance
         self._speed = speed
         self._turn = turn

@@ -20,6 +20,7 @@ from scipy.optimize import linprog
 
 from rans.extend import Timing, Vec3
 from rans_missions.tasks.inspect import Inspect
+from rans_missions.vectors import components
 
 _EVERY = 4
 """Control periods of which one may have a burn in the search: what a burn moves changes little in 80 s."""
@@ -132,14 +133,14 @@ class InspectionSearch:
         p, v = Vec3(*self._start[:3]), Vec3(*self._start[3:])
         since = np.maximum(times[:, None] - (slots + 0.5) * self._period, 0.0)
         axes = [self._task.drift.kicked(Vec3(*row), since)[0] for row in np.eye(3)]
-        effect = np.stack([_rows(axis, since.shape) for axis in axes], axis=-1)
+        effect = np.stack([components(axis, since.shape) for axis in axes], axis=-1)
         angle = self._sun - self._task.mean_motion * times
         towards = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
         lit = towards @ self._normals.T > math.cos(math.radians(self._task.light_degrees))
         return _Grid(
             slots,
             times,
-            _rows(self._task.drift.carry(p, v, times)[0], times.shape),
+            components(self._task.drift.carry(p, v, times)[0], times.shape),
             np.ascontiguousarray(effect.transpose(0, 2, 1, 3)).reshape(len(times), 3, -1),
             np.where(lit, -self._task.surface_distance, _NEVER),
         )
@@ -150,7 +151,7 @@ class InspectionSearch:
         path = grid.free
         for period, change in zip(periods, changes, strict=True):
             since = np.maximum(grid.times - (period + 0.5) * self._period, 0.0)
-            path = path + _rows(self._task.drift.kicked(Vec3(*change), since)[0], since.shape)
+            path = path + components(self._task.drift.kicked(Vec3(*change), since)[0], since.shape)
         return path
 
     def best(self, paths: Sequence[np.ndarray], hops: int) -> Burns | None:
@@ -377,8 +378,3 @@ class _Grid:
     def heights(self, path: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Heights above the horizons of all points, (T, points) m."""
         return path @ normals.T + self.base
-
-
-def _rows(vector: Vec3, shape: tuple[int, ...]) -> np.ndarray:
-    """Components of a vector as the last axis."""
-    return np.stack([np.broadcast_to(x, shape) for x in vector.columns()], axis=-1)

@@ -9,6 +9,7 @@ import numpy as np
 from rans.extend import ConfigError, Spacecraft, SpatialState, Timing, Vec3
 from rans.model.drift import ClohessyWiltshire
 from rans_missions.tasks.inspect import Inspect
+from rans_missions.vectors import components
 
 _ROUNDING = 1e-9
 """Rounding of a share of points against its tolerance."""
@@ -56,7 +57,7 @@ def inspection_bound(
 
     # Where the craft coasts, and which points are in light.
     p, _ = task.drift.carry(start.p, start.v, times)
-    free = _rows(p, len(times)) @ normals.T
+    free = components(p, len(times)) @ normals.T
     sun = goal.notes.sun - task.mean_motion * times
     towards = np.stack([np.cos(sun), np.sin(sun), 0.0 * sun], axis=1)
     lit = towards @ normals.T > math.cos(math.radians(task.light_degrees))
@@ -66,7 +67,7 @@ def inspection_bound(
     nowhere = Vec3(0.0, 0.0, 0.0)
     axes = [Vec3(*row) for row in np.eye(3)]
     responses = np.stack(
-        [_rows(drift.carry(nowhere, axis, times)[0], len(times)) for axis in axes], 2
+        [components(drift.carry(nowhere, axis, times)[0], len(times)) for axis in axes], 2
     )
     along = np.einsum("ij,tjk->tik", normals, responses) / craft.mass
     wrenches = craft.wrenches
@@ -77,7 +78,7 @@ def inspection_bound(
         forces = wrenches[:, :3]
         directions = forces / np.linalg.norm(forces, axis=1, keepdims=True)
         in_world = [
-            _rows(start.attitude.rotate(Vec3(*direction)), 1)[0] for direction in directions
+            components(start.attitude.rotate(Vec3(*direction)), 1)[0] for direction in directions
         ]
         effect = (along @ np.array(in_world).T).max(axis=2)
     best = np.maximum.accumulate(np.maximum(effect, 0.0), axis=0)
@@ -88,8 +89,3 @@ def inspection_bound(
     prices = np.sort(np.where(lit, price, math.inf).min(axis=0))
     allowed = math.ceil(task.unseen_tolerance * task.points - _ROUNDING) - 1
     return float(prices[-1 - max(allowed, 0)])
-
-
-def _rows(vector: Vec3, size: int) -> np.ndarray:
-    """Components of a vector side by side, (size, 3)."""
-    return np.stack([np.broadcast_to(x, size) for x in vector.columns()], axis=1)

@@ -41,6 +41,7 @@ from rans.model.spacecraft import can_turn
 from rans.tasks.shapes import Cone, Shape, SpeedLimit
 from rans_missions.convex.cone_program import ConeProgram
 from rans_missions.tasks.orbital import OrbitalMission, last_check
+from rans_missions.vectors import numbers
 
 _ROUNDS = 12
 """Of the convex-concave procedure at most."""
@@ -316,7 +317,7 @@ class Answer:
 def state_of(scenario: Scenario) -> np.ndarray:
     """(2 d,) position, m, and velocity, m/s, of the start of an episode."""
     start: Any = scenario.start
-    return np.array([float(np.squeeze(x)) for x in (*leaves(start.p), *leaves(start.v))])
+    return np.concatenate([numbers(start.p), numbers(start.v)])
 
 
 def least_impulse(
@@ -712,10 +713,6 @@ def _gap(limit: Shape, states: np.ndarray) -> np.ndarray:
     return limit.gap(vector(*states[:, :size].T), vector(*states[:, size:].T))
 
 
-def _vector(v: Any) -> np.ndarray:
-    return np.array([float(np.squeeze(x)) for x in v.columns()])
-
-
 def _tangent_margin(limits: Sequence[Shape], state: np.ndarray, reference: np.ndarray) -> float:
     """The least margin of limits at a state (2 d,), with what is concave in them tangent at the reference."""
     margins = []
@@ -748,7 +745,7 @@ def cone_rows(limit: Shape, reference: np.ndarray) -> ConeRows:
     none = np.zeros((0, 2 * size))
     # |v| <= base + slope |p - at|, where the distance is at least its component along the reference's.
     if isinstance(limit, SpeedLimit):
-        at = _vector(limit.at)
+        at = numbers(limit.at)
         offsets = positions - at
         unit = offsets / max(float(np.linalg.norm(offsets)), 1e-9)
         row = np.zeros(2 * size)
@@ -758,7 +755,7 @@ def cone_rows(limit: Shape, reference: np.ndarray) -> ConeRows:
         return ConeRows(row, constant, matrix, np.zeros(size))
     # A ball to keep out of: the half space beyond the tangent plane that faces the reference.
     if isinstance(limit, Ball):
-        centre = _vector(limit.centre)
+        centre = numbers(limit.centre)
         offsets = positions - centre
         unit = offsets / max(float(np.linalg.norm(offsets)), 1e-9)
         row = np.zeros(2 * size)
@@ -768,7 +765,7 @@ def cone_rows(limit: Shape, reference: np.ndarray) -> ConeRows:
         )
     # A cone around an axis is convex; far from its apex it does not apply.
     if isinstance(limit, Cone):
-        apex, axis = _vector(limit.apex), _vector(limit.axis)
+        apex, axis = numbers(limit.apex), numbers(limit.axis)
         if np.linalg.norm(positions - apex) > float(limit.length):
             return ConeRows(np.zeros(2 * size), 1.0, none, np.zeros(0))
         row = np.zeros(2 * size)

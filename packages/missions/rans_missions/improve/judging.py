@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.measure.metrics import impulses
+from rans.evaluation.measure.metrics import impulses, won
 from rans.extend import Flight
 
 COPIES = 256
@@ -81,6 +81,4 @@ class Burns:
 
 def judged(flight: Flight) -> np.ndarray:
     """Impulse of each flight, (N,) N s; infinite where it does not solve its task, by the engine's own checks."""
-    verdict = flight.verdict
-    solved = np.asarray(verdict.solved) & ~flight.violated() & ~flight.failed()
-    return np.where(solved, impulses(flight), np.inf)
+    return np.where(won(flight) & ~flight.failed(), impulses(flight), np.inf)

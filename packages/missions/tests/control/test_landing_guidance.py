@@ -16,6 +16,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.measure.metrics import won
 from rans.flight import Flight, fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions_file import load_conditions
@@ -45,9 +46,7 @@ def test_it_lands_near_the_bound_and_breaks_no_limit_in_both_engines() -> None:
     guidance = LandingGuidance(LANDER, TASK)
     for flying in (fly, fly_in_drake):
         flight = flying(LANDER, TASK, guidance, begun, TASK.timing)
-        assert flight.done is not None
-        assert flight.done.all()
-        assert not flight.violated().any()
+        assert won(flight).all()
         assert 1.0 < used(flight) / bound.propellant < 1.015
 
 
@@ -70,9 +69,7 @@ class Kicked(LandingGuidance):
 def test_it_plans_again_when_it_is_off_its_way() -> None:
     guidance = Kicked(LANDER, TASK)
     flight = fly(LANDER, TASK, guidance, starts(8), TASK.timing)
-    assert flight.done is not None
-    assert flight.done.all()
-    assert not flight.violated().any()
+    assert won(flight).all()
 
 
 def _engine_out(folder: Path) -> tuple[LoadedRun, LoadedRun]:
@@ -86,8 +83,7 @@ def _engine_out(folder: Path) -> tuple[LoadedRun, LoadedRun]:
 def _lands(guidance: LandingGuidance, run: LoadedRun) -> bool:
     """Whether it lands under the run's conditions from the first start, which has a landing."""
     flight, _ = fly_episodes(guidance, run.judged, EVALUATION_SEED, 1, workers=1)
-    assert flight.done is not None
-    return bool(flight.done.all() and not flight.violated().any())
+    return bool(won(flight).all())
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from rans_missions.tasks.orbital import OrbitalMission
 import rans
 from rans.effectors.commands import per_velocity
 from rans.errors import ConfigError
-from rans.evaluation.measure.metrics import impulses
+from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import fly
 from rans.model.actuators import Pulsed
 from rans.model.spacecraft_file import load_spacecraft
@@ -45,6 +45,9 @@ APPROACHING = load_spacecraft("arpod-chaser")
 
 
 HURRY = Dock(deadline=(600.0, 600.0))
+NOISY = SensorsConditions(
+    position=SensorConditions(noise=0.05), velocity=SensorConditions(noise=0.001)
+)
 
 
 def coarse(task: OrbitalMission) -> Timing:
@@ -131,9 +134,7 @@ def test_a_craft_that_is_slower_for_its_errors_docks_before_the_deadline() -> No
     assert isinstance(task, Dock)
     expected = Conditions(
         thrusters=ThrusterConditions(thrust=(0.95, 1.05), command_delay=(0.0, 1.0)),
-        sensors=SensorsConditions(
-            position=SensorConditions(noise=0.05), velocity=SensorConditions(noise=0.001)
-        ),
+        sensors=NOISY,
         disturbances=DisturbanceConditions(force=(0.0, 1e-4)),
     )
     met = replace(
@@ -149,9 +150,7 @@ def test_a_craft_that_is_slower_for_its_errors_docks_before_the_deadline() -> No
     guidance = MissionGuidance(DEPUTY, task, conditions=expected)
     luck = draws(EVALUATION_SEED, 1, number)
     flight = fly(DEPUTY, task, guidance, starts, coarse(task), conditions=met, draws=luck)
-    assert flight.done is not None
-    assert flight.done.all()
-    assert not flight.violated().any()
+    assert won(flight).all()
 
 
 @pytest.mark.slow
@@ -160,11 +159,7 @@ def test_a_known_force_does_not_lead_the_filter_astray() -> None:
     task = Dock(deadline=(1000.0, 1000.0))
     timing = replace(task.timing, episode_steps=100, checks=1, substeps=1)
     starts = scenarios(task, DEPUTY, 7, 3)
-    noisy = Conditions(
-        sensors=SensorsConditions(
-            position=SensorConditions(noise=0.05), velocity=SensorConditions(noise=0.001)
-        )
-    )
+    noisy = Conditions(sensors=NOISY)
     pushed = replace(noisy, disturbances=DisturbanceConditions(force=1e-3))
     trusting, ours = (
         fly(
@@ -178,9 +173,7 @@ def test_a_known_force_does_not_lead_the_filter_astray() -> None:
         )
         for known in (noisy, pushed)
     )
-    assert ours.done is not None
-    assert ours.done.all()
-    assert not ours.violated().any()
+    assert won(ours).all()
     # It corrects what is not there: a tenth more at least.
     assert impulses(trusting).mean() > 1.1 * impulses(ours).mean()
 
@@ -201,8 +194,7 @@ def test_a_constant_force_in_any_direction_costs_no_more_than_along_the_orbit() 
     guidance = MissionGuidance(CHASER, task, timing, pushed)
     starts = scenarios(task, CHASER, 7, 4)
     flight = fly(CHASER, task, guidance, starts, timing, conditions=pushed, draws=draws(7, 4))
-    assert flight.done is not None
-    assert flight.done.all()
+    assert won(flight).all()
     assert flight.lengths is not None
     forces = np.array([thruster.force for thruster in CHASER.thrusters])
     last = round(orbit / period)
@@ -218,9 +210,7 @@ def test_known_noise_costs_little_impulse() -> None:
     starts = scenarios(task, DEPUTY, 7, 4)
     noisy = Conditions(
         thrusters=ThrusterConditions(thrust=(0.95, 1.05), command_delay=(0.0, 1.0)),
-        sensors=SensorsConditions(
-            position=SensorConditions(noise=0.05), velocity=SensorConditions(noise=0.001)
-        ),
+        sensors=NOISY,
     )
     blind = MissionGuidance(DEPUTY, task)
     knowing = MissionGuidance(DEPUTY, task, conditions=noisy)
@@ -241,11 +231,7 @@ def test_known_noise_costs_little_impulse() -> None:
 def test_commands_tell_it_the_conditions(monkeypatch: pytest.MonkeyPatch) -> None:
     """In an evaluation and a comparison, of which the beginning is flown; named by its module it expects none."""
     monkeypatch.setattr(Dock, "timing", replace(Dock.timing, episode_steps=60, substeps=1))
-    noisy = Conditions(
-        sensors=SensorsConditions(
-            position=SensorConditions(noise=0.05), velocity=SensorConditions(noise=0.001)
-        )
-    )
+    noisy = Conditions(sensors=NOISY)
     informed = "mission:dock-3d"
     blind = f"{MissionGuidance.__module__}:MissionGuidance:dock-3d"
 

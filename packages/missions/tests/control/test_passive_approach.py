@@ -11,7 +11,6 @@ from rans_missions.control.passive_approach import PassiveApproach
 from rans_missions.tasks import Hold
 from rans_missions.tasks.hold import HoldPlan
 
-from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from tests.support.clohessy_wiltshire import transition
@@ -85,8 +84,3 @@ def test_every_coast_keeps_out_and_the_craft_holds() -> None:
     assert np.linalg.norm(after[..., 3:], axis=-1).max() < TASK.velocity_tolerance
     # Holding for 1,700 s costs less than braking from the tolerance once.
     assert changes[int((DEADLINE + 100.0) / PERIOD) :].sum(axis=0).max() < TASK.velocity_tolerance
-
-
-def test_it_flies_to_hold_points_only() -> None:
-    with pytest.raises(ConfigError, match="GoToPose"):
-        PassiveApproach("floating-platform", "go-to-pose")

@@ -13,9 +13,9 @@ from rans_missions.tasks import Dock
 from rans_missions.tasks.orbital import Plan
 
 from rans.errors import ConfigError
-from rans.model.dynamics import SpatialState
-from rans.model.fields import Quat, Vec3
 from tests.support.clohessy_wiltshire import transition
+
+from .test_passive_approach import state_of
 
 TASK = Dock()
 N = TASK.mean_motion
@@ -28,12 +28,6 @@ DEADLINE = 800.0
 
 STEP = transition(N, PERIOD / PARTS)
 COAST = transition(N, 2.0 * math.pi / N / 400.0)[:6, :6]
-
-
-def state_of(x: np.ndarray) -> SpatialState:
-    zero = np.zeros(len(x))
-    level = Quat(zero + 1.0, zero, zero, zero)
-    return SpatialState(Vec3(*x[:, :3].T), level, Vec3(*x[:, 3:].T), Vec3(zero, zero, zero))
 
 
 def flown() -> np.ndarray:

@@ -18,9 +18,11 @@ class Searching(PassivelySafeGuidance[Hold]):
     """A search for safe plans without a law."""
 
     name = "searching"
+    mission = Hold
+    purpose = "searches fly to hold points"
 
     def __init__(self) -> None:
-        super().__init__("vbar-chaser", TASK, None, Hold, "searches fly to hold points")
+        super().__init__("vbar-chaser", TASK)
 
     def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
         raise NotImplementedError

@@ -7,7 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_missions.control.circumnavigation import Circumnavigation
+from rans_missions.control.corridor import Corridor
+from rans_missions.control.passive_approach import PassiveApproach
 from rans_missions.control.velocity_guidance import VelocityGuidance, closed_ellipse, weaker
+from rans_missions.control.visiting import Visiting
 from rans_missions.tasks import Hold
 from scipy.spatial.transform import Rotation
 
@@ -26,9 +30,11 @@ class Constant(VelocityGuidance[Hold]):
     """Asks for the same changes in every period, of all craft but the last."""
 
     name = "constant"
+    mission = Hold
+    purpose = "constant changes fly to hold points"
 
     def __init__(self) -> None:
-        super().__init__("vbar-chaser", TASK, None, Hold, "constant changes fly to hold points")
+        super().__init__("vbar-chaser", TASK)
         self.times: list[float] = []
 
     def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
@@ -66,16 +72,18 @@ def test_time_begins_with_the_reset() -> None:
     assert law.times == [0.0, TASK.timing.control_period, 0.0]
 
 
-def test_another_task_is_refused_by_the_purpose() -> None:
-    with pytest.raises(ConfigError, match="fly to hold points, and GoToPose is not one"):
-        VelocityGuidance.__init__(
-            Constant(),
-            "vbar-chaser",
-            "go-to-pose",
-            None,
-            Hold,
-            "constant changes fly to hold points",
-        )
+@pytest.mark.parametrize(
+    ("guidance", "sentence"),
+    [
+        (Circumnavigation, "flies inspections, and GoToPose is not one"),
+        (Corridor, "flies final approaches, and GoToPose is not one"),
+        (PassiveApproach, "flies to hold points, and GoToPose is not one"),
+        (Visiting, "flies inspections, and GoToPose is not one"),
+    ],
+)
+def test_another_task_is_refused_by_the_purpose(guidance: Any, sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        guidance("floating-platform", "go-to-pose")
 
 
 @pytest.mark.parametrize("quarter", [0.25, 0.5, 1.0])

@@ -11,7 +11,7 @@ from rans_missions.convex.holding import flight_that_holds, least_to_hold, stayi
 from rans_missions.convex.rendezvous import Meeting, rendezvous, trajectory
 from rans_missions.tasks import Hold
 
-from rans.evaluation.measure.metrics import impulses, solved
+from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import fly
 from rans.model.drift import FreeFlight
 from rans.model.spacecraft_file import load_spacecraft
@@ -67,7 +67,7 @@ def test_flights_that_hold_spend_more_than_their_bounds() -> None:
     craft = load_spacecraft("vbar-chaser")
     starts = scenarios(task, craft, 5, 3)
     flight = fly(craft, task, MissionGuidance(craft, task, task.timing), starts, task.timing)
-    assert solved(flight).all()
+    assert won(flight).all()
     lower = np.array([answer.lower for answer in transfer_bounds(craft, task, starts, 600.0)])
     ratios = impulses(flight) / lower
     # On three starts of another seed this guidance spent 3 to 25 % more.
@@ -96,8 +96,7 @@ def test_convex_guidance_holds_within_a_hundredth_of_the_bound() -> None:
     craft = load_spacecraft("vbar-chaser")
     starts = scenarios(task, craft, 5, 2)
     flight = fly(craft, task, ConvexGuidance(craft, task, task.timing), starts, task.timing)
-    assert solved(flight).all()
-    assert not flight.violated().any()
+    assert won(flight).all()
     lower = np.array([answer.lower for answer in transfer_bounds(craft, task, starts, 1000.0)])
     ratios = impulses(flight) / lower
     assert (ratios >= 1.0).all()

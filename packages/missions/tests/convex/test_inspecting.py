@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from rans_missions.convex.inspecting import Burns, InspectionSearch
 from rans_missions.convex.inspection import inspection_bound
+from rans_missions.convex.rendezvous import state_of
 from rans_missions.tasks import Inspect
 
 from rans.model.spacecraft_file import load_spacecraft
@@ -17,10 +18,6 @@ DEPUTY = load_spacecraft("afrl-deputy")
 MASS = 12.0
 WITHIN = 6_000.0
 STARTS: list[Any] = list(each(scenarios(Inspect(), DEPUTY, seed=5, count=4)))
-
-
-def state_of(start: Any) -> np.ndarray:
-    return np.array([float(x) for x in (*start.start.p.columns(), *start.start.v.columns())])
 
 
 def searched(task: Inspect, start: Any) -> Burns:

@@ -19,14 +19,15 @@ from rans_missions.convex.rendezvous import (
     prices_of_missing,
     proof,
     rendezvous,
+    state_of,
     trajectory,
 )
 from rans_missions.tasks import Dock, Hold, Rendezvous, TargetOrbit
 from rans_missions.tasks.orbital import last_check
+from rans_missions.vectors import motion_of
 
-from rans.evaluation.measure.metrics import impulses
+from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import fly
-from rans.model.fields import leaves
 from rans.model.timing import Timing
 from rans.reference.flight import fly_in_drake
 from rans.scenario import each, scenarios
@@ -76,8 +77,7 @@ def test_bounds_hold_flights_up_and_flights_keep_the_limit_in_both_engines(deadl
     timing = replace(task.timing, episode_steps=round(deadline / 10))
     for flying in (fly, fly_in_drake):
         flight: Any = flying(DEPUTY, task, Script(commands), starts, timing)
-        assert flight.done.all()
-        assert not flight.violated().any()
+        assert won(flight).all()
         np.testing.assert_allclose(impulses(flight), [one.upper for one in answers], rtol=1e-6)
 
 
@@ -153,7 +153,7 @@ def test_a_flight_that_meets_just_after_its_deadline_is_not_below_the_bound(
     """Half a millisecond late counts; a bound that ended one check earlier was beaten at these deadlines."""
     task = replace(mission, deadline=(deadline, deadline))
     one = next(iter(each(scenarios(task, DEPUTY, 1, 1))))
-    state = np.array([float(np.squeeze(x)) for x in (*leaves(one.start.p), *leaves(one.start.v))])
+    state = state_of(one)
     meeting = Meeting.of(DEPUTY, task, one.goal)
     flight = least_impulse(meeting, state, round(deadline / meeting.interval))
     assert flight is not None
@@ -174,9 +174,9 @@ def test_no_guidance_beats_the_bound() -> None:
         VelocityToGain(DEPUTY, task, task.timing, deadline=1500.0),
     ):
         flight: Any = fly(DEPUTY, task, pilot, starts, task.timing)
-        won = flight.done & ~flight.violated()
-        assert won.any()
-        assert (impulses(flight)[won] >= lower[won] * (1 - 1e-6)).all()
+        successes = won(flight)
+        assert successes.any()
+        assert (impulses(flight)[successes] >= lower[successes] * (1 - 1e-6)).all()
 
 
 @pytest.mark.slow
@@ -186,7 +186,7 @@ def test_on_an_ellipse_bounds_hold_flights_up_and_flights_dock() -> None:
     task = Dock(deadline=(300.0, 300.0), orbit=ellipse)
     starts = scenarios(task, DEPUTY, 3, 1)
     one = next(iter(each(starts)))
-    state = np.array([float(np.squeeze(x)) for x in (*leaves(one.start.p), *leaves(one.start.v))])
+    state = state_of(one)
     timing = Timing(control_period=10.0, episode_steps=30, checks=10)
     meeting = replace(Meeting.of(DEPUTY, task, one.goal), timing=timing)
     found = least_impulse(meeting, state, 295)
@@ -195,7 +195,7 @@ def test_on_an_ellipse_bounds_hold_flights_up_and_flights_dock() -> None:
     commands[0, : len(found.commands)] = found.commands
     flight = fly(DEPUTY, task, Script(commands), starts, timing)
     path = trajectory(meeting, state, found)
-    flown = np.stack([*flight.states.p.columns(), *flight.states.v.columns()], axis=-1)[:, 0]
+    flown = motion_of(flight.states)[:, 0]
     np.testing.assert_allclose(flown[:29], path[::10][:29], atol=1e-7)
     best = prices_of_missing(meeting, state, 295)
     assert best is not None

@@ -33,6 +33,9 @@ from rans.scenario import scenarios
 from tests.support.ramming import Ramming
 
 DEPUTY = load_spacecraft("afrl-deputy")
+NOISY = SensorsConditions(
+    position=SensorConditions(noise=0.1), velocity=SensorConditions(noise=0.01)
+)
 
 
 @pytest.mark.slow
@@ -193,10 +196,7 @@ def test_the_reserve_is_what_rare_readings_are_off_by() -> None:
     An error of the velocity counts for 10 s, and the time to stop twice the mean speed of 2,600 s at 0.02 m/s^2.
     """
     task = Hold()
-    sensors = SensorsConditions(
-        position=SensorConditions(noise=0.1), velocity=SensorConditions(noise=0.01)
-    )
-    setup = Setup(load_spacecraft("vbar-chaser"), task, task.timing, Conditions(sensors=sensors))
+    setup = Setup(load_spacecraft("vbar-chaser"), task, task.timing, Conditions(sensors=NOISY))
     assert task.timing.episode_steps == 260
     expected = Expected.of(setup)
     starts = scenarios(task, setup.craft, seed=0, count=64)
@@ -225,12 +225,9 @@ def test_the_reserve_is_what_rare_readings_are_off_by() -> None:
 
 def test_a_mixture_is_expected_with_all_of_its_parts() -> None:
     """As one part is that has the most noise and all delays, whichever comes first."""
-    noise = SensorsConditions(
-        position=SensorConditions(noise=0.1), velocity=SensorConditions(noise=0.01)
-    )
-    noisy = Conditions(sensors=noise)
+    noisy = Conditions(sensors=NOISY)
     late = Conditions(thrusters=ThrusterConditions(command_delay=10.0))
-    both = Conditions(sensors=noise, thrusters=ThrusterConditions(command_delay=(0.0, 10.0)))
+    both = Conditions(sensors=NOISY, thrusters=ThrusterConditions(command_delay=(0.0, 10.0)))
     task = Dock()
 
     def expected(conditions: Conditions) -> Expected:
@@ -245,11 +242,7 @@ def test_a_mixture_is_expected_with_all_of_its_parts() -> None:
 @pytest.mark.parametrize(
     "conditions",
     [
-        Conditions(
-            sensors=SensorsConditions(
-                position=SensorConditions(noise=0.1), velocity=SensorConditions(noise=0.01)
-            )
-        ),
+        Conditions(sensors=NOISY),
         Conditions(thrusters=ThrusterConditions(command_delay=4.0)),
     ],
     ids=["noise", "delay within a period"],

@@ -12,6 +12,7 @@ import pytest
 from rans_missions.guard import BarrierProgram, safety_filter
 from rans_missions.guard.safe_coasts import SafeCoasts
 from rans_missions.tasks import Avoid, Dock, Hold
+from rans_missions.vectors import motion_of
 from scipy.integrate import solve_ivp
 
 from rans.episode import Setup, World
@@ -41,7 +42,7 @@ def least_coast_distance(flight: Flight, flying: int) -> float:
     """Least distance from the target, m, of coasts of an orbit after a part of each burn of one flight."""
     system = orbit(TASK.mean_motion)
     directions = np.array([x.direction for x in CRAFT.thrusters]) * 10.0 / CRAFT.mass
-    states = np.stack([*flight.states.p.columns(), *flight.states.v.columns()], axis=-1)[:, flying]
+    states = motion_of(flight.states)[:, flying]
     shut = []
     for state, command in zip(states[:-1], flight.commands[:, flying], strict=True):
         push = np.concatenate([np.zeros(3), command @ directions])

@@ -23,7 +23,7 @@ from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.flights_file import FlightsFile
-from rans.evaluation.measure.metrics import impulses
+from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import fly
 from rans.model.actuators import Actuators, OnOff, Throttle
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
@@ -69,8 +69,7 @@ def test_a_search_finds_what_a_flight_wastes_and_the_engine_repeats_it(tmp_path:
     assert (found.after < 0.99 * found.before).any()
     file = found.write(tmp_path / "least.csv")
     flight = fly(CRAFT, TASK, FlightsFile(file, SETUP), starts, SETUP.timing)
-    assert np.asarray(flight.verdict.solved).all()
-    assert not flight.violated().any()
+    assert won(flight).all()
     np.testing.assert_allclose(impulses(flight), found.after, rtol=1e-9)
 
 
@@ -128,8 +127,7 @@ def test_a_craft_that_turns_is_searched_by_its_commands(tmp_path: Path) -> None:
     assert (found.after < found.before).any()
     flights = FlightsFile(found.write(tmp_path / "least.csv"), setup)
     flight = fly(craft, task, flights, starts, setup.timing)
-    assert np.asarray(flight.verdict.solved).all()
-    assert not flight.violated().any()
+    assert won(flight).all()
     np.testing.assert_allclose(impulses(flight), found.after, rtol=1e-6)
 
 

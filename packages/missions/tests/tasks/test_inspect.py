@@ -181,8 +181,6 @@ def test_visiting_flies_towards_what_is_lit_and_unseen() -> None:
     assert command[2] > 0.0  # thrusters are +x, -x, +y, -y, +z, -z
     assert command[3] == 0.0
     assert command[4:].max() < 0.05 * command[2]
-    with pytest.raises(ConfigError, match="inspections, and GoToPose is not one"):
-        Visiting("floating-platform", "go-to-pose")
 
 
 def test_a_change_of_velocity_leads_round_the_target_to_the_view(
