@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tyro.conf import Positional
@@ -18,6 +19,7 @@ from rans.evaluation.fly.any_craft import for_spacecraft, frugal
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
+from rans.files import read_text
 from rans.model.authority import authorities, authority_rows
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -27,29 +29,16 @@ from rans.randomization.conditions import Conditions, bounds
 from rans.randomization.conditions_file import load_conditions
 from rans.randomization.faults import fault_sets
 from rans.scenario import EVALUATION_SEED, each, scenarios
+from rans.structure import read_toml, structure
 from rans.tasks import GoToPose, Task
 
-CRAFTS = {
-    "pingu": "any-craft-2d",
-    "atmos": "any-craft-2d",
-    "roboran-platform": "any-craft-2d#0.15",
-    "freeflyer2": "any-craft-2d#0.15",
-    "astrobee-granite": "any-craft-2d",
-    "astrobee-iss": "any-craft-3d#0.45",
-    "atmos-orbit-12": "any-craft-3d#0.28",
-    "atmos-orbit-16": "any-craft-3d",
-    "spheres": "any-craft-3d#0.1",
-    "apollo-csm": "any-craft-3d",
-    "afrl-12kg": "any-craft-3d#0.15",
-    "cubesat-3u": "any-craft-3d#0.15",
-    "cubesat-6u": "any-craft-3d#0.3",
-}
-"""Real craft, and who flies them best: an agent for any craft, at a value that beats those of the craft alone."""
 
+@dataclass(frozen=True)
+class RealCraft:
+    """Who flies a real craft, and in what."""
 
-class _Setting(NamedTuple):
-    """In what a real craft flies."""
-
+    agent: str
+    """An agent for any craft, at a value that beats those of the craft alone."""
     period: float
     """Control period, s."""
     steps: int
@@ -59,29 +48,19 @@ class _Setting(NamedTuple):
     """From the start to the goal, m."""
 
 
-_SETTINGS = {
-    "pingu": _Setting(0.1, 300),
-    "atmos": _Setting(0.1, 300),
-    "roboran-platform": _Setting(0.1, 300),
-    "freeflyer2": _Setting(0.1, 400, distance=(1.0, 1.5)),
-    "astrobee-granite": _Setting(0.2, 250, "astrobee", (1.0, 1.5)),
-    "astrobee-iss": _Setting(0.2, 250, "astrobee", (1.5, 2.5)),
-    "atmos-orbit-12": _Setting(0.1, 300, "real-space"),
-    "atmos-orbit-16": _Setting(0.1, 300, "real-space"),
-    "spheres": _Setting(0.2, 200, "real-space", (1.5, 2.5)),
-    "apollo-csm": _Setting(1.0, 120, "real-space"),
-    "afrl-12kg": _Setting(1.0, 80, "real-space"),
-    "cubesat-3u": _Setting(0.5, 160, "real-space", (1.0, 1.5)),
-    "cubesat-6u": _Setting(0.5, 160, "real-space", (1.0, 1.5)),
+CRAFTS = {
+    name: structure(row, RealCraft, name)
+    for name, row in read_toml(read_text(Path(__file__).with_suffix(".toml"))).items()
 }
+"""By the names of the craft, of craft.toml."""
 _STARTS = 256
 """Of which bounds are averaged: the first of an evaluation."""
 
 
 def flown(name: str) -> LoadedRun:
     """A real craft with who flies it best, in the task, period and conditions of the craft."""
-    setting = _SETTINGS[name]
-    agent, _, value = CRAFTS[name].partition("#")
+    setting = CRAFTS[name]
+    agent, _, value = setting.agent.partition("#")
     task = GoToPose(spawn_distance=setting.distance, evaluation_distance=setting.distance)
     run = for_spacecraft(
         contestant(f"pretrained:{agent}"),
@@ -154,7 +133,7 @@ def agent_facts(name: str, episodes: int) -> dict[str, Any]:
     found = measure(flights.flight)
     settled = found["settled"]
     return {
-        "agent": f"{CRAFTS[name]}@{name}",
+        "agent": f"{CRAFTS[name].agent}@{name}",
         "period": run.timing.control_period,
         "seconds": run.timing.control_period * run.timing.episode_steps,
         "distance": list(_task(run.task).spawn_distance),

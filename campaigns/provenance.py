@@ -11,107 +11,15 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from campaigns.table import ROWS
-from rans.files import write_text
+from rans.files import read_text, write_text
+from rans.structure import read_toml
 
-_EARLIER, _LATER = "af4f7ac0", "e3dd657d"
-"""Commits whose code measured what is not measured again."""
-PICTURES: dict[str, str] = {
-    "agents.gif": "rans view go-to-pose-2d go-to-pose-3d --seed 5 --save docs/pictures/agents.gif",
-    "frames.jpg": "rans view go-to-pose-3d --seed 5 --save docs/pictures/frames.jpg",
-    "layouts.svg": f"campaigns.any_craft picture at {_LATER}",
-    "craft/*.svg": "python -m campaigns.pictures",
-    "diagrams/*.svg": "python -m campaigns.pictures",
-    "missions/*.svg": "python -m campaigns.pictures",
-    "proof-cells.svg": "python packages/proof/archcomp/picture.py FOLDER docs/pictures/proof-cells.svg",
-    "proof-conditions.svg": f"campaigns.proof_conditions at {_LATER}",
-    "tradeoff*.svg": f"campaigns.tradeoff at {_EARLIER}",
-    "trapping-set.svg": "python -m rans_proof.picture CERTIFICATE docs/pictures/trapping-set.svg",
-}
+_TABLE = read_toml(read_text(Path(__file__).with_suffix(".toml")))
+PICTURES: dict[str, str] = _TABLE["pictures"]
 """Files in docs/pictures, and what draws them."""
-ONCE = (
-    ("verification.md", "breaking.json", "campaigns.breaking", _EARLIER),
-    (
-        "any_craft/any_craft.md",
-        "",
-        "campaigns.any_craft layouts --engine drake --layouts 32 --episodes 2",
-        _LATER,
-    ),
-    ("any_craft/any_craft_in_space.md", "", "campaigns dead-cubesats", _EARLIER),
-    ("any_craft/any_craft_training.md", "", "campaigns.any_craft joined --episodes 1024", _LATER),
-    ("certificate.md", "mixed-integer.json", "campaigns.mixed_integer --starts 16", _EARLIER),
-    ("certificate.md", "bounds.json", "campaigns.bounds --craft 2000 --output FILE", _LATER),
-    (
-        "certificate.md",
-        "",
-        "campaigns.optimality --starts 50; --starts 30 --horizon 20 --seconds 30; --starts 128 --quantity time; "
-        "--starts 32 --quantity settling",
-        _LATER,
-    ),
-    ("decisions/exports.md", "exports.json", "campaigns exports", _LATER),
-    ("export.md", "", "campaigns.cortex", _EARLIER),
-    ("missions/guard.md", "", "campaigns.attack --missions avoid-2d", _EARLIER),
-    ("missions/guard.md", "", "campaigns filter-cost", _LATER),
-    (
-        "missions/guard.md",
-        "",
-        "campaigns guard; with --missions avoid-2d --policies adversary --noise 0.1 0.01 --delay 1",
-        _LATER,
-    ),
-    ("missions/dock.md", "", "campaigns orbits", _LATER),
-    ("missions/hold.md", "", "campaigns station-keeping --error all", _LATER),
-    (
-        "missions/perturbed.md",
-        "",
-        "campaigns station-keeping --orbit.target-drag 3.7e-7 --orbit.ballistic-ratio 0.5; with --orbit.oblate "
-        "--orbit.inclination-degrees 51.6; with all four",
-        _LATER,
-    ),
-    (
-        "robot/identified_agents.md",
-        "identified-agents.json",
-        "campaigns.identified_agents prepare FOLDER, then with train; campaigns identified-agents FOLDER",
-        _EARLIER,
-    ),
-    (
-        "robot/innocube.md",
-        "",
-        "campaigns.innocube FOLDER --agent RUN, after rans train campaigns/innocube_agent.toml",
-        _LATER,
-    ),
-    ("robot/raft.md", "raft.json", "campaigns RAFT, after trainings of its recipes", _EARLIER),
-    (
-        "assurance/settled_gate.md",
-        "settled-gate.json",
-        "campaigns.settled_gate_entry RUN; campaigns settled-gate RUN",
-        _EARLIER,
-    ),
-    (
-        "proof/proofs-theory.md",
-        "proof-conditions.json",
-        "campaigns.proof_conditions proof-conditions.json PICTURE.svg",
-        _LATER,
-    ),
-    (
-        "proof/proofs-theory.md",
-        "",
-        "campaigns.proof_flights --problem FILE.toml --network FILE.onnx, or --agent AGENT --certificate FILE",
-        _LATER,
-    ),
-    ("speed.md", "tradeoff*.json", "campaigns.tradeoff", _EARLIER),
-    (
-        "measured.md",
-        "",
-        "campaigns.scaling --processes 1 2 --n-envs 65536 --matmul bf16; with --processes 1 4",
-        _LATER,
-    ),
-)
+ONCE: list[list[str]] = _TABLE["once"]
 """Pages whose figures were measured by code that left after a commit: evidence, modules and the commit."""
-RECORDS: dict[str, tuple[str, str]] = {
-    "floating-platform.html": (
-        "validation.md",
-        "rans validate floating-platform --output FOLDER",
-    ),
-}
+RECORDS: dict[str, list[str]] = _TABLE["records"]
 """Other files in docs/validation: the page of their figures, and what writes them."""
 _WRITTEN = {name for source in ROWS.values() for name in source.evidence}
 

@@ -9,17 +9,33 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rans.extend import Body, Drift, Quat, SpatialState, Vec3, Wrench
+from rans.extend import Body, Drift, Quat, SpatialState, Vec3, Wrench, read_text
 from rans.model.arc import from_arc
 from rans.model.dynamics import advance
-from rans_missions.judges import jeod_facts as facts
+from rans.structure import read_toml, structure
 from rans_missions.orbits.elliptic import MOST_ECCENTRIC, EllipticOrbit, eccentric_anomaly
 from validation.judges.judge import Judge, Largest, Row
 from validation.study.checks import Check
+
+Motion = tuple[tuple[float, float, float], tuple[float, float, float]]
+"""Position and velocity."""
+Turning = tuple[tuple[float, float, float], tuple[float, float, float, float]]
+"""Spin and attitude."""
+
+MU = 3.986004415e14
+"""Gravitational parameter of these runs, m^3/s^2."""
+AIR_RATE = 7.2921158e-5
+"""Rate at which the air of 6A turns with the Earth, rad/s."""
+AIR_DENSITY = 1.4e-12
+"""Density of the air of 6A, kg/m^3."""
+AIR_DRAG = 0.02
+"""Drag coefficient times area over mass of the sphere of 6A, m^2/kg."""
 
 JEOD = Judge(
     "NASA JEOD",
@@ -54,7 +70,6 @@ _DRAG = Check(
     "of the displacement",
     "The drag is a constant here, and follows speed and height there.",
 )
-_PORT = "of a port to Rust (simnaut/astrodyn, its tests' limits)"
 STEP = 20.0
 """Step of our flights, s, of which 1,000 s and the logs' 60 s are multiples: halves of it change 1e-11 degrees."""
 GRADIENT_STEP = 12.0
@@ -80,9 +95,9 @@ class Run:
     about: str
     craft: str
     """A name in `CRAFT`."""
-    motion: Mapping[int, facts.Motion]
+    motion: Mapping[int, Motion]
     """Positions and velocities by time, s; the one at 0 is the start."""
-    turning: Mapping[int, facts.Turning]
+    turning: Mapping[int, Turning]
     """Spins and attitudes by time; the one at 0 is the start. Empty: rotation is not judged."""
     force: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Force in body axes in the burn, N."""
@@ -99,85 +114,28 @@ class Run:
     spread: str = "not published"
 
 
-_TYPICAL = facts.TYPICAL
-_PUSHED = {0: _TYPICAL[0], **facts.PUSHED}
-_DRAGGED = {0: facts.ELLIPTIC[0], **facts.DRAGGED}
-RUNS = {
-    "2": Run("station without forces, turning", "station", _TYPICAL, facts.FREE),
-    "6C": Run(
-        "cylinder after a burn of 1,392 m/s across its orbit",
-        "cylinder",
-        {0: _TYPICAL[0], **facts.TILTED},
-        facts.ALONG,
-        force=(0.0, -29000.0, 0.0),
-        burn=(1000.0, 1048.0),
-        is_near=False,
-    ),
-    "6D": Run(
-        "cylinder after a burn of 3,187 m/s, away from the Earth",
-        "cylinder",
-        {0: _TYPICAL[0], **facts.DEPARTED},
-        facts.ALONG,
-        force=(66400.0, 0.0, 0.0),
-        burn=(1000.0, 1048.0),
-        is_near=False,
-    ),
-    "8A": Run("sphere, no spin", "sphere", _TYPICAL, facts.STILL),
-    "8B": Run("sphere that turns with the orbit", "sphere", _TYPICAL, facts.TURNING),
-    "9A": Run(
-        "station under a torque, from rest",
-        "station",
-        _TYPICAL,
-        facts.STILL_PUSHED,
-        torque=10.0,
-        spread=f"2.2e-6 m, 4.4e-8 rad {_PORT}",
-    ),
-    "9B": Run(
-        "station under a torque, turning", "station", _TYPICAL, facts.TURNING_PUSHED, torque=10.0
-    ),
-    "9C": Run(
-        "station under a torque and a force, from rest",
-        "station",
-        {0: _TYPICAL[0], **facts.STILL_PUSHED_ASIDE},
-        facts.STILL_PUSHED,
-        force=(10.0, 0.0, 0.0),
-        torque=10.0,
-    ),
-    "9D": Run(
-        "station under a torque and a force, turning",
-        "station",
-        _PUSHED,
-        facts.TURNING_PUSHED,
-        force=(10.0, 0.0, 0.0),
-        torque=10.0,
-        spread=f"8.3e-3 m {_PORT}",
-    ),
-    "10A": Run(
-        "cylinder under the gradient of gravity",
-        "cylinder",
-        _TYPICAL,
-        facts.SWINGING,
-        gradient=True,
-    ),
-    "10B": Run("the same with a spin", "cylinder", _TYPICAL, facts.SPUN, gradient=True),
-    "10C": Run(
-        "the same without it, on an ellipse",
-        "cylinder",
-        facts.ELLIPTIC,
-        facts.SWINGING_ON_ELLIPSE,
-        gradient=True,
-    ),
-    "10D": Run(
-        "the same with it, on an ellipse",
-        "cylinder",
-        facts.ELLIPTIC,
-        facts.SPUN_ON_ELLIPSE,
-        gradient=True,
-    ),
-    "6A": Run(
-        "sphere in air of constant density, on an ellipse", "sphere", _DRAGGED, {}, drag=True
-    ),
-}
+def _runs() -> dict[str, Run]:
+    """The runs of jeod.toml by their names."""
+    table = read_toml(read_text(Path(__file__).with_suffix(".toml")))
+
+    def figures(kind: str, name: str) -> dict[int, Any]:
+        return {int(time): row for time, row in table[kind].get(name, {}).items()}
+
+    return {
+        name: structure(
+            run
+            | {
+                "motion": figures("motion", run["motion"]),
+                "turning": figures("turning", run.get("turning", "")),
+            },
+            Run,
+            name,
+        )
+        for name, run in table["run"].items()
+    }
+
+
+RUNS = _runs()
 """The runs that RANS flies, by their names in JEOD."""
 NOT_FLOWN = {
     "3A, 3B, 4, 6B, 7A to 7D": "harmonics of gravity, Sun and Moon, an atmosphere by the hour, which RANS has not",
@@ -193,7 +151,7 @@ class Orbit:
         mu: gravitational parameter, m^3/s^2.
     """
 
-    def __init__(self, start: facts.Motion, mu: float = facts.MU) -> None:
+    def __init__(self, start: Motion, mu: float = MU) -> None:
         r, u = np.array(start[0], float), np.array(start[1], float)
         radius = float(np.linalg.norm(r))
         self.size = float(1.0 / (2.0 / radius - u @ u / mu))
@@ -247,10 +205,8 @@ class Orbit:
         powers = []
         for time in samples:
             p, v = self.inertial(rest, float(time))
-            wind = v - np.cross([0.0, 0.0, facts.AIR_RATE], p)
-            powers.append(
-                0.5 * facts.AIR_DENSITY * facts.AIR_DRAG * np.linalg.norm(wind) * (wind @ v)
-            )
+            wind = v - np.cross([0.0, 0.0, AIR_RATE], p)
+            powers.append(0.5 * AIR_DENSITY * AIR_DRAG * np.linalg.norm(wind) * (wind @ v))
         return float(np.mean(powers)) / float(self.drift.mean_motion * self.size)
 
 
@@ -312,13 +268,13 @@ def _renewed(state: SpatialState, orbit: Orbit, since: float) -> tuple[SpatialSt
     p, v = orbit.inertial(state, since, along_arc=False)
     attitude, spin = _inertial_turn(state, orbit, since)
     radius = float(np.linalg.norm(p))
-    parameter = float(np.sum(np.cross(p, v) ** 2)) / facts.MU
-    energy = float(v @ v) / 2.0 - facts.MU / radius
-    if 1.0 + 2.0 * energy * parameter / facts.MU < MOST_ECCENTRIC**2:
+    parameter = float(np.sum(np.cross(p, v) ** 2)) / MU
+    energy = float(v @ v) / 2.0 - MU / radius
+    if 1.0 + 2.0 * energy * parameter / MU < MOST_ECCENTRIC**2:
         new = Orbit((tuple(p), tuple(v)))
         return _at_target(new, attitude, spin), new, math.inf
     across = np.cross(np.cross(p, v), p)
-    circular = across / np.linalg.norm(across) * math.sqrt(facts.MU / radius)
+    circular = across / np.linalg.norm(across) * math.sqrt(MU / radius)
     apart = v - circular
     length = APART * radius / float(np.linalg.norm(apart))
     # The craft meets the target halfway: errors of the second order are then a quarter.

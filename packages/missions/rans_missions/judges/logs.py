@@ -11,8 +11,7 @@ from pathlib import Path
 
 from rans.extend import ConfigError, read_text
 from rans_missions.judges import jeod
-from rans_missions.judges.jeod import RUNS, Run
-from rans_missions.judges.jeod_facts import Motion, Turning
+from rans_missions.judges.jeod import RUNS, Motion, Run, Turning
 from validation.judges.judge import Row
 
 FILE = "log_state_ASCII.csv"

@@ -1,4 +1,4 @@
-"""Flights on orbits against NASA's JEOD (`rans_missions.judges.jeod_facts` has the figures and their source)."""
+"""Flights on orbits against NASA's JEOD (`rans_missions/judges/jeod.toml` has the figures and their source)."""
 
 from __future__ import annotations
 
