@@ -84,6 +84,16 @@ class Sweep(Options):
         from rans.fast.learn.recipes import craft_of
         from rans.show.sweep_files import save_sweep
 
+        config = sweep.members[0].config
+        trust = trust_option(config, craft_of(config))
+        again = shlex.join(["rans", "sweep", "--resume", str(folder), *trust])
+        if not any(
+            member.rows for member in sweep.members
+        ):  # stopped in the imitation of the first
+            Terminal().say(
+                f"Stopped before any result; {folder} has none. Begin anew with: {again}"
+            )
+            return stop.code
         save_sweep(sweep, folder, self.log)
         Terminal().table(_table(sweep))
         solved = sum(member.solved for member in sweep.members)
@@ -96,11 +106,8 @@ class Sweep(Options):
             f"{time.monotonic() - STARTED:.1f} s in all. The best agent is {folder}/best."
         )
         # What to do next: go on, or judge the best.
-        config = sweep.members[0].config
-        trust = trust_option(config, craft_of(config))
         if stop.requested:
-            again = ["rans", "sweep", "--resume", str(folder), *trust]
-            text += f" Continue with: {shlex.join(again)}"
+            text += f" Continue with: {again}"
         Terminal().say(text)
         if not stop.requested:
             Terminal().suggest(

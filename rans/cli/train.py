@@ -328,6 +328,12 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
             f"Nothing was left to train: {path} has {begun:,} steps. Train on with: "
             + _train_on(path, begun, trust)
         )
+    again = shlex.join(["rans", "train", "--resume", str(path), *trust])
+    if not trainer.steps:
+        return (
+            "Stopped in the imitation with which the training begins: nothing of it is kept, and "
+            f"{path} has no agent yet. Begin anew with: {again}"
+        )
     # How it ended, and what it took.
     stopped = stopped and not trainer.ended
     ending = (
@@ -349,8 +355,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     )
     # What to do next, where the task is not solved.
     if stopped:
-        again = ["rans", "train", "--resume", str(path), *trust]
-        text += f" Continue with: {shlex.join(again)}"
+        text += f" Continue with: {again}"
     elif trainer.config.solved_share is not None and not trainer.solved:
         reasons = obstacles(trainer.engine.craft, trainer.config.settings, trainer.config.timing)
         advice = (

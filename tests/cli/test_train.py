@@ -19,6 +19,7 @@ from rans.cli.train import StopGently, Train, _beside_the_agent, compile_in_this
 from rans.errors import ConfigError
 from rans.evaluation.compare import entrants
 from rans.evaluation.compare.contest import Contest
+from rans.fast.learn import any_craft
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder, read_config
 from rans.model.spacecraft_file import spacecraft_text
@@ -282,6 +283,41 @@ def test_a_signal_stops_it_gently() -> None:
     config.write_text(config.read_text().replace("1000000000", str(steps + 128)))
     assert main(shlex.split(match[1])) == 0
     assert RunFolder(run).metrics()[-1]["steps"] == steps + 128
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["train", "sweep"])
+def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(
+    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It ends in the middle of a round, and the command that it prints begins anew."""
+    rounds: list[int] = []
+    learn = any_craft._Lessons.learn
+
+    def interrupted(lessons: Any, generator: torch.Generator) -> None:
+        rounds.append(lessons.rounds)
+        if len(rounds) == 3:
+            signal.raise_signal(signal.SIGINT)
+        learn(lessons, generator)
+
+    monkeypatch.setattr(any_craft._Lessons, "learn", interrupted)
+    _, task, *options = tiny(begin_from="pretrained:any-craft-2d", total_timesteps=256)
+    options = [word for word in options if word not in ("--device", "cpu")]
+    options += ["--set", "device=cpu", "--output", "run"]
+    assert main([command, task, *options]) == 130
+    assert rounds == [1, 1, 1]
+    folder = Path("run" if command == "train" else "run/batches/0")
+    assert not {"checkpoint.safetensors", "agent.safetensors"} & {
+        file.name for file in folder.iterdir()
+    }
+    out = capsys.readouterr().out
+    assert out.startswith("Stopped ")
+    again = " ".join(out.split()).partition("Begin anew with: ")[2]
+    assert again == f"rans {command} --resume run"
+    for name in ("_ROUNDS", "_OWN_ROUNDS", "_SHORT_ROUNDS", "_JUDGED", "_MOST_ROUNDS"):
+        monkeypatch.setattr(any_craft, name, 1)
+    assert main(again.split()[1:]) == 0
+    assert "Stopped" not in capsys.readouterr().out
 
 
 def _iterate_for_ever() -> None:

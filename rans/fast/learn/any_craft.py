@@ -132,10 +132,12 @@ def imitate(
     expert: Network,
     settings: PPOSettings,
     is_enough: Callable[[], bool] | None = None,
+    stop: Callable[[], bool] = lambda: False,
 ) -> int:
     """Bring every member of a network to the commands of an expert, and reset the engine.
 
-    Returns the number of control periods that each environment flew.
+    Returns the number of control periods that each environment flew; 0 if it was stopped, which leaves a network
+    that is neither untrained nor imitates the expert.
 
     Args:
         engine: in which they fly, the environments of a member side by side.
@@ -145,6 +147,7 @@ def imitate(
         settings: of the training that follows: discount and scale of its rewards.
         is_enough: whether the network flies well enough: if this may be all of the training, its last rounds go on
             until then; None: reinforcement learning goes on in any case.
+        stop: whether to stop; called after every gradient step.
     """
     dimension = engine.craft.dimension
     certainty = _CERTAINTY[dimension]
@@ -158,18 +161,24 @@ def imitate(
         rate, last = _SHORT_RATE, _MOST_ROUNDS
         periods = max(1, round(_SHORT_SECONDS / engine.timing.control_period))
     lessons = _Lessons(engine, network, adam, certainty, batch, last)
+    stopped = False
     for number in range(last):
         share = min(1.0, number / mixed)
         lessons.add(_flown(engine, network, expert, share, settings, generator, periods))
         adam.rate.fill_(rate * (1.0 - 0.9 * share))
         for _ in range(updates):
             lessons.learn(generator)
+            stopped = stop()
+            if stopped:
+                break
         alone = number + 1 - mixed
+        if stopped:
+            break
         if is_enough is not None and alone > 0 and alone % _JUDGED == 0 and is_enough():
             break
     adam.load(before)
     engine.reset()
-    return lessons.rounds * periods
+    return 0 if stopped else lessons.rounds * periods
 
 
 class _Labels(NamedTuple):

@@ -188,7 +188,8 @@ class Trainer:
 
         Args:
             report: called after every row of metrics.
-            stop: called after every iteration.
+            stop: called after every iteration, and often in an imitation (`rans.fast.learn.any_craft`), of which
+                nothing is saved if it is stopped: ``steps`` are 0 then.
 
         Raises:
             NonFiniteState: a value became NaN; the state was written to the run folder.
@@ -223,7 +224,8 @@ class Trainer:
         stopped = False
         with nullcontext() if self.config.compiled else as_written():
             if self._teacher is not None and self.steps == 0:
-                self._imitate(self._teacher, report)
+                if not self._imitate(self._teacher, report, stop):
+                    return
             else:
                 self._begun = (self.steps, self.seconds)
             if not self.config.compiled:
@@ -234,8 +236,16 @@ class Trainer:
             self.members[number].weights = self.learner.network.member(number)
         self.save()
 
-    def _imitate(self, expert: Network, report: Callable[[Sequence[Member]], object]) -> None:
-        """Learn from an agent for any craft, changing network, Adam and counts; may end a training once solved."""
+    def _imitate(
+        self,
+        expert: Network,
+        report: Callable[[Sequence[Member]], object],
+        stop: Callable[[], bool],
+    ) -> bool:
+        """Learn from an agent for any craft, changing network, Adam and counts; may end a training once solved.
+
+        Returns whether it came to its end, and was not stopped.
+        """
         begun = time.monotonic()
         member = self.members[0]
         may_end = self.config.solved_share is not None and len(self.members) == 1
@@ -253,17 +263,21 @@ class Trainer:
             expert,
             self.config.ppo,
             is_solved if may_end else None,
+            stop,
         )
         self.seconds += time.monotonic() - begun
+        if not flown:
+            return False
         if not may_end:
             self._begun = (self.steps, self.seconds)
-            return
+            return True
         self.steps = flown * self.config.ppo.n_envs
         self._statistics = [{}]
         self._report(report, judged)
         if member.finds_solved(judged[0]["success"]):
             member.in_a_row = SOLVED_IN_A_ROW
             member.weights = self.learner.network.member(0)
+        return True
 
     def _go_on(
         self,
