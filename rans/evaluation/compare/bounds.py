@@ -369,7 +369,10 @@ def _tube(question: Question, least: float) -> float:
 
 
 def _certificate(question: Question, steps: int) -> Certificate | None:
-    """Certificate for on/off controllers; None if no number of pulses changes the start's spin to the goal's."""
+    """Certificate for on/off controllers; None if no number of pulses changes the start's spin to the goal's.
+
+    With None the bound of the hull stands alone.
+    """
     craft, quantities, goals, period, horizon, effort, scenario, _ = question
     proves = bounder(craft, period)
     problem = Problem(scenario.start, scenario.goal, goals, quantities)

@@ -83,7 +83,10 @@ def certify_each(
 
 
 def _add(cache: Path, key: str, bound: Bound) -> None:
-    """Add a bound to the cache, to which other processes may have added some."""
+    """Add a bound to the cache, to which other processes may have added some.
+
+    Keys are digests of questions with `_VERSION`: raise it with every change of a bound, or old ones are read.
+    """
     with one_at_a_time(cache.parent):
         cached = _read(cache) if cache.exists() else {}
         write_json(

@@ -254,7 +254,10 @@ class Entry:
         return np.all([rate[0] == 0.0 for rate in rates], axis=0)
 
     def amounts(self, event: Event) -> Amounts:
-        """Times or impulses of an event, which are compared with its bound."""
+        """Times or impulses of an event, which are compared with its bound.
+
+        Infinite where the event never comes; bounds of other events may not be compared with it.
+        """
         if event == Event():
             return Amounts(event, self.arrival)
         if event == Event("settling"):

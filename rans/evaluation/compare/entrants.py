@@ -184,7 +184,10 @@ def _with_setup(run: LoadedRun, contest: Contest) -> Contestant:
 
 
 def _guest(guest: Guest, contest: Contest) -> Contestant:
-    """A user's controller as a contestant; its commands are checked, see `CheckedController`."""
+    """A user's controller as a contestant; its commands are checked, see `CheckedController`.
+
+    Its class is made once for all starts, with the contest's own spacecraft, task and timing.
+    """
     if hasattr(guest, "predict") and not hasattr(guest, "act"):  # A model of Stable-Baselines3
         policy = ObjectPolicy(guest, contest.craft, contest.task)
         return Contestant(policy.name, policy, _OBSERVATION, _UNKNOWN)

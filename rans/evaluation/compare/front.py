@@ -55,7 +55,10 @@ def _figures(entry: Entry) -> np.ndarray:
 
 
 def least(line: Sequence[Point], what: str, bounded: str, limit: float) -> Point | None:
-    """Point of a polygonal line with the least ``what`` where ``bounded`` is at most the limit, or None."""
+    """Point of a polygonal line with the least ``what`` where ``bounded`` is at most the limit, or None.
+
+    Points come in the order of the line, since only neighbours are joined.
+    """
     points = [candidate for candidate in line if getattr(candidate, bounded) <= limit]
     for left, right in pairwise(line):
         begin = getattr(left, bounded)
@@ -80,7 +83,11 @@ class Verdict(NamedTuple):
 
 
 def judged(line: Sequence[Point], rival: Point) -> Verdict:
-    """Compare a line with a point: it dominates with less impulse in its time and less time for its impulse."""
+    """Compare a line with a point: it dominates with less impulse in its time and less time for its impulse.
+
+    Published verdicts rest on it: errors and arrivals count too, so that less of both is not bought by missing the
+    goal.
+    """
     thrifty = least(line, "impulse", "time", rival.time)
     quick = least(line, "time", "impulse", rival.impulse)
     if thrifty is None or quick is None:
@@ -158,7 +165,10 @@ class Front:
         return judged([*map(point, line)], point(rival))
 
     def chance(self, line: Sequence[Entry], rival: Entry) -> float:
-        """Share of the resamples of the starts (see `Bootstrap`) in which a line dominates another entry."""
+        """Share of the resamples of the starts (see `Bootstrap`) in which a line dominates another entry.
+
+        Starts are drawn together for all entries, which keeps the pairs.
+        """
         figures = np.hstack([_figures(entry) for entry in (*line, rival)])
         draws = Bootstrap(len(figures)).means(figures).reshape(-1, len(line) + 1, 4).tolist()
         won = [
@@ -188,7 +198,10 @@ class Front:
         ]
 
     def front(self) -> dict[Event, float]:
-        """Mean bound over the starts: of the least time, and of impulse by each horizon."""
+        """Mean bound over the starts: of the least time, and of impulse by each horizon.
+
+        Only starts whose bounds are all known count, in each of the means.
+        """
         bounds = self._known()
         starts = self.starts()
         return (
@@ -201,7 +214,10 @@ class Front:
         )
 
     def multiple(self, entry: Entry) -> Multiple | None:
-        """Ratio of an entry to the bounds at its own times; None if none are known."""
+        """Ratio of an entry to the bounds at its own times; None if none are known.
+
+        A ratio of sums, not a mean of ratios: a start with a small bound does not decide it.
+        """
         bounds = self._known()
         starts = [k for k in self.starts() if 0.0 < entry.arrival[k] < math.inf]
         bound = sum(bounds[k, Event(horizon=float(entry.arrival[k]))] for k in starts)
@@ -275,7 +291,10 @@ class Front:
         )
 
     def impossible(self) -> Iterator[str]:
-        """Sentences about flights below a bound, each of which would prove an error in the package."""
+        """Sentences about flights below a bound, each of which would prove an error in the package.
+
+        Tables stand all the same; the sentence asks for a report.
+        """
         bounds = self._known()
         for entry in self.entries:
             for k in self.starts():

@@ -102,7 +102,10 @@ class MissionBounds:
         ]
 
     def to_json(self) -> dict[str, Any]:
-        """Data for `rans.files.write_json`; what is impossible is None."""
+        """Data for `rans.files.write_json`; what is impossible is None.
+
+        Keys are an interface of files of comparisons.
+        """
         return {
             "spending": self.spending,
             "deadlines": None if self.deadlines is None else self.deadlines.tolist(),

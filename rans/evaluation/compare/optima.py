@@ -86,7 +86,10 @@ class Optimum:
         return "solved" if self.good else "solved, but Drake flies elsewhere"
 
     def to_json(self) -> dict[str, Any]:
-        """Entry of a start in optimal.json; numbers that are missing are NaN. Units are those of `Trajectory`."""
+        """Entry of a start in optimal.json; numbers that are missing are NaN. Units are those of `Trajectory`.
+
+        Keys are an interface of `rans optimal`.
+        """
         path = self.trajectory
         result = 1.0 if path.solved else math.nan
         kkt = path.optimality
@@ -153,7 +156,10 @@ def optima(
 
 
 def _judged(start: int, trajectory: Trajectory, flight: Flight) -> Optimum:
-    """Optimum of a trajectory flown in Drake: largest distance between both (m), and errors at the end."""
+    """Optimum of a trajectory flown in Drake: largest distance between both (m), and errors at the end.
+
+    The flight has one episode; states after its last command are left out.
+    """
     last = len(trajectory.commands) if trajectory.control_period > 0.0 else 0
     planned = map_leaves(lambda x: x[: last + 1, 0], flight.states)
     end = map_leaves(lambda x: float(x[-1]), planned)
@@ -399,7 +405,10 @@ def _multipliers(path: Trajectory) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _csv(answers: Sequence[Optimum]) -> str:
-    """Trajectories as a CSV file: a row for each state between control periods, with the command that follows."""
+    """Trajectories as a CSV file: a row for each state between control periods, with the command that follows.
+
+    SI units; the last state of a start has no command. Readers rely on names and order of columns.
+    """
     path = answers[0].trajectory
     commands = [f"command.{k}" for k in range(path.commands.shape[1])]
     lines = [",".join(["start", "time", *_names(path.states), *commands])]

@@ -115,7 +115,10 @@ def _too_early(objective: Objective, start: int, least: float) -> Relaxed:
 
 
 def _scored(contest: Contest, objective: Objective, optimum: Optimum) -> Relaxed:
-    """Scores of one relaxed optimum, of its flight in Drake; only its sentence if it has no good flight."""
+    """Scores of one relaxed optimum, of its flight in Drake; only its sentence if it has no good flight.
+
+    Of the flight, not of the solver: what the solver says is only whether there is one.
+    """
     trajectory = optimum.trajectory
     flight = optimum.flight
     head = (objective, optimum.start, optimum.sentence, optimum.good, trajectory.seconds)

@@ -343,7 +343,10 @@ def _entry(
     workers: int | None,
     is_timed: bool = True,
 ) -> Entry:
-    """Fly one contestant from all starts, as an entry of the comparison."""
+    """Fly one contestant from all starts, as an entry of the comparison.
+
+    It adds to `failures`; the caller adds the entry.
+    """
     step = stages(f"flying {contestant.name}", comparison.contest.episodes)
     flight, stopped = comparison.contest.fly(contestant.controller, workers, step)
     if stopped:

@@ -144,7 +144,10 @@ def _candidate(
     flown: list[tuple[float, dict[str, float]]],
     random: np.random.Generator,
 ) -> dict[str, float]:
-    """Settings after a share of the search: the default ones, any, then ever closer to the best so far."""
+    """Settings after a share of the search: the default ones, any, then ever closer to the best so far.
+
+    It draws once for each candidate but the first; ``fraction`` decides how far from the best.
+    """
     if not flown:
         return first
     low, high = np.log(list(within.values())).T

@@ -150,7 +150,10 @@ def write_for_spacecraft(
 
 
 def _is_own_with_a_moving_mass(craft: Spacecraft, own: Spacecraft) -> bool:
-    """Whether a craft differs from an agent's own in a mass that moves, its name and its pictures only."""
+    """Whether a craft differs from an agent's own in a mass that moves, its name and its pictures only.
+
+    Then the agent keeps its weights for its own craft, as the liquid is what it has to cope with.
+    """
     if craft.is_rigid or craft.acting_effectors or craft.thruster_count != own.thruster_count:
         return False
     # Directions are normalised again when a file is read, which changes their last digits.

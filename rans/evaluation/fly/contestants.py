@@ -127,7 +127,10 @@ def _controller(name: ContestantName, terms: Terms) -> LoadedRun:
 
 
 def _for_craft(run: LoadedRun, name: ContestantName, period: float | None) -> LoadedRun:
-    """The run of an agent for any craft as its name says: adapting, for a craft, frugal."""
+    """The run of an agent for any craft as its name says: adapting, for a craft, frugal.
+
+    The order counts: constants of the craft are computed for the network as it adapts, and frugality for the craft.
+    """
     from rans.evaluation.fly.any_craft import adapting, for_spacecraft, frugal
     from rans.policy.timing import timing_for
 

@@ -131,7 +131,10 @@ def fly_draws(
 
 
 def _joined(parts: list[Flown]) -> Flown:
-    """Flights of several groups of episodes of a task as one; episodes are the last axis of a field."""
+    """Flights of several groups of episodes of a task as one; episodes are the last axis of a field.
+
+    Groups must be of one task and in the order of their starts. Settings are those of the first.
+    """
 
     def join(*fields: Any) -> np.ndarray:
         return np.concatenate(fields, axis=-1)

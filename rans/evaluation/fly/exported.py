@@ -158,7 +158,10 @@ class ExportedPython:
     def decide(
         self, observation: np.ndarray, memory: Any, episode_start: np.ndarray | None = None
     ) -> tuple[np.ndarray, Any]:
-        """Commands (N, commands) and what agent.py keeps after them; see `UserPolicy.decide`."""
+        """Commands (N, commands) and what agent.py keeps after them; see `UserPolicy.decide`.
+
+        `_KEPT` names the arrays that files of earlier exports have too.
+        """
         count = len(observation)
         with failing_as_config_error(self._folder / "agent.py"):
             self._agent.reset(count)

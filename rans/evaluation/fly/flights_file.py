@@ -87,7 +87,10 @@ class FlightsFile:
         columns: Sequence[str],
         rows: Iterable[Sequence[str]],
     ) -> dict[int, dict[int, np.ndarray]]:
-        """Commands (n,) or changes of velocity (d,), m/s, by the number of the start and of the control period."""
+        """Commands (n,) or changes of velocity (d,), m/s, by the number of the start and of the control period.
+
+        A period that is named twice for one start is refused; one that is not named is a coast.
+        """
         flights: dict[int, dict[int, np.ndarray]] = {}
         for line, row in enumerate(rows, start=2):
             if not any(map(str.strip, row)):
@@ -122,7 +125,10 @@ class FlightsFile:
         self._step = 0
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """Commands (N, n) of this period's row; changes of velocity are turned to B. Counts periods."""
+        """Commands (N, n) of this period's row; changes of velocity are turned to B. Counts periods.
+
+        One call a period from `reset` on; rows are the starts in their order.
+        """
         given = self._given[min(self._step, len(self._given) - 1), : len(observation)]
         self._step += 1
         if self._levers is None:

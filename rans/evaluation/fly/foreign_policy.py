@@ -81,7 +81,10 @@ def _predicting(
     takes = [name for name in ("state", "episode_start") if anything or name in parameters]
 
     def decide(observation: np.ndarray, memory: Any, starts: np.ndarray) -> Decision:
-        """Actions and next memory for observations (N, width); ``starts`` (N,) is true where an episode begins."""
+        """Actions and next memory for observations (N, width); ``starts`` (N,) is true where an episode begins.
+
+        Arguments that ``predict`` does not take are left out, as policies of others lack them.
+        """
         options = {
             name: value
             for name, value in (("state", memory), ("episode_start", starts))
@@ -154,7 +157,10 @@ def _check_module(who: str, module: Any) -> None:
 
 
 def _called(function: Callable[[Any], Any], observation: np.ndarray) -> Any:
-    """Commands of a torch module, on its own device, or of a function, for observations (N, width)."""
+    """Commands of a torch module, on its own device, or of a function, for observations (N, width).
+
+    Its result is checked by `UserPolicy`, not here.
+    """
     import torch
 
     if isinstance(function, torch.nn.Module):
@@ -515,7 +521,10 @@ class OnnxPolicy:
         return self._session.run(self._asked_for, {self._observation: observation, **named})
 
     def _run(self, observation: np.ndarray, states: list[np.ndarray]) -> list[np.ndarray]:
-        """Commands (N, n) in the order of the observations (N, width), and the states after them."""
+        """Commands (N, n) in the order of the observations (N, width), and the states after them.
+
+        A network that was exported for one row gets one at a time: its answers may not depend on the batch.
+        """
         if not self._is_single:
             return self._asked(observation, states)
         rows = [self._of_row(observation, states, k) for k in range(len(observation))]

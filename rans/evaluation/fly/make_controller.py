@@ -97,7 +97,10 @@ class CheckedController:
             self.command = self._command
 
     def _command(self, state: Any, goal: Any) -> tuple[Field, ...]:
-        """Commands as arithmetic on fields; what a class of the user raises becomes a `ConfigError`."""
+        """Commands as arithmetic on fields; what a class of the user raises becomes a `ConfigError`.
+
+        Without the range checks of `act`, since fields have no values.
+        """
         try:
             return tuple(self._made.command(state, goal))
         except RansError:

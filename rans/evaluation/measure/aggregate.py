@@ -114,7 +114,10 @@ class Metrics(NotebookRepr):
             yield group, _line(tuple(rows))
 
     def key_lines(self) -> list[tuple[str, tuple[str, str, str, str]]]:
-        """Lines of a short table, as `lines` has them: success, time, errors, impulse and percentiles."""
+        """Lines of a short table, as `lines` has them: success, time, errors, impulse and percentiles.
+
+        Names are those of the rows, which files and pages use.
+        """
         lines = list(self.lines())
         order = [
             *(name for name in _FIRST),

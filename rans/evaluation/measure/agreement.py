@@ -53,7 +53,10 @@ class EngineComparison:
         return all(pair.passed is not False for pair in self.pairs)
 
     def to_json(self) -> dict[str, Any]:
-        """Content of "both" in evaluation.json: values of both engines with 95 % intervals, and verdicts."""
+        """Content of "both" in evaluation.json: values of both engines with 95 % intervals, and verdicts.
+
+        Readers of evaluation.json rely on the keys.
+        """
         pairs = [
             {
                 "name": p.name,
