@@ -129,7 +129,10 @@ def valid_ranges(task: Task, dimension: Dimension, seen: np.ndarray) -> list[tup
 def _known_range(
     entry: ObservationTerm, low: float, high: float, more: float
 ) -> tuple[float, float]:
-    """Range of a column in training, widened by ``more`` unless its kind of term bounds it."""
+    """Range of a column in training, widened by ``more`` unless its kind of term bounds it.
+
+    Exported agents refuse or shut by it: too narrow stops flights that are fine.
+    """
     if isinstance(entry, TradeOff):
         return 0.0, 1.0
     if isinstance(entry, RelativeRotation):
@@ -153,6 +156,8 @@ def state_quantities(state: State) -> dict[str, Any]:
 
     The attitude is a heading in the plane, and in space a unit quaternion (w, x, y, z). Notes have their names: a
     number, or a list of the numbers of shapes, such as zones, each in the order of its definition.
+
+    Contracts and golden pairs have these keys; other languages read them.
     """
     attitude: Any = state.attitude
     planar = not isinstance(state.w, Vec3)

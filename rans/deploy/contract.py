@@ -145,7 +145,10 @@ def recorded(
 def _recorded(
     controller: Controller, setup: Setup, seed: int, count: int
 ) -> tuple[RecordedFlights, np.ndarray]:
-    """Observations and commands (T, N, ...) of the first `STEPS` periods, and (N,) which flights failed."""
+    """Observations and commands (T, N, ...) of the first `STEPS` periods, and (N,) which flights failed.
+
+    Valid ranges and golden pairs are of these flights: another seed or count makes other files.
+    """
     recorder = ActionRecorder(controller)
     timing = setup.timing
     short = replace(timing, episode_steps=min(timing.episode_steps, STEPS), substeps=None)
@@ -268,7 +271,10 @@ def _columns(task: Task, craft: Spacecraft, seen: np.ndarray) -> list[dict[str, 
 
 
 def _command(craft: Spacecraft) -> dict[str, Any]:
-    """What the commands of a craft are: thrusters first, then wheels, as every exported agent gives them."""
+    """What the commands of a craft are: thrusters first, then wheels, as every exported agent gives them.
+
+    Firmware reads these keys; thrusters are in the order of commands.
+    """
     return {
         "actuators": craft.actuators.kind,
         "values": craft.actuators.allowed,
@@ -287,7 +293,10 @@ def _command(craft: Spacecraft) -> dict[str, Any]:
 
 
 def _readings(conditions: Conditions, period: float) -> dict[str, Any]:
-    """Ages of readings, s, under any of the conditions of a training with a control period, s."""
+    """Ages of readings, s, under any of the conditions of a training with a control period, s.
+
+    `rans fly` shuts the valves by "oldest".
+    """
     sensors = [variant.sensors for variant in (conditions, *conditions.others)]
     late = max(largest(sensor.delay) for sensor in sensors) * period
     outage = max(largest(sensor.outage) for sensor in sensors)
@@ -510,7 +519,10 @@ def _pairs(
     craft: Spacecraft | None,
     task: Task | None,
 ) -> dict[str, Any]:
-    """Golden pairs of chosen flights, from observations and commands (T, N, ...)."""
+    """Golden pairs of chosen flights, from observations and commands (T, N, ...).
+
+    ``clearest`` (K,) are numbers of flights, whose pairs follow one another, flight by flight and in order of time.
+    """
     observed, commanded = (x[:, clearest].swapaxes(0, 1) for x in (seen, commands))
     begins = [step == 0 for _ in clearest for step in range(len(seen))]
     result: dict[str, Any] = {

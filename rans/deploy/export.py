@@ -306,7 +306,10 @@ def _agent_name(run: RunFolder) -> str:
 
 
 def _card(run: RunFolder) -> dict[str, Any]:
-    """What is known of an agent: all of one that was exported before, else how it was trained."""
+    """What is known of an agent: all of one that was exported before, else how it was trained.
+
+    Keys of cards are an interface: pages, registries and exports of exports read them.
+    """
     if run.metrics_file.exists():
         return {"training": _training(run)}
     file = inside(run.path, "card.json")
@@ -322,7 +325,10 @@ def _card(run: RunFolder) -> dict[str, Any]:
 def evaluated(
     spec: str, protocols: Iterable[ProtocolName], episodes: int, seed: int
 ) -> dict[str, Any]:
-    """What a card says of an agent's flights: their number and seed, the figures, and what made these, when."""
+    """What a card says of an agent's flights: their number and seed, the figures, and what made these, when.
+
+    Keys of cards are an interface; `_judged` says what stands under each protocol.
+    """
     return {
         "episodes": episodes,
         "evaluation_seed": seed,

@@ -76,7 +76,10 @@ def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[
     """
 
     def measure(several: Sequence[Conditions]) -> list[float]:
-        """Shares solved under each of several conditions, flown together as a mixture of equal weights."""
+        """Shares solved under each of several conditions, flown together as a mixture of equal weights.
+
+        Each episode draws its level, so that their numbers of flights differ a little.
+        """
         parts = [
             replace(part, others=(), weight=part.weight / sum(variant.weight for variant in every))
             for level in several
@@ -219,7 +222,10 @@ def _tolerated(margins: dict[str, Any], rest: str) -> str:
 
 
 def _around(middle: int, values: Sequence[float], held: Sequence[float]) -> list[float] | None:
-    """First and last of the values around the middle one, without a gap, at which enough flights are solved."""
+    """First and last of the values around the middle one, without a gap, at which enough flights are solved.
+
+    An island beyond a gap does not count, since a robot may be in the gap.
+    """
     if not held[middle] >= WANTED:
         return None
     first = last = middle

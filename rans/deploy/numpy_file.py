@@ -38,7 +38,10 @@ _LINE = 110
 
 
 def write_numpy(folder: Path, program: Program, ports: Ports, title: str) -> None:
-    """Write agent.py, whose class ``Agent`` flies, and agent.npz; `ConfigError` where the disk refuses."""
+    """Write agent.py, whose class ``Agent`` flies, and agent.npz; `ConfigError` where the disk refuses.
+
+    The title is code in the file: what strangers may have written is taken out of it.
+    """
     frame = (resources.files("rans") / "data/export/agent.py.txt").read_text("utf-8")
     lines, tables = printed(program)
     # The title has names that strangers may have given, and this is code.
@@ -65,7 +68,10 @@ def write_numpy(folder: Path, program: Program, ports: Ports, title: str) -> Non
 
 
 def printed(program: Program) -> tuple[list[str], list[str]]:
-    """The program's lines, and the names of the tables in them, each ``w["name"]``."""
+    """The program's lines, and the names of the tables in them, each ``w["name"]``.
+
+    A value that is read once stands where it is read; operators around it must bind less tightly.
+    """
     uses = Counter(name for step in program.steps for name in step.inputs)
     texts: dict[str, str] = {}
     lines = []

@@ -102,7 +102,10 @@ def _activated(program: Program, name: str, x: str) -> str:
 
 
 def _commanded(program: Program, output: str, ranges: Sequence[CommandRange]) -> None:
-    """Commands in their ranges, from outputs from 0 to 1: what `rans.effectors.commands.of_outputs` does."""
+    """Commands in their ranges, from outputs from 0 to 1: what `rans.effectors.commands.of_outputs` does.
+
+    0.5 itself opens, as there.
+    """
 
     def row(values: Iterable[float]) -> str:
         return program.constant(np.array([*values], dtype=np.float32))

@@ -137,7 +137,10 @@ class Adaptation(NamedTuple):
         return [len(self.filling) + 1] if self.filling else []
 
     def estimated(self, rows: Rows[Row], twist: Row, memory: Row) -> Estimate[Row]:
-        """Estimate after a reading of the twist (N, d) in B, and the memory (N, width) of the period before."""
+        """Estimate after a reading of the twist (N, d) in B, and the memory (N, width) of the period before.
+
+        The order of the memory is in agents' files; the traced program and torch run these lines alike.
+        """
         size = self.twist
         pushing = directions(size)
         earlier, latest, last, previous, *rest = rows.split(memory, self._widths())
@@ -202,7 +205,10 @@ class Adaptation(NamedTuple):
         return gains if len(self.effects) == self.thrusters else [gains[0], gains[0]]
 
     def next_memory(self, rows: Rows[Row], estimate: Row, command: Row) -> Row:
-        """Memory after an estimate (`Estimate.memory`) and a command from 0 to 1."""
+        """Memory after an estimate (`Estimate.memory`) and a command from 0 to 1.
+
+        A wheel's command of 0.5 is no torque, and is remembered as 0.
+        """
         widths = [2 * self.twist, len(self.effects), 5 * self._hypotheses, *self._remembered]
         twists, last, beliefs, *remembered = rows.split(estimate, widths)
         if len(self.effects) > self.thrusters:
@@ -228,7 +234,10 @@ class Adaptation(NamedTuple):
         return [*filled, within(periods + 1.0, 0.0, _MOST_PERIODS)]
 
     def _effects(self, rows: Rows[Row], command: Row) -> list[Row]:
-        """Change of the twist by a command along each axis, by every hypothesis, (N, hypotheses) each."""
+        """Change of the twist by a command along each axis, by every hypothesis, (N, hypotheses) each.
+
+        Hypotheses come in the order of `_works`, that of all thrusters working first.
+        """
         columns = np.array(self.effects)
         works = self._works()
         table = [column[:, None] * works for column in columns.T]

@@ -149,7 +149,10 @@ def _demands(
     layers: Layers,
     coast: Tensor,
 ) -> Tensor:
-    """Demands (N, d) of G networks with layers (G, o, i), each for N / G craft; see `training.Law`."""
+    """Demands (N, d) of G networks with layers (G, o, i), each for N / G craft; see `training.Law`.
+
+    A GPU records it, so that it may not branch on values.
+    """
     resting = coasting(error, turn, velocity, spin, authority, coast)
     coasts = coast > 0.0
 
@@ -289,7 +292,10 @@ class Evolution:
 
     @torch.no_grad()
     def step(self, part: float) -> str:
-        """Improve the weights, after a part of the time, and return a line of figures."""
+        """Improve the weights, after a part of the time, and return a line of figures.
+
+        `theta` changes in place. Draws come in the order values, noise, craft, for each kind of thruster.
+        """
         own = self._settings
         gradient = torch.zeros_like(self.theta)
         weight = torch.zeros_like(self.theta[:, :1])
@@ -359,7 +365,11 @@ class Evolution:
         return torch.stack(rows)
 
     def _judged(self, rows: Tensor, begun: Tensor, value: float) -> tuple[list[float], list[float]]:
-        """What flights with weights (G, k) lose more than with others (k,), and logarithms of times over theirs."""
+        """What flights with weights (G, k) lose more than with others (k,), and logarithms of times over theirs.
+
+        Both networks of a pair fly the same craft from the same starts; it draws from the training's own generator,
+        which changes all that follows.
+        """
         lost = torch.zeros(len(rows), device=rows.device)
         quicker = torch.zeros_like(lost)
         for continuous in (False, True):
@@ -385,7 +395,10 @@ class Evolution:
         return lost.tolist(), quicker.tolist()
 
     def named(self, rows: Tensor) -> list[dict[str, Tensor]]:
-        """Weights (G, k), flat in the order of `_shapes`, as a dictionary of tensors by name for each row."""
+        """Weights (G, k), flat in the order of `_shapes`, as a dictionary of tensors by name for each row.
+
+        Names are those of `DemandNetwork`'s parameters.
+        """
         sizes = [math.prod(shape) for shape in self._shapes.values()]
         return [
             {

@@ -112,7 +112,10 @@ def _lumped(
     forces: Mapping[str, float | None],
     remarks: Iterable[str],
 ) -> Foreign:
-    """One rigid body of all links, with the parallel-axis theorem; thrusters are links with an entry in forces."""
+    """One rigid body of all links, with the parallel-axis theorem; thrusters are links with an entry in forces.
+
+    Inertia about the common centre of mass, in the axes of the root; remarks become sentences for the user.
+    """
     for name, link in links.items():
         _check_body(f"the link {brief(name)}", link.mass, link.inertia)
     mass = sum(link.mass for link in links.values())
@@ -186,7 +189,11 @@ def _numbers(text: str | None, count: int, what: str) -> np.ndarray:
 def _forces(
     plugins: Iterable[ET.Element], links: Mapping[str, _Link], remarks: list[str]
 ) -> dict[str, float | None]:
-    """Links that are thrusters, in the order of their commands, with their forces where a plugin says them."""
+    """Links that are thrusters, in the order of their commands, with their forces where a plugin says them.
+
+    ``remarks`` gets clauses on what is not read. The order is that of the actuator numbers, where the file has
+    them.
+    """
     stated: dict[str, tuple[int | None, float | None]] = {}
     others: list[str] = []
     for plugin in plugins:
@@ -269,7 +276,10 @@ def _inertia(
 
 
 def _urdf(root: ET.Element, name: str) -> Foreign:
-    """Mass properties and thrusters of a URDF in the frame of its root link."""
+    """Mass properties and thrusters of a URDF in the frame of its root link.
+
+    Joints are at zero, whatever their limits are.
+    """
     if root.tag != "robot":
         raise ConfigError(f"a URDF's root is <robot>, got <{brief(root.tag)[1:-1]}>.")
     if any("xacro" in str(element.tag) for element in root.iter()):
@@ -351,7 +361,10 @@ def _distinct(root: ET.Element, tag: str, read: Callable[[ET.Element], _Link]) -
 
 
 def _sdf(root: ET.Element, name: str) -> Foreign:
-    """Mass properties and thrusters of an SDF's only model, in the frame of the model."""
+    """Mass properties and thrusters of an SDF's only model, in the frame of the model.
+
+    Poses are resolved through any chain of frames, as SDF's specification has it.
+    """
     if root.tag != "sdf":
         raise ConfigError(f"an SDF's root is <sdf>, got <{brief(root.tag)[1:-1]}>.")
     # What never moves, such as a floor, is no spacecraft.

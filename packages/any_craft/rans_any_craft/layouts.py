@@ -131,7 +131,10 @@ def _frames(forces: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _drawn(random: np.random.Generator, ranges: LayoutRanges) -> np.ndarray:
-    """Columns (thrusters, 3) of a layout, perhaps unable to move every way; pools rely on the order of draws."""
+    """Columns (thrusters, 3) of a layout, perhaps unable to move every way; pools rely on the order of draws.
+
+    In the frame of unit mass and unit radius of gyration; the caller keeps those that can be steered.
+    """
     family = FAMILIES[random.integers(len(FAMILIES))]
     count = int(random.integers(ranges.fewest, ranges.most + 1))
     if family != "free":

@@ -152,7 +152,10 @@ class Pool(NamedTuple):
 
 
 def shipped_shapes(dimension: int) -> frozenset[Shape]:
-    """Tables of `rans_any_craft.layouts.canonical` of all craft of a dimension that come with RANS."""
+    """Tables of `rans_any_craft.layouts.canonical` of all craft of a dimension that come with RANS.
+
+    Layouts of these are left out of the pool: tables of shipped craft are of craft that the training has not met.
+    """
     crafts = (SPACECRAFT[name].craft for name in spacecraft_names())
     return frozenset(
         table
@@ -306,7 +309,10 @@ class Cube:
         return np.full((1, 1), hand) if self.dimension == 2 else hand * g
 
     def on_columns(self, number: int) -> np.ndarray:
-        """Matrix (m, m) of what an element of the group does to the m columns of `rans.policy.authority`."""
+        """Matrix (m, m) of what an element of the group does to the m columns of `rans.policy.authority`.
+
+        Its blocks follow the columns of an observation there, vectors first: a new column needs its block.
+        """
         g = self.elements[number]
         axial = self._axial(number)
         blocks = [g] * VECTORS + [axial] * TURNS + [np.eye(SCALARS), _on_ways(g), _on_ways(axial)]
@@ -370,7 +376,10 @@ class DemandNetwork(torch.nn.Module):
         return [(weight[0], bias[0]) for weight, bias in stacked]
 
     def stacked(self, weights: Mapping[str, Tensor]) -> list[tuple[Tensor, Tensor]]:
-        """Dense layers (n, o, i) and (n, o) of n networks with these parameters (n, ...); see `of_layers`."""
+        """Dense layers (n, o, i) and (n, o) of n networks with these parameters (n, ...); see `of_layers`.
+
+        Shipped files have these dense layers, in which the symmetry is no longer visible.
+        """
         first, second, last = (weights[name] for name in ("first", "second", "last"))
         units = self.sides * first.shape[1]
         # Unit (c, g) has its input as from the side g.
@@ -582,7 +591,10 @@ def draw_batch(
 
 
 def allocated(demand: Tensor, rows: Sequence[Tensor], continuous: bool) -> tuple[Tensor, Tensor]:
-    """Changes of the twist (N, d) that craft give, and thrust (N,), both in units of the authority."""
+    """Changes of the twist (N, d) that craft give, and thrust (N,), both in units of the authority.
+
+    Forwards it is what agents do in flight (`rans.policy.allocation`); only backwards it is smoothed.
+    """
     layout, matrix, step, pushes, price, twist, offset, used = rows
     # Half of it is the derivative of the cost by a part of the thrust.
     paid = 0.5 * price * pushes
@@ -626,7 +638,10 @@ def _opened(demand: Tensor, twist: Tensor, offset: Tensor, used: Tensor) -> tupl
 def _continuous(
     demand: Tensor, layout: Tensor, matrix: Tensor, step: Tensor, paid: Tensor
 ) -> Tensor:
-    """Commands (N, n) of `rans.policy.allocation.shares`, for a layout (N, n, d) of each craft, by matrices."""
+    """Commands (N, n) of `rans.policy.allocation.shares`, for a layout (N, n, d) of each craft, by matrices.
+
+    Agents in flight descend by that function: too few steps here would train for another allocation.
+    """
     along = (layout @ demand[:, :, None])[:, :, 0] - paid
     free = step * along
     part = free.clamp(0.0, 1.0)
@@ -1001,7 +1016,10 @@ class _Gradients:
         return outcome
 
     def _record(self) -> None:
-        """Record `_computed` as a CUDA graph, after two runs on another stream, which libraries need."""
+        """Record `_computed` as a CUDA graph, after two runs on another stream, which libraries need.
+
+        What it computes from must keep its place in memory.
+        """
         # Compilers and libraries begin on another stream, before the recording.
         stream = torch.cuda.Stream()
         stream.wait_stream(torch.cuda.current_stream())

@@ -84,7 +84,10 @@ def _compiler() -> str | None:
 
 
 def measured_stack(folder: Path) -> int | None:
-    """Bytes of stack of `rans_agent_act` with what it calls, by the compiler; None if none here can say."""
+    """Bytes of stack of `rans_agent_act` with what it calls, by the compiler; None if none here can say.
+
+    The frame of that function and the largest of those that it calls, which call no other one.
+    """
     compiler = _compiler()
     if compiler is None:
         return None

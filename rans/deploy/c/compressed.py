@@ -35,7 +35,10 @@ class Packed(NamedTuple):
 
     @classmethod
     def _in_blocks(cls, table: np.ndarray, rows: int) -> Packed | None:
-        """The table in blocks of so many rows; None: they have more numbers than a byte can count."""
+        """The table in blocks of so many rows; None: they have more numbers than a byte can count.
+
+        Bit for bit: numbers are compared as whole numbers, since -0.0 equals 0.0 and NaN nothing.
+        """
         blocks = []
         # Numbers that differ in a bit are two.
         for block in table.view(np.int32).reshape(len(table) // rows, -1):
@@ -70,7 +73,10 @@ class Packed(NamedTuple):
         return np.packbits(flat, bitorder="little") if self.is_bits else flat
 
     def entry(self, name: str, row: str, column: str, width: int) -> str:
-        """Entry of a row and a column, all three as C text; ``width`` columns make a row."""
+        """Entry of a row and a column, all three as C text; ``width`` columns make a row.
+
+        ``row`` is pasted as it is, so that it must be a number or a name.
+        """
         blocks, longest = self.values.shape
         own = row if blocks == 1 or len(self.indices) > self.rows else f"{row} % {self.rows}"
         at = f"{own} * {width} + {column}" if width > 1 else own
@@ -103,7 +109,10 @@ class Stepped(NamedTuple):
 
     @classmethod
     def _in_bits(cls, table: np.ndarray, bits: int) -> Stepped | None:
-        """Rows as whole steps (of ``bits`` bits) of a size of their own, bit-exact; None: some row is not."""
+        """Rows as whole steps (of ``bits`` bits) of a size of their own, bit-exact; None: some row is not.
+
+        The product of count and step must be the entry itself, since exported commands equal those of the agent.
+        """
         largest = np.abs(table).max(axis=1)
         guess = np.where(largest > 0.0, largest / np.float32(STEPS[bits]), np.float32(1.0))
         size = guess.copy()

@@ -120,7 +120,10 @@ def filled(text: str, values: Mapping[str, Any]) -> str:
 
 
 def _ranges(columns: Sequence[Mapping[str, Any]], width: int) -> str:
-    """C tables of the valid and refused ranges of ``width`` columns; valid ones get a slack of 1e-5 for float32."""
+    """C tables of the valid and refused ranges of ``width`` columns; valid ones get a slack of 1e-5 for float32.
+
+    Firmware checks observations by them, in columns' order.
+    """
     texts = []
     for name, slack in (("valid", 1e-5), ("refused", 0.0)):
         for end, side in (("low", 0), ("high", 1)):

@@ -19,7 +19,10 @@ class Scratch:
         self._taken: dict[str, tuple[int, int]] = {}
 
     def taken(self, name: str, size: int) -> int:
-        """First index of a new array of ``size`` numbers, the lowest with room; remembers it and the total."""
+        """First index of a new array of ``size`` numbers, the lowest with room; remembers it and the total.
+
+        The caller frees an array when its last reader is printed: sooner, and a later array overwrites it.
+        """
         start = 0
         for first, end in sorted(self._taken.values()):
             if start + size <= first:

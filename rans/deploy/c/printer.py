@@ -62,7 +62,10 @@ class Printer:
         )
 
     def lines(self) -> list[str]:
-        """Everything from the observation and the memory to the command and the memory after."""
+        """Everything from the observation and the memory to the command and the memory after.
+
+        Arrays are freed only where no loop is open, since its lines are printed later than they are made.
+        """
         last = last_uses(self._program, self._scores.parts)
         for number, step in enumerate(self._program.steps):
             self._print(step)
@@ -188,7 +191,10 @@ class Printer:
         loop.uses.update(step.inputs)
 
     def _end_loop(self) -> None:
-        """Print the loop; only what later steps use is stored in arrays."""
+        """Print the loop; only what later steps use is stored in arrays.
+
+        Any step that is no operation on single numbers of this size must call it before it prints.
+        """
         loop, self._loop = self._loop, _Loop()
         if not loop.lines:
             return
@@ -287,7 +293,10 @@ class Printer:
         return halves
 
     def _product(self, step: Step) -> str:
-        """Entry i of a row (1, k) times a table (k, n), as one C expression."""
+        """Entry i of a row (1, k) times a table (k, n), as one C expression.
+
+        Sums in the order of the columns, which golden commands allow for (`tests/deploy/c`).
+        """
         row, table = step.inputs
         a = self._value(row)
         tables = [self._value(name) for name in self._halves.get(table, [table])]
@@ -430,7 +439,10 @@ class Printer:
         ]
 
     def _argmax(self, step: Step) -> None:
-        """Print the number of the largest entry, the first of equal ones, as NumPy's argmax."""
+        """Print the number of the largest entry, the first of equal ones, as NumPy's argmax.
+
+        Of equal ones the first, as in every executor: which thrusters open depends on it.
+        """
         name = step.outputs[0]
         result = Value(variable(name), (1,), "int")
         if name in self._scores.whole:

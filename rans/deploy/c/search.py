@@ -17,7 +17,10 @@ class Searches(NamedTuple):
 
 
 def searches(program: Program) -> Searches:
-    """Searches of a program: the largest of a row times a table plus a table."""
+    """Searches of a program: the largest of a row times a table plus a table.
+
+    Only where nothing else reads the products, since these are then never stored.
+    """
     made = {name: step for step in program.steps for name in step.outputs}
     uses = [name for step in program.steps for name in step.inputs]
     whole = {}

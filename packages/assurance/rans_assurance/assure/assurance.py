@@ -123,7 +123,10 @@ class Assurance:
 
     @property
     def about(self) -> dict[str, Any]:
-        """Facts that a campaign must share with an earlier one to continue it."""
+        """Facts that a campaign must share with an earlier one to continue it.
+
+        A file is continued only if all of them are equal, so that a fact that changes the flights must be here.
+        """
         plan = self.campaign.plan
         return {
             "agent": self.spec,
@@ -282,7 +285,10 @@ class Assurance:
         return [key for key in own if key not in theirs or theirs[key] != own[key]]
 
     def to_json(self) -> dict[str, Any]:
-        """Content of the JSON file, which pages and later runs read; `write_json` writes it."""
+        """Content of the JSON file, which pages and later runs read; `write_json` writes it.
+
+        A later run continues from it: "about" and "campaign" are read back, the rest is computed again.
+        """
         campaign = self.campaign
         kinds = {
             "any": None,

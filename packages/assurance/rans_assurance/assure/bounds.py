@@ -54,7 +54,10 @@ class ProbabilityBound(NamedTuple):
 
 
 def flights_needed(below: float, level: float, events: int = 0) -> int:
-    """Least number of flights with which `upper` of ``events`` is at most ``below``, or `_COUNTABLE`."""
+    """Least number of flights with which `upper` of ``events`` is at most ``below``, or `_COUNTABLE`.
+
+    Exact by the binomial distribution: a number that is too small would claim a bound without the confidence.
+    """
     low = 0
     high = 1
     while high < _COUNTABLE and binom.cdf(events, high, below) > level:
@@ -113,7 +116,10 @@ class CampaignPlan:
         return "above" if lower(failures, flights, stage.low_level) > self.below else "open"
 
     def allowed(self, stage: Look) -> int:
-        """Largest number of failures that is rare enough at a look; -1: none is."""
+        """Largest number of failures that is rare enough at a look; -1: none is.
+
+        SciPy's quantile may be one too large, which the second line corrects: the level is never passed.
+        """
         if self.below is None:
             return -1
         allowed = int(binom.ppf(stage.high_level, stage.flights, self.below))

@@ -158,7 +158,10 @@ class Campaign:
 def _parts(
     fleet: Flights | ControllerFleet, first: int, end: int, seed: int, processes: Processes
 ) -> Generator[FlightStatistics]:
-    """Statistics of scenarios ``first`` to ``end - 1``, in this order, of all processes together."""
+    """Statistics of scenarios ``first`` to ``end - 1``, in this order, of all processes together.
+
+    All processes must call it with the same span, as their results are gathered in every round.
+    """
     if processes.size == 1:
         yield from fleet.parts(first, end - first, seed)
         return

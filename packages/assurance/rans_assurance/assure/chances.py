@@ -45,7 +45,10 @@ class Sized(tuple[float, float]):
 
 
 def sized(conditions: Any) -> Any:
-    """Conditions whose ranges are `Sized` where they differ from a perfect world's; `_Given` scales only these."""
+    """Conditions whose ranges are `Sized` where they differ from a perfect world's; `_Given` scales only these.
+
+    A size of 1 gives the conditions as they are, and 0 a perfect world.
+    """
     perfect = type(conditions)()
     changed = {}
     for condition in fields(conditions):
@@ -87,7 +90,10 @@ class _Given(Random):
         return self._draws.given[block, index]
 
     def within(self, values: Any) -> Field:
-        """Number within a range, see `Random.within`; a range of one value takes no random number."""
+        """Number within a range, see `Random.within`; a range of one value takes no random number.
+
+        It draws as `Random.within` does, one number or none, so that places of numbers are the same for every size.
+        """
         low, high = bounds(values)
         value = low if low == high else low + (high - low) * self.unit()
         size = self._draws.size
@@ -124,7 +130,11 @@ class Chances:
 
     @classmethod
     def of(cls, setup: Setup) -> Chances:
-        """Uniform numbers that flights of a setup ask for; of mixed conditions, of all that an episode may meet."""
+        """Uniform numbers that flights of a setup ask for; of mixed conditions, of all that an episode may meet.
+
+        It finds them by beginning one episode and noting what is asked: a draw that depends on a value would be
+        missed.
+        """
         noted = _Noted()
         number = np.zeros(1, dtype=np.int32)
         draws = Chosen(
@@ -202,7 +212,10 @@ class Chances:
 
 
 def scored(flights: Flights, draws: Draws) -> np.ndarray:
-    """Largest error of the last fifth in tolerances, (N,); infinite where a flight failed."""
+    """Largest error of the last fifth in tolerances, (N,); infinite where a flight failed.
+
+    A flight of 1 is at the edge of its tolerances.
+    """
     verdict = flights.judged(draws, worst=True)
     tolerances = flights.world.task.tolerances().values()
     ratios = [

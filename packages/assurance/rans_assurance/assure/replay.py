@@ -144,6 +144,8 @@ def picked(flight: Flight, episodes: Sequence[int]) -> Flight:
     """A flight of the episodes with these numbers alone, (T, K) of (T, N).
 
     `Flight.guarded` and conditions are left out.
+
+    Margins, lengths and `Flight.done` stay those of all episodes: it is for states and commands.
     """
 
     def some(x: Any) -> Any:

@@ -237,7 +237,10 @@ def smallest(
 def _confirmed(
     chances: Chances, conditions: Conditions, controller: Controller, result: list[Candidate]
 ) -> Breaking | None:
-    """Smallest candidate that fails again in NumPy, and in Drake if any does; None: there is none."""
+    """Smallest candidate that fails again in NumPy, and in Drake if any does; None: there is none.
+
+    ``result`` comes sorted by size, since the first that fails again is taken.
+    """
     if not result:
         return None
     flight = fly_draws(controller, chances.setup, _draws(chances, result))

@@ -251,7 +251,10 @@ class _Flyer(NamedTuple):
     conditions: Sequence[Conditions | None]
 
     def tried(self, level: int, contestant: int, first: int, count: int) -> _Part | str:
-        """Outcomes of consecutive episodes of one contestant at one level, or a sentence about its failure."""
+        """Outcomes of consecutive episodes of one contestant at one level, or a sentence about its failure.
+
+        A contestant with a sentence is left out of the rest.
+        """
         try:
             with warnings.catch_warnings():
                 # A craft whose controller fails under the conditions may tumble until numbers overflow.
