@@ -61,7 +61,10 @@ class Window:
         open_browser(self.url)
 
     def show(self, frame: np.ndarray) -> None:
-        """Display a frame (height, width, 3), uint8, when it is due: it waits until then."""
+        """Display a frame (height, width, 3), uint8, when it is due: it waits until then.
+
+        The next frame is due a period after this one was displayed.
+        """
         from PIL import Image  # which pages without frames do not need
 
         time.sleep(max(0.0, self._due - time.monotonic()))

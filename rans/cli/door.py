@@ -119,7 +119,10 @@ def command_of(
     """
 
     def decorate(described: Described) -> Described:
-        """Make the command's class: its fields are the arguments in the function's order, then its own."""
+        """Make the command's class: its fields are the arguments in the function's order, then its own.
+
+        The class is changed in place, and then made a dataclass; help, pages and completion read ``texts``.
+        """
         declared = inspect.unwrap(function)
         parameters = inspect.signature(declared).parameters
         own = inspect.get_annotations(described)

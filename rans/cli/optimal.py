@@ -188,7 +188,10 @@ class Optimal(Options):
         about: dict[str, Any],
         reason: str,
     ) -> int:
-        """Print and write bounds of a craft that optimal control has no equations for, as the reason says."""
+        """Print and write bounds of a craft that optimal control has no equations for, as the reason says.
+
+        ``about`` gets the entry "bounds"; what was bounded before an interrupt is written.
+        """
         from rans.optimal.certificate.goal_set import check_certifiable
 
         check_certifiable(craft, wheels=True)

@@ -240,7 +240,10 @@ def contract(
 
 
 def _columns(task: Task, craft: Spacecraft, seen: np.ndarray) -> list[dict[str, Any]]:
-    """What each column of the observation is, with its range in observations of flights (T, N, width)."""
+    """What each column of the observation is, with its range in observations of flights (T, N, width).
+
+    Firmware reads these keys, and packages that write other forms of exports.
+    """
     layout = example(task, craft.dimension)
     ranges = np.array(valid_ranges(task, craft.dimension, seen), dtype=np.float32)
     valid = [(low, high) for low, high in map(_short, ranges)]
@@ -367,6 +370,8 @@ def _example_states(task: Task, craft: Spacecraft, count: int) -> tuple[Any, Any
     """States and goals (N,) in which every quantity is something: to tell apart what a column is.
 
     Start and goal are those of episodes; both are moved, and the start is turned, set in motion and spun.
+
+    Drawn with `_WIRING_SEED`, in the order in which they stand here: files of golden pairs have them.
     """
     own = draws(_WIRING_SEED, count)
     scenario = sampled_scenarios(task, craft, own)
@@ -438,7 +443,10 @@ def _trade_off(task: Task, craft: Spacecraft) -> dict[str, Any] | None:
 
 
 def _thruster(craft: Spacecraft, at: int) -> dict[str, Any]:
-    """One entry of a command; the place is about the centre of mass."""
+    """One entry of a command; the place is about the centre of mass.
+
+    Firmware reads these keys.
+    """
     thruster = craft.thrusters[at]
     lever = np.subtract(thruster.position, craft.centre_of_mass).tolist()
     return {
@@ -547,6 +555,8 @@ def wiring(task: Task, craft: Spacecraft) -> dict[str, Any]:
 
     Whoever mixes up a sign, a frame or an order sees it here: on flights of a task whose goal is the origin, a
     forgotten goal does not show.
+
+    Programs in other languages are tested by it before they fly.
     """
     state, goal = _example_states(task, craft, WIRED)
     columns = observation(task, state, goal)

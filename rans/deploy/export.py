@@ -354,7 +354,10 @@ def _judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict
 
 
 def _training(run: RunFolder) -> dict[str, Any]:
-    """Training of an agent, as its card has it: seed, steps, time, device and versions."""
+    """Training of an agent, as its card has it: seed, steps, time, device and versions.
+
+    Keys are those of cards, which exports of exports take over.
+    """
     rows = run.metrics()
     config = run.config()
     if not rows:

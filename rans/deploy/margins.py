@@ -106,6 +106,8 @@ def margins_around(
 ) -> dict[str, Any]:
     """Interval of each `SheetQuantity` around training conditions in which enough flights are solved.
 
+    Keys are an interface of contracts and cards.
+
     Args:
         conditions: of the training. Under them everything is flown but the quantity whose values are tried.
         craft: spacecraft.

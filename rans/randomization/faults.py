@@ -94,6 +94,8 @@ def failed(
 ) -> tuple[Field, Field]:
     """Gain and leak of a thruster with this fault kind, see `rans.model.body.Body`.
 
+    Kinds are those of files of conditions.
+
     Args:
         kind: fault kind.
         severity: share of "stuck" and "weak" thrusters.

@@ -331,7 +331,10 @@ def _noise(noise: Range, random: Random) -> Field | None:
 
 
 def _mountings(misalignment: Range, craft: Spacecraft, random: Random) -> tuple[Mounting, ...]:
-    """True directions of thrusters at their designed positions; empty if they are as designed."""
+    """True directions of thrusters at their designed positions; empty if they are as designed.
+
+    Thrusters draw in their order, in space the azimuth before the angle; recorded flights rely on it.
+    """
     if largest(misalignment) == 0.0:
         return ()
     mountings = []

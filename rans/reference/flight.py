@@ -145,7 +145,10 @@ class DrakeMover:
         return max(_SHORTEST, min(period / 20.0, _TURN / max(fastest, 1e-9)))
 
     def _plant_for(self, body: Body, count: int) -> Plant:
-        """The plant of these bodies, which is built again only if they differ from the last ones."""
+        """The plant of these bodies, which is built again only if they differ from the last ones.
+
+        Gains and leaks are no part of a plant, so that faults need no new one.
+        """
         parts = (body.mass, body.inertia, body.centre, body.mountings)
         flying = _columns(leaves((*parts, body.factors)), count)
         if not np.array_equal(flying, self._built_for):

@@ -85,11 +85,7 @@ class GoToAttitude(SingleTask):
         return {"attitude": angle, "spin": speed(state.spin())}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """Terms (fields) exp(-angle / scale) at three scales, low spin near the goal, and prices.
-
-        Shipped agents were trained with it, so that another term or scale needs a setting whose default leaves it
-        out.
-        """
+        """Terms (fields) exp(-angle / scale) at three scales, low spin near the goal, and prices."""
         angle, spin = self.errors(transition.state, transition.goal).values()
         close = nearness(angle, self.attitude_scale)
         terms = {

@@ -94,6 +94,9 @@ class GoToPose(SingleTask):
 
         Without the wide "turn" term some seeds keep the position with any attitude and remain in that local
         optimum. Without "approach" training takes twice as long (docs/decisions/learners.md).
+
+        Shipped agents were trained with it, so that another term or scale needs a setting whose default leaves it
+        out.
         """
         distance, angle = self.errors(transition.state, transition.goal).values()
         near = partial(nearness, distance, rest=self.rest_position)

@@ -145,6 +145,8 @@ def save(
     """Write trained weights as the agent of one craft, which flies others by `for_spacecraft`.
 
     ``further`` are those of the frugalities of `NODES`.
+
+    The card is written twice, as the evaluation loads the folder; its keys are those of every card.
     """
     network = DemandNetwork(settings.channels, torch.Generator(), settings.dimension)
     name, timing = _OWN[settings.dimension]

@@ -904,7 +904,10 @@ def unit_rows(drawn: Tensor, axes: Tensor) -> Tensor:
 def imitate(
     network: DemandNetwork, pool: Pool, settings: DemandSettings, generator: torch.Generator
 ) -> None:
-    """Bring a network near to the law made by hand, by least squares on states that flights may meet."""
+    """Bring a network near to the law made by hand, by least squares on states that flights may meet.
+
+    The network changes in place; shipped weights depend on the order of the draws.
+    """
     optimizer = torch.optim.Adam(network.parameters(), 1e-2)
     for number in range(_IMITATIONS):
         batch = draw_batch(pool, settings, generator, continuous=True)

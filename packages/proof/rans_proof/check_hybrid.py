@@ -224,6 +224,8 @@ class Chain:
         """None if no flight is in the square in a rectangle of times, as is proved.
 
         Else the axis to halve it along.
+
+        `least` gets the smallest distance so far, m, which the checker prints.
         """
         (begin, end), (now, late) = box
         assert self._abort is not None

@@ -121,7 +121,10 @@ class PoseCertificate(NamedTuple):
 
     @property
     def errors(self) -> str:
-        """How far what flies may be from its design, in words and units."""
+        """How far what flies may be from its design, in words and units.
+
+        A key of "uncertainty" without words here would be an error that the theorem does not name.
+        """
         off = {name: value for name, value in self.table["uncertainty"].items() if value}
         text = {
             "mass": "mass and inertia off by up to {} of them, by one factor",

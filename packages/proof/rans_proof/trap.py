@@ -260,6 +260,8 @@ def broken_flight(
     """Start, highest speed (m/s) and spin (rad/s) of a simulated flight that passes these limits, or None.
 
     Starts are uniform up to a speed and a spin, parameters and readings extreme; flights last 60 periods.
+
+    For a hint before the search only: what it returns is flown once more before it is claimed.
     """
     random = np.random.default_rng(0)
     angle = random.uniform(0.0, 2.0 * np.pi, flights)

@@ -57,7 +57,10 @@ class TrapCertificate(NamedTuple):
 
     @property
     def errors(self) -> str:
-        """How far what flies may be from its design, in words and units, as pages and commands print it."""
+        """How far what flies may be from its design, in words and units, as pages and commands print it.
+
+        A key of "uncertainty" without words here would be an error that the theorem does not name.
+        """
         off = {name: _digits(value) for name, value in self.uncertainty.items() if value}
         sentences = {
             "mass": "mass and inertia off by up to {} of them, by one factor",

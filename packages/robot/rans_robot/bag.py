@@ -159,6 +159,8 @@ class Recorder:
         """The writing thread: messages in their order until the end of the queue.
 
         Any failure ends the record in a sentence.
+
+        `_written` is this thread's own count.
         """
         try:
             for topic, kind in self._topics.items():

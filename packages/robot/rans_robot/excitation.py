@@ -79,6 +79,8 @@ def write_excitation(
 ) -> Path:
     """Write an agent with the most informative commands about a spacecraft, and return its folder.
 
+    Names of tables are those that the text of `_AGENT` reads; `excite.py` is copied into agent.py as it stands.
+
     Args:
         craft: spacecraft as designed.
         folder: new folder.

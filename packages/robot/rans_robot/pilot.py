@@ -329,7 +329,10 @@ class MessagePilot:
         self._resting = True
 
     def _check_craft(self, data: bytes) -> None:
-        """Compare the robot's spacecraft with the agent's; a difference is a fault that ends the flight."""
+        """Compare the robot's spacecraft with the agent's; a difference is a fault that ends the flight.
+
+        It sets `_fault`, which `decide` answers by shut valves.
+        """
         robot = description(data)
         if robot.sha256 != self._hash:
             self._fault = (

@@ -35,6 +35,8 @@ def write_c(
 ) -> None:
     """Write agent.h and agent.c, and agent_check.c with golden pairs, where there are some.
 
+    Names are the marks of the files of `rans/data/export`, which must all be filled.
+
     Raises:
         ConfigError: the program has an operation that is not known in C, or the disk refuses.
     """

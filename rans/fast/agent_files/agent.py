@@ -109,7 +109,10 @@ def agent_bytes(
     adam: dict[Any, Any],
     rate: float,
 ) -> bytes:
-    """Content of an ``agent.safetensors`` with critic and optimizer; arguments are those of `save_agent`."""
+    """Content of an ``agent.safetensors`` with critic and optimizer; arguments are those of `save_agent`.
+
+    Keys stay, since later versions read older files.
+    """
     return pack_tensors(
         {
             "architecture": _table(architecture),
@@ -129,6 +132,8 @@ def actor_bytes(
     at: Mapping[float, Mapping[str, Tensor]] | None = None,
 ) -> bytes:
     """Content of an ``agent.safetensors``: the actor without critic and optimizer.
+
+    Keys stay, since later versions read older files; proofs read them without this module.
 
     Args:
         architecture: architecture of the network.
@@ -313,7 +318,10 @@ def _table(architecture: Architecture) -> dict[str, Any]:
 
 
 def _architecture(table: dict[str, Any]) -> Architecture:
-    """Architecture from its table; ValueError, KeyError or TypeError if the table is wrong."""
+    """Architecture from its table; ValueError, KeyError or TypeError if the table is wrong.
+
+    Entries are taken out of the table. Old files must be read as what they were, or refused.
+    """
     # Values of their own kinds; agents of early versions lack some, or have others in their place.
     views = table.pop("symmetries")
     if views is not None:

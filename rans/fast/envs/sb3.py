@@ -93,7 +93,10 @@ class SB3VecEnv(VecEnv):
 
     @settled
     def step_wait(self) -> VecEnvStepReturn:
-        """Step one control period; episodes restart in the step that ends them, as SB3 expects."""
+        """Step one control period; episodes restart in the step that ends them, as SB3 expects.
+
+        Keys of the information are those that Stable-Baselines3 reads.
+        """
         step = self.engine.step(self._action)
         ends = step.terminated | step.truncated
         if self._film is not None:

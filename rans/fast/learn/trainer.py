@@ -370,6 +370,8 @@ class Trainer:
         """Evaluate the members, if they are not ``judged``, and write metrics; solved members have ended.
 
         Changes their rows, weights and whether they are solved.
+
+        Rows go to metrics.jsonl, whose keys pages and cards read.
         """
         judged = judged or self.selection.judge()
         rate = self._rate_since(self._reported)

@@ -262,6 +262,8 @@ class _Traced:
         """``act(carried, errors, memory)``: commands in the craft's ranges, outputs, and the memory afterwards.
 
         Errors are those of the measured state, coordinates around the true one.
+
+        The keys are those of the call in playground.js.
         """
         world = self.world
         errors, observation = self._observed()
@@ -534,7 +536,10 @@ def _choices(run: LoadedRun) -> tuple[list[Network], int]:
 
 
 def _allocation_data(choices: list[Network], chosen: int) -> dict[str, Any]:
-    """What the page's allocation must know: tokens and authority of the craft, and its constants."""
+    """What the page's allocation must know: tokens and authority of the craft, and its constants.
+
+    allocation.js reads these keys.
+    """
     architecture = choices[chosen].architecture
     period, *authority = architecture.authority or (0.0,) * 7
     reach = next((one.architecture.reach for one in choices if one.architecture.reach), ())
@@ -554,7 +559,10 @@ def _allocation_data(choices: list[Network], chosen: int) -> dict[str, Any]:
 
 
 def _drawing_data(run: LoadedRun) -> dict[str, Any]:
-    """What a visitor may change, and the ranges of the training; lengths in m, angles in rad."""
+    """What a visitor may change, and the ranges of the training; lengths in m, angles in rad.
+
+    drawing.js and drawn_craft.js read these keys.
+    """
     craft = run.craft
     nozzles = Outline(craft).nozzles
     return {
@@ -591,7 +599,10 @@ def _drawing_data(run: LoadedRun) -> dict[str, Any]:
 def page_data(
     world: World, state: Any, goal: Any, run: LoadedRun, seed: int, episode: int, memory: int
 ) -> dict[str, Any]:
-    """Data of the page of a flight with such states and goals; lengths in m, angles in rad, times in s."""
+    """Data of the page of a flight with such states and goals; lengths in m, angles in rad, times in s.
+
+    playground.js and flight.js read these keys, and those that `Playground` adds; live pages too.
+    """
     craft = world.craft
     errors = world.task.errors(state, goal)
     tolerances = world.task.tolerances()

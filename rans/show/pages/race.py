@@ -164,6 +164,8 @@ def _scenery(track: Track, stride: int) -> dict[str, Any]:
 
     Of a shape its class, and its numbers in the order of its fields. Of a marker its place, m, and the number of
     the first kept instant at which the mission has dealt with it, -1: never.
+
+    The script of race.html.j2 draws it by these keys.
     """
     flight = track.flight
     goals = map_leaves(lambda field: _kept(track, field, stride), flight.goals)

@@ -73,7 +73,10 @@ class Renderer:
         self._shown = 0
 
     def picture(self, time: float, camera: Camera) -> Image.Image:
-        """Everything at a time of the episode, s; times do not go back."""
+        """Everything at a time of the episode, s; times do not go back.
+
+        Parts of the trail are added for good, which is why.
+        """
         k = instant(self.motion, time)
         while self._shown < len(self._trail) and self._trail[self._shown][0] <= k:
             part = self._trail[self._shown][1]

@@ -50,6 +50,8 @@ def measures(task: Task) -> dict[str, Callable[[Entry], np.ndarray]]:
 
     Missions that end have other measures: when they succeed without breaking a limit, and what they spend. Values
     are (N,).
+
+    Headings are those of pages and files.
     """
     if ends(task):
         return {
@@ -410,7 +412,10 @@ def _summary(comparison: Comparison, board: dict[str, Scores]) -> Iterator[dict[
 
 
 def _bound_summary(comparison: Comparison) -> Iterator[dict[str, Any]]:
-    """Relaxed optima as rows of the summary, each over all starts."""
+    """Relaxed optima as rows of the summary, each over all starts.
+
+    Keys are those of `_summary` where both have them.
+    """
     for name, rows in comparison.relaxed.items():
         solved = [row for row in rows if row.solved]
         yield {
@@ -426,7 +431,10 @@ def _bound_summary(comparison: Comparison) -> Iterator[dict[str, Any]]:
 
 
 def _starts(entry: Entry) -> Iterator[dict[str, Any]]:
-    """Results of a contestant as data, a row for each start in SI units; what never happened is infinite."""
+    """Results of a contestant as data, a row for each start in SI units; what never happened is infinite.
+
+    Keys of compare.json, which campaigns read.
+    """
     for k, failed in enumerate(entry.flight.failed()):
         row: dict[str, Any] = {
             "start": k,

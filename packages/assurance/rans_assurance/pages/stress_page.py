@@ -378,7 +378,10 @@ class StressReport:
         }
 
     def _outcome(self, level: Level, spec: str, name: str) -> dict[str, Any]:
-        """Data of one contestant under one level: how many held, and its worst episodes."""
+        """Data of one contestant under one level: how many held, and its worst episodes.
+
+        Its keys are those of stress.json, which later runs and campaigns read.
+        """
         result = self.stress.outcomes[level.name, name]
         errors = {
             f"{quantity}, {QUANTITIES[quantity].unit}": error

@@ -148,7 +148,10 @@ class TransferTable:
 def contestants_of(
     craft: Spacecraft, mission: OrbitalMission, agents: Sequence[str] = ()
 ) -> dict[str, Callable[[OrbitalMission], Controller]]:
-    """Makers of every guidance that keeps the limits of a mission, of LQR, and of agents by name."""
+    """Makers of every guidance that keeps the limits of a mission, of LQR, and of agents by name.
+
+    Names stand in tables and in optimal.json.
+    """
 
     def flown_by(spec: str) -> Callable[[OrbitalMission], Controller]:
         agent = contestant(spec).controller

@@ -480,6 +480,8 @@ class Circumnavigation(PassivelySafeGuidance[Inspect]):
     ) -> bool:
         """Set the cheapest plan of one flight that begins with a burn at once and is safe.
 
+        Burns are the same ones in every call, with a seed of their own: direction first, then size.
+
         Returns:
             Whether there is one that costs less than a price, m/s; else nothing is set.
         """

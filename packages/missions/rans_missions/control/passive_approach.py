@@ -330,7 +330,10 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
     def _sampled_times(
         self, random: np.random.Generator, legs: int, count: int, deadline: float
     ) -> np.ndarray:
-        """Instants (K, L + 1) of the burns, s, in the last of which a plan arrives before the deadline."""
+        """Instants (K, L + 1) of the burns, s, in the last of which a plan arrives before the deadline.
+
+        Fractions are drawn before the total; published plans have this order.
+        """
         fractions = np.maximum(random.dirichlet(np.full(legs, 1.5), count), _SHORTEST)
         fractions /= fractions.sum(axis=1, keepdims=True)
         first = _FIRST_BURN * self._period
@@ -349,7 +352,10 @@ class PassiveApproach(PassivelySafeGuidance[Hold]):
 def _sampled_points(
     random: np.random.Generator, legs: int, count: int, start: np.ndarray, goal: np.ndarray
 ) -> np.ndarray:
-    """Ends (K, L, 3) of coasts, m: the last at the goal, that before in a box around it, others near the way."""
+    """Ends (K, L, 3) of coasts, m: the last at the goal, that before in a box around it, others near the way.
+
+    Coasts are drawn from the first to the last but one; published plans have this order.
+    """
     points = np.tile(goal, (count, legs, 1))
     for j in range(legs - 1):
         if j == legs - 2:

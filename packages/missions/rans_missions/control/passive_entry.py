@@ -428,7 +428,10 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         latest: float,
         turns: bool = False,
     ) -> _Plans:
-        """Plans from a state (6,); the first coast takes at most a part ``latest`` of the time to the deadline."""
+        """Plans from a state (6,); the first coast takes at most a part ``latest`` of the time to the deadline.
+
+        Time, direction, cone and depth are drawn in this order, then the turn: published plans have it.
+        """
         n, period = self.task.mean_motion, self._period
         random = np.random.default_rng(seed)
         # The burn acts in the middle of the first control period.

@@ -293,6 +293,8 @@ def _changes(flight: np.ndarray, random: np.random.Generator) -> np.ndarray:
     """Changes of single pulses of a flight (T, thrusters), (M, 2): which goes, and which comes; -1: none.
 
     Places are counted through all thrusters of all periods.
+
+    At most `COPIES`, in a random order, of which a quarter at most are new pulses.
     """
     steps, thrusters = flight.shape
     found = []

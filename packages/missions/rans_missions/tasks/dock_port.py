@@ -183,6 +183,8 @@ class DockPort(SingleTask):
         """Terms (fields).
 
         Wide and narrow rewards of position and attitude, and near the port of velocity and spin.
+
+        Names of terms are those of logs; shipped agents were trained with these terms.
         """
         distance, angle, rush, twist = self.errors(transition.state, transition.goal).values()
         near = nearness(distance, self.position_scale)

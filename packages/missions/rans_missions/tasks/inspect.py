@@ -171,7 +171,10 @@ class Inspect(SingleTask):
         return CoastZone(self.keep_out)
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start around the target (W, m), and a goal that notes the sun's angle and that no point is seen."""
+        """Start around the target (W, m), and a goal that notes the sun's angle and that no point is seen.
+
+        Starts of published comparisons depend on the order of these draws.
+        """
         distance = random.uniform(*self.spawn_distance)
         speed = distance * random.uniform(*self.start_speed) * (2.0 * self.mean_motion)
         position = random.direction().scale(distance)

@@ -124,6 +124,8 @@ class Excitation:
         """Command (n,) of the next control period, for a position (d,) and velocity (d,) in W.
 
         The rotation (d, d) takes B to W, and the spin is in B. It remembers command, time left and information.
+
+        Each flight of a seed has the same candidates, drawn in the order density, commands, length.
         """
         if self.left:
             self.left -= 1
