@@ -8,21 +8,14 @@ from math import radians
 from operator import attrgetter
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from rans.episode import Setup
-from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.stress.effects import applicable_effects
-from rans.evaluation.stress.outcome import WANTED
+from rans.evaluation.stress.outcome import WANTED, StressOutcome
 from rans.flight import Controller
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, bounds
-from rans.randomization.parameters import mixture_parts
-from rans.scenario import draws
-
-SEED = 2028
-"""Seed of the starts; no training, selection or evaluation uses it."""
+from rans.scenario import EVALUATION_SEED
 
 Measure = Callable[[Sequence[Conditions]], list[float]]
 """Share of the flights that are solved, under each of several conditions."""
@@ -62,9 +55,8 @@ QUANTITIES = (
 def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[str, Any]:
     """Interval of each `SheetQuantity` in which an agent solves its task, everything else as in its training.
 
-    All conditions fly in one batch, each with about as many flights as asked for: every episode samples its own.
-
-    A mixture stays one: a quantity has its value in each of its parts.
+    Every value has the same starts, those of ``rans stress``: of an agent that was trained with everything as
+    designed both find the same limits. A mixture stays one: a quantity has its value in each of its parts.
 
     Args:
         controller: agent.
@@ -76,29 +68,16 @@ def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[
     """
 
     def measure(several: Sequence[Conditions]) -> list[float]:
-        """Shares solved under each of several conditions, flown together as a mixture of equal weights.
-
-        Each episode draws its level, so that their numbers of flights differ a little.
-        """
-        parts = [
-            replace(part, others=(), weight=part.weight / sum(variant.weight for variant in every))
-            for level in several
-            for every in [(level, *level.others)]
-            for part in every
+        """Shares solved under each of several conditions."""
+        setups = [setup._replace(conditions=level.or_none) for level in several]
+        return [
+            StressOutcome.flown(controller, one, EVALUATION_SEED, flights).share.value
+            for one in setups
         ]
-        levels = [k for k, level in enumerate(several) for _ in (level, *level.others)]
-        mixed = replace(parts[0], others=tuple(parts[1:]))
-        count = flights * len(several)
-        flown = fly_episodes(controller, setup._replace(conditions=mixed), SEED, count, workers=1)
-        solved = np.asarray(flown.flight.verdict.solved)
-        numbers = draws(SEED, count)
-        level = np.array(levels)[mixture_parts(mixed, setup.craft, numbers.first, numbers)]
-        groups = [solved[level == k] for k in range(len(several))]
-        return [float(group.mean()) if group.size else float("nan") for group in groups]
 
     conditions = setup.conditions or Conditions()
     margins = margins_around(conditions, setup.craft, setup.timing, measure)
-    return {"flights": flights, "seed": SEED} | margins
+    return {"flights": flights, "seed": EVALUATION_SEED} | margins
 
 
 def margins_around(

@@ -273,15 +273,6 @@ THRUST_PER_STEP = 2**26
 number of thrusters takes 251 blocks in each of 2^20 steps, which ends below 2^31."""
 
 
-def mixture_parts(
-    conditions: Conditions, craft: Spacecraft, number: Field, draws: Draws
-) -> np.ndarray:
-    """Number of the part of a mixture that each episode has, 0 for the first; see `Conditions.met`."""
-    weights = np.cumsum([part.weight for part in (conditions, *conditions.others)])
-    chance = draws.random(craft.dimension, number, _STREAMS["mixture"] * 256).unit()
-    return np.searchsorted(weights[:-1] / weights[-1], np.asarray(chance), side="right")
-
-
 def draw(
     conditions: Conditions, craft: Spacecraft, base: Body, steps: int, number: Field, draws: Draws
 ) -> EpisodeParameters:

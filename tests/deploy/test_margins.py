@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from rans.deploy.margins import SEED, margin_lines, margins_around, measure_margins
+from rans.deploy.margins import margin_lines, margins_around, measure_margins
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.pretrained import pretrained_folder
@@ -17,11 +17,12 @@ from rans.randomization.conditions import (
     Conditions,
     ThrusterConditions,
 )
+from rans.scenario import EVALUATION_SEED
 
 
 @pytest.mark.slow
 def test_margins_of_an_agent() -> None:
-    """Against flights in single conditions, of other numbers."""
+    """Against flights of evaluations."""
     run = load_policy(pretrained_folder("go-to-pose-2d"))
     margins = measure_margins(run.controller, run.judged, 8)
     assert margins["nominal"] == margins["training"] == 1.0
@@ -31,7 +32,9 @@ def test_margins_of_an_agent() -> None:
         ("mass", "0.5", Conditions(body=BodyConditions(mass=0.5))),
     ):
         setup = run.judged._replace(conditions=world)
-        alone = fly_episodes(run.controller, setup, SEED, 8, workers=1).flight.verdict.solved.mean()
+        alone = fly_episodes(
+            run.controller, setup, EVALUATION_SEED, 8, workers=1
+        ).flight.verdict.solved.mean()
         assert margins[quantity]["held"][size] == alone
     least, most = margins["mass"]["holds"]
     assert least <= 0.65 < 1.0 < most == 2.0

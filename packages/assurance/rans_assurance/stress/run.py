@@ -11,7 +11,6 @@ from typing import NamedTuple
 from rans.errors import meant
 from rans.evaluation.compare.contest import Contestant
 from rans.evaluation.compare.entrants import Invited, enlisted
-from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.tuned import tuned
 from rans.evaluation.measure.statistics import Estimate
@@ -31,7 +30,6 @@ from rans.extend import (
     Controller,
     RansError,
     Workers,
-    draws,
     first_line,
 )
 from rans.flight import informed
@@ -269,5 +267,5 @@ class _Flyer(NamedTuple):
         """Outcomes of consecutive episodes of one contestant at one level."""
         flying = self.controllers[contestant][level]
         setup = self.contest.setup._replace(conditions=self.conditions[level])
-        flight = fly_draws(flying, setup, draws(self.contest.seed, count, first))
-        return _Part(StressOutcome.of(flight), getattr(flying, "failures", 0))
+        outcome = StressOutcome.flown(flying, setup, self.contest.seed, count, first)
+        return _Part(outcome, getattr(flying, "failures", 0))
