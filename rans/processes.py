@@ -194,7 +194,10 @@ class Workers(Generic[State]):
     def _submitted(
         self, function: Callable[..., Answer], jobs: Sequence[tuple[Any, ...]]
     ) -> contextlib.AbstractContextManager[list[Future[Answer]]]:
-        """Context of a pool whose processes work on all jobs, as futures in order; no more processes than jobs."""
+        """Context of a pool whose processes work on all jobs, as futures in order; no more processes than jobs.
+
+        The state is made once in each process, at its start.
+        """
         return submitted(
             _with_state,
             [(function, *job) for job in jobs],
@@ -338,7 +341,10 @@ def _interrupts_blocked() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _interrupts_deferred() -> Iterator[None]:
-    """Context in which new processes ignore Ctrl-C from their start; this process handles it after the block."""
+    """Context in which new processes ignore Ctrl-C from their start; this process handles it after the block.
+
+    Ctrl-C in this time is not lost: it is raised again at the end.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -273,7 +273,10 @@ class Registry(Mapping[str, T]):
             ) from error
 
     def _resolve(self, name: str) -> Any:
-        """Object of a name as its module defines it, unchecked; modules of packages are imported only here."""
+        """Object of a name as its module defines it, unchecked; modules of packages are imported only here.
+
+        A name that is none of the two others may run code: `typed` has allowed it.
+        """
         if name in self.built_in:
             return resolve(self.built_in[name])
         if name not in self._offered:

@@ -161,7 +161,10 @@ def structure(table: Any, cls: type[T], where: str) -> T:
 
 @cache
 def _converter() -> cattrs.Converter:
-    """The one of every table: it writes a function for each class, which takes longer than any call of it."""
+    """The one of every table: it writes a function for each class, which takes longer than any call of it.
+
+    A kind of value that files may have needs its hook here, and its sentence in `_say`.
+    """
     converter = cattrs.Converter(forbid_extra_keys=True)
     converter.register_structure_hook_func(
         lambda kind: isinstance(kind, type) and inspect.isabstract(kind), lambda value, _: value
@@ -215,7 +218,10 @@ def _range(converter: cattrs.Converter, value: Any, kind: Any) -> Any:
 
 
 def _strict(value: Any, kind: type) -> Any:
-    """Value of exactly this type, without conversion ("64" is not 64, True is not 1), except between 1 and 1.0."""
+    """Value of exactly this type, without conversion ("64" is not 64, True is not 1), except between 1 and 1.0.
+
+    JSON and TOML write 1 and 1.0 for one number, hence the exception.
+    """
     if kind is float and type(value) is int:
         return float(value)
     if kind is int and type(value) is float and value.is_integer():

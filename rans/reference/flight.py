@@ -135,7 +135,11 @@ class DrakeMover:
         )
 
     def _step_for(self, state: Any) -> float:
-        """Longest integration step, s, for one control period from this state."""
+        """Longest integration step, s, for one control period from this state.
+
+        Drake's error is what engines are judged by, so that a longer step needs the figures of `rans validate`
+        again.
+        """
         period = self._timing.control_period
         spins = np.square(np.stack(np.broadcast_arrays(*state.spin()))).sum(axis=0)
         fastest = float(np.sqrt(np.nan_to_num(spins).max())) + _STRONGER * self._spin_up * period

@@ -107,7 +107,10 @@ class Nozzles:
             yield Segment(end, thrust, rate)
 
     def _flow(self, actuators: Actuators, commands: Sequence[np.ndarray], duration: float) -> _Flow:
-        """Flow through the valves over the control period (s) by commands (N, n), the newest first."""
+        """Flow through the valves over the control period (s) by commands (N, n), the newest first.
+
+        Commands before the newest still act where valves are slow; times are from the begin of this period.
+        """
         patterns = [
             (begin - age * duration, self.force_shares(opened))
             for age, command in reversed(list(enumerate(commands)))
@@ -157,7 +160,10 @@ class _Flow:
         return np.concatenate([self.start, self.start + self.ramp])
 
     def within(self, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-        """The thrust at the beginning of a time without kinks, s, and its rate, 1/s: (N, thrusters) each."""
+        """The thrust at the beginning of a time without kinks, s, and its rate, 1/s: (N, thrusters) each.
+
+        No change may begin or end between both times, since the thrust is a line there.
+        """
         # In the middle, as nothing begins or ends there.
         gone = 0.5 * (begin + end) - self.start
         moving = (gone > 0.0) & (gone < self.ramp)

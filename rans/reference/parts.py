@@ -123,7 +123,10 @@ def thrust_pose(thruster: Thruster) -> RigidTransform:
 
 
 def mounted(craft: Spacecraft, body: Body, k: int) -> Iterator[Thruster]:
-    """Thrusters of spacecraft number k in G, where they truly are by the errors of their mountings (m)."""
+    """Thrusters of spacecraft number k in G, where they truly are by the errors of their mountings (m).
+
+    G's origin is the author's, not the centre of mass.
+    """
     for number, thruster in enumerate(craft.thrusters):
         if not body.mountings:
             yield thruster

@@ -334,7 +334,10 @@ class Plant:
         return added
 
     def _add_thrusters(self, builder: DiagramBuilder) -> tuple[Propeller, Integrator]:
-        """A Propeller pushes along its own z axis with thrust_ratio times what has grown."""
+        """A Propeller pushes along its own z axis with thrust_ratio times what has grown.
+
+        The input "rate" has, spacecraft by spacecraft, thrusters and then what further effectors push.
+        """
         nozzles = [
             info
             for k, body in enumerate(self._bodies)
@@ -372,7 +375,10 @@ class Plant:
         return propeller, thrust
 
     def _export_forces(self, builder: DiagramBuilder) -> None:
-        """The input for disturbances, through the orbit's pull where there is an orbit. Sets `_orbit`."""
+        """The input for disturbances, through the orbit's pull where there is an orbit. Sets `_orbit`.
+
+        Every Drake system that adds generalised forces is in one chain, whose begin is the input.
+        """
         forces = self._plant.get_applied_generalized_force_input_port()
         if self._frame is None:
             for mass in self._masses:
@@ -440,7 +446,10 @@ class Plant:
         return np.array([wheel.axis for wheel in self.craft.wheels]).reshape(-1, 3).T
 
     def _drive(self, commands: np.ndarray, momenta: np.ndarray, duration: float) -> None:
-        """Motors give the commanded torque (N, wheels), or what keeps momenta in limits for a duration (s)."""
+        """Motors give the commanded torque (N, wheels), or what keeps momenta in limits for a duration (s).
+
+        Signs are the motor's on the wheel; the craft gets the opposite by the joint, not by this code.
+        """
         if not self.craft.wheels:
             return
         strongest, largest = np.array(
@@ -454,7 +463,10 @@ class Plant:
         self._simulator.get_system().GetInputPort("motors").FixValue(self._context, torques.ravel())
 
     def _weigh(self, left: np.ndarray) -> None:
-        """Give every spacecraft a share (N,) of its full mass and inertia."""
+        """Give every spacecraft a share (N,) of its full mass and inertia.
+
+        It changes the plant's context: to be called before every part in which mass is another.
+        """
         if self.craft.propellant is not None:
             for k, body in enumerate(self._bodies):
                 inertia = self._rigid_inertia(k, float(left[k]))

@@ -248,7 +248,10 @@ def _read(table: dict[str, Any]) -> SavedPolicy:
 def _further(
     architecture: Architecture, table: Mapping[str, Mapping[str, Tensor]]
 ) -> dict[float, dict[str, Tensor]]:
-    """Weights by name at frugalities from 0 to 1; ValueError if the table is wrong."""
+    """Weights by name at frugalities from 0 to 1; ValueError if the table is wrong.
+
+    Each has its own tensors, in order of the frugality, between which `frugal` interpolates.
+    """
     further = dict(sorted((float(value), weights) for value, weights in table.items()))
     if not architecture.authority or len(further) < 2 or (min(further), max(further)) != (0.0, 1.0):
         raise ValueError(
@@ -501,7 +504,11 @@ def _described(block: Block) -> list[Any]:
 
 
 def _block(row: list[Any]) -> Block:
-    """Block of an observation from its row in an agent's file, as `_described` made it; of a known kind."""
+    """Block of an observation from its row in an agent's file, as `_described` made it; of a known kind.
+
+    Files name kinds of columns by module and class: one that is moved or renamed needs an entry in
+    `_KINDS_OF_FILES`.
+    """
     kind, width, choices = row
     module, _, name = kind.rpartition(".")
     if module == "rans.tasks.sight":

@@ -83,7 +83,10 @@ def _checksum(table: str, tensors: dict[str, Tensor]) -> str:
 
 
 def _split(value: Any, path: str, tensors: dict[str, Tensor]) -> Any:
-    """The value with names in place of tensors, which are added to ``tensors`` by their paths, on the CPU."""
+    """The value with names in place of tensors, which are added to ``tensors`` by their paths, on the CPU.
+
+    The paths are names of tensors in every agent's file, by which others read them.
+    """
     if isinstance(value, Tensor):
         tensors[path] = value.detach().cpu().contiguous().clone()  # members' weights share memory
         return {_TENSOR: path}

@@ -83,7 +83,10 @@ class Actions:
         check_commands(self._engine.craft, action, self._shape[0])
 
     def _remember(self, possible: Tensor) -> None:
-        """Note actions out of range on the device; nobody waits, so that a later call raises the error."""
+        """Note actions out of range on the device; nobody waits, so that a later call raises the error.
+
+        Where a copy is still under way, the next call asks again.
+        """
         self._found |= ~possible
         if self._done is not None:
             if not self._done.query():

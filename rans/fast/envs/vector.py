@@ -243,7 +243,10 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         return observation.clamp(-self._high, self._high).contiguous()
 
     def _stepped(self, actions: Tensor) -> Step:
-        """Step (N, n) actions where episodes are not over; with NEXT_STEP the others begin new ones."""
+        """Step (N, n) actions where episodes are not over; with NEXT_STEP the others begin new ones.
+
+        With NEXT_STEP an environment that is over does not move in the step that begins its next episode.
+        """
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
             return self.engine.step(actions)
         if self.autoreset_mode == AutoresetMode.DISABLED and self._over.any():
