@@ -6,7 +6,7 @@ import gc
 import io
 import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import gymnasium
@@ -132,6 +132,25 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("runs") / "first"
     tiny_trainer(path).train(ignore, after(2))
     return path
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Runs a command, a line and perhaps words with spaces, that must end with code 2; its one sentence.
+
+    On a busy machine a stage of a second has a line before it.
+    """
+    from rans.cli import main
+
+    def run(line: str, *words: str) -> str:
+        capsys.readouterr()
+        assert main([*line.split(), *words]) == 2
+        told = capsys.readouterr()
+        assert told.out == ""
+        assert sum(not one.endswith(" ...") for one in told.err.splitlines()) == 1
+        return told.err
+
+    return run
 
 
 @pytest.fixture

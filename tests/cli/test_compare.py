@@ -29,19 +29,8 @@ IDLE = "python:tests.support.policies:idle"
 def test_writes_page_and_numbers(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    command = [
-        "compare",
-        "lqr:go-to-pose-2d",
-        IDLE,
-        "--with",
-        "lqr",
-        "--episodes",
-        "3",
-        "--certified",
-        "0",
-        "--output",
-        str(tmp_path),
-    ]
+    options = f"--with lqr --episodes 3 --certified 0 --output {tmp_path}"
+    command = f"compare lqr:go-to-pose-2d {IDLE} {options}".split()
     monkeypatch.setattr("sys.argv", ["rans", *command])
     assert main(command) == 0
     read = json.loads((tmp_path / "compare.json").read_text())
@@ -61,18 +50,9 @@ def test_writes_page_and_numbers(
 def test_a_failure_is_told_and_the_rest_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = [
-        "compare",
-        "lqr:go-to-pose-2d",
-        "python:tests.support.policies:broken",
-        "--with",
-        "lqr",
-        "--episodes",
-        "2",
-        "--output",
-        str(tmp_path),
-    ]
-    assert main(command) == 1
+    failing = "python:tests.support.policies:broken"
+    options = f"--with lqr --episodes 2 --output {tmp_path}"
+    assert main(f"compare lqr:go-to-pose-2d {failing} {options}".split()) == 1
     assert "KeyError: 'no such layer'" in capsys.readouterr().out
     assert len(json.loads((tmp_path / "compare.json").read_text())["failures"]) == 1
 
@@ -85,21 +65,8 @@ def test_interrupted_it_still_writes(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("rans.evaluation.compare.relaxed.solve", interrupted)
-    assert (
-        main(
-            [
-                "compare",
-                "lqr:go-to-pose-2d",
-                "--with",
-                "optimal",
-                "--episodes",
-                "2",
-                "--output",
-                str(tmp_path),
-            ]
-        )
-        == 130
-    )
+    command = f"compare lqr:go-to-pose-2d --with optimal --episodes 2 --output {tmp_path}"
+    assert main(command.split()) == 130
     assert json.loads((tmp_path / "compare.json").read_text())["summary"][0]["settled"] == 2
     out, err = capsys.readouterr()
     assert "interrupted; what was written is kept" in err
@@ -123,41 +90,38 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    ("typed", "sentence"),
     [
-        (["runs/nobody"], "runs/nobody"),
-        ([IDLE], "has no task"),
+        ("runs/nobody", "runs/nobody"),
+        (f"{IDLE}", "has no task"),
         (
-            ["lqr:go-to-pose-2d", "--certified", "-1"],
+            "lqr:go-to-pose-2d --certified -1",
             "certified must be a whole number >= 0 and < 2^31, got -1",
         ),
         (
-            ["lqr:go-to-pose-2d", "--output", "/dev/null/x"],
+            "lqr:go-to-pose-2d --output /dev/null/x",
             "cannot write into /dev/null/x: Not a directory",
         ),
-        (["lqr:go-to-pose-2d", "--with", "lqr", "pid"], "no controller named 'pid'"),
-        (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
+        ("lqr:go-to-pose-2d --with lqr pid", "no controller named 'pid'"),
+        ("lqr:go-to-pose-2d --episodes 0", "--episodes must be >= 1 and < 2^31, got 0"),
         (
-            ["lqr:go-to-pose-2d", "--seed", "18446744073709551616"],
+            "lqr:go-to-pose-2d --seed 18446744073709551616",
             "rans: the seed must be a whole number",
         ),
         (
-            ["go-to-pose-2d-trade-off#"],
+            "go-to-pose-2d-trade-off#",
             "go-to-pose-2d-trade-off has a trade-off: fix it, as in go-to-pose-2d-trade-off#0.5",
         ),
         (
-            ["lqr:go-to-pose-2d", "--front", "--front-seconds", "nan"],
+            "lqr:go-to-pose-2d --front --front-seconds nan",
             "front_seconds must be >= 0, got nan",
         ),
-        (["lqr:go-to-pose-2d", "--front-seconds", "9"], "--front-seconds needs --front"),
-        packages.of("missions", ["avoid-2d", "--guard-slack", "0.1"], "fly behind one, by --guard"),
+        ("lqr:go-to-pose-2d --front-seconds 9", "--front-seconds needs --front"),
+        packages.of("missions", "avoid-2d --guard-slack 0.1", "fly behind one, by --guard"),
     ],
 )
-def test_mistakes_end_in_a_sentence(
-    arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["compare", *arguments]) == 2
-    assert sentence in capsys.readouterr().err
+def test_mistakes_end_in_a_sentence(typed: str, sentence: str, refused: Any) -> None:
+    assert sentence in refused(f"compare {typed}")
 
 
 def test_every_option_reaches_the_comparison(
@@ -172,28 +136,9 @@ def test_every_option_reaches_the_comparison(
     told: list[Any] = []
     asked: list[bool] = []
     monkeypatch.setattr("rans.evaluation.compare.run.Comparison.fly", fill)
-    assert (
-        main(
-            [
-                "compare",
-                "lqr:go-to-pose-2d",
-                IDLE,
-                "--with",
-                "mpc",
-                "--episodes",
-                "5",
-                "--seed",
-                "11",
-                "--engine",
-                "drake",
-                "--certified",
-                "2",
-                "--output",
-                str(tmp_path),
-            ]
-        )
-        == 0
-    )
+    options = "--with mpc --episodes 5 --seed 11 --engine drake --certified 2"
+    command = f"compare lqr:go-to-pose-2d {IDLE} {options} --output {tmp_path}"
+    assert main(command.split()) == 0
     assert told == [
         (
             (5, 11, "drake"),
@@ -206,8 +151,8 @@ def test_every_option_reaches_the_comparison(
         ((5, 11, "drake"), (), ["mpc"], 2, tmp_path / "compare-bounds.json"),
     ]
     # The optima that take longest are asked for by --full alone.
-    command = ["compare", "lqr:go-to-pose-2d", "--with", "optimal", "--output", str(tmp_path)]
-    assert main([*command, "--full"]) == 0
+    command = f"compare lqr:go-to-pose-2d --with optimal --output {tmp_path} --full"
+    assert main(command.split()) == 0
     assert asked == [False, False, True, True]
 
 
@@ -234,17 +179,8 @@ def test_front_of_an_agent_with_a_trade_off(
     )
     run = tmp_path / "turned"
     tiny_trainer(run, config).train(lambda _: None)
-    command = [
-        "compare",
-        str(run),
-        "lqr:go-to-pose-2d",
-        "--front",
-        "--with",
-        "lqr",
-        "--episodes",
-        "2",
-    ]
-    assert main(command) == 0
+    command = f"compare {run} lqr:go-to-pose-2d --front --with lqr --episodes 2"
+    assert main(command.split()) == 0
     read = json.loads((run / "compare.json").read_text())
     assert [row["contestant"] for row in read["summary"]] == ["turned#0", "turned#1", "LQR"]
     front = read["front"]
@@ -269,8 +205,8 @@ def test_an_interrupt_of_the_page_leaves_the_data(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("rans.show.pages.comparison_page.page", interrupted)
-    command = ["compare", "switching:go-to-pose-2d", "--episodes", "2", "--output", str(tmp_path)]
-    assert main([*command, "--with", "switching"]) == 130
+    options = f"--with switching --episodes 2 --output {tmp_path}"
+    assert main(f"compare switching:go-to-pose-2d {options}".split()) == 130
     assert "settled, %" in capsys.readouterr().out
     assert (tmp_path / "compare.json").is_file()
     assert not (tmp_path / "compare.html").exists()

@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,18 +26,11 @@ def run_folder(trained: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(trained, tmp_path / "run"))
 
 
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert main(["evaluate", *arguments]) == 2
-    captured = capsys.readouterr()
-    assert captured.err.count("\n") == 1
-    return captured.err
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_both_engines(capsys: pytest.CaptureFixture[str], run_folder: Path) -> None:
     """The second evaluation keeps what the first one wrote, and the motion is the same."""
     for engine in ("fast", "drake"):
-        assert main(["evaluate", str(run_folder), "--episodes", "6", "--engine", engine]) == 0
+        assert main(f"evaluate {run_folder} --episodes 6 --engine {engine}".split()) == 0
         text = capsys.readouterr().out.replace("\n", "")
         assert str(run_folder / "evaluation.json") in text
     written = json.loads((run_folder / "evaluation.json").read_text())
@@ -82,7 +76,7 @@ def test_conditions_of_one_name_have_files_apart(
         file.write_text(f"[body]\nmass = {1.0 + len(name) / 10 + (name[0] == 'b') / 10}\n")
     own = [str(tmp_path / f"{name}.toml") for name in ("a/lab", "b/lab", "own")]
     for given in ("lab", *own):
-        assert main(["evaluate", str(run_folder), "--episodes", "2", "--conditions", given]) == 0
+        assert main(f"evaluate {run_folder} --episodes 2 --conditions {given}".split()) == 0
         following = capsys.readouterr().out.split("Next:")[1].split("  rans ")[1:]
         # What is proposed next flies under the same conditions.
         assert [f"--conditions {given}" in command for command in following] == [True] * 3
@@ -96,20 +90,8 @@ def test_conditions_of_one_name_have_files_apart(
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_protocol_has_its_own_files(run_folder: Path) -> None:
-    assert (
-        main(
-            [
-                "evaluate",
-                str(run_folder),
-                "--episodes",
-                "3",
-                "--protocol",
-                "original",
-                "--trajectories",
-            ]
-        )
-        == 0
-    )
+    options = "--episodes 3 --protocol original --trajectories"
+    assert main(f"evaluate {run_folder} {options}".split()) == 0
     written = json.loads((run_folder / "evaluation-original.json").read_text())
     assert (written["fast"]["spacecraft"], written["fast"]["steps"]) == (
         "floating-platform-shared",
@@ -150,7 +132,7 @@ def test_the_seed_decides(run_folder: Path) -> None:
     file = run_folder / "evaluation.json"
     results = []
     for seed, kept in (("1", False), ("1", True), ("2", False)):
-        assert main(["evaluate", str(run_folder), "--episodes", "6", "--seed", seed]) == 0
+        assert main(f"evaluate {run_folder} --episodes 6 --seed {seed}".split()) == 0
         written = json.loads(file.read_text())
         assert ("drake" in written) is kept
         results.append(written["fast"])
@@ -158,17 +140,15 @@ def test_the_seed_decides(run_folder: Path) -> None:
     assert results[0] == results[1] != results[2]
 
 
-def test_wrong_arguments(
-    capsys: pytest.CaptureFixture[str], run_folder: Path, tmp_path: Path
-) -> None:
-    assert "--episodes must be >= 1 and < 2^31, got 0" in refused(
-        capsys, str(run_folder), "--episodes", "0"
-    )
-    assert "is not a run folder" in refused(capsys, str(tmp_path / "nowhere"))
+def test_wrong_arguments(refused: Any, run_folder: Path, tmp_path: Path) -> None:
+    said = refused(f"evaluate {run_folder} --episodes 0")
+    assert "--episodes must be >= 1 and < 2^31, got 0" in said
+    assert "is not a run folder" in refused(f"evaluate {tmp_path}/nowhere")
     (run_folder / "agent.safetensors").write_bytes(b"rubbish")
-    assert "agent.safetensors is damaged" in refused(capsys, str(run_folder))
+    assert "agent.safetensors is damaged" in refused(f"evaluate {run_folder}")
     (run_folder / "agent.safetensors").unlink()
-    assert "has no agent.safetensors: its training has not" in refused(capsys, str(run_folder))
+    said = refused(f"evaluate {run_folder}")
+    assert "has no agent.safetensors: its training has not" in said
 
 
 def test_one_task_on_which_the_engines_disagree_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,17 +175,15 @@ def test_the_folder_of_ccsds_messages_is_named(
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_an_own_start_is_flown_once_and_has_files_of_its_own(run_folder: Path) -> None:
-    start = ["--start", "1", "-0.5", "90deg", "v.x=0.1"]
-    assert main(["evaluate", str(run_folder), *start, "--trajectories"]) == 0
+    command = f"evaluate {run_folder} --start 1 -0.5 90deg v.x=0.1"
+    assert main(f"{command} --trajectories".split()) == 0
     [file] = run_folder.glob("episodes-own-*.npz")
     with np.load(file) as flown:
         first = flown["states"][0]
     np.testing.assert_allclose(first[0, :4], [1.0, -0.5, np.pi / 2.0, 0.1])
     assert len(first) == 1
     # Under conditions each episode differs, although all have one start.
-    assert (
-        main(["evaluate", str(run_folder), *start, "--conditions", "lab", "--episodes", "3"]) == 0
-    )
+    assert main(f"{command} --conditions lab --episodes 3".split()) == 0
     [named] = run_folder.glob("evaluation-lab-own-*.json")
     assert json.loads(named.read_text())["conditions"]["start"] == "1 -0.5 90deg v.x=0.1"
 

@@ -22,7 +22,7 @@ SQUARE = [
     "0, -0.2; 0, 2; 1",
     "0, 0.2; 0, -2; 1",
 ]
-BOX = ["--set", "dimension=2", "--set", "mass=12", "--set", "size=0.4,0.4"]
+BOX = "--set dimension=2 --set mass=12 --set size=0.4,0.4"
 
 
 def typed(monkeypatch: pytest.MonkeyPatch, *lines: str | type[BaseException]) -> Iterator[object]:
@@ -57,7 +57,7 @@ def batch(*words: str) -> int:
 @pytest.mark.slow
 def test_a_batch_writes_a_file_that_reads_back(capsys: pytest.CaptureFixture[str]) -> None:
     thrusters = [f"--thruster={one}" for one in SQUARE]
-    assert batch(*BOX, *thrusters, "--wheel=0,0,2;0.1;0.7;0.001") == 0
+    assert batch(*BOX.split(), *thrusters, "--wheel=0,0,2;0.1;0.7;0.001") == 0
     craft = load_spacecraft("mine.toml")
     assert (craft.name, craft.dimension, craft.mass) == ("mine", 2, 12.0)
     # A box of 12 kg and 0.4 m by 0.4 m about z: 12 (0.16 + 0.16) / 12.
@@ -147,7 +147,7 @@ def test_asked_from_a_spacecraft(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_training_of_what_cannot_be_steered_is_not_suggested(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert batch(*BOX, "--thruster=0.2,0.1;1,0;1") == 0
+    assert batch(*BOX.split(), "--thruster=0.2,0.1;1,0;1") == 0
     said = capsys.readouterr().out
     assert "rans list mine.toml" in said
     assert "rans train" not in said
@@ -164,44 +164,44 @@ def test_an_interrupt_writes_nothing(
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("typed", "sentence"),
     [
-        ([], "needs dimension, mass, inertia or size, at least one thruster"),
-        ([*BOX], "needs at least one thruster"),
+        ("", "needs dimension, mass, inertia or size, at least one thruster"),
+        (BOX, "needs at least one thruster"),
         (
-            ["--set", "mass=12"],
+            "--set mass=12",
             "The input is no terminal, so that nothing is asked: give values by --set",
         ),
-        ([*BOX, "--thruster=1;2"], "is its position (m), the direction of its force"),
-        ([*BOX, "--thruster=1,2,3;1,0;1"], "the position of a thruster must be 2 numbers"),
-        ([*BOX, "--thruster=0,0;0,0;1"], "must not be zero"),
-        ([*BOX, "--thruster=0,0;1,0;-1"], "force must be a number from 1e-09"),
-        ([*BOX, "--thruster=0,0;1,0;1", "--wheel=1,0,0;1"], "a wheel is its axis"),
-        (["--from", "atmos", "--set", "dimension=3"], "atmos has dimension 2"),
-        (["--from", "atmoss"], "no spacecraft named 'atmoss'"),
-        (["--from", "atmos", "--set", "mass=-1"], "mass must be a number from"),
-        (["--from", "atmos", "--set", "actuators=steam"], "actuators are on-off"),
+        (f"{BOX} --thruster=1;2", "is its position (m), the direction of its force"),
+        (f"{BOX} --thruster=1,2,3;1,0;1", "the position of a thruster must be 2 numbers"),
+        (f"{BOX} --thruster=0,0;0,0;1", "must not be zero"),
+        (f"{BOX} --thruster=0,0;1,0;-1", "force must be a number from 1e-09"),
+        (f"{BOX} --thruster=0,0;1,0;1 --wheel=1,0,0;1", "a wheel is its axis"),
+        ("--from atmos --set dimension=3", "atmos has dimension 2"),
+        ("--from atmoss", "no spacecraft named 'atmoss'"),
+        ("--from atmos --set mass=-1", "mass must be a number from"),
+        ("--from atmos --set actuators=steam", "actuators are on-off"),
         (
-            ["--from", "atmos", "--set", "actuators=pulsed"],
+            "--from atmos --set actuators=pulsed",
             "pulsed actuators need counts",
         ),
         (
-            ["--from", "atmos", "--set", "actuators=on-off", "--set", "counts=5"],
+            "--from atmos --set actuators=on-off --set counts=5",
             "have no counts",
         ),
-        (["--from", "atmos", "--set", "colour=red"], "--set takes KEY=VALUE once"),
+        ("--from atmos --set colour=red", "--set takes KEY=VALUE once"),
         (
-            ["--from", "atmos", "--set", "counts=many"],
+            "--from atmos --set counts=many",
             "takes a whole number, got 'many'",
         ),
-        (["--from", "atmos", "--set", "size=0.1,x"], "size must be 2 or 3 numbers"),
-        (["--from", "atmos", "--set", "size=1,1,1"], "size must be 2 numbers"),
+        ("--from atmos --set size=0.1,x", "size must be 2 or 3 numbers"),
+        ("--from atmos --set size=1,1,1", "size must be 2 numbers"),
     ],
 )
 def test_wrong_input_is_a_sentence_and_writes_nothing(
-    words: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+    typed: str, sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert batch(*words) == 2
+    assert batch(*typed.split()) == 2
     told = capsys.readouterr().err
     assert sentence in told
     assert told.count("\n") == 1

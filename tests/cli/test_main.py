@@ -103,17 +103,15 @@ def test_letters_that_the_output_does_not_know() -> None:
 @pytest.mark.parametrize(
     ("option", "kind"),
     [
-        (["train", "--seed"], "a whole number"),
-        (["sweep", "--seeds"], "a whole number"),
-        packages.of("assurance", ["assure", "x", "--failure-below"], "a number"),
-        (["compare", "x", "--certified"], "a whole number"),
+        ("train --seed", "a whole number"),
+        ("sweep --seeds", "a whole number"),
+        packages.of("assurance", "assure x --failure-below", "a number"),
+        ("compare x --certified", "a whole number"),
     ],
 )
-def test_what_is_no_number(
-    option: list[str], kind: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_no_number(option: str, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
     """None or not, one or many: told in our words, without Python's types and functions."""
-    assert code_of([*option, "x1"]) == 2
+    assert code_of([*option.split(), "x1"]) == 2
     said = " ".join(capsys.readouterr().err.replace("│", " ").split())
     assert f"it must be {kind}, got 'x1'." in said
     assert not re.search(r"literal|convert|instantiated|class|parse for", said)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -85,34 +86,32 @@ def test_a_worse_result_replaces_nothing(
 
 
 def test_what_is_damaged_is_told_before_anything_is_flown(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Any
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("rans.evaluation.compare.tuning.tuned_settings", None)
     OWN.mkdir(parents=True)
     (OWN / "lqr.json").write_text("{")
-    assert main(["tune", "lqr"]) == 2
-    assert "Delete it" in capsys.readouterr().err
+    assert "Delete it" in refused("tune lqr")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    ("typed", "sentence"),
     [
-        (["pid"], "no controller named 'pid'"),
-        (["lqr:hover-2d"], "hover"),
+        ("pid", "no controller named 'pid'"),
+        ("lqr:hover-2d", "hover"),
         (
-            ["lqr:go-to-pose-2d", "pretrained:go-to-pose-2d"],
+            "lqr:go-to-pose-2d pretrained:go-to-pose-2d",
             "name the controller alone, lqr",
         ),
     ],
 )
 def test_mistakes_end_in_a_sentence(
-    arguments: list[str],
+    typed: str,
     sentence: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    refused: Any,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["tune", *arguments]) == 2
-    assert sentence in capsys.readouterr().err
+    assert sentence in refused(f"tune {typed}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -69,11 +70,10 @@ def test_file_and_line_are_first(
 
 
 def test_a_reward_that_is_no_dict_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Any
 ) -> None:
     module = written("return error", tmp_path, monkeypatch)
-    assert main(["list", f"{module}:Gate"]) == 2
-    assert "Gate.reward must return a dict" in capsys.readouterr().err
+    assert "Gate.reward must return a dict" in refused(f"list {module}:Gate")
 
 
 @pytest.mark.parametrize(
@@ -100,27 +100,26 @@ def test_results_of_another_kind(
     said: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    refused: Any,
 ) -> None:
     module = written(f"return {{}}\n    {function}", tmp_path, monkeypatch)
-    assert main(["train", f"{module}:Gate", "--total-timesteps", "1"]) == 2
-    printed = capsys.readouterr().err
+    printed = refused(f"train {module}:Gate --total-timesteps 1")
     name = function.split("(")[0].removeprefix("def ")
     assert f"{module}.py, line {LINE + 1}: Gate.{name} must return" in printed
     assert said in printed
 
 
 def test_a_module_that_cannot_be_imported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    refused: Any,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     module = written("return {}", tmp_path, monkeypatch)
-    assert main(["train", f"{module}.py:Gate"]) == 2
-    assert f"without .py: write {module}:Gate" in capsys.readouterr().err
-    assert main(["train", f"{module}:Gat"]) == 2
-    assert "(did you mean Gate?)" in capsys.readouterr().err
+    assert f"without .py: write {module}:Gate" in refused(f"train {module}.py:Gate")
+    assert "(did you mean Gate?)" in refused(f"train {module}:Gat")
     monkeypatch.chdir(tmp_path)
-    assert main(["train", module]) == 2
-    assert f"did you mean {module}:CLASS" in capsys.readouterr().err
+    assert f"did you mean {module}:CLASS" in refused(f"train {module}")
     (tmp_path / "gate_unfrozen.py").write_text(TASK.replace("(frozen=True)", ""))
     assert main(["list", "gate_unfrozen:Gate"]) == 2
     printed = capsys.readouterr().err
