@@ -14,7 +14,7 @@ from torch import Tensor
 
 from rans.effectors.commands import action_space
 from rans.environment import observation_space, within
-from rans.errors import ConfigError, checked, one_of
+from rans.errors import ConfigError, brief, checked, one_of
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
 from rans.fast.envs.vector import Film
@@ -60,11 +60,17 @@ class SB3VecEnv(VecEnv):
     def reset(self) -> VecEnvObs:
         """Start new episodes; returns the observation (N, width), float32.
 
-        Seeds and options that were set hold for this reset alone.
+        Seeds that were set hold for this reset alone.
+
+        Raises:
+            ConfigError: options were set; there are none.
         """
+        options = self._options
+        self._reset_options()
+        for option in (name for own in options for name in own):
+            raise ConfigError(f"unknown option {brief(option)} of reset; SB3VecEnv has none.")
         seed = self._seeds[0]
         self._reset_seeds()
-        self._reset_options()
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._returns[:] = 0.0
         self._lengths[:] = 0

@@ -122,3 +122,13 @@ def test_it_is_filmed_as_the_environments_of_gymnasium_are() -> None:
     assert tiled.shape == (240, 640, 3) or tiled.shape == (480, 320, 3)
     with pytest.raises(ConfigError, match='render_mode="rgb_array"'):
         SB3VecEnv(Engine("floating-platform", "go-to-pose", num_envs=2)).get_images()
+
+
+def test_an_option_that_it_has_not_is_a_sentence() -> None:
+    """Once: the next reset has none."""
+    env = make(count=2)
+    for options in ({"scenario": 1}, [{}, {"scenario": 1}]):
+        env.set_options(options)
+        with pytest.raises(ConfigError, match="unknown option 'scenario' of reset"):
+            env.reset()
+        env.reset()
