@@ -74,6 +74,8 @@ class Response(NamedTuple):
     def updated(self, innovation: Columns, variance: Field) -> Response:
         """Response after a reading's innovation, by recursive least squares.
 
+        It is traced for compiled steps: no decision by the value of a number but `where`.
+
         Args:
             innovation: velocity as read less velocity as predicted, m/s or rad/s in B.
             variance: of the innovation's components, the sum of that of the reading and of the prediction.

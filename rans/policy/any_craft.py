@@ -364,7 +364,10 @@ def _reach(
 def last_layer(
     architecture: Architecture, weight: torch.Tensor, bias: torch.Tensor
 ) -> dict[str, torch.Tensor]:
-    """Tensors of the last layer whose outputs are demands (d, features) and (d,), for the architecture's head."""
+    """Tensors of the last layer whose outputs are demands (d, features) and (d,), for the architecture's head.
+
+    Names are those of `Architecture.shapes`; the log-odds of a thruster are its second row less its first.
+    """
     if architecture.last.weights == 1:
         spread = torch.zeros(architecture.thrusters)
         return {"action_net.weight": weight, "action_net.bias": bias, "log_std": spread}
@@ -392,7 +395,10 @@ def _accelerations(craft: Spacecraft) -> np.ndarray:
 
 
 def _turning(craft: Spacecraft) -> np.ndarray:
-    """Accelerations (2 k, d) by each of k wheels one way, then the other way."""
+    """Accelerations (2 k, d) by each of k wheels one way, then the other way.
+
+    `effects` takes the first k rows as its wheels, and allocation all of them, in this order.
+    """
     turning = _angular(craft, np.array(craft.wheel_map).reshape(-1, 2 * craft.dimension - 3))
     columns = np.column_stack([np.zeros((len(turning), craft.dimension)), turning])
     return np.vstack([columns, -columns])

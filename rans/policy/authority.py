@@ -281,6 +281,8 @@ def shortened(
 
     The craft flies and turns more slowly, as braking curves lead to less speed from a smaller distance and angle.
 
+    The browser and compiled steps trace it: choices are `where`, and all ones are computed.
+
     Args:
         error: see `columns`.
         turn: see `columns`.
@@ -435,6 +437,8 @@ def _more_along(vector: Sequence[Field], linear: Sequence[Field], reach: Sequenc
 
     Accelerations that are possible along two neighbours of `WAYS` are so together: that along the vector is of the
     polygon through all eight. A vector of zeros counts as one along +x. The result is from 1 to `_MORE`.
+
+    `linear` and `reach` are ordered as `WAYS`, and the slices rely on that order.
     """
     x, y = vector
     wide, high = absolute(x), absolute(y)

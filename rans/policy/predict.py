@@ -58,7 +58,10 @@ def predict(
 
 
 def policy_spaces(architecture: Architecture) -> tuple[spaces.Box, spaces.Space[Any]]:
-    """Observation and action space (Gymnasium) of an agent, as SB3 stores them in its files."""
+    """Observation and action space (Gymnasium) of an agent, as SB3 stores them in its files.
+
+    Stable-Baselines3 compares them with those of an environment when it opens the file; its boxes hold float32.
+    """
     bounds = architecture.bounds or (math.inf,) * architecture.layout.width
     finite_bounds = np.minimum(bounds, np.finfo(np.float32).max).astype(np.float32)
     count = architecture.thrusters

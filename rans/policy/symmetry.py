@@ -74,7 +74,10 @@ def symmetries(craft: Spacecraft) -> Symmetries | None:
 
 
 def _candidates(craft: Spacecraft) -> Iterator[np.ndarray]:
-    """Orthogonal matrices (d, d) in B that may put a thruster with a lever arm in another's place, or eye."""
+    """Orthogonal matrices (d, d) in B that may put a thruster with a lever arm in another's place, or eye.
+
+    Their order is that of the views in an agent's file, where ties of `Symmetries.which` go to the first.
+    """
     levers = [t for t in craft.thrusters if abs(np.linalg.det(_axes(craft, t))) > _ROUNDING]
     if not levers:
         yield np.eye(craft.dimension)

@@ -129,7 +129,10 @@ def _between(first: Wrench, last: Wrench, fraction: Field) -> Wrench:
 
 
 def _either(condition: Field, first: Piece, second: Piece) -> Piece:
-    """The first piece where the condition is true, else the second, field by field."""
+    """The first piece where the condition is true, else the second, field by field.
+
+    Compiled steps rely on it that a piece without an end stays without one if both are so: its wrench is constant.
+    """
 
     def choose(a: Field, b: Field) -> Field:
         return where(condition, a, b)

@@ -464,7 +464,10 @@ class Loop:
     def heading_levels(
         self, cells: Cells, bounds: Parts, weights: Sequence[int] | None = None
     ) -> dict[int, np.ndarray]:
-        """Cells of a heading in which so many thrusters may turn the craft, or have a sum of other weights."""
+        """Cells of a heading in which so many thrusters may turn the craft, or have a sum of other weights.
+
+        A level that is left out makes the check unsound, one too many only refuses more.
+        """
         columns = self._columns(bounds)
         sine = _sine(*cells.position)
         off = self.off["heading"] + _SLACK

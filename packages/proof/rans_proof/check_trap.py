@@ -173,7 +173,10 @@ class _Loop:
         need(fastest <= self.spin, "its cells go beyond the limit of the spin.")
 
     def _design(self, craft: Craft) -> None:
-        """Set force over mass (balls) and lever of each thruster: its torque is a whole number of steps of spin."""
+        """Set force over mass (balls) and lever of each thruster: its torque is a whole number of steps of spin.
+
+        `image`, `_jump` and `_pull` read what it sets, in the order of the craft's thrusters.
+        """
         self.directions = [(t.force, *t.direction) for t in craft.thrusters]
         self.force = []
         for thruster in craft.thrusters:
@@ -363,7 +366,10 @@ class _Loop:
         return self._integrals[key, jump]
 
     def _turning(self, spin: Any, jump: int) -> tuple[Any, Any]:
-        """Integrals of cosine and sine of the angle that the nominal craft has turned by."""
+        """Integrals of cosine and sine of the angle that the nominal craft has turned by.
+
+        Only flights of `formulas` use it, no part of the proof, which bounds with `_impulse`.
+        """
         turn = self.step * self.period
 
         def integral(function: Callable[[Any], Any]) -> Any:
@@ -383,6 +389,9 @@ class _Loop:
         """Directions (parts of pi) of the box x, y around a middle direction, less a turn.
 
         All of them if 0 is in it.
+
+        The second is more than the first, and neither is brought into one turn: `image` makes a range of sectors of
+        them.
         """
         if x.contains(0) and y.contains(0):
             return arb(0), arb(2)

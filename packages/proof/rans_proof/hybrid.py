@@ -178,6 +178,8 @@ class _Cell:
         """Tree of rectangles of times (aborted, coasted) in which no passive flight is in the square.
 
         See `_kept`.
+
+        What it finds is no proof: `rans_proof.check_hybrid` bounds every rectangle anew.
         """
         (e0, e1), (p0, p1) = box
         if p0 > self._horizon - max(abort, first + e0):  # after the horizon

@@ -74,6 +74,8 @@ def convolution(pairs: list[tuple[Form, Form]]) -> Form:
     """Sum of products of forms.
 
     Of a product of the generators' parts the squares s_i^2 are in [0, 1], all else is in [-1, 1].
+
+    The error may be too large, never too small; errors of its formulas are tried in `tests/test_soundness.py`.
     """
     a, b = (Form(*map(torch.stack, zip(*side, strict=True))) for side in zip(*pairs, strict=True))
     reach = [form.generators.abs().sum(dim=2) + form.error for form in (a, b)]

@@ -284,7 +284,10 @@ class _Asked:
     def _open(
         self, place: np.ndarray, velocity: np.ndarray, sine: np.ndarray, spin: np.ndarray
     ) -> np.ndarray:
-        """Commands (N, thrusters), of positions and velocities (N, 2) along the axes."""
+        """Commands (N, thrusters), of positions and velocities (N, 2) along the axes.
+
+        They only suggest sets of cells: `rans_proof.check_pose` proves them with bounds of the network.
+        """
         count = len(sine)
         cosine = np.sqrt(1.0 - sine * sine)
         # An observation with the body frame in place of the world's.

@@ -126,6 +126,8 @@ def enclose(layers: Sequence[TorchLayer], states: Zonotope) -> Planes:
     """Planes around a network over zonotopes, as a machine computes it that rounds each layer.
 
     Errors of an activation stay linear until they reach the output, so that those of several layers may cancel.
+
+    Planes may be too wide, never too narrow; `tests/test_soundness.py` breaks lines of it by their text.
     """
     count, width = states.centre.shape
     eye = torch.eye(width, dtype=states.centre.dtype, device=states.centre.device)
@@ -174,7 +176,10 @@ def _rows(gain: Tensor, values: Tensor) -> Tensor:
 def _passed(
     layers: Sequence[TorchLayer], slopes: Sequence[Tensor], errors: Sequence[Tensor], number: int
 ) -> Tensor:
-    """What errors of earlier activations add up to at the sums of a layer, (B, units)."""
+    """What errors of earlier activations add up to at the sums of a layer, (B, units).
+
+    Each may be too large, never too small: planes are as wide as it says.
+    """
     if number == 0:
         return torch.zeros(
             (1, len(layers[0].bias)), dtype=torch.float64, device=layers[0].bias.device

@@ -318,7 +318,10 @@ class MessagePilot:
         part.refused = None
 
     def _take_goal(self, data: bytes, now: int) -> None:
-        """Take a goal at a time, ns: sets it, and lets the agent begin anew (`ValueError` if it is wrong)."""
+        """Take a goal at a time, ns: sets it, and lets the agent begin anew (`ValueError` if it is wrong).
+
+        All that may be refused is before what changes: a refused goal leaves that before.
+        """
         message = unpack(POSE, data)
         position = finite_vector("position", point_numbers(message.pose.position))
         attitude = unit(wxyz(message.pose.orientation))

@@ -261,6 +261,8 @@ class MatrixGradient(FusedGradient):
     def _before_activation(self, value: Tensor, *gradients: Tensor) -> tuple[Tensor, Tensor]:
         """Gradients before an activation function (N, units), bfloat16, and their sums (units,).
 
+        It is compiled as one kernel; sums are of the rounded gradients, as the matrix products take them.
+
         Args:
             value: (N, units) values of the function.
             gradients: gradients of the values, one tensor for each trunk.

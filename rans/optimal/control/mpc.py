@@ -210,7 +210,10 @@ class MPC(ModelBased):
         return first @ self._wrenches
 
     def _goals(self, state: Any, goal: Any) -> np.ndarray:
-        """(fields of the goal, horizon + 1, N): now and after every period of the plan."""
+        """(fields of the goal, horizon + 1, N): now and after every period of the plan.
+
+        The solver's parameters have fields of a goal in the order of `rans.fields.leaves`.
+        """
         period = self._timing.control_period
         horizon = self._settings.horizon
         size = np.shape(state.p.columns()[0])

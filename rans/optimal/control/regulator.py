@@ -74,6 +74,8 @@ def distance_scale(task: Task, craft: Spacecraft) -> float:
 
     Deviations that cost as much as full thrust are in proportion to those that a task begins with, as Bryson's rule
     has it: with 0.6 m, craft that start 250 m away accelerate at full thrust until they must brake.
+
+    The starts are always those of seed 0: other ones change gains, and with them every figure of the LQR.
     """
     starts = scenarios(task.for_evaluation(), craft, seed=0, count=_STARTS)
     offset = starts.start.p - starts.goal.p

@@ -156,7 +156,10 @@ def _lowest(chart: Chart) -> tuple[float, float]:
 
 
 def _draw_series(axes: Axes, series: Series, number: int, lowest: tuple[float, float]) -> None:
-    """The line of a series, and its marks with their intervals; marks below the axis stand at its edge."""
+    """The line of a series, and its marks with their intervals; marks below the axis stand at its edge.
+
+    `inline` finds series and bars by these ids, and takes marks in the order of `Series.finite`.
+    """
     marks = series.finite
     if not marks:
         return

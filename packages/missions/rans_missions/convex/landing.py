@@ -534,7 +534,10 @@ class _Problem:
         return np.array(knot * (self.count + 1) + control * self.controls)
 
     def _read(self, answer: Any) -> Landing:
-        """The solver's answer in SI units, from scaled knots (7 each) and controls."""
+        """The solver's answer in SI units, from scaled knots (7 each) and controls.
+
+        Columns are those of `_dynamics`: seven for a knot, then `width` for a control.
+        """
         x = np.array(answer.x)
         knots = x[: self.knots].reshape(-1, 7)
         controls = x[self.knots :].reshape(-1, self.width) * _ACCELERATION
@@ -562,6 +565,8 @@ class _Problem:
         """Equations of motion, the start and, where it is exact, the end.
 
         Matrix, right sides and 1, in scaled units.
+
+        `_read` takes the unknowns in its order: seven of every knot, then `width` of every control.
         """
         n = self.count
         steps = self.lengths / _TIME

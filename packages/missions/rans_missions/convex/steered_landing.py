@@ -224,7 +224,10 @@ class SteeredLandings:
 
 
 def _rolled(tilts: np.ndarray, first: float) -> np.ndarray:
-    """Rolls (N + 1,), from the first one on, with which the axis is tilted less than thrust with these tilts."""
+    """Rolls (N + 1,), from the first one on, with which the axis is tilted less than thrust with these tilts.
+
+    It only begins the search, whose constraints decide.
+    """
     roll = np.full(len(tilts), np.nan)
     roll[0] = first
     last = first

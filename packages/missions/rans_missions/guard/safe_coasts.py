@@ -116,7 +116,10 @@ class SafeCoasts(Replacing):
         return keep_away(self.mean_motion, coasts, size, self.zone.radius)
 
     def _coasts(self, ahead: Ahead, state: Any, goal: Any, command: Command) -> Pieces:
-        """Coasts from all instants of a control period with commands, and from its end for longer, (N,) flights."""
+        """Coasts from all instants of a control period with commands, and from its end for longer, (N,) flights.
+
+        Pieces bear the row of their flight, by which `keep_away` and `least_distances` put them together.
+        """
         n, period = self.mean_motion, ahead.world.timing.control_period
         before, after = _rows(state), _rows(ahead.fly(state, goal, command).state)
         everyone = np.arange(len(before))

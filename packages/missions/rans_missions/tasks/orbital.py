@@ -556,7 +556,10 @@ class OrbitalMission(SingleTask):
         )
 
     def _angle_terms(self, goal: Any) -> tuple[ObservationTerm, ...]:
-        """Cosine and sine of the target's angle, or () where the orbit is steady: fixed for each setting."""
+        """Cosine and sine of the target's angle, or () where the orbit is steady: fixed for each setting.
+
+        Files of agents have the observation's columns in this order, with these names.
+        """
         if self.orbit.is_steady:
             return ()
         angle, what = (

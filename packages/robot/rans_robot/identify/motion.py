@@ -401,6 +401,8 @@ def _spatial(
 def _midpoints(constant: Sequence[np.ndarray], acting: Sequence[np.ndarray]) -> np.ndarray:
     """States (K, S + 1, 13) of the midpoint rule.
 
+    The fit takes finite differences of results: no choice by the value of a parameter, which would make steps.
+
     Args:
         constant: start (K, 13), inertia and its inverse (K, 3, 3), acceleration (K, 3) and torque (K, 3) in W.
         acting: length of each step (K, S), s, and what acts in it (K, S, 3): thrust per mass and torque in B, and

@@ -269,7 +269,10 @@ class Relaxation:
         )
 
     def constant(self, costate: np.ndarray) -> tuple[float, np.ndarray]:
-        """Part of the dual function beside the inner minimum under a costate (4,), and its supergradient (4,)."""
+        """Part of the dual function beside the inner minimum under a costate (4,), and its supergradient (4,).
+
+        `bound`, `shrunk` and `rans.optimal.certificate.plane.onoff` add the same number to their inner minimum.
+        """
         value = float(costate @ self.miss)
         slope = self.miss.copy()
         for part, radius in (

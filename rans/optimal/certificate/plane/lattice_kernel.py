@@ -78,6 +78,8 @@ def bellman(costs: Costs, value: np.ndarray, ahead: bool) -> None:
     """Least cost from every point to the end, or from the start to every point (Bellman's recursion).
 
     The value, (N + 1, S, headings), is filled from its end, or ahead from its start, which has its values already.
+
+    `cheapest_patterns` and `shrink` look up its values at the same indices, and take infinity for "no path".
     """
     tables = costs.tables
     low = costs.low
@@ -115,7 +117,10 @@ def bellman(costs: Costs, value: np.ndarray, ahead: bool) -> None:
 
 @compiled
 def cheapest_patterns(costs: Costs, value: np.ndarray) -> np.ndarray:
-    """Numbers (N,) of the cheapest patterns from n = a = 0 on, by the values to the end of `bellman`."""
+    """Numbers (N,) of the cheapest patterns from n = a = 0 on, by the values to the end of `bellman`.
+
+    The path costs what the values say: the ascent takes a supergradient of the bound from it.
+    """
     tables = costs.tables
     low = costs.low
     high = costs.high

@@ -37,7 +37,10 @@ def nozzles(
 def replayed_within_cost(
     relaxation: Relaxation, path: np.ndarray, limit: float
 ) -> np.ndarray | None:
-    """The commands of a path, (N, thrusters), if their replay ends in the goal set and costs no more."""
+    """The commands of a path, (N, thrusters), if their replay ends in the goal set and costs no more.
+
+    The sums are tried first, as they cost less; the flight by the engine's equations decides.
+    """
     gained, displacement = relaxation.effect(path)
     miss = relaxation.miss
     goal_set = relaxation.goal_set
@@ -57,7 +60,10 @@ def replayed_within_cost(
 def _choices(
     relaxation: Relaxation, path: np.ndarray, bound: DualValue, limit: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Period, pattern, final speed and displacement (C,) of every choice within the limit for a path (T,)."""
+    """Period, pattern, final speed and displacement (C,) of every choice within the limit for a path (T,).
+
+    Too many only slow the search; one that is left out may hide a plan, and makes no bound wrong.
+    """
     patterns = relaxation.lattice.patterns
     same = patterns.torque[path][:, None] == patterns.torque
     everything = np.broadcast_to(np.arange(len(patterns.torque)), same.shape)
