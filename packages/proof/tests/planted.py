@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Sequence
+import tomllib
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
+ERRORS: dict[str, Any] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+"""Errors of sources by what they are planted into; planted.toml says what their entries are."""
 Error = tuple[str, str, str]
 """Module, text of its source that is there exactly once, and the text in its place."""
 
@@ -51,3 +55,19 @@ def planted_in(names: Sequence[str], old: str, new: str) -> ModuleType:
     }
     (name,) = (name for name, source in sources.items() if old in source)
     return planted(names, (name, old, new))[names[-1]]
+
+
+Change = tuple[str, Any] | Callable[..., object]
+"""A path with dots and a value there, or what it makes of the one before; or a function of the table."""
+
+
+def forge(table: Any, change: Change, *further: Any) -> None:
+    """Change a table that was honest; ``further`` is what a function of it takes, too."""
+    if callable(change):
+        change(table, *further)
+        return
+    path, value = change
+    *keys, last = (int(key) if key.isdigit() else key for key in path.split("."))
+    for key in keys:
+        table = table[key]
+    table[last] = value(table[last]) if callable(value) else value

@@ -16,7 +16,7 @@ from rans_proof import network
 from rans.errors import ConfigError
 from tests.support.graphs import WEIGHT, forged, graph, ordinary, step
 
-from .planted import planted
+from .planted import ERRORS, planted
 
 pytest.importorskip("onnx")
 pytest.importorskip("flint")
@@ -94,40 +94,9 @@ def test_forged_graphs_are_refused_by_the_reader_alone(
     assert "\n" not in str(caught.value)
 
 
-MISREAD = {
-    "prover": [
-        ("product and sum", "self._affine(table.T, ", "self._affine(table, "),
-        ("general product", 'settings["transB"] else operands[0].T', 'settings["transB"] else operands[0]'),
-        ("alpha", 'settings["alpha"] * table', "table"),
-        ("beta", 'settings["beta"] * _broadcast', "_broadcast"),
-        ("constant less it", "sign = -1.0 if position else 1.0", "sign = 1.0"),
-        ("less a constant", "-sign * self._spread", "sign * self._spread"),
-        ("scaled", "self._affine(self._spread(operands[0]), np", "self._affine(np.ones(2), np"),
-        ("divided", "self._affine(1.0 / divisor", "self._affine(divisor"),
-        ("convolution", "            shift = operands[1]\n", ""),
-        ("activations", "np.maximum(x, 0.0)", "np.abs(x)"),
-        ("sum after an activation", "[*self._layers, self._layer(", "self._layers or [self._layer("),
-    ],
-    "checker": [
-        ("product and sum", "matrix(w.T), arb_mat(", "matrix(w), arb_mat("),
-        ("general product", 'if attributes.get("transB") else w.T', 'if attributes.get("transB") else w'),
-        ("alpha", ' * arb(attributes.get("alpha", 1.0))', ""),
-        ("beta", ' * arb(attributes.get("beta", 1.0))', ""),
-        ("constant less it", "([-x for x in ones], values)", "(ones, values)"),
-        ("less a constant", "(ones, [-x for x in values])", "(ones, values)"),
-        ("scaled", '"Mul": (values, zeros)', '"Mul": (ones, zeros)'),
-        ("divided", "[1 / x for x in values]", "values"),
-        ("convolution", "bias[0] if bias else np.zeros", "np.zeros"),
-        ("activations", '"Relu": lambda z: z * (z > 0)', '"Relu": lambda z: z'),
-        ("product and sum", "table * before[1] + shift", "table * before[1]"),
-    ],
-}  # fmt: skip
-"""Errors of reading, each with a graph that it reads wrongly."""
-
-
 @pytest.mark.parametrize(
     ("reader", "form", "old", "new"),
-    [(reader, *error) for reader, errors in MISREAD.items() for error in errors],
+    [(reader, *error) for reader in READERS for error in ERRORS[f"misread_by_{reader}"]],
 )
 def test_what_is_misread_is_refused_by_the_comparison(
     reader: str, form: str, old: str, new: str
@@ -198,11 +167,6 @@ start = {lower = [-1.0, -1.0], upper = [1.0, 1.0]}
 keep.within = {lower = [-9.0, -9.0], upper = [9.0, 9.0]}
 """
 PLANES = {"prover": planes_of_prover, "checker": planes_of_checker}
-UNROUNDED = {
-    "prover": ("return self.times * self.unit /", "return 0.0 * self.unit /"),
-    "checker": ("part = 1 / (1 - count * unit) - 1", "part = arb(0)"),
-}
-"""Errors by which a reader takes networks for exact."""
 
 
 @pytest.mark.parametrize(
@@ -228,7 +192,7 @@ def test_planes_hold_what_single_precision_answers(reader: str, kind: str) -> No
         g=np.zeros(2),
     )
     module = READERS[reader][0]
-    old, new = UNROUNDED[reader]
+    old, new = ERRORS["unrounded"][reader]
     exact: Any = planted([module.__name__], (module.__name__, old, new))[module.__name__]
     exact._compare = lambda *_: None  # which would refuse it
     states = (1e-3 * STATES[:20]).astype(np.float32)

@@ -7,7 +7,6 @@ import importlib.util
 import itertools
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -30,7 +29,7 @@ from rans.cli import main
 from rans.extend import Section
 from tests.support.processes import ROOT
 
-from .planted import planted_in
+from .planted import ERRORS, Change, forge, planted_in
 
 MASS, INERTIA, PERIOD = 5.32, 0.2045008, 0.1
 OFF = {"mass": 0.02, "thrust": 0.02, "position": 0.001, "velocity": 0.001}
@@ -101,35 +100,35 @@ def without(table: dict[str, Any], part: str) -> None:
     rows[:] = [run for run in rows if run[0] != max(run[0] for run in rows)]
 
 
-CHANGED: dict[str, Callable[[dict[str, Any]], object]] = {
+CHANGED: dict[str, Change] = {
     "a row of positions": lambda t: without(t, "place"),
     "a row of headings": lambda t: without(t, "heading"),
-    "a smaller limit": lambda t: t["keep"].update(position=0.03),
-    "a smaller heading": lambda t: t["keep"].update(heading=1.5),
-    "farther starts": lambda t: t["start"].update(position=0.03),
-    "faster starts": lambda t: t["start"].update(speed=0.1),
-    "faster spins": lambda t: t["start"].update(spin=0.5),
-    "wider errors of mass": lambda t: t["uncertainty"].update(mass=0.1),
-    "wider errors of thrust": lambda t: t["uncertainty"].update(thrust=0.1),
-    "wider readings": lambda t: t["uncertainty"].update(position=0.01),
-    "wider readings of velocity": lambda t: t["uncertainty"].update(velocity=0.01),
-    "wider readings of the heading": lambda t: t["uncertainty"].update(heading=0.02),
-    "wider readings of the spin": lambda t: t["uncertainty"].update(spin=0.05),
-    "later to open": lambda t: t["uncertainty"].update(opening=0.004),
-    "later to shut": lambda t: t["uncertainty"].update(shutting=0.004),
+    "a smaller limit": ("keep.position", 0.03),
+    "a smaller heading": ("keep.heading", 1.5),
+    "farther starts": ("start.position", 0.03),
+    "faster starts": ("start.speed", 0.1),
+    "faster spins": ("start.spin", 0.5),
+    "wider errors of mass": ("uncertainty.mass", 0.1),
+    "wider errors of thrust": ("uncertainty.thrust", 0.1),
+    "wider readings": ("uncertainty.position", 0.01),
+    "wider readings of velocity": ("uncertainty.velocity", 0.01),
+    "wider readings of the heading": ("uncertainty.heading", 0.02),
+    "wider readings of the spin": ("uncertainty.spin", 0.05),
+    "later to open": ("uncertainty.opening", 0.004),
+    "later to shut": ("uncertainty.shutting", 0.004),
     "a little later to open and to shut": lambda t: t["uncertainty"].update(
         opening=0.0008, shutting=0.0008
     ),
-    "later than a period": lambda t: t["uncertainty"].update(shutting=0.11),
+    "later than a period": ("uncertainty.shutting", 0.11),
     "no delays": lambda t: t["uncertainty"].pop("opening"),
-    "smaller cells": lambda t: t["grid"].update(speed=0.0039),
-    "other cells of spin": lambda t: t["grid"].update(spin=0.0041),
+    "smaller cells": ("grid.speed", 0.0039),
+    "other cells of spin": ("grid.spin", 0.0041),
     "another agent": lambda t: t["agent"].update({FILES[0]: "0" * 64}),
-    "a key that nobody reads": lambda t: t.update(note="checked"),
-    "a start without a number": lambda t: t["start"].update(position=math.nan),
+    "a key that nobody reads": ("note", "checked"),
+    "a start without a number": ("start.position", math.nan),
     "an empty run": lambda t: t["cells"]["place"].append([0, 3, 3]),
-    "too few sectors": lambda t: t.update(reach={"sectors": 0, "periods": 5}),
-    "moving starts of a way": lambda t: t.update(reach={"sectors": 1, "periods": 5}),
+    "too few sectors": ("reach", {"sectors": 0, "periods": 5}),
+    "moving starts of a way": ("reach", {"sectors": 1, "periods": 5}),
 }  # fmt: skip
 
 
@@ -137,7 +136,7 @@ CHANGED: dict[str, Callable[[dict[str, Any]], object]] = {
 def test_another_claim_is_refused(
     changed: str, table: dict[str, Any], files: dict[str, bytes]
 ) -> None:
-    CHANGED[changed](table)
+    forge(table, CHANGED[changed])
     with pytest.raises(Refused):
         judged(table, files)
 
@@ -458,80 +457,14 @@ def test_a_report_says_what_is_proved_of_poses(
     assert proof_entry(tmp_path) == {}
 
 
-PLANTED: dict[str, tuple[str, str]] = {
-    "no thrust across": (
-        "forward = min(ends) - across, max(ends) + across",
-        "forward = min(ends), max(ends)",
-    ),
-    "half of the thrust across": ("across = self.most_pull *", "across = 0.5 * self.most_pull *"),
-    "the nominal thrust": (
-        "for f in self.factor for x in forward",
-        "for f in (1.0,) for x in forward",
-    ),
-    "the nominal torque": ("ends = value * factor[0], value * factor[1]", "ends = value, value"),
-    "mass is not in the factor": (
-        '(1.0 + self.off["thrust"]) / (1.0 - self.off["mass"])',
-        '(1.0 + self.off["thrust"])',
-    ),
-    "a craft seen along its axes": (
-        "low - s * across - _SLACK, high + s * across",
-        "low - _SLACK, high",
-    ),
-    "readings without errors": (
-        "return interval[0] - off - _SLACK, interval[1] + off",
-        "return interval[0] - _SLACK, interval[1]",
-    ),
-    "the other sign of the way": (
-        "columns[4 + axis] = -columns[4 + axis][1], -columns[4 + axis][0]",
-        "columns[4 + axis] = columns[4 + axis]",
-    ),
-    "the other sign of the sine": (
-        "np.maximum(-sine[1] - off, -1.0), np.minimum(-sine[0] + off, 1.0)",
-        "np.maximum(sine[0] - off, -1.0), np.minimum(sine[1] + off, 1.0)",
-    ),
-    "units that are never live together": ("if x < -2.0 * _LOGIT", "if x < 1e9"),
-    "live units only": (
-        "may &= high[k] > -_LOGIT if is_live else low[k] < _LOGIT",
-        "may &= low[k] > -_LOGIT if is_live else low[k] < _LOGIT",
-    ),
-    "thrusters that follow others": ("all(x >= y for x, y", "any(x >= y for x, y"),
-    "open thrusters are open for sure": (
-        "shuts.append(may & (least < _LOGIT))",
-        "shuts.append(may & (most < _LOGIT))",
-    ),
-    "a position without its rate": (
-        "(column + row, column + row + 2, 0.5, self.half[1])",
-        "(column, column + 1, 0.5, self.half[1])",
-    ),
-    "one cell of two": ("column + row + 2, 0.5", "column + row + 1, 0.5"),
-    "a pulse's way is lost": ("column + row + 2, 0.5", "column + row + 2, 0.0"),
-    "an image is rounded inwards": (
-        "np.ceil(last + part * high + above)",
-        "np.floor(last + part * high + above)",
-    ),
-    "a lever of the other sign": (
-        "(self.moment > 0) - (self.moment < 0)",
-        "(self.moment < 0) - (self.moment > 0)",
-    ),
-    "a bias is lost": ("shift = shift + weight[:, 3]", "shift = 0.0 * shift"),
-    "the other output opens": (
-        "head[1::2] - head[::2], bias[1::2] - bias[::2]",
-        "head[::2] - head[1::2], bias[::2] - bias[1::2]",
-    ),
-    "columns are one too soon": (
-        "dead = base[1] + ends[1].max(axis=1, keepdims=True) < -_LOGIT",
-        "dead = base[0] + ends[0].min(axis=1, keepdims=True) < 1e9",
-    ),
-}
-"""Errors that make the checker unsound: a text of its source, and what stands in its place."""
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("error", PLANTED)
+@pytest.mark.parametrize("error", ERRORS["check_pose"])
 def test_a_checker_with_a_planted_error_is_found(
     error: str, example: ModuleType, table: dict[str, Any], files: dict[str, bytes]
 ) -> None:
-    module = planted_in(["rans_proof.craft_reader", check_pose.__name__], *PLANTED[error])
+    module = planted_in(
+        ["rans_proof.craft_reader", check_pose.__name__], *ERRORS["check_pose"][error]
+    )
     # Room for late valves would hide errors.
     table["uncertainty"].update(opening=0.0, shutting=0.0)
     try:
@@ -594,31 +527,10 @@ def test_late_valves_are_in_their_bounds() -> None:
     assert late_errors(check_late) == []
 
 
-PLANTED_LATE: dict[str, tuple[str, str]] = {
-    "no valve opens late": ("both = self.opening + self.shutting", "both = self.shutting"),
-    "no valve shuts late": ("both = self.opening + self.shutting", "both = self.opening"),
-    "two thrusters slip": ("sum(abs(a[axis]) for a in along)", "max(abs(a[axis]) for a in along)"),
-    "couples do not slip": ("len(along) * twist", "sum(a[0] for a in along) * twist"),
-    "no slip across": ("self._aligned * (1.0 + across)", "self._aligned"),
-    "pulses along one axis": ("math.sqrt(2.0) * most[0]", "most[0]"),
-    "a reading has all of the spin": ('"spin": spin * self.shutting,', '"spin": 0.0,'),
-    "a reading has all of the velocity": (
-        '"velocity": speed * self.shutting,',
-        '"velocity": 0.0,',
-    ),
-    "a reading has all of the way": ("speed * self.shutting**2 / 2.0", "0.0 * speed"),
-    "a reading has all of the turn": ("spin * self.shutting**2 / 2.0", "0.0 * spin"),
-    "readings as they are": ("value + self.unread.get(name, 0.0)", "value"),
-    "no turn until the last valve": ('(spin + self.unread["spin"]) * self.shutting', "0.0"),
-    "no turn by late thrust": ("2.0 * self.spin_slip * reach", "0.0 * reach"),
-}
-"""Errors that make the bounds of late valves unsound."""
-
-
-@pytest.mark.parametrize("error", PLANTED_LATE)
+@pytest.mark.parametrize("error", ERRORS["check_late"])
 def test_an_error_planted_into_late_valves_is_found(error: str) -> None:
     name = check_late.__name__
-    assert late_errors(planted_in([name], *PLANTED_LATE[error]))
+    assert late_errors(planted_in([name], *ERRORS["check_late"][error]))
 
 
 def test_readings_of_a_check_lack_what_valves_let_through(
