@@ -13,7 +13,6 @@ from scipy.stats import norm
 
 from rans.episode import Setup
 from rans.evaluation.fly.agent import Agent, LoadedRun
-from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
 from rans.fast.flights import Flights
@@ -26,18 +25,6 @@ from rans.randomization.conditions_file import load_conditions
 COUNT = 64
 
 
-@pytest.fixture(scope="module")
-def run() -> LoadedRun:
-    return contestant("pretrained:go-to-pose-2d-robust")
-
-
-@pytest.fixture(scope="module")
-def setup(run: LoadedRun) -> Setup:
-    """In the laboratory, for 20 steps."""
-    timing = replace(run.judged.timing, episode_steps=20)
-    return run.judged._replace(timing=timing, conditions=load_conditions("lab"))
-
-
 def _hashed(chances: Chances, seed: int, numbers: np.ndarray) -> np.ndarray:
     """The uniform numbers that scenarios of a seed draw for themselves, (D, N): every place in order."""
     rows = []
@@ -47,16 +34,18 @@ def _hashed(chances: Chances, seed: int, numbers: np.ndarray) -> np.ndarray:
     return np.array(rows)
 
 
-def test_given_the_numbers_that_a_scenario_draws_a_flight_is_that_scenario(run: LoadedRun) -> None:
+def test_given_the_numbers_that_a_scenario_draws_a_flight_is_that_scenario(
+    robust: LoadedRun,
+) -> None:
     # Every range varies, so that no number is drawn in vain; sensors draw by seed 0 and the same number.
     lab = Conditions(body=BodyConditions((0.9, 1.1), (0.9, 1.1)))
-    timing = replace(run.judged.timing, episode_steps=20)
-    setup = run.judged._replace(timing=timing, conditions=lab)
+    timing = replace(robust.judged.timing, episode_steps=20)
+    setup = robust.judged._replace(timing=timing, conditions=lab)
     numbers = np.arange(5, 9, dtype=np.int32)
     chances = Chances.of(setup)
     chosen = chances.draws(_hashed(chances, 0, numbers), numbers)
     ours, theirs = (
-        fly_draws(run.controller, setup, own) for own in (chosen, drawing(0, numbers.tolist()))
+        fly_draws(robust.controller, setup, own) for own in (chosen, drawing(0, numbers.tolist()))
     )
     assert (
         len(chances.places) == 6
@@ -65,9 +54,9 @@ def test_given_the_numbers_that_a_scenario_draws_a_flight_is_that_scenario(run: 
 
 
 @pytest.mark.slow
-def test_scores_are_the_largest_errors_of_the_last_fifth(run: LoadedRun, setup: Setup) -> None:
+def test_scores_are_the_largest_errors_of_the_last_fifth(robust: LoadedRun, setup: Setup) -> None:
     chances = Chances.of(setup)
-    agent = run.controller
+    agent = robust.controller
     random = np.random.default_rng(0)
     z = random.standard_normal((len(chances.places), COUNT))
     number = np.arange(COUNT, dtype=np.int32)
@@ -86,7 +75,7 @@ def test_scores_are_the_largest_errors_of_the_last_fifth(run: LoadedRun, setup: 
 
 @pytest.mark.slow
 def test_conditions_of_no_size_are_a_perfect_world_and_of_size_one_themselves(
-    run: LoadedRun, setup: Setup
+    robust: LoadedRun, setup: Setup
 ) -> None:
     delayed = replace(load_conditions("lab"), sensors=SensorsConditions(delay=(0.0, 2.0)))
     measured = setup._replace(conditions=sized(delayed))
@@ -96,7 +85,7 @@ def test_conditions_of_no_size_are_a_perfect_world_and_of_size_one_themselves(
 
     def states(size: float | None, of: Setup) -> np.ndarray:
         own = chances.draws(units, number, None if size is None else np.full(8, size))
-        return np.stack(leaves(fly_draws(run.controller, of, own).states))
+        return np.stack(leaves(fly_draws(robust.controller, of, own).states))
 
     perfect = setup._replace(conditions=None)
     usual = setup._replace(conditions=delayed)

@@ -178,13 +178,6 @@ def test_a_lap_goes_on_over_the_first_point() -> None:
         assert np.linalg.norm(found[2]) == pytest.approx(0.25 if moving else 0.0)
 
 
-def test_at_the_end_of_an_open_path_it_rests() -> None:
-    progress, target, command = planned(LINE, (2.01, 0.02), 390)
-    assert (progress, target) == (400, 400)
-    np.testing.assert_array_equal(command, (0.0, 0.0))
-    assert LookAhead(LINE).approach == 200
-
-
 def test_a_point_that_obeys_exactly_follows_the_circle() -> None:
     """It settles where its command is a tangent: radius^2 + 0.25^2 = 1.5^2, 2.1 cm inside the path."""
     planner = LookAhead(circle())
@@ -288,15 +281,6 @@ def test_whatever_is_in_a_file_it_is_a_path_or_a_sentence(content: bytes) -> Non
         file.flush()
         with contextlib.suppress(ConfigError):
             assert np.isfinite(read_path(FilePath(file.name)).points).all()
-
-
-def test_no_such_path() -> None:
-    with pytest.raises(
-        ConfigError, match=r"no path named 'cirle' \(did you mean circle\?\); known .*\.csv"
-    ):
-        find_path("cirle")
-    with pytest.raises(ConfigError, match=r"cannot read nowhere\.csv"):
-        find_path("nowhere.csv")
 
 
 def test_a_look_ahead_beyond_the_path_is_refused() -> None:

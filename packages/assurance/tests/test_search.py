@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from scipy.special import ndtri
 
 from rans.episode import Setup
 from rans.evaluation.fly.agent import Agent, LoadedRun
-from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_draws
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
@@ -22,18 +20,6 @@ from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.randomization.conditions_file import load_conditions
 from rans.tasks import GoToPose
 from rans.verdict import Failure
-
-
-@pytest.fixture(scope="module")
-def run() -> LoadedRun:
-    return contestant("pretrained:go-to-pose-2d-robust")
-
-
-@pytest.fixture(scope="module")
-def setup(run: LoadedRun) -> Setup:
-    """In the laboratory, for 20 steps."""
-    timing = replace(run.judged.timing, episode_steps=20)
-    return run.judged._replace(timing=timing, conditions=load_conditions("lab"))
 
 
 def test_a_flight_tells_what_it_drew(setup: Setup) -> None:
@@ -88,15 +74,15 @@ def test_a_search_finds_the_nearest_place_of_failure() -> None:
 
 @pytest.mark.slow
 def test_the_smallest_failure_is_flown_again_before_it_is_printed(
-    run: LoadedRun, setup: Setup, monkeypatch: pytest.MonkeyPatch
+    robust: LoadedRun, setup: Setup, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # After 4 s everybody is still on the way, which is a failure at any size: the first is as good as any.
     monkeypatch.setattr(search, "_ROUNDS", 2)
     monkeypatch.setattr(search, "_COUNT", 64)
-    assert isinstance(run.controller, Agent)
-    network = run.network
+    assert isinstance(robust.controller, Agent)
+    network = robust.network
     lab = load_conditions("lab")
-    found = search.searched("lab", lab, run.controller, network, setup, 0)
+    found = search.searched("lab", lab, robust.controller, network, setup, 0)
     breaking = found.breaking
     assert breaking is not None
     assert breaking.again == dict.fromkeys(("numpy", "drake"), Failure.UNSETTLED)
@@ -107,7 +93,7 @@ def test_the_smallest_failure_is_flown_again_before_it_is_printed(
         np.array([breaking.number], np.int32),
         np.array([breaking.size]),
     )
-    again = fly_draws(run.controller, measured.setup, own)
+    again = fly_draws(robust.controller, measured.setup, own)
     np.testing.assert_array_equal(
         np.stack(leaves(again.states)), np.stack(leaves(breaking.flight.states))
     )

@@ -142,25 +142,6 @@ def test_who_fails_is_told_once_and_the_rest_is_flown() -> None:
 
 
 @pytest.mark.slow
-def test_interrupted_it_keeps_what_was_flown(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = run._Flyer.flown
-    calls = []
-
-    def interrupted(*job: Any) -> Any:
-        calls.append(job)
-        if len(calls) > 3:
-            raise KeyboardInterrupt
-        return true(*job)
-
-    monkeypatch.setattr(run._Flyer, "flown", interrupted)
-    stress = small(episodes=2)
-    with pytest.raises(KeyboardInterrupt):
-        stress.fly(workers=1)
-    assert len(stress.outcomes) == 3
-    assert stress.curve(stress.effects[0], "LQR")[0] == [0.0]
-
-
-@pytest.mark.slow
 def test_tasks_without_a_place_are_judged_by_their_own_tolerances() -> None:
     stress = small("pretrained:track-velocity-2d", "lqr", episodes=2, only=("force",))
     stress.fly(workers=1)

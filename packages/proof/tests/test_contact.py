@@ -16,6 +16,7 @@ from rans_proof.network import Layer, apply, read_network
 from rans_proof.problem import HalfSpaces, Problem, problem_of, read_problem
 from rans_proof.prove import ClosedLoop, prove
 
+from tests.support.clohessy_wiltshire import transition
 from tests.support.processes import ROOT
 
 FILES = ROOT / "examples/proofs/contact-agent"
@@ -78,15 +79,7 @@ def test_the_problem_states_what_contact_is(problem: Problem) -> None:
 
 def test_flights_come_to_contact(problem: Problem, network: list[Layer]) -> None:
     """Flights by the exact transition over a period, and a part of the proof below their margins."""
-    from scipy.linalg import expm
-
-    n = MEAN_MOTION
-    rate = np.zeros((9, 9))
-    rate[:3, 3:6] = np.eye(3)
-    rate[3, 0], rate[5, 2] = 3.0 * n * n, -n * n
-    rate[3, 4], rate[4, 3] = 2.0 * n, -2.0 * n
-    rate[3:6, 6:] = np.eye(3)
-    second = expm(rate)
+    second = transition(MEAN_MOTION, 1.0)
     start = drawn(problem, 200, 0)
     x = start[:, :6]
     met = np.zeros(len(x), dtype=bool)

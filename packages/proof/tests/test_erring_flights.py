@@ -17,6 +17,7 @@ from rans.extend import fly
 from rans.model.body import Body
 from rans.model.fields import map_leaves
 from rans.scenario import Scenario, draws
+from tests.support.played import Played
 
 CRAFT = rans.load_spacecraft("floating-platform")
 TIMING = rans.Timing(control_period=0.1, episode_steps=6)
@@ -31,23 +32,12 @@ class Chance:
         return np.full(shape, high)
 
 
-class Pulses:
-    """Commands at random, and none in the last period."""
-
-    name = "pulses"
-    observes = False
-
-    def reset(self, count: int) -> None:
-        self._random = np.random.default_rng(0)
-        self._left = TIMING.episode_steps
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        self._left -= 1
-        return self._random.integers(0, 2, (len(state.w), 8)) * float(self._left > 0)
+PULSES = np.random.default_rng(0).integers(0, 2, (6, 50, 8)).astype(float)
+PULSES[-1] = 0.0
 
 
 def flown(**settings: Any) -> rans.Flight:
-    return fly(CRAFT, rans.GoToPose(), Pulses(), SPUN, TIMING, **settings)
+    return fly(CRAFT, rans.GoToPose(), Played(PULSES), SPUN, TIMING, **settings)
 
 
 @pytest.mark.parametrize("late", [0.0, 0.02])

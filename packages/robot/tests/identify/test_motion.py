@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +21,7 @@ from rans.model.timing import Timing
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
+from tests.support.played import Played
 
 PLATFORM = load_spacecraft("floating-platform")
 
@@ -238,18 +238,12 @@ def test_wheels_whose_speeds_are_not_measured_begin_windows_as_their_motors_turn
     craft = load_spacecraft("cubesat-6u")
     random = np.random.default_rng(0)
 
-    class Shaken:
-        name = "shaken"
-
-        def reset(self, count: int) -> None:
-            pass
-
-        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-            wheels = random.uniform(-1.0, 1.0, (1, craft.wheel_count))
-            return np.hstack([random.integers(0, 2, (1, craft.thruster_count)), wheels])
-
+    wheels = random.uniform(-1.0, 1.0, (100, 1, craft.wheel_count))
+    shaken = np.dstack([random.integers(0, 2, (100, 1, craft.thruster_count)), wheels])
     task = GoToPose()
-    flight = fly(craft, task, Shaken(), scenarios(task, craft, 1, 1), Timing(episode_steps=100))
+    flight = fly(
+        craft, task, Played(shaken), scenarios(task, craft, 1, 1), Timing(episode_steps=100)
+    )
     log = read_csv(flight.to_csv(tmp_path / "flight.csv"), craft)
     found = fit(craft, [log], WINDOW)
     (nominal,) = found.nominal_residuals
@@ -268,17 +262,11 @@ def turned_for(steps: int, folder: Path) -> tuple[Path, Spacecraft, Spacecraft]:
     craft = replace(sheet, wheels=wheels)
     random = np.random.default_rng(0)
 
-    class Turning:
-        name = "turning"
-
-        def reset(self, count: int) -> None:
-            pass
-
-        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-            return np.hstack([np.zeros((1, 8)), random.uniform(-1.0, 1.0, (1, 3))])
-
+    turning = np.dstack([np.zeros((steps, 1, 8)), random.uniform(-1.0, 1.0, (steps, 1, 3))])
     task = GoToPose()
-    flight = fly(craft, task, Turning(), scenarios(task, craft, 1, 1), Timing(episode_steps=steps))
+    flight = fly(
+        craft, task, Played(turning), scenarios(task, craft, 1, 1), Timing(episode_steps=steps)
+    )
     return flight.to_csv(folder / "flight.csv"), sheet, craft
 
 
