@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from rans_missions.improve.judging import Burns
 from rans_missions.improve.search import improve
+from rans_missions.script import Script
 from rans_missions.tasks import Avoid, Dock, DockPort, Hold, Inspect, Rendezvous
 from rans_missions.tasks.orbital import OrbitalMission
 
@@ -181,7 +181,7 @@ def searched(_: None, name: str, first: int, count: int, seed: int) -> np.ndarra
     return np.stack([*found.spent, found.after, least_impulses(setup, starts)], axis=1)
 
 
-def _optima(setup: Setup, starts: Scenario, horizon: float) -> Burns:
+def _optima(setup: Setup, starts: Scenario, horizon: float) -> Script:
     """Optimal trajectories of throttled thrusters, the best of some guesses each; where there is none, a coast."""
     craft, task, timing = setup[:3]
     aim = objective_of("fuel", horizon, timing.control_period)
@@ -190,4 +190,4 @@ def _optima(setup: Setup, starts: Scenario, horizon: float) -> Burns:
     for k, one in enumerate(found):
         if one.solved:
             commands[: len(one.commands), k] = one.commands
-    return Burns(commands, np.eye(craft.thruster_count))
+    return Script(commands)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from ccsds_ndm.ndm_io import NdmIo
 from rans_missions.ccsds import EARTH, OrbitState, read_opm, relative_state, write_ccsds
+from rans_missions.script import Script
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -34,18 +35,6 @@ def read(file: Path) -> Any:
     return NdmIo().from_path(file)
 
 
-class Coasting:
-    """Fires nothing."""
-
-    name = "coasting"
-
-    def reset(self, count: int) -> None:
-        pass
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        return np.zeros((len(observation), 6))
-
-
 @pytest.fixture(scope="module")
 def flight() -> Flight:
     """A coast of 300 s from 100 m above the target at rest, turned by 90 degrees about y."""
@@ -60,7 +49,8 @@ def flight() -> Flight:
         attitude=Quat(half, zero, half, zero),
     )
     timing = Timing(control_period=100.0, episode_steps=3)
-    return fly(craft, task, Coasting(), replace(starts, start=start), timing)
+    coasting = Script(np.zeros((3, 2, 6)))
+    return fly(craft, task, coasting, replace(starts, start=start), timing)
 
 
 def test_a_foreign_reader_reads_them(flight: Flight, tmp_path: Path) -> None:
@@ -107,7 +97,8 @@ def test_a_free_body_turns_among_the_stars_in_the_message(tmp_path: Path) -> Non
         w=Vec3(*(zero + x for x in w)),
     )
     timing = Timing(control_period=100.0, episode_steps=20, substeps=10)
-    flight = fly(craft, task, Coasting(), replace(starts, start=start), timing)
+    coasting = Script(np.zeros((20, 1, 6)))
+    flight = fly(craft, task, coasting, replace(starts, start=start), timing)
     _, target, aem = (
         read(file).body.segment[0].data
         for file in write_ccsds(flight, tmp_path, 0, "2026-01-01T00:00:00", 51.6)

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
 from rans.cli import main
 from rans.errors import ConfigError
@@ -15,22 +14,13 @@ from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.measure.metrics import impulses, won
 from tests.support import packages
+from tests.support.clohessy_wiltshire import transition
 
 MASS = 12.0
 """Mass of the craft afrl-deputy, kg; it has 1 N along each axis and a control period of 10 s."""
 
 
 pytestmark = packages.needs("missions")  # flights near a target, whose starts `mission` flies
-
-
-def motion(n: float, time: float) -> np.ndarray:
-    """Transition of position and velocity in the Hill frame, from the equations of motion, (6, 6)."""
-    rates = np.zeros((6, 6))
-    rates[:3, 3:] = np.eye(3)
-    rates[3, [0, 4]] = 3.0 * n * n, 2.0 * n
-    rates[4, 3] = -2.0 * n
-    rates[5, 2] = -n * n
-    return expm(rates * time)
 
 
 def short(steps: int, count: int = 1) -> Contest:
@@ -53,10 +43,10 @@ def test_a_hand_made_flight_of_two_impulses_docks(tmp_path: Path) -> None:
     state = np.ravel([*start.p.columns(), *start.v.columns()])
     n = contest.task.mean_motion  # pyrefly: ignore[missing-attribute]
     # A burn of one period is an impulse in the middle of it, but for 0.1 mm.
-    state = motion(n, 5.0) @ state
+    state = transition(n, 5.0)[:6, :6] @ state
     burns = []
     for coast, to in ((300.0, 0.45 * state[:3]), (300.0, np.zeros(3))):
-        moved = motion(n, coast)
+        moved = transition(n, coast)[:6, :6]
         burns.append(np.linalg.solve(moved[:3, 3:], to - moved[:3] @ state))
         state[3:] += burns[-1]
         state = moved @ state

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from rans_missions.passive_flights import passive_safety
 from rans_missions.passive_safety import CoastZone
+from rans_missions.script import Script
 
 import rans
 from rans.errors import ConfigError
@@ -22,30 +22,14 @@ from rans.scenario import scenarios
 N = rans.Hold().mean_motion
 
 
-class Scripted:
-    """Flies commands (T, 6) whatever happens."""
-
-    name = "scripted"
-
-    def __init__(self, commands: np.ndarray) -> None:
-        self.commands = commands
-
-    def reset(self, count: int) -> None:
-        self.step = 0
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        command = self.commands[self.step]
-        self.step += 1
-        return np.tile(command, (len(observation), 1))
-
-
 def flown(p: np.ndarray, v: np.ndarray, commands: np.ndarray, period: float = 10.0) -> Flight:
     """Flights of hold's craft from starts (N, 3) under commands (T, 6), with a control period, s."""
     craft, task = load_spacecraft("vbar-chaser"), rans.Hold()
     starts = scenarios(task, craft, 1, len(p))
     start = replace(starts.start, p=Vec3(*p.T), v=Vec3(*v.T))
     timing = Timing(control_period=period, episode_steps=len(commands))
-    return fly(craft, task, Scripted(commands), replace(starts, start=start), timing)
+    script = Script(np.repeat(commands[:, None], len(p), axis=1))
+    return fly(craft, task, script, replace(starts, start=start), timing)
 
 
 P = np.array([[0.0, -200.0, 0.0], [0.0, -200.0, 0.0], [100.0, 0.0, 0.0]])
@@ -104,7 +88,7 @@ def test_metrics_have_it_and_other_tasks_do_not() -> None:
     assert metrics["coast distance"].value == pytest.approx(0.0, abs=0.02)
     craft, task = load_spacecraft("floating-platform"), rans.Avoid()
     starts, timing = scenarios(task, craft, 1, 1), replace(task.timing, episode_steps=1)
-    flight = fly(craft, task, Scripted(np.zeros((1, 8))), starts, timing)
+    flight = fly(craft, task, Script(np.zeros((1, 1, 8))), starts, timing)
     with pytest.raises(ConfigError, match="Avoid"):
         passive_safety(flight)
 

@@ -7,10 +7,11 @@ import numpy as np
 from rans.extend import Progress, Spacecraft, fly, scenarios
 from rans.reference.flight import fly_in_drake
 from rans.scenario import each
-from rans_missions.bounds.transfers import Script, TransferTable, row_of
+from rans_missions.bounds.transfers import TransferTable, row_of
 from rans_missions.control.corridor import Corridor
 from rans_missions.convex.approach import PortMeeting, flight_to_port, least_to_approach
 from rans_missions.convex.rendezvous import state_of
+from rans_missions.script import Script
 from rans_missions.tasks.final_approach import FinalApproach
 
 
@@ -36,13 +37,13 @@ def judged_approaches(
     timing = task.timing
     starts = scenarios(task, craft, seed, episodes)
     lower = []
-    commands = np.zeros((episodes, timing.episode_steps, craft.thruster_count))
+    commands = np.zeros((timing.episode_steps, episodes, craft.thruster_count))
     for k, one in enumerate(each(starts)):
         meeting, state = PortMeeting.at_port(craft, task, timing, one.goal), state_of(one)
         lower.append(least_to_approach(meeting, state)[0])
         found = flight_to_port(meeting, state)
         if found is not None:
-            commands[k, : len(found.commands)] = found.commands
+            commands[: len(found.commands), k] = found.commands
         if progress is not None:
             progress(1)
     guided = row_of("corridor", fly(craft, task, Corridor(craft, task, timing), starts, timing))

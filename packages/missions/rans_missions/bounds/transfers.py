@@ -40,39 +40,13 @@ from rans_missions.convex.rendezvous import (
     state_of,
     within_limits,
 )
+from rans_missions.script import Script
 from rans_missions.tasks.orbital import OrbitalMission
 
 _RESERVE = 0.01
 """Share of the position tolerance that an arrival leaves after which the craft stays: it may pass along it."""
 _SLOWLY = 0.5
 """Share of the speed tolerance with which it arrives at most: braking on the way is cheaper than at the goal."""
-
-
-class Script:
-    """A controller that gives a fixed sequence of commands, and from the arrival on stays if it is told how."""
-
-    name = "optimum"
-    observes = False
-
-    def __init__(self, commands: np.ndarray, afterwards: Afterwards | None = None) -> None:
-        self._commands = commands
-        self._afterwards = afterwards
-        self._step = 0
-
-    def reset(self, count: int) -> None:
-        """Begin the sequences, which are (count, T, m)."""
-        self._step = 0
-        if self._afterwards is not None:
-            self._afterwards.reset(count)
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """Commands of its file for this control period, and after an arrival those that stay there."""
-        commands = self._commands[:, self._step]
-        self._step += 1
-        if self._afterwards is None:
-            return commands
-        goal = self._afterwards.goal(state, goal)
-        return self._afterwards.commands(state, goal, commands)
 
 
 @dataclass(frozen=True)
@@ -244,7 +218,7 @@ def optimum(
     the orbit, by a transfer to an instant within the tolerances, from which on the craft stays as guidance does.
     """
     steps = task.timing.episode_steps
-    commands = np.zeros((len(answers), steps, craft.thruster_count))
+    commands = np.zeros((steps, len(answers), craft.thruster_count))
     # In a drift that changes the program of arrival and stay takes minutes a start.
     is_one_program = task.drift.steady and task.stay_seconds > 0.0
     afterwards = Afterwards(craft, task, task.timing) if task.stays and not is_one_program else None
@@ -258,7 +232,7 @@ def optimum(
         elif afterwards is not None:
             transfer = _to_stay(Meeting.of(craft, task, scenario.goal), state_of(scenario), answer)
         if transfer is not None:
-            commands[k, : len(transfer.commands)] = transfer.commands
+            commands[: len(transfer.commands), k] = transfer.commands
     fast, drake = (
         row_of("optimum", flying(craft, task, Script(commands, afterwards), starts, task.timing))
         for flying in (fly, fly_in_drake)

@@ -1,9 +1,8 @@
-"""Burns that are flown whatever the state is, and what a flight of them is worth."""
+"""The cheapest flights of a search, and what a flight is worth."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -51,32 +50,6 @@ class Best:
         self.changes[:, start] = 0.0
         self.changes[:steps, start] = changes[:steps]
         self.cost[start] = cost
-
-
-class Burns:
-    """Controller that gives burns, whatever the state is.
-
-    Args:
-        changes: (T, N, K).
-        levers: command of each thruster for a change of 1, (thrusters, K).
-    """
-
-    name = "burns"
-    observes = False
-
-    def __init__(self, changes: np.ndarray, levers: np.ndarray) -> None:
-        self._commands = np.clip(changes @ levers.T, 0.0, 1.0)
-        self._step = 0
-
-    def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`."""
-        self._step = 0
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`."""
-        commands = self._commands[self._step]
-        self._step += 1
-        return commands
 
 
 def judged(flight: Flight) -> np.ndarray:

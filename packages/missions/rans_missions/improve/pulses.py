@@ -20,7 +20,8 @@ from rans.extend import Flight, Scenario, Setup, Task, fly, map_leaves
 from rans.model.coordinates import coordinates
 from rans.verdict import last_fifth
 from rans_missions.improve.following import MANNERS, Following
-from rans_missions.improve.judging import COPIES, Best, Burns, judged
+from rans_missions.improve.judging import COPIES, Best, judged
+from rans_missions.script import Script
 
 _PARENTS = 16
 """Flights of each start that are kept."""
@@ -157,7 +158,7 @@ def search_pulses(
         rows = group % count
         many = map_leaves(lambda x: np.broadcast_to(x, count)[rows], starts)
         every = np.concatenate(commands).swapaxes(0, 1)
-        flight = fly(craft, task, Burns(every, np.eye(craft.thruster_count)), many, timing)
+        flight = fly(craft, task, Script(every), many, timing)
         best.flown += len(rows)
         spent = judged(flight)
         solved = np.isfinite(spent)
@@ -177,7 +178,7 @@ def search_pulses(
     begun = [[rounded(one, offset) for one in flights for offset in _OFFSETS], []]
     for one in flights:
         if not np.isin(one, (0.0, 1.0)).all():
-            flight = fly(craft, task, Burns(one, np.eye(craft.thruster_count)), starts, timing)
+            flight = fly(craft, task, Script(one), starts, timing)
             begun[1] += [
                 fly(craft, task, Following(craft, flight, manner), starts, timing).commands
                 for manner in MANNERS

@@ -35,8 +35,9 @@ from rans.extend import (
 )
 from rans.verdict import Failure
 from rans_missions.control.circumnavigation import Circumnavigation
-from rans_missions.improve.judging import COPIES, Best, Burns, judged
+from rans_missions.improve.judging import COPIES, Best, judged
 from rans_missions.improve.pulses import rounded, search_pulses
+from rans_missions.script import Script
 from rans_missions.tasks.inspect import Inspect
 
 _SLACK = 1.25
@@ -109,6 +110,10 @@ class _Form:
     columns: tuple[str, ...]
     """Columns of a file of flights."""
 
+    def script(self, changes: np.ndarray) -> Script:
+        """What gives changes (T, N, K) as commands."""
+        return Script(np.clip(changes @ self.levers.T, 0.0, 1.0))
+
     @staticmethod
     def of(setup: Setup) -> _Form:
         """Changes of velocity where the craft's thrusters allow them, commands otherwise."""
@@ -174,7 +179,7 @@ def improve(
         if not craft.is_continuous:
             changes = rounded(changes)
         # What was flown may have been another split of thrusters: the changes alone are judged.
-        again = fly(craft, task, Burns(changes, form.levers), starts, timing)
+        again = fly(craft, task, form.script(changes), starts, timing)
         best.flown += 2 * count
         spent = judged(again)
         spent_by.append(np.where(np.isfinite(spent), spent, np.nan))
@@ -234,7 +239,7 @@ def _search(
         )
         shorter = replace(timing, episode_steps=steps)
         try:
-            flight = fly(craft, task, Burns(copies, form.levers), many, shorter)
+            flight = fly(craft, task, form.script(copies), many, shorter)
         except KeyboardInterrupt:
             break
         best.flown += copies.shape[1]

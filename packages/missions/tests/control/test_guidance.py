@@ -25,6 +25,7 @@ from rans.model.timing import Timing
 from rans.optimal.control.regulator import Deadband
 from rans.scenario import Scenario, scenarios
 from rans.tasks import GoToPose, GoToPosition, TrackVelocity
+from tests.support.clohessy_wiltshire import orbit
 from tests.support.crafts import deputy
 
 MEAN_MOTION = 0.001027
@@ -56,15 +57,6 @@ class Place(GoToPosition):
 FAR = Place(spawn_distance=(100.0, 150.0), fail_distance=1e6)
 
 
-def orbit() -> np.ndarray:
-    """The differential equations of Clohessy and Wiltshire as a matrix, (6, 6)."""
-    n = MEAN_MOTION
-    system = np.zeros((6, 6))
-    system[:3, 3:] = np.eye(3)
-    system[3, 0], system[3, 4], system[4, 3], system[5, 2] = 3 * n * n, 2 * n, -2 * n, -n * n
-    return system
-
-
 def axes(starts: Scenario, k: int) -> np.ndarray:
     """Axes of B in W as columns, (3, 3)."""
     attitude = np.array(leaves(starts.start.attitude))[:, k]
@@ -74,7 +66,7 @@ def axes(starts: Scenario, k: int) -> np.ndarray:
 def least_impulse(starts: Scenario, k: int, periods: int, rows: slice) -> float:
     """N s: a linear program over all commands of the deputy held for 10 s, by SciPy's exponentials."""
     held = np.zeros((9, 9))
-    held[:6, :6] = orbit()
+    held[:6, :6] = orbit(MEAN_MOTION)
     held[3:6, 6:] = axes(starts, k) / 12.0
     one = expm(10.0 * held)
     effects = [one[:6, 6:]]
@@ -128,7 +120,7 @@ def test_arrives_at_the_deadline_in_an_independent_model_of_the_orbit() -> None:
         coasts += commands.sum() < 1e-3
         push = turned @ (commands @ np.array(craft.wrench_map)[:, :3]) / craft.mass
         end = solve_ivp(
-            lambda _, x, push=push: orbit() @ x + [0.0, 0.0, 0.0, *push],
+            lambda _, x, push=push: orbit(MEAN_MOTION) @ x + [0.0, 0.0, 0.0, *push],
             (0.0, 10.0),
             np.array([*leaves(state.p), *leaves(state.v)])[:, 0],
             method="DOP853",

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
-from rans_missions.bounds.transfers import Row, row_of
+from rans_missions.bounds.transfers import row_of
 from rans_missions.control.guidance import VelocityToGain
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.tasks import Dock, Hold, Rendezvous
@@ -21,6 +20,7 @@ from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import fly
 from rans.model.actuators import Pulsed
+from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.policy.architecture import Architecture
@@ -41,10 +41,7 @@ from rans.tasks.shapes import Ball
 
 DEPUTY = load_spacecraft("afrl-deputy")
 CHASER = load_spacecraft("vbar-chaser")
-APPROACHING = load_spacecraft("arpod-chaser")
 
-
-HURRY = Dock(deadline=(600.0, 600.0))
 NOISY = SensorsConditions(
     position=SensorConditions(noise=0.05), velocity=SensorConditions(noise=0.001)
 )
@@ -55,17 +52,31 @@ def coarse(task: OrbitalMission) -> Timing:
     return replace(task.timing, substeps=1)
 
 
-@pytest.fixture(scope="module")
-def hurried() -> Row:
-    """Dockings from 64 starts by the shortest deadline."""
-    starts = scenarios(HURRY, DEPUTY, 7, 64)
-    return row_of("", fly(DEPUTY, HURRY, MissionGuidance(DEPUTY, HURRY), starts, coarse(HURRY)))
-
-
 @pytest.mark.slow
-def test_it_docks_in_a_hurry_below_the_speed_limit(hurried: Row) -> None:
-    assert hurried.docked.all()
-    assert not hurried.violated.any()
+@pytest.mark.parametrize(
+    ("task", "craft", "count"),
+    [
+        # By the shortest deadlines: below the speed limit, and from all sides around the ball.
+        (Dock(deadline=(600.0, 600.0)), DEPUTY, 64),
+        (Hold(deadline=(600.0, 600.0)), CHASER, 12),
+        # Whoever takes the cheapest transfer leaves the cone from a tenth to a half of the starts.
+        (Rendezvous(deadline=(4000.0, 4000.0)), load_spacecraft("arpod-chaser"), 4),
+    ],
+    ids=["dock", "hold", "rendezvous"],
+)
+def test_it_arrives_within_all_limits_and_drake_flies_the_same(
+    task: OrbitalMission, craft: Spacecraft, count: int
+) -> None:
+    ours, drake = (
+        flying(craft, task, MissionGuidance(craft, task), starts, coarse(task))
+        for flying, starts in (
+            (fly, scenarios(task, craft, 7, count)),
+            (fly_in_drake, scenarios(task, craft, 7, 1)),
+        )
+    )
+    assert won(ours).all()
+    assert won(drake).all()
+    np.testing.assert_allclose(impulses(drake), impulses(ours)[:1], rtol=1e-5)
 
 
 @pytest.mark.slow
@@ -81,15 +92,6 @@ def test_later_burns_save_impulse() -> None:
     assert ours.docked.all()
     both = ours.docked & theirs.docked
     assert ours.impulse[both].mean() < 0.97 * theirs.impulse[both].mean()
-
-
-@pytest.mark.slow
-def test_drake_flies_the_same(hurried: Row) -> None:
-    starts = scenarios(HURRY, DEPUTY, 7, 1)
-    guidance = MissionGuidance(DEPUTY, HURRY)
-    drake = row_of("", fly_in_drake(DEPUTY, HURRY, guidance, starts, coarse(HURRY)))
-    assert drake.docked.all()
-    np.testing.assert_allclose(drake.impulse, hurried.impulse[:1], rtol=1e-6)
 
 
 def test_a_guided_agent_that_has_learnt_nothing_gives_all_of_it() -> None:
@@ -267,43 +269,3 @@ def test_a_mission_with_limits_that_are_not_kept_is_refused() -> None:
 
     with pytest.raises(ConfigError, match="does not keep all limits of Gated"):
         MissionGuidance("arpod-chaser", Gated())
-
-
-@functools.cache
-def approached() -> Row:
-    """Approaches from four starts, which several tests look at."""
-    task = Rendezvous(deadline=(4000.0, 4000.0))
-    starts = scenarios(task, APPROACHING, 7, 4)
-    return row_of(
-        "", fly(APPROACHING, task, MissionGuidance(APPROACHING, task), starts, coarse(task))
-    )
-
-
-@pytest.mark.slow
-def test_it_docks_inside_the_cone() -> None:
-    """Whoever takes the cheapest transfer leaves the cone from a tenth to a half of the starts."""
-    row = approached()
-    assert row.docked.all()
-    assert not row.violated.any()
-
-
-@pytest.mark.slow
-def test_drake_docks_inside_the_cone() -> None:
-    task = Rendezvous(deadline=(4000.0, 4000.0))
-    starts = scenarios(task, APPROACHING, 7, 1)
-    guidance = MissionGuidance(APPROACHING, task)
-    ours = approached()
-    drake = row_of("", fly_in_drake(APPROACHING, task, guidance, starts, coarse(task)))
-    assert drake.docked.all()
-    np.testing.assert_allclose(drake.impulse, ours.impulse[:1], rtol=1e-5)
-
-
-@pytest.mark.slow
-def test_it_holds_around_the_ball_and_brakes_into_the_tolerance() -> None:
-    """From all sides by the shortest deadline; some of the starts are behind the ball."""
-    task = Hold(deadline=(600.0, 600.0))
-    starts = scenarios(task, CHASER, 7, 12)
-    flight = fly(CHASER, task, MissionGuidance(CHASER, task), starts, coarse(task))
-    row = row_of("", flight)
-    assert row.docked.all()
-    assert not row.violated.any()

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from rans_missions.bounds.transfers import Script
 from rans_missions.control.corridor import Corridor
 from rans_missions.convex import approach
 from rans_missions.convex.approach import (
@@ -23,6 +22,7 @@ from rans_missions.convex.rendezvous import (
     rendezvous,
     state_of,
 )
+from rans_missions.script import Script
 from rans_missions.tasks import FinalApproach
 
 from rans.drawing import columns
@@ -126,8 +126,8 @@ def test_a_flight_through_the_corridor_docks_in_the_engine(begun: list[Begun]) -
     """Flown from its start it keeps every limit, and does not spend less than its bound."""
     found = flight_entering(*begun[0], LAST, 1)
     assert found is not None
-    commands = np.zeros((1, TIMING.episode_steps, 6))
-    commands[0, : len(found.commands)] = found.commands
+    commands = np.zeros((TIMING.episode_steps, 1, 6))
+    commands[: len(found.commands), 0] = found.commands
     flight = fly(CHASER, TASK, Script(commands), scenarios(TASK, CHASER, 5, 1), TIMING)
     assert flight.verdict.solved.all()
     assert bound_of_range(*begun[0], LAST, LAST) <= impulses(flight)[0] * (1.0 + 1e-9)

@@ -10,13 +10,13 @@ import pytest
 from rans_missions.convex.inspection import inspection_bound
 from rans_missions.tasks import Inspect
 from rans_missions.tasks.inspect import Inspected
-from scipy.linalg import expm
 from scipy.optimize import linprog
 
 from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
+from tests.support.clohessy_wiltshire import transition
 
 DEPUTY = load_spacecraft("afrl-deputy")
 MASS = 12.0
@@ -34,14 +34,8 @@ def states(p: Any, v: Any, sun: float) -> tuple[SpatialState, SpatialState]:
 def program(task: Inspect, normal: np.ndarray, p: Any, v: Any, sun: float) -> float:
     """Least impulse of one point by linear programs: burns along the axes at every check, seen at one of them."""
     n = task.mean_motion
-    rates = np.zeros((6, 6))
-    rates[:3, 3:] = np.eye(3)
-    rates[3, 0] = 3.0 * n**2
-    rates[3, 4] = 2.0 * n
-    rates[4, 3] = -2.0 * n
-    rates[5, 2] = -(n**2)
     times = np.arange(0.0, WITHIN + 1.0, 10.0)
-    moves = [expm(rates * time) for time in times]
+    moves = [transition(n, time)[:6, :6] for time in times]
     best = math.inf
     for k, time in enumerate(times):
         angle = sun - n * time

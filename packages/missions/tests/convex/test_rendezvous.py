@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rans_missions.bounds.transfers import Script
 from rans_missions.control.guidance import VelocityToGain
 from rans_missions.convex.rendezvous import (
     Meeting,
@@ -22,6 +21,7 @@ from rans_missions.convex.rendezvous import (
     state_of,
     trajectory,
 )
+from rans_missions.script import Script
 from rans_missions.tasks import Dock, Hold, Rendezvous, TargetOrbit
 from rans_missions.tasks.orbital import last_check
 from rans_missions.vectors import motion_of
@@ -66,14 +66,14 @@ def test_no_multiplier_bounds_more_than_a_flight_needs() -> None:
 def test_bounds_hold_flights_up_and_flights_keep_the_limit_in_both_engines(deadline: float) -> None:
     meeting, states, starts, task = meeting_of(deadline, 2, 3)
     answers = [rendezvous(meeting, state, deadline) for state in states]
-    commands = np.zeros((len(states), task.timing.episode_steps, 6))
+    commands = np.zeros((task.timing.episode_steps, len(states), 6))
     for k, (state, answer) in enumerate(zip(states, answers, strict=True)):
         assert answer.transfer is not None
         assert 0.0 < answer.lower <= answer.free.impulse <= answer.upper * (1 + 1e-9)
         assert least_margin(meeting.limits, trajectory(meeting, state, answer.transfer)) >= 0.0
         if deadline == 1000.0:
             assert answer.gap < 0.01
-        commands[k, : len(answer.transfer.commands)] = answer.transfer.commands
+        commands[: len(answer.transfer.commands), k] = answer.transfer.commands
     timing = replace(task.timing, episode_steps=round(deadline / 10))
     for flying in (fly, fly_in_drake):
         flight: Any = flying(DEPUTY, task, Script(commands), starts, timing)
@@ -191,8 +191,8 @@ def test_on_an_ellipse_bounds_hold_flights_up_and_flights_dock() -> None:
     meeting = replace(Meeting.of(DEPUTY, task, one.goal), timing=timing)
     found = least_impulse(meeting, state, 295)
     assert found is not None
-    commands = np.zeros((1, 30, 6))
-    commands[0, : len(found.commands)] = found.commands
+    commands = np.zeros((30, 1, 6))
+    commands[: len(found.commands), 0] = found.commands
     flight = fly(DEPUTY, task, Script(commands), starts, timing)
     path = trajectory(meeting, state, found)
     flown = motion_of(flight.states)[:, 0]

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rans_missions.improve import pulses
 from rans_missions.improve.following import MANNERS, Following
-from rans_missions.improve.judging import Burns
 from rans_missions.improve.pulses import rounded, shortfall
 from rans_missions.improve.search import improve
+from rans_missions.script import Script
 
 from rans.episode import Setup
 from rans.evaluation.measure.metrics import impulses
@@ -27,7 +27,6 @@ NEAR = 0.3
 """Distance of the starts from the goal, m: six tolerances."""
 TASK = GoToPosition(evaluation_distance=(NEAR, NEAR)).for_evaluation()
 SETUP = Setup(CRAFT, TASK, Timing(episode_steps=30))
-EYE = np.eye(CRAFT.thruster_count)
 
 
 def starts(count: int) -> Scenario:
@@ -35,7 +34,7 @@ def starts(count: int) -> Scenario:
 
 
 def flown(commands: np.ndarray) -> Flight:
-    return fly(CRAFT, TASK, Burns(commands, EYE), starts(commands.shape[1]), SETUP.timing)
+    return fly(CRAFT, TASK, Script(commands), starts(commands.shape[1]), SETUP.timing)
 
 
 @given(st.integers(0, 10_000), st.floats(0.01, 1.0))
@@ -130,7 +129,7 @@ def test_a_search_finds_pulses_from_a_flight_that_misses_its_goal(
     """From a coast at rest, six tolerances away."""
     monkeypatch.setattr(pulses, "COPIES", 128)
     coast = np.zeros((30, 1, CRAFT.thruster_count))
-    found = improve(SETUP, starts(1), [Burns(coast, EYE)], rounds=4)
+    found = improve(SETUP, starts(1), [Script(coast)], rounds=4)
     assert np.isnan(found.before[0])
     assert set(np.unique(found.changes)) <= {0.0, 1.0}
     flight = flown(found.changes)

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.improve import pulses, search
 from rans_missions.improve.command import Improve
-from rans_missions.improve.judging import Burns, judged
+from rans_missions.improve.judging import judged
+from rans_missions.script import Script
 from rans_missions.tasks import Avoid, Dock
 
 from rans.effectors.commands import per_velocity
@@ -158,18 +159,10 @@ def test_the_next_command_judges_the_flights_on_their_own_craft(
 
 
 def test_a_search_without_a_flight_to_begin_from_is_refused() -> None:
-    class Coasting:
-        name = "coasting"
-        observes = False
-
-        def reset(self, count: int) -> None: ...
-
-        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-            return np.zeros((len(observation), CRAFT.command_count))
-
+    coasting = Script(np.zeros((2, 2, CRAFT.command_count)))
     short = SETUP._replace(timing=replace(SETUP.timing, episode_steps=2))
-    with pytest.raises(ConfigError, match="coasting does, from 2 starts: time was up"):
-        search.improve(short, scenarios(TASK, CRAFT, 2023, 2), [Coasting()], rounds=1)
+    with pytest.raises(ConfigError, match="script does, from 2 starts: time was up"):
+        search.improve(short, scenarios(TASK, CRAFT, 2023, 2), [coasting], rounds=1)
     wheeled = next(name for name in spacecraft_names() if load_spacecraft(name).wheels)
     with pytest.raises(ConfigError, match="wheels or other effectors"):
         search._Form.of(SETUP._replace(craft=load_spacecraft(wheeled)))
@@ -180,18 +173,18 @@ NEAR = GoToPosition(evaluation_distance=(0.02, 0.02)).for_evaluation()
 """A task that a craft solves at rest: it starts within the tolerance."""
 
 
-def all_open() -> Burns:
+def all_open() -> Script:
     """All thrusters of the platform open in one period, which moves it nowhere."""
     commands = np.zeros((20, 1, PLATFORM.thruster_count))
     commands[3] = 1.0
-    return Burns(commands, np.eye(PLATFORM.thruster_count))
+    return Script(commands)
 
 
 def test_what_an_inspection_s_own_search_finds_is_not_what_contestants_spent(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The cheapest flight at the beginning is that of a contestant, or the search would never gain."""
-    coast = Burns(np.zeros((20, 1, PLATFORM.thruster_count)), np.eye(PLATFORM.thruster_count))
+    coast = Script(np.zeros((20, 1, PLATFORM.thruster_count)))
     monkeypatch.setattr(search, "Inspect", GoToPosition)
     own = SimpleNamespace(thorough=lambda craft, task, timing: coast)
     monkeypatch.setattr(search, "Circumnavigation", own)

@@ -13,15 +13,11 @@ from rans_missions.judges import jeod
 from rans_missions.judges.jeod import RUNS, Run, differences, rows
 from rans_missions.judges.logs import COLUMNS, TIME, logged
 from rans_missions.orbits.elliptic import EllipticOrbit
-from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
 
 from rans.cli import main
 from rans.errors import ConfigError
 from rans.model import dynamics
-from rans.model.body import Body
-from rans.model.drift import ClohessyWiltshire
-from rans.model.dynamics import SpatialState, Wrench, advance
+from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 
 SHORT = {
@@ -223,42 +219,3 @@ def test_a_judge_that_disagrees_stays_in_the_table(
     printed = capsys.readouterr().out
     assert "9Z" in printed
     assert "FAIL" in printed
-
-
-def test_a_gravity_gradient_is_that_of_scipy_on_any_body() -> None:
-    """Euler's equation with 3 n^2 r x I r in axes that do not turn, for a tensor with products of inertia."""
-    n, moments = 0.00113, (3.0, 0.4, -0.2, 5.0, 0.3, 6.0)
-    xx, xy, xz, yy, yz, zz = moments
-    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    start = Rotation.from_euler("xyz", [0.3, -0.5, 0.8])
-    spin = np.array([0.001, -0.002, 0.0015])
-
-    def slope(t: float, y: np.ndarray) -> np.ndarray:
-        turn = Rotation.from_quat(y[:4])
-        r = turn.inv().apply([math.cos(n * t), math.sin(n * t), 0.0])
-        w = y[4:]
-        torque = 3.0 * n * n * np.cross(r, tensor @ r) - np.cross(w, tensor @ w)
-        x, y_, z, s = y[:4]
-        rate = 0.5 * np.array(
-            [
-                s * w[0] + y_ * w[2] - z * w[1],
-                s * w[1] + z * w[0] - x * w[2],
-                s * w[2] + x * w[1] - y_ * w[0],
-                -x * w[0] - y_ * w[1] - z * w[2],
-            ]
-        )
-        return np.concatenate([rate, np.linalg.solve(tensor, torque)])
-
-    first = np.concatenate([start.as_quat(), spin])
-    end = solve_ivp(slope, (0.0, 2000.0), first, "DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
-
-    x, y, z, w = map(float, start.as_quat())
-    zero = Vec3(0.0, 0.0, 0.0)
-    relative = spin - start.inv().apply([0.0, 0.0, n])
-    state = SpatialState(zero, Quat(w, x, y, z), zero, Vec3(*map(float, relative)))
-    drift = ClohessyWiltshire(n, gravity_gradient=True)
-    state = advance(state, Wrench(zero, zero), Body(1.0, moments), 2000.0, 100, drift=drift)
-    q = state.attitude
-    own = Rotation.from_rotvec([0.0, 0.0, n * 2000.0]) * Rotation.from_quat([q.x, q.y, q.z, q.w])
-    off = (own.inv() * Rotation.from_quat(end[:4])).magnitude()
-    assert off < 1e-9

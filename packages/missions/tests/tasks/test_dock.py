@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from rans_missions.orbits.reach import velocity_to_reach
+from rans_missions.script import Script
 from rans_missions.tasks import Dock
 from rans_missions.tasks.orbital import Plan
 from scipy.linalg import expm
@@ -32,19 +33,6 @@ N = 0.001027
 """rad/s"""
 TIMING = Dock.timing
 SHUT = (0.0,) * 6
-
-
-class Shut:
-    """A controller that does nothing."""
-
-    name = "shut"
-
-    def reset(self, count: int) -> None:
-        """Nothing to forget."""
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """Every thruster shut."""
-        return np.zeros((len(observation), 6))
 
 
 def at(p: tuple[float, ...], v: tuple[float, ...]) -> Any:
@@ -178,7 +166,10 @@ def test_every_engine_flies_the_same_mission() -> None:
     task = Dock(deadline=(60.0, 80.0))
     starts = scenarios(task, DEPUTY, 5, 2)
     timing = replace(TIMING, episode_steps=9)
-    ours, judged = (one(DEPUTY, task, Shut(), starts, timing) for one in (fly, fly_in_drake))
+    ours, judged = (
+        one(DEPUTY, task, Script(np.zeros((9, 2, 6))), starts, timing)
+        for one in (fly, fly_in_drake)
+    )
     for a, b in zip(leaves(ours.states), leaves(judged.states), strict=True):
         np.testing.assert_allclose(np.broadcast_to(a, b.shape), b, rtol=0, atol=1e-7)
     assert ours.verdict.failure().tolist() == [Failure.TERMINATED] * 2

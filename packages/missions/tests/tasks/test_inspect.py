@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rans_missions.control.visiting import Visiting
+from rans_missions.script import Script
 from rans_missions.tasks import Inspect
 from rans_missions.tasks.inspect import Inspected
 from scipy.integrate import solve_ivp
@@ -134,24 +135,15 @@ def test_the_mission_is_won_with_95_points() -> None:
         assert bool(task.done(at(50.0, 0.0, 0.0), replace(goal(task, 0.0), notes=notes))) is won
 
 
-class Coasting:
-    """Never opens a thruster."""
-
-    name = "coasting"
-
-    def reset(self, count: int) -> None:
-        """Nothing to forget."""
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        return np.zeros((len(observation), 6))
-
-
 @pytest.mark.slow
 def test_drake_and_the_engine_see_the_same_points() -> None:
     task = Inspect()
     starts = scenarios(task, DEPUTY, seed=3, count=3)
     timing = replace(task.timing, episode_steps=12)
-    flown = [make(DEPUTY, task, Coasting(), starts, timing) for make in (fly, fly_in_drake)]
+    flown = [
+        make(DEPUTY, task, Script(np.zeros((12, 3, 6))), starts, timing)
+        for make in (fly, fly_in_drake)
+    ]
     ours, drakes = (flight.errors()["unseen"] for flight in flown)
     assert (ours == drakes).all()
     assert (np.diff(ours, axis=0) <= 0.0).all()

@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from rans_missions.script import Script
 from rans_missions.tasks.land import Land
 
 from rans.errors import ConfigError
@@ -33,21 +34,6 @@ FLOW = 0.8 * 6.0 * 3100.0 / (225.0 * 9.80665)
 both_engines = pytest.mark.parametrize("flying", [fly, fly_in_drake])
 
 
-class Held:
-    """A throttle that is held, and torques of zero."""
-
-    name = "held"
-
-    def __init__(self, throttle: float) -> None:
-        self.throttle = throttle
-
-    def reset(self, count: int) -> None: ...
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        engines = np.full((len(observation), 6), self.throttle)
-        return np.hstack([engines, np.zeros((len(observation), 3))])
-
-
 def above(height: float, speed: float, attitude: Quat | None = None, aside: float = 0.0) -> Any:
     """One start over the site that sinks, m and m/s."""
     starts = scenarios(TASK, LANDER, seed=1, count=1)
@@ -66,7 +52,8 @@ def attitude_columns(attitude: Quat) -> tuple[Any, ...]:
 
 def flown(flying: Any, start: Any, throttle: float, steps: int) -> Flight:
     timing = replace(TASK.timing, episode_steps=steps)
-    return flying(LANDER, TASK, Held(throttle), start, timing)
+    held = np.repeat([throttle, 0.0], [6, 3])
+    return flying(LANDER, TASK, Script(np.tile(held, (steps, 1, 1))), start, timing)
 
 
 @both_engines
