@@ -246,7 +246,7 @@ class Counting(ThreadPoolExecutor):
         return super().submit(function, *arguments)
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("here", "undrawn")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("who", "part", "jobs", "said"),
@@ -262,10 +262,8 @@ def test_a_command_says_what_ran_on_its_executor(
     said: str,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
 ) -> None:
     """Flights of an agent are cut into jobs, too; what the executor does not get is said."""
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(episodes, "_FAST_SHARE", part)
     monkeypatch.setattr(Counting, "count", 0)
     words = ["evaluate", who, "--episodes", "16"]

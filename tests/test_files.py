@@ -213,12 +213,10 @@ def test_a_folder_is_made_ready_before_the_work(tmp_path: Path) -> None:
 )
 def test_long_work_does_not_begin_without_a_place_for_its_results(
     command: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    here: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "file").write_text("")
+    (here / "file").write_text("")
     assert main(command.split()) == 2
     said = capsys.readouterr()
     assert "cannot write into file" in said.err

@@ -19,11 +19,8 @@ TRAINED = 'rans.train("go-to-pose", output="first")'
 
 
 @pytest.mark.slow
-def test_the_notebook_runs_from_top_to_bottom(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_notebook_runs_from_top_to_bottom(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every value that a cell shows has a form for notebooks."""
-    monkeypatch.chdir(tmp_path)
     display = ModuleType("IPython.display")
     monkeypatch.setattr(display, "HTML", str, raising=False)
     package = ModuleType("IPython")
@@ -41,7 +38,7 @@ def test_the_notebook_runs_from_top_to_bottom(
         exec("\n".join(body).replace("episodes=256", "episodes=8"), names)
         shown = eval(last.replace("episodes=256", "episodes=8"), names)
         assert isinstance(shown, str) or "<" in shown._repr_html_()
-    assert (tmp_path / "fly.html").is_file()
+    assert (here / "fly.html").is_file()
 
 
 def test_the_notebook_has_no_outputs() -> None:

@@ -138,13 +138,12 @@ def test_the_ball_of_the_page_of_own_tasks_is_checked_observed_and_drawn(
 
 @pytest.mark.usefixtures("forgotten")
 def test_the_environments_of_the_page_of_own_tasks_are_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page = ROOT / "docs" / "own_task.md"
     example, *_ = blocks(page, "python")
-    (tmp_path / "meet.py").write_text(example, "utf-8")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(tmp_path))
+    (here / "meet.py").write_text(example, "utf-8")
+    monkeypatch.syspath_prepend(str(here))
     names: dict[str, Any] = {"rans": rans, "gymnasium": gymnasium}
     exec("from meet import Meet", names)
     said = page.read_text("utf-8").partition("For Gymnasium it is ")[2].partition("\n\n")[0]

@@ -151,9 +151,8 @@ def test_a_wrong_name_is_told_what_may_have_been_meant() -> None:
         registry()["xyz"]
 
 
-def test_objects_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "beside_me.py").write_text("class Inner:\n    four = 4\n")
-    monkeypatch.chdir(tmp_path)
+def test_objects_of_the_current_folder(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (here / "beside_me.py").write_text("class Inner:\n    four = 4\n")
     monkeypatch.setattr(sys, "path", list(sys.path))
     found = registry()
     assert found[typed("beside_me:Inner.four")] == 4
@@ -165,20 +164,19 @@ def test_objects_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def test_modules_of_the_current_folder_take_nobodys_place(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A stranger's module of the name of an installed one, which nothing has imported yet."""
     assert "this" not in sys.modules
-    (tmp_path / "this.py").write_text("")
-    (tmp_path / "also_beside_me.py").write_text("four = 4\n")
-    monkeypatch.chdir(tmp_path)
+    (here / "this.py").write_text("")
+    (here / "also_beside_me.py").write_text("four = 4\n")
     monkeypatch.setattr(sys, "path", list(sys.path))
     before = list(sys.path)
     assert registry()[typed("also_beside_me:four")] == 4
-    assert sys.path == [*before, str(tmp_path)]
+    assert sys.path == [*before, str(here)]
     found = importlib.util.find_spec("this")
     assert found is not None
-    assert found.origin != str(tmp_path / "this.py")
+    assert found.origin != str(here / "this.py")
 
 
 @pytest.mark.parametrize(

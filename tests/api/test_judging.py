@@ -148,10 +148,10 @@ def file(model: A2C, tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
     ids=lambda command: " ".join(command[:2]),
 )
+@pytest.mark.usefixtures("here")
 def test_a_file_of_stable_baselines_flies_in_every_command(
-    command: list[str], file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: list[str], file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("RANS_TRUST", "")
-    monkeypatch.chdir(tmp_path)
     assert main([word.format(f"sb3:{file}") for word in command]) == 0
     assert main([word.format(f"sb3:{file}") for word in command if word != "--trust"]) == 2

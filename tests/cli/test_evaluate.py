@@ -163,12 +163,11 @@ def test_one_task_on_which_the_engines_disagree_is_enough(monkeypatch: pytest.Mo
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_the_folder_of_ccsds_messages_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     assert main(["evaluate", "mission:hold-3d", "--episodes", "1", "--trajectories"]) == 0
-    [folder] = tmp_path.rglob("ccsds")
-    assert str(folder.relative_to(tmp_path)) in capsys.readouterr().out.replace("\n", "")
+    [folder] = here.rglob("ccsds")
+    assert str(folder.relative_to(here)) in capsys.readouterr().out.replace("\n", "")
     assert len([*folder.iterdir()]) == 3
 
 
@@ -189,16 +188,12 @@ def test_an_own_start_is_flown_once_and_has_files_of_its_own(run_folder: Path) -
 
 
 @needs("missions")
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("here", "undrawn")
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize("guard", [[], ["--guard"]])
 def test_behind_the_filter_no_controller_is_said_to_violate_constraints(
-    guard: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    guard: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     assert main(["evaluate", "lqr:avoid-2d", "--episodes", "1", *guard]) == 0
     assert ("constraints of Avoid" in capsys.readouterr().err) is not bool(guard)
 

@@ -407,12 +407,9 @@ def test_a_reader_who_leaves_is_no_error(line: str) -> None:
         assert (done.returncode, done.stderr) == (1, b"")
 
 
-def test_any_line_ends_with_a_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_any_line_ends_with_a_sentence(here: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """20 random lines: only `list` can succeed, as all else is given a wrong spacecraft or run folder."""
-    monkeypatch.chdir(tmp_path)
-    wrong = wrong_places(tmp_path)
+    wrong = wrong_places(here)
     draw = random.Random(0)
     codes: list[int] = []
     for _ in range(20):

@@ -167,11 +167,8 @@ def test_a_file_that_is_near(tmp_path: Path) -> None:
     assert meant_file(tmp_path / "nowhere" / "x") == ""
 
 
-def test_files_and_folders_of_another_kind(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "runs" / "first").mkdir(parents=True)
+def test_files_and_folders_of_another_kind(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "runs" / "first").mkdir(parents=True)
     for name in ("robot.urdf", "wind.yaml", "ms.toml", "mine.zip", "runs/first/spacecraft.toml"):
         Path(name).touch()
     Path("runs/first/config.json").write_text("{}")
@@ -209,14 +206,13 @@ def test_a_key_of_another_table_is_named_there() -> None:
     ],
 )
 def test_a_training_is_refused_before_anything_is_prepared(
-    typed: str, sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    typed: str, sentence: str, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The engine took five seconds of a processor, after which the folder was looked at."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "begun").mkdir()
-    (tmp_path / "begun/config.json").write_text("{}")
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "mine.toml").write_text("")
+    (here / "begun").mkdir()
+    (here / "begun/config.json").write_text("{}")
+    (here / "empty").mkdir()
+    (here / "mine.toml").write_text("")
 
     def prepared(*_: object) -> None:
         pytest.fail("it is prepared before it is refused")

@@ -152,13 +152,11 @@ def test_mistakes_are_one_sentence(
     refused: Any,
     typed: str,
     message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    here: Path,
 ) -> None:
     """And leave no empty folder."""
-    monkeypatch.chdir(tmp_path)
     assert message in refused(f"optimal {typed}")
-    assert list(tmp_path.iterdir()) == []
+    assert list(here.iterdir()) == []
 
 
 @pytest.mark.usefixtures("long_periods")

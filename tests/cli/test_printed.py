@@ -227,11 +227,8 @@ def test_validate_says_what_failed_and_where(
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_engines_that_disagree_end_with_code_1(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("here", "undrawn")
+def test_engines_that_disagree_end_with_code_1(monkeypatch: pytest.MonkeyPatch) -> None:
     table = EngineComparison("title", (), 1.0).table
     disagree = SimpleNamespace(passed=False, table=table, to_json=dict)
     monkeypatch.setattr("rans.evaluation.measure.agreement.compare_engines", lambda *_: disagree)
@@ -245,13 +242,12 @@ def test_engines_that_disagree_end_with_code_1(
 
 
 @pytest.mark.filterwarnings("always:LQR's solver stopped")
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("here", "undrawn")
 def test_a_solver_that_stopped_is_told(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from rans.evaluation.fly import episodes
 
-    monkeypatch.chdir(tmp_path)
     true = episodes.fly_episodes
     monkeypatch.setattr(
         episodes, "fly_episodes", lambda *a, **k: true(*a, **k)._replace(stopped=42)
@@ -334,7 +330,7 @@ COMMANDS = {
 """Each with cells or words that must be whole."""
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("here", "undrawn")
 @pytest.mark.parametrize(
     "command",
     [
@@ -343,12 +339,8 @@ COMMANDS = {
     ],
 )
 def test_it_fits(
-    command: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", str(COLUMNS))
     monkeypatch.setenv("FORCE_COLOR", "1")  # what Rich takes for a terminal
     assert main(command.split()) == 0

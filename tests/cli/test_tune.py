@@ -18,7 +18,7 @@ from rans.tasks import TASKS
 
 
 @pytest.fixture(autouse=True)
-def _few(monkeypatch: pytest.MonkeyPatch) -> None:
+def _few(monkeypatch: pytest.MonkeyPatch, here: Path) -> None:
     """A search of seconds, in an empty folder."""
     monkeypatch.setattr("rans.cli.tune._CANDIDATES", 1)
     monkeypatch.setattr("rans.cli.tune._STARTS", 2)
@@ -26,9 +26,8 @@ def _few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.slow
 def test_what_is_tuned_flies_from_then_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("rans.cli.tune._CANDIDATES", 2)
     assert main(["tune", "lqr:track-velocity-2d@atmos"]) == 0
     said = capsys.readouterr().out
@@ -41,11 +40,8 @@ def test_what_is_tuned_flies_from_then_on(
 
 
 @pytest.mark.slow
-def test_tunes_for_the_setup_of_a_contestant(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tunes_for_the_setup_of_a_contestant(monkeypatch: pytest.MonkeyPatch) -> None:
     """An agent of a CubeSat flies at 2 Hz, where its task alone would be at 5 Hz."""
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("rans.cli.tune._STARTS", 1)
     like = "any-craft-3d@cubesat-3u"
     assert main(["tune", "lqr", like]) == 0
@@ -57,10 +53,9 @@ def test_tunes_for_the_setup_of_a_contestant(
 
 @pytest.mark.slow
 def test_a_worse_result_replaces_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As of a search that was stopped early, or on fewer starts."""
-    monkeypatch.chdir(tmp_path)
     tune = ["tune", "lqr:track-velocity-2d@atmos"]
     monkeypatch.setattr("rans.cli.tune._CANDIDATES", 4)
     assert main(tune) == 0
@@ -86,9 +81,8 @@ def test_a_worse_result_replaces_nothing(
 
 
 def test_what_is_damaged_is_told_before_anything_is_flown(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Any
+    monkeypatch: pytest.MonkeyPatch, refused: Any
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("rans.evaluation.compare.tuning.tuned_settings", None)
     OWN.mkdir(parents=True)
     (OWN / "lqr.json").write_text("{")
@@ -106,12 +100,5 @@ def test_what_is_damaged_is_told_before_anything_is_flown(
         ),
     ],
 )
-def test_mistakes_end_in_a_sentence(
-    typed: str,
-    sentence: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    refused: Any,
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_mistakes_end_in_a_sentence(typed: str, sentence: str, refused: Any) -> None:
     assert sentence in refused(f"tune {typed}")

@@ -110,17 +110,16 @@ def test_results_of_another_kind(
 
 
 def test_a_module_that_cannot_be_imported(
-    tmp_path: Path,
+    here: Path,
     monkeypatch: pytest.MonkeyPatch,
     refused: Any,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    module = written("return {}", tmp_path, monkeypatch)
+    module = written("return {}", here, monkeypatch)
     assert f"without .py: write {module}:Gate" in refused(f"train {module}.py:Gate")
     assert "(did you mean Gate?)" in refused(f"train {module}:Gat")
-    monkeypatch.chdir(tmp_path)
     assert f"did you mean {module}:CLASS" in refused(f"train {module}")
-    (tmp_path / "gate_unfrozen.py").write_text(TASK.replace("(frozen=True)", ""))
+    (here / "gate_unfrozen.py").write_text(TASK.replace("(frozen=True)", ""))
     assert main(["list", "gate_unfrozen:Gate"]) == 2
     printed = capsys.readouterr().err
     assert "gate_unfrozen.py, line 6, in <module>" in printed

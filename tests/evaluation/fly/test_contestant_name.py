@@ -29,29 +29,21 @@ plugins.register()
         ("lookahead:pretrained:any#0.3", ("pretrained", "any", "", "0.3", "lookahead")),
     ],
 )
-def test_every_form_has_its_parts(
-    text: str,
-    parts: tuple[str, str, str, str, str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("here")
+def test_every_form_has_its_parts(text: str, parts: tuple[str, str, str, str, str]) -> None:
     name = ContestantName.parse(text)
     assert (name.kind, name.name, name.setup, name.part, name.wrapper) == parts
     assert name.text == text
     assert name.alone == ContestantName.parse(text.removeprefix("lookahead:"))
 
 
-def test_a_controllers_name_may_be_that_of_a_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_controllers_name_may_be_that_of_a_folder(here: Path) -> None:
     """After an earlier contestant it is the controller; alone it is the folder, if there is one."""
-    monkeypatch.chdir(tmp_path)
     name = ContestantName.parse("lqr")
     assert name.needs_setup
     with pytest.raises(ConfigError, match="lqr has no task; add one"):
         _ = name.output_folder
-    (tmp_path / "lqr").mkdir()
+    (here / "lqr").mkdir()
     assert name.folder == name.output_folder == Path("lqr")
 
 

@@ -82,15 +82,12 @@ def test_an_agent_that_comes_with_rans(run: Path, monkeypatch: pytest.MonkeyPatc
         contestant("pretrained:posr")
 
 
-def test_an_agent_by_its_bare_name_where_no_folder_has_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_an_agent_by_its_bare_name_where_no_folder_has_it(here: Path) -> None:
     assert contestant("go-to-pose-2d").controller.name == "go-to-pose-2d"
     assert ContestantName.parse("go-to-pose-2d").output_folder == Path(
         "runs/evaluations/pretrained-go-to-pose-2d"
     )
-    (tmp_path / "go-to-pose-2d").mkdir()
+    (here / "go-to-pose-2d").mkdir()
     with pytest.raises(ConfigError, match="go-to-pose-2d is not a run folder"):
         contestant("go-to-pose-2d")
 

@@ -35,10 +35,8 @@ def test_it_flies_by_its_contract(folder: Path) -> None:
 @pytest.mark.parametrize(
     "command", [["evaluate", "--episodes", "2"], ["view", "--save", "view.html"]]
 )
-def test_commands_take_it(
-    command: list[str], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("here")
+def test_commands_take_it(command: list[str], folder: Path) -> None:
     assert main([command[0], str(folder), *command[1:]]) == 0
 
 

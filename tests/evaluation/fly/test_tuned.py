@@ -86,9 +86,9 @@ def test_spacecraft_of_one_name_have_files_apart() -> None:
     assert not any("/" in name for name in names)
 
 
-def test_of_own_ones_the_newest_serves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("here")
+def test_of_own_ones_the_newest_serves() -> None:
     """An older version wrote the same by another name."""
-    monkeypatch.chdir(tmp_path)
     shipped = tuned("lqr", SETUP)
     assert shipped is not None
     for age, name in ((0, "z"), (60, "a")):
@@ -99,8 +99,8 @@ def test_of_own_ones_the_newest_serves(tmp_path: Path, monkeypatch: pytest.Monke
     assert found.settings == {"weights.position": 1.0}
 
 
-def test_own_goes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("here")
+def test_own_goes_first() -> None:
     shipped = tuned("lqr", SETUP)
     assert shipped is not None
     own = replace(shipped, settings={"weights.position": 1.5})

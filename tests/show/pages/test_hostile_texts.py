@@ -281,9 +281,8 @@ def test_every_kind_of_page_is_text_and_a_browser_runs_nothing(
     assert ran(made, tmp_path / "profile") == ["control"]
 
 
-def test_a_craft_in_the_playground_is_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    (flyer,) = flyers((f"any-craft-2d@{spacecraft_file(tmp_path)}",), None, False)
+def test_a_craft_in_the_playground_is_text(here: Path) -> None:
+    (flyer,) = flyers((f"any-craft-2d@{spacecraft_file(here)}",), None, False)
     html = playground(flyer).html()
     assert "hostile()" in html
     assert live(html) == []
