@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import replace
+from datetime import timedelta
 from textwrap import fill, wrap
 from typing import Any, ClassVar, NoReturn
 
@@ -22,12 +23,12 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.progress import (
     BarColumn,
     Progress,
+    ProgressColumn,
     SpinnerColumn,
     Task,
     TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
-    TimeRemainingColumn,
 )
 from rich.text import Text
 
@@ -297,6 +298,21 @@ class _Bar(BarColumn):
         return super().render(task)
 
 
+class _Left(ProgressColumn):
+    """Time left of a stage, by its mean time per unit; Rich's own forgets units that ended over 30 s ago."""
+
+    def render(self, task: Task) -> Text:
+        """Text of a stage: empty until its first unit is done."""
+        return Text(_left(task.elapsed or 0.0, task.completed, task.total))
+
+
+def _left(elapsed: float, done: float, total: float | None) -> str:
+    """Time left (h:mm:ss), as words, of a stage with so many of its units done in so many s; "": not known."""
+    if not done or not total:
+        return ""
+    return f"{timedelta(seconds=round(elapsed * max(total - done, 0.0) / done))} left"
+
+
 def progress() -> Progress:
     """Progress bars on a terminal (stderr), which disappear at the end; nothing elsewhere."""
     terminal = Terminal(stderr=True)
@@ -304,7 +320,7 @@ def progress() -> Progress:
         TextColumn("{task.description}", markup=False),
         _Bar(),
         TaskProgressColumn(),
-        TimeRemainingColumn(),
+        _Left(),
         console=terminal,
         transient=True,
         disable=not terminal.is_terminal,
@@ -346,17 +362,19 @@ _LINE_EVERY = 10.0
 
 
 def _in_log(name: str, total: int | None, /) -> Step:
-    """A stage as lines on standard error, from some seconds after its begin on."""
+    """A stage as lines on standard error, from some seconds after its begin on, with the time left."""
     done = 0
-    last = time.monotonic()
+    begun = last = time.monotonic()
 
     def advance(count: int, /) -> None:
         nonlocal done, last
         done += count
-        if time.monotonic() - last >= _LINE_EVERY:
-            last = time.monotonic()
+        now = time.monotonic()
+        if now - last >= _LINE_EVERY:
+            last = now
             of = f" of {total:,}" if total else ""
-            Terminal(stderr=True).say(f"{name}: {done:,}{of}")
+            left = _left(now - begun, done, total)
+            Terminal(stderr=True).say(", ".join(filter(None, (f"{name}: {done:,}{of}", left))))
 
     return advance
 

@@ -163,19 +163,39 @@ def test_a_sentence_breaks_between_words_on_a_terminal_only(
 def test_a_long_stage_is_lines_in_a_log(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Clock readings are 0 s at the begin, then 4, 12 and 13 s: one line, at 12 s."""
-    readings = iter([0.0, 4.0, 12.0, 12.0, 13.0])
+    """Clock readings are 0 s at the begin, then 4, 12 and 13 s: one line, at 12 s, of 25 units a second."""
+    readings = iter([0.0, 4.0, 12.0, 13.0])
     monkeypatch.setattr("rans.terminal.time.monotonic", lambda: next(readings))
     step = stages(progress())("flying LQR", 1000)
     for count in (100, 200, 50):
         step(count)
-    assert capsys.readouterr().err == "flying LQR: 300 of 1,000\n"
+    assert capsys.readouterr().err == "flying LQR: 300 of 1,000, 0:00:28 left\n"
 
 
 def test_what_is_done_within_a_second_is_no_line(capsys: pytest.CaptureFixture[str]) -> None:
     with doing("writing"):
         pass
     assert capsys.readouterr().err == ""
+
+
+def test_units_of_minutes_tell_the_time_left_from_the_first_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By hand: three of four bounds take 100 s each; before the first nothing is known."""
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    now = 0.0
+    with progress() as bars:
+        bars.get_time = lambda: now
+        step = stages(bars)("certified bounds", 4)
+        texts = []
+        for _ in range(4):
+            capsys.readouterr()
+            bars.refresh()
+            texts.append(capsys.readouterr().err)
+            now += 100.0
+            step(1)
+    for text, left in zip(texts, (None, "0:05:00", "0:03:20", "0:01:40"), strict=True):
+        assert (f"{left} left" in text) is (left is not None)
 
 
 def drawn_bytes(capsys: pytest.CaptureFixture[str], count: int) -> list[int]:
