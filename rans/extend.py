@@ -106,7 +106,6 @@ if TYPE_CHECKING:
     from rans.registry import are_files_trusted as are_files_trusted
     from rans.scenario import EVALUATION_SEED as EVALUATION_SEED
     from rans.scenario import Scenario as Scenario
-    from rans.scenario import draws as draws
     from rans.scenario import scenario as scenario
     from rans.scenario import scenarios as scenarios
     from rans.show.figures.figures import styled as styled
