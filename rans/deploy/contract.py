@@ -408,7 +408,10 @@ def _meanings(task: Task, craft: Spacecraft) -> list[str]:
 
 
 def _flagged(called: str, task: Task, craft: Spacecraft) -> list[dict[str, Any]]:
-    """Flag and columns of every task that the agent flies, from example states, as the contract has them."""
+    """Flag and columns of every task that the agent flies, from example states, as the contract has them.
+
+    Keys are an interface, and rows are ordered by column.
+    """
     parts: dict[str, Task] = {"": task} if is_one_task(task) else dict(task.parts())
     results = []
     for name, part in parts.items():
@@ -530,6 +533,8 @@ def _pairs(
     """Golden pairs of chosen flights, from observations and commands (T, N, ...).
 
     ``clearest`` (K,) are numbers of flights, whose pairs follow one another, flight by flight and in order of time.
+
+    Keys are an interface: agents' tests in C and Python read them from contract.json.
     """
     observed, commanded = (x[:, clearest].swapaxes(0, 1) for x in (seen, commands))
     begins = [step == 0 for _ in clearest for step in range(len(seen))]

@@ -38,7 +38,10 @@ def _described(entry: Any) -> DescribedConditions:
 
 
 def _inherited(table: dict[str, Any]) -> dict[str, Any]:
-    """Table of conditions, merged over that of its ``base`` (the name of conditions of RANS)."""
+    """Table of conditions, merged over that of its ``base`` (the name of conditions of RANS).
+
+    It takes ``base`` out of the table that it is given.
+    """
     others = table.get("others")
     if isinstance(others, list):
         others = [

@@ -168,6 +168,8 @@ class EpisodeParameters:
     def thrust_factors(self, step: Field, draws: Draws) -> list[Field] | None:
         """Factor on the force of each thruster in a control period, never below 0; None: the force has no noise.
 
+        Recorded flights rely on the numbers of streams and blocks: other ones are other noise for the same seed.
+
         Args:
             step: number of the control period, a whole number.
             draws: seed of the random numbers.

@@ -409,7 +409,10 @@ class Evolution:
         ]
 
     def _crafts(self, value: Tensor, continuous: bool, number: int) -> _Crafts:
-        """Craft, a number of them for each pair, whose frugalities are (P,)."""
+        """Craft, a number of them for each pair, whose frugalities are (P,).
+
+        It draws the batch first and then one number a craft: seeds of trainings rely on the order.
+        """
         own = self._settings
         value = value.repeat_interleave(number)
         settings = DemandSettings(

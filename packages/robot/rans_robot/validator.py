@@ -328,7 +328,10 @@ class _Clock:
         return MessageVerdict(now)
 
     def _was_set(self, stamp: int, now: int) -> bool:
-        """Whether the last messages agree on another clock: they go on as time does."""
+        """Whether the last messages agree on another clock: they go on as time does.
+
+        Every call counts as a message, so that it must be called once for each.
+        """
         if self._step:
             before, came = self._step[-1]
             passed = (now - came) - (stamp - before)

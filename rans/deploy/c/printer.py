@@ -399,7 +399,10 @@ class Printer:
         ]
 
     def _products(self, name: str, a: Value, b: Value) -> None:
-        """Print a product of matrices a (1, rows, inner) and b (1, inner, columns) of one spacecraft."""
+        """Print a product of matrices a (1, rows, inner) and b (1, inner, columns) of one spacecraft.
+
+        Sums go from the first number to the last, in float32: checks of exported agents compare commands.
+        """
         first, rows, inner = a.shape
         columns = b.shape[-1]
         result = self._result(name, (first, rows, columns))

@@ -194,6 +194,8 @@ def needed_wrenches(craft: Spacecraft, path: Any, period: float) -> np.ndarray:
     """Wrenches (T, 3 or 6) on B, N and N m, that move a spacecraft along a path, but for gyroscopic torques.
 
     The path is a `State` of arrays (T + 1,), a control period (s) apart.
+
+    Only for guesses: transcriptions begin with the commands that give these.
     """
     before = map_leaves(lambda x: x[:-1], path)
     identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)

@@ -431,7 +431,10 @@ class _Traced:
         return substep_functions(substeps), text
 
     def describe(self) -> str:
-        """``describe(carried)``: errors, whether all are within their tolerances, scenery and markers."""
+        """``describe(carried)``: errors, whether all are within their tolerances, scenery and markers.
+
+        playground.js reads these keys; errors have the order of `Task.errors`, markers that of their fields.
+        """
         task = self.world.task
         state = self.episode.state
         goal = self.episode.goal

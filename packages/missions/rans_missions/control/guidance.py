@@ -184,6 +184,8 @@ class VelocityToGain(ModelBased):
 
         Burns and arrivals are tried from the shortest and soonest on, and the first that thrust suffices for
         counts.
+
+        Episodes for which none suffices keep the last that was tried.
         """
         state_now = np.array([*leaves(state.p), *leaves(state.v)])
         first = np.zeros((self._craft.dimension, state_now.shape[1]))

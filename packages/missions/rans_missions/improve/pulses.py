@@ -252,6 +252,8 @@ def _ends(flight: Flight, when: np.ndarray) -> np.ndarray:
 
     Where a task lasts these are position and attitude at the first and at the last instant of the last fifth, where
     a mission ends with a success those and the velocities at one instant (M,).
+
+    Quantities come in the order of `coordinates`, without those that the task has no tolerance for.
     """
     steps, count = flight.commands.shape[:2]
     fields = coordinates(flight.states, flight.goals)
