@@ -61,7 +61,7 @@ def formula(text: str, names: Sequence[str]) -> Formula:
 
         Numbers, names, signs and functions of a closed list, or `Refused`.
         """
-        need(depth <= 60, f"its formula {text[:80]!r} is nested too deep.")
+        need(depth <= 60, f"its formula {text[:80]!r} has over 60 operations within operations.")
         match node:
             case ast.Constant(value=int() | float() as value) if (
                 type(value) is not bool and abs(value) < 1e300

@@ -15,7 +15,7 @@ from rans.extend import ConfigError, brief
 FUNCTIONS = ("sin", "cos", "tan", "exp", "sqrt")
 """Functions of one argument that formulas may have."""
 _DEEPEST = 50
-"""Operations within operations at most, as the checkers read no more; a longer sum is written with brackets."""
+"""Operations within operations at most, which is fewer than the checkers read; a + b + c has two."""
 
 
 def formula_value(text: str, values: Mapping[str, Any]) -> Any:
@@ -48,7 +48,10 @@ def _value(node: ast.expr, values: Mapping[str, Any], text: str, depth: int) -> 
     (`rans_proof.check_motion`).
     """
     if depth > _DEEPEST:
-        raise ConfigError(f"{brief(text)} is nested too deep.")
+        raise ConfigError(
+            f"{brief(text)} has more than {_DEEPEST} operations within operations: a sum or product of many parts "
+            "is read as such, unless it has brackets, as (a + b) + (c + d)."
+        )
 
     def inner(operand: ast.expr) -> Any:
         return _value(operand, values, text, depth + 1)
