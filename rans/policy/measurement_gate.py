@@ -172,7 +172,10 @@ def _noise_evidence(layout: Layout, read: Columns, memory: GateMemory) -> Field:
 
 
 def _rotation_fits_spin(layout: Layout, read: Columns, memory: GateMemory, period: float) -> Field:
-    """1 where a changed attitude fits the spin as read better than the spin as predicted, else 0, (N,)."""
+    """1 where a changed attitude fits the spin as read better than the spin as predicted, else 0, (N,).
+
+    It is a number by which others are multiplied, no truth.
+    """
     spin, predicted_spin = (
         _columns_of(AngularVelocity, layout, x) for x in (read, memory.predicted)
     )

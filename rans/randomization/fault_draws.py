@@ -115,7 +115,10 @@ def _alike(faults: FaultConditions, craft: Spacecraft, count: Field, random: Ran
 def _places(
     faults: FaultConditions, craft: Spacecraft, count: int, chance: Field, which: Field
 ) -> tuple[Field, ...]:
-    """Indices (fields) of the thrusters of a set of ``count``, for the fault kind that ``chance`` selects."""
+    """Indices (fields) of the thrusters of a set of ``count``, for the fault kind that ``chance`` selects.
+
+    Recorded flights rely on the order of kinds, and of the sets of `sets_among`.
+    """
     by_count: dict[tuple[tuple[int, ...], ...], tuple[Field, ...]] = {}
     result: tuple[Field, ...] = ()
     for k, kind in enumerate(faults.kinds):

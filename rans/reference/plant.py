@@ -572,7 +572,10 @@ class Plant:
             begin = end
 
     def _set(self, states: np.ndarray, commands: np.ndarray, duration: float = math.inf) -> None:
-        """Put states (N, width) and commands (N, n) into the context, for a control period (s)."""
+        """Put states (N, width) and commands (N, n) into the context, for a control period (s).
+
+        It also sets what the period goes by: propellant that is left, and which craft are held.
+        """
         states = self._with_stores(states)
         stores = states[:, self._width :]
         states = states[:, : self._width]

@@ -1058,7 +1058,10 @@ def _train_stage(
     generator: torch.Generator,
     report: Callable[[str], None],
 ) -> None:
-    """Train a network for the time of a stage at its prices, with an optimizer of its own."""
+    """Train a network for the time of a stage at its prices, with an optimizer of its own.
+
+    The clock ends it, so that a seed alone repeats no training.
+    """
     optimizer = torch.optim.Adam(network.parameters(), stage.learning_rate, betas=(0.9, 0.98))
     gradients = {
         continuous: _Gradients(network, pool, settings, stage, generator, continuous)

@@ -291,7 +291,10 @@ class CpuGradient:
         code.repeat(arguments.tiles, [], one_tile)
 
     def _forward(self, code: Code, layer: _Layer, tile: Value, is_last: bool) -> None:
-        """Print the outputs of a layer for a tile, `WIDTH` samples at a time; the last has no activation."""
+        """Print the outputs of a layer for a tile, `WIDTH` samples at a time; the last has no activation.
+
+        They stay where they are until `_backward` writes gradients over them.
+        """
 
         def block(number: Value, _: list[Value]) -> list[Value]:
             """Print a layer's outputs for `WIDTH` columns of the tile."""

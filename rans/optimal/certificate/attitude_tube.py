@@ -536,7 +536,10 @@ def _turned_in_plane(
     tolerances: GoalSet,
     sign: int,
 ) -> _Turned | None:
-    """Rotation in the plane at times (s), by the shorter way or a whole turn or more further in sense ``sign``."""
+    """Rotation in the plane at times (s), by the shorter way or a whole turn or more further in sense ``sign``.
+
+    Tubes may be too wide, never too narrow, and None only where no flight is as quick: bounds rely on both.
+    """
     moment = float(inertia(craft)[0, 0])
     time = float(edges[-1])
     corners, wheels = _corners(craft, None)
@@ -604,7 +607,10 @@ def _turned_in_space(
     tolerances: GoalSet,
     by_impulse: bool,
 ) -> _Turned | None:
-    """Attitude over time in space, as tubes at the edges (K,) of intervals (s); None if that is too short."""
+    """Attitude over time in space, as tubes at the edges (K,) of intervals (s); None if that is too short.
+
+    Tubes may be too wide, never too narrow, and None only where no flight is as quick: bounds rely on both.
+    """
     moments, principal = np.linalg.eigh(inertia(craft))
     time = float(edges[-1])
     left = time - edges

@@ -129,7 +129,10 @@ def steps_of(contest: Contest, count: int) -> int:
 
 
 def _landing_bounds(contest: Contest, progress: Progress) -> MissionBounds:
-    """Bounds of the first landing; the certified ones are those that the dual solutions prove."""
+    """Bounds of the first landing; the certified ones are those that the dual solutions prove.
+
+    Only `dual` is a bound: the propellant of a landing may be more than the least.
+    """
     task: Any = contest.task
     lander = Lander.of(contest.craft, _dead(contest), apart=True)
     descent = Descent.of(task, craft=contest.craft)

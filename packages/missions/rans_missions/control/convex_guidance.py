@@ -264,7 +264,10 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
     def _direct(
         self, meeting: Meeting, relative_state: np.ndarray, last: int, arrival: float
     ) -> MeetingTransfer | None:
-        """The transfer to the planned arrival (s), or to the first later one that keeps the limits."""
+        """The transfer to the planned arrival (s), or to the first later one that keeps the limits.
+
+        Where none keeps them, it is the first one without limits; None: there is no transfer.
+        """
         planned = round(arrival / meeting.interval)
         checks = [planned, *(max(1, round(fraction * last)) for fraction in self._later)]
         unlimited: MeetingTransfer | None = None

@@ -201,7 +201,10 @@ class ConeApproach:
         return [Burn(a, sizes[0], j), Burn(b, sizes[1], k), Burn(2, height, across)]
 
     def _transfer(self, burns: Sequence[Burn], unbraked: Field | None) -> Transfer:
-        """The transfer by burns (fields); its last velocity keeps components up to a size, m/s; None: all of it."""
+        """The transfer by burns (fields); its last velocity keeps components up to a size, m/s; None: all of it.
+
+        Only burns that begin now are its command; later ones count in its price and its last velocity.
+        """
         price = self._time * 0.0
         now = [price, price, price]
         v = list(self._coast[1].columns())

@@ -268,7 +268,10 @@ def _changes(flight: Flight, levers: np.ndarray) -> np.ndarray:
 
 
 def _change(flight: np.ndarray, size: float, form: _Form, random: np.random.Generator) -> None:
-    """Change the burns of a flight, (T, K), in place, by a random move of a size from 0 to 1."""
+    """Change the burns of a flight, (T, K), in place, by a random move of a size from 0 to 1.
+
+    A further draw changes all later moves of a seed.
+    """
     burns = np.flatnonzero(np.abs(flight).max(axis=1))
     if not len(burns):
         return
