@@ -21,6 +21,7 @@ from rans.randomization.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
+from tests.support.clohessy_wiltshire import orbit_rates
 
 N = 0.0011068
 PERIOD, STEPS, FLIGHTS = 10.0, 30, 4000
@@ -47,13 +48,7 @@ def law(states: np.ndarray) -> np.ndarray:
 
 def exponential(times: np.ndarray) -> np.ndarray:
     """Effect of a state and of a constant acceleration after times (K,), (K, 6, 9)."""
-    rates = np.zeros((9, 9))
-    rates[:3, 3:6] = np.eye(3)
-    rates[3, [0, 4]] = 3.0 * N * N, 2.0 * N
-    rates[4, 3] = -2.0 * N
-    rates[5, 2] = -N * N
-    rates[3:6, 6:] = np.eye(3)
-    return expm(rates * times[:, None, None])[:, :6]
+    return expm(orbit_rates(N) * times[:, None, None])[:, :6]
 
 
 def simulated() -> np.ndarray:

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
 from campaigns.vbar import Guidance, in_time
+from tests.support.clohessy_wiltshire import transition
 
 N = 0.0011067834463349404
 """Mean motion at 500 km, rad/s, as V-BAR gives it."""
@@ -17,13 +17,7 @@ N = 0.0011067834463349404
 
 def flown(view: Any, state: np.ndarray, steps: int, noise: float = 0.0) -> np.ndarray:
     """States (steps + 1, 6) at the beginnings of control periods, with the equations of motion written here."""
-    rates = np.zeros((9, 9))
-    rates[:3, 3:6] = np.eye(3)
-    rates[3, [0, 4]] = 3.0 * N * N, 2.0 * N
-    rates[4, 3] = -2.0 * N
-    rates[5, 2] = -N * N
-    rates[3:6, 6:] = np.eye(3)
-    step = expm(rates * view.dt)
+    step = transition(N, view.dt)
     random = np.random.default_rng(3)
     agent = Guidance()
     agent.reset(view)

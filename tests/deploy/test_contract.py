@@ -194,6 +194,13 @@ def planar(state: dict[str, Any], goal: dict[str, Any], error: str = "") -> np.n
     )
 
 
+GOOD = planar(
+    {"position": [2.0, 1.0], "attitude": 0.2, "velocity": [0.0, 0.0], "spin": 0.0},
+    {"position": [0.0, 0.0], "attitude": 0.0},
+)
+"""A reading that an agent was tried on."""
+
+
 @pytest.mark.parametrize(
     "error",
     [
@@ -333,25 +340,21 @@ def test_which_end_of_a_trade_off_is_fast(folder: Callable[[str], Path]) -> None
 
 def test_wild_readings_are_held_and_then_shut_the_valves(folder: Callable[[str], Path]) -> None:
     agent = exported(folder("go-to-pose-2d"))["Agent"]()
-    good = planar(
-        {"position": [2.0, 1.0], "attitude": 0.2, "velocity": [0.0, 0.0], "spin": 0.0},
-        {"position": [0.0, 0.0], "attitude": 0.0},
-    )
-    wild = good.copy()
+    wild = GOOD.copy()
     wild[6] = 1e9
     assert not agent.act(wild).any()  # the first one: there is none to hold
     agent.reset()
-    command = agent.act(good)
+    command = agent.act(GOOD)
     assert command.any()
     assert agent.note == ""
     for bad in (wild, np.full(10, np.nan)):
         agent.reset()
-        agent.act(good)
+        agent.act(GOOD)
         np.testing.assert_array_equal(agent.act(bad), command)
         assert "which is no reading: held the last one (1 of 1)" in agent.note
         assert not agent.act(bad).any()
         assert "shut all valves" in agent.note
-        assert agent.act(good).any()
+        assert agent.act(GOOD).any()
 
 
 @pytest.mark.slow
@@ -359,15 +362,11 @@ def test_a_memory_that_is_not_finite_decides_nothing(folder: Callable[[str], Pat
     """The command is that of the first period of an episode, and the memory is what that period leaves."""
     names = exported(folder("go-to-pose-2d-faults"))
     agent = names["Agent"]()
-    good = planar(
-        {"position": [2.0, 1.0], "attitude": 0.2, "velocity": [0.0, 0.0], "spin": 0.0},
-        {"position": [0.0, 0.0], "attitude": 0.0},
-    )
-    first = agent.act(good)
+    first = agent.act(GOOD)
     after = agent.memory.copy()
     for broken in (np.inf, np.nan):
         agent.memory[0, 3:] = broken
-        np.testing.assert_array_equal(agent.act(good), first)
+        np.testing.assert_array_equal(agent.act(GOOD), first)
         assert "the memory was not finite and is forgotten" in agent.note
         np.testing.assert_array_equal(agent.memory, after)
 
@@ -381,14 +380,10 @@ def test_an_answer_that_is_not_finite_shuts_the_valves(
     answer = names["answer"]
     command = np.full((1, 8), np.nan, np.float32)
     names["answer"] = lambda w, observation, memory: (command, memory + np.nan)
-    good = planar(
-        {"position": [2.0, 1.0], "attitude": 0.2, "velocity": [0.0, 0.0], "spin": 0.0},
-        {"position": [0.0, 0.0], "attitude": 0.0},
-    )
-    assert not agent.act(good).any()
+    assert not agent.act(GOOD).any()
     assert "shut all valves" in agent.note
     names["answer"] = answer
-    assert agent.act(good).any()
+    assert agent.act(GOOD).any()
     assert agent.note == ""
 
 

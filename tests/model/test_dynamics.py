@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from rans.model.body import Body
-from rans.model.dynamics import SpatialState, Wrench, advance, thrust, wrench
-from rans.model.fields import Quat, Vec2, Vec3, leaves
+from rans.model.dynamics import Wrench, advance, thrust, wrench
+from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from tests.support.crafts import random_states
+from tests.support.states import in_space
 
 FINE = 64
 """Substeps of a spatial control period at which truncation is below 1e-10 for spins of some rad/s."""
@@ -95,17 +96,12 @@ def test_plane_embedded_in_space(seed: int) -> None:
     flat = random_states(2, 8, seed)
     applied = random_wrench(2, 8, seed)
     plane = advance(flat, applied, Body(5.32, (0.2,)), 0.2)
-    half = flat.attitude.angle / 2
     zero = np.zeros(8)
-    state = SpatialState(
-        Vec3(flat.p.x, flat.p.y, zero),
-        Quat(np.cos(half), zero, zero, np.sin(half)),
-        Vec3(flat.v.x, flat.v.y, zero),
-        Vec3(zero, zero, flat.w),
-    )
     x, y, torque = leaves(applied)
     lifted = Wrench(Vec3(x, y, zero), Vec3(zero, zero, torque))
-    space = advance(state, lifted, Body(5.32, (0.13, 0.02, 0.0, 0.17, 0.0, 0.2)), 0.2, FINE)
+    space = advance(
+        in_space(flat), lifted, Body(5.32, (0.13, 0.02, 0.0, 0.17, 0.0, 0.2)), 0.2, FINE
+    )
 
     assert rows(space.p) == pytest.approx(np.column_stack([rows(plane.p), zero]), abs=1e-10)
     assert rows(space.v) == pytest.approx(np.column_stack([rows(plane.v), zero]), abs=1e-10)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 
@@ -26,3 +28,15 @@ def spatial(
 ) -> SpatialState:
     """Position m, quaternion (w, x, y, z), velocity m/s and spin rad/s in B."""
     return SpatialState(Vec3(*p), Quat(*attitude), Vec3(*v), Vec3(*w))
+
+
+def in_space(flat: PlanarState) -> SpatialState:
+    """A planar state as the motion in space that it is."""
+    half = flat.attitude.angle / 2
+    zero = 0.0 * half
+    return spatial(
+        (flat.p.x, flat.p.y, zero),
+        (np.cos(half), zero, zero, np.sin(half)),
+        (flat.v.x, flat.v.y, zero),
+        (zero, zero, flat.w),
+    )

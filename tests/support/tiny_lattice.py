@@ -57,10 +57,7 @@ def centred() -> Spacecraft:
         c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
         place = (centre[0] - 0.3 * c, centre[1] - 0.3 * s, 0.0)
         nozzles.append(Thruster(place, (c, s, 0.0), 1.0))
-    sphere = ((0.11, 0.0, 0.0), (0.0, 0.11, 0.0), (0.0, 0.0, 0.11))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that it cannot be turned is the point
-        return Spacecraft("centred", 2, 4.0, sphere, tuple(nozzles), centre_of_mass=centre)
+    return _craft("centred", nozzles, centre)
 
 
 def _equal(name: str, last: float, arms: tuple[float, ...]) -> Spacecraft:
@@ -72,12 +69,14 @@ def _equal(name: str, last: float, arms: tuple[float, ...]) -> Spacecraft:
         s = math.sin(math.radians(degrees))
         aside = arm - (x * s - y * c)
         nozzles.append(Thruster((x + aside * s, y - aside * c, 0.0), (c, s, 0.0), 1.0))
+    return _craft(name, nozzles, (0.0, 0.0, 0.0))
+
+
+def _craft(name: str, nozzles: list[Thruster], centre: tuple[float, float, float]) -> Spacecraft:
     sphere = ((0.11, 0.0, 0.0), (0.0, 0.11, 0.0), (0.0, 0.0, 0.11))
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # that some cannot be steered everywhere does not matter here
-        return Spacecraft(name, 2, 4.0, sphere, tuple(nozzles))
+        warnings.simplefilter("ignore")  # that some cannot be steered everywhere does not matter
+        return Spacecraft(name, 2, 4.0, sphere, tuple(nozzles), centre_of_mass=centre)
 
 
 @dataclass(frozen=True)

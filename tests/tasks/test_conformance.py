@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -98,15 +97,20 @@ def test_batch_is_a_loop(task: Any, states: Any, goals: Any, commands: Any) -> N
             np.testing.assert_allclose(batch[name][index], x, rtol=1e-13, atol=1e-14, err_msg=name)
 
 
-def test_torch_is_numpy(task: Any, states: Any, goals: Any, commands: Any) -> None:
+def in_torch(task: Any, states: Any, goals: Any, commands: Any, kind: type) -> dict[str, Any]:
+    """Every field, of tensors of a NumPy type."""
     torch = pytest.importorskip("torch")
-    lift: Callable[[Any], Any] = lambda x: torch.from_numpy(np.ascontiguousarray(x))  # noqa: E731
-    state = map_leaves(lift, states)
-    goal = map_leaves(lift, goals)
+
+    def lift(x: Any) -> Any:
+        return torch.from_numpy(np.ascontiguousarray(x, kind))
+
+    both = (tuple(map(lift, command)) for command in commands)
+    return everything(task, map_leaves(lift, states), map_leaves(lift, goals), *both)
+
+
+def test_torch_is_numpy(task: Any, states: Any, goals: Any, commands: Any) -> None:
     numpy_values = everything(task, states, goals, *commands)
-    torch_values = everything(
-        task, state, goal, *(tuple(map(lift, command)) for command in commands)
-    )
+    torch_values = in_torch(task, states, goals, commands, np.float64)
     assert numpy_values.keys() == torch_values.keys()
     for name, x in torch_values.items():
         # last digits of two implementations of sine, cosine, exp and atan2
@@ -117,11 +121,7 @@ def test_torch_is_numpy(task: Any, states: Any, goals: Any, commands: Any) -> No
 
 def test_single_precision_stays_single(task: Any, states: Any, goals: Any, commands: Any) -> None:
     torch = pytest.importorskip("torch")
-    lift: Callable[[Any], Any] = lambda x: torch.from_numpy(x.astype(np.float32))  # noqa: E731
-    state = map_leaves(lift, states)
-    goal = map_leaves(lift, goals)
-    both = (tuple(map(lift, command)) for command in commands)
-    for name, x in everything(task, state, goal, *both).items():
+    for name, x in in_torch(task, states, goals, commands, np.float32).items():
         assert x.dtype in (torch.float32, torch.bool), name
 
 

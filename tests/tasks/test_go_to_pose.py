@@ -101,6 +101,11 @@ def test_reward() -> None:
     assert [terms["position"], terms["attitude"]] == pytest.approx([0.3678794] * 2, abs=1e-7)
 
 
+def paid(task: GoToPose, state: Any, command: tuple[float, ...] = (0.0,)) -> dict[str, Any]:
+    """What the task pays for a state, and for thrust there, with the goal at the origin and all shut before."""
+    return task.reward(Transition(state, planar(), command, (0.0,) * len(command)))
+
+
 def test_only_those_who_have_arrived_in_all_four_get_that_reward() -> None:
     """Half of it in the middle of a side of the set, 1 / (1 + 4) in its corner, next to none at twice."""
     task = GoToPose(
@@ -110,9 +115,7 @@ def test_only_those_who_have_arrived_in_all_four_get_that_reward() -> None:
     )
 
     def arrived(task: GoToPose, x: float, angle: float, v: float, spin: float) -> float:
-        goal = planar()
-        state = PlanarState(Vec2(0.0, x), Heading(angle), Vec2(v, 0.0), spin)
-        return task.reward(Transition(state, goal, (0.0,), (0.0,)))["arrived"]
+        return paid(task, planar(0.0, x, angle, (v, 0.0), spin))["arrived"]
 
     assert arrived(task, 0.0, 0.0, 0.0, 0.0) == 6.0
     for side in (
@@ -142,27 +145,21 @@ def test_only_those_who_have_arrived_in_all_four_get_that_reward() -> None:
     # Half of 6 + 4 (1/2 + 1), then half of 6 + 4 (1 + 1).
     assert arrived(fine, 0.04, 0.0, 0.0, 0.0) == pytest.approx(6.0)
     assert arrived(fine, 0.0, 0.0, 0.05, 0.0) == pytest.approx(7.0)
-    assert "arrived" not in GoToPose().reward(Transition(PLANAR, PLANAR_GOAL, (1.0,), (0.0,)))
+    assert "arrived" not in paid(GoToPose(), PLANAR)
 
 
 def test_thrust_costs_those_who_have_arrived() -> None:
     """Two of three open at 0.5 each: 1 of 6 in the set, half on the middle of a side, next to none beyond."""
     task = GoToPose(arrived=RestReward(weight=6.0, thrust_weight=0.5), position_tolerance=0.04)
     for x, expected in ((0.0, 5.0), (0.04, 2.5), (0.4, 5.0 / 10_001.0)):
-        state = planar(x)
-        goal = planar()
-        terms = task.reward(Transition(state, goal, (1.0, 0.0, 1.0), (0.0,) * 3))
-        assert terms["arrived"] == pytest.approx(expected)
+        assert paid(task, planar(x), (1.0, 0.0, 1.0))["arrived"] == pytest.approx(expected)
 
 
 def test_stillness_is_worth_something_to_those_who_have_arrived() -> None:
     """ln 2 scales of 3 mm/s: half of 8 beside the 6; the speed is a 24th of what counts as rest."""
     task = GoToPose(arrived=RestReward(weight=6.0, still_weight=8.0, sharpness=3))
-    goal = planar()
     for v, expected in ((0.0, 14.0), (0.003 * math.log(2.0), 10.0), (0.1, 6.0 / 257.0)):
-        state = planar(v=(0.0, -v))
-        terms = task.reward(Transition(state, goal, (0.0,), (0.0,)))
-        assert terms["arrived"] == pytest.approx(expected, abs=1e-6)
+        assert paid(task, planar(v=(0.0, -v)))["arrived"] == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -185,9 +182,8 @@ def test_who_is_nearly_there_pays_for_not_being_there(
         position_tolerance=0.04,
         attitude_tolerance=0.1,
     )
-    goal = planar()
     state = planar(x, heading=angle)
-    cost = task.reward(Transition(state, goal, (0.0,), (0.0,)))["boundary"]
+    cost = paid(task, state)["boundary"]
     assert cost == pytest.approx(expected, abs=1e-6)
     spare = replace(
         task,
@@ -195,10 +191,8 @@ def test_who_is_nearly_there_pays_for_not_being_there(
         attitude_tolerance=0.125,
         arrived=replace(task.arrived, within=0.8),
     )
-    assert spare.reward(Transition(state, goal, (0.0,), (0.0,)))["boundary"] == pytest.approx(
-        cost, abs=1e-9
-    )
-    assert "boundary" not in GoToPose().reward(Transition(state, goal, (0.0,), (0.0,)))
+    assert paid(spare, state)["boundary"] == pytest.approx(cost, abs=1e-9)
+    assert "boundary" not in paid(GoToPose(), state)
 
 
 @pytest.mark.parametrize("sharpness", [0, 9, 2.5])
@@ -223,14 +217,7 @@ def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
     task = GoToPose(misaligned_weight=8.0, fine_scale=0.1)
 
     def cost(x: float, angle: float) -> float:
-        return task.reward(
-            Transition(
-                planar(x, heading=angle),
-                planar(),
-                (0.0,),
-                (0.0,),
-            )
-        )["misaligned"]
+        return paid(task, planar(x, heading=angle))["misaligned"]
 
     half = math.log(2.0)
     assert cost(0.0, 0.1 * half) == pytest.approx(-4.0)
@@ -246,7 +233,7 @@ def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
     )
     terms = far.reward(Transition(SPATIAL, SPATIAL_GOAL, (0.0,), (0.0,)))
     assert terms["misaligned"] == pytest.approx(-2.0)
-    assert "misaligned" not in GoToPose().reward(Transition(PLANAR, PLANAR_GOAL, (1.0,), (0.0,)))
+    assert "misaligned" not in paid(GoToPose(), PLANAR)
 
 
 @pytest.mark.parametrize(

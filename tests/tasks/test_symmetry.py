@@ -9,12 +9,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rans.model.drift import FREE
-from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, unflatten
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks.shapes import Ball
 from tests.support.crafts import random_states
+from tests.support.states import in_space
 from tests.support.transitions import COUNT, arrival
 
 
@@ -96,15 +97,7 @@ def flat_goals(task: Any) -> Any:
 
 
 def embedded(flat: Any) -> Any:
-    zero = np.zeros(COUNT)
-    half = flat.attitude.angle / 2
-    return SpatialState(
-        Vec3(flat.p.x, flat.p.y, zero),
-        Quat(np.cos(half), zero, zero, np.sin(half)),
-        Vec3(flat.v.x, flat.v.y, zero),
-        Vec3(zero, zero, flat.w),
-        with_zones(spatial_ball, flat.notes),
-    )
+    return replace(in_space(flat), notes=with_zones(spatial_ball, flat.notes))
 
 
 def spatial_ball(disc: Ball) -> Ball:

@@ -36,6 +36,7 @@ from rans.show.tables.comparison_tables import (
 from rans.show.tables.front_tables import front_table
 from rans.tasks.goal_set import arrived
 from tests.support.contests import CONTEST, IDLE
+from tests.support.played import Played
 
 SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 SPECS = ["lqr:go-to-pose-2d", IDLE, "python:tests.support.policies:broken"]
@@ -159,18 +160,6 @@ def test_nobody_beats_a_certified_bound(comparison: Comparison) -> None:
 def test_controls_found_fly_into_the_goal_set(comparison: Comparison) -> None:
     """Flown by the engine, not by the search; the same definition judges the contestants."""
 
-    class Script:
-        name = "script"
-
-        def __init__(self, commands: np.ndarray) -> None:
-            self.commands = list(commands)
-
-        def reset(self, count: int) -> None:
-            pass
-
-        def act(self, state: object, goal: object, observation: np.ndarray) -> np.ndarray:
-            return self.commands.pop(0)[None]
-
     found = [c for c in comparison.certified if c.commands is not None]
     assert found
     for answer in found:
@@ -178,7 +167,7 @@ def test_controls_found_fly_into_the_goal_set(comparison: Comparison) -> None:
         flight = fly(
             CONTEST.craft,
             CONTEST.task,
-            Script(commands),
+            Played(commands[:, None]),
             CONTEST.start(answer.start),
             Timing(episode_steps=len(commands)),
         )

@@ -28,6 +28,7 @@ from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from tests.support.evaluation_flights import TrackNothing, flight_of, two_episodes
+from tests.support.played import Played
 
 # Distances at random, among them many close to the tolerance of 5 cm.
 distances = hnp.arrays(
@@ -244,18 +245,9 @@ def test_spatial_flight() -> None:
     craft = load_spacecraft("free-flyer")
     task = GoToPose(spawn_distance=(3.0, 4.0))
 
-    class Half:
-        """Opens every second thruster, all the time."""
-
-        name = "half"
-
-        def reset(self, count: int) -> None: ...
-
-        def act(self, state: object, goal: object, observation: np.ndarray) -> np.ndarray:
-            return np.tile([1.0, 0.0], (len(observation), 8))
-
+    every_second = Played(np.tile([1.0, 0.0], (10, 5, 8)))
     measured = measure(
-        fly(craft, task, Half(), scenarios(task, craft, 0, 5), Timing(episode_steps=10))
+        fly(craft, task, every_second, scenarios(task, craft, 0, 5), Timing(episode_steps=10))
     )
     assert measured["duty"].value == 50.0
     assert measured["on-time"].value == pytest.approx(8 * 10 * 0.2)

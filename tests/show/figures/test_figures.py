@@ -28,6 +28,7 @@ from rans.show.figures.svg import svg
 from rans.show.palette import RED
 from rans.tasks import GoToAttitude, GoToPose
 from tests.support.evaluation_flights import TrackNothing, flight_of, many_episodes, two_episodes
+from tests.support.played import Played
 from tests.support.training_rows import ROWS
 
 
@@ -46,17 +47,8 @@ def spatial_flight() -> Flight:
     craft = load_spacecraft("free-flyer")
     task = GoToPose(spawn_distance=(3.0, 4.0))
 
-    class Shut:
-        """Opens nothing."""
-
-        name = "shut"
-
-        def reset(self, count: int) -> None: ...
-
-        def act(self, state: object, goal: object, observation: np.ndarray) -> np.ndarray:
-            return np.zeros((len(observation), 16))
-
-    return fly(craft, task, Shut(), scenarios(task, craft, 0, 5), Timing(episode_steps=10))
+    shut = Played(np.zeros((10, 5, 16)))
+    return fly(craft, task, shut, scenarios(task, craft, 0, 5), Timing(episode_steps=10))
 
 
 def test_every_axis_has_its_unit() -> None:
@@ -124,18 +116,9 @@ def test_wheels_stand_in_the_rows_of_a_craft_without_thrusters() -> None:
     craft = load_spacecraft("innocube")
     task = GoToAttitude()
 
-    class FirstAndLast:
-        """Full torque of the first wheel, half of the last one's in the other direction."""
-
-        name = "first and last"
-
-        def reset(self, count: int) -> None: ...
-
-        def act(self, state: object, goal: object, observation: np.ndarray) -> np.ndarray:
-            return np.tile([1.0, 0.0, -0.5], (len(observation), 1))
-
-    timing = Timing(episode_steps=4)
-    flight = fly(craft, task, FirstAndLast(), scenarios(task, craft, 0, 1), timing)
+    # Full torque of the first wheel, half of the last one's in the other direction.
+    commands = Played(np.tile([1.0, 0.0, -0.5], (4, 1, 1)))
+    flight = fly(craft, task, commands, scenarios(task, craft, 0, 1), Timing(episode_steps=4))
     axes = panel(episode_figure(flight), "c")
     (image,) = axes.get_images()
     assert np.asarray(image.get_array()).tolist() == [[1.0] * 4, [0.0] * 4, [0.5] * 4]

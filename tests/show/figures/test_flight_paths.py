@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from rans_missions.tasks import Avoid, Dock, DockPort, Hold
@@ -16,6 +14,7 @@ from rans.optimal.control.lqr import LQR
 from rans.scenario import scenarios
 from rans.show.figures.flight_paths import paths_figure
 from rans.tasks import GoToPose, Task
+from tests.support.played import Played
 
 
 def flown(craft_name: str, task: Task, steps: int = 5, count: int = 4) -> Flight:
@@ -23,17 +22,8 @@ def flown(craft_name: str, task: Task, steps: int = 5, count: int = 4) -> Flight
     craft = load_spacecraft(craft_name)
     starts = scenarios(task, craft, 7, count)
 
-    class Coasting:
-        name = "coasting"
-
-        def reset(self, count: int) -> None:
-            """Nothing to reset."""
-
-        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-            """No thrust."""
-            return np.zeros((len(observation), craft.command_count))
-
-    return fly(craft, task, Coasting(), starts, Timing(episode_steps=steps))
+    coasting = Played(np.zeros((steps, count, craft.command_count)))
+    return fly(craft, task, coasting, starts, Timing(episode_steps=steps))
 
 
 def test_an_orbit_has_its_ball_in_two_views() -> None:

@@ -16,6 +16,7 @@ from rans.scenario import scenarios
 from rans.show.pages.page import Page, Section
 from rans.show.pages.race import FRAMES, Race, Track, race
 from tests.support.packages import needs
+from tests.support.played import Played
 from tests.support.random_flights import Random
 
 PLATFORM = rans.load_spacecraft("floating-platform")
@@ -74,18 +75,6 @@ def test_long_flights_skip_instants_and_keep_mean_commands() -> None:
     assert [int(x) for x in track["u"][0]] == [round(9 * x) for x in mean]
 
 
-class Shut:
-    """A controller of a lander: all nine thrusters at their least."""
-
-    name = "shut"
-
-    def reset(self, count: int) -> None:
-        pass
-
-    def act(self, state: object, goal: object, observation: np.ndarray) -> np.ndarray:
-        return np.full((len(observation), 9), 0.0)
-
-
 @needs("missions")
 def test_zones_move_as_those_of_the_flight_and_a_slope_is_given_once() -> None:
     task = rans.load_task("avoid")
@@ -101,7 +90,9 @@ def test_zones_move_as_those_of_the_flight_and_a_slope_is_given_once() -> None:
     land = rans.load_task("land")
     lander = rans.load_spacecraft("mars-lander-steered")
     starts = scenarios(land, lander, seed=5, count=1)
-    flight = fly(lander, land, Shut(), starts, replace(land.timing, episode_steps=3))
+    # All nine thrusters at their least.
+    least = Played(np.zeros((3, 1, 9)))
+    flight = fly(lander, land, least, starts, replace(land.timing, episode_steps=3))
     (start,) = race(lander, [("x", [Track("a", flight, 0, 0.8)])]).data["starts"]
     ((slope,),) = [shape["rows"] for shape in start["shapes"] if shape["kind"] == "GlideSlope"]
     assert slope[3:] == [0.0, 0.0, 1.0, pytest.approx(np.radians(4.0), abs=6e-4)]
