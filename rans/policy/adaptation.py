@@ -17,6 +17,9 @@ from rans.registry import Registry
 SHUT = "shut"
 """Row of a program, (N, thrusters): 1 for a thruster that an adapting policy takes for lost, else 0. In torch these
 numbers stand behind the features, followed by those of `WHEELS`."""
+AWAY = "away"
+"""Row of a program, (N, 1): 1 where the goal is far, else 0, of a policy whose price of thrust depends on it. In
+torch it stands between the features and those of `SHUT`."""
 WHEELS = "wheels"
 """Row of a program, (N, wheels + 1): see `Estimate.wheels`."""
 

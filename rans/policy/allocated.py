@@ -16,7 +16,7 @@ from torch import Tensor
 
 from rans.model.fields import Field, where, within
 from rans.model.twists import balanced, directions
-from rans.policy.adaptation import SHUT, WHEELS
+from rans.policy.adaptation import AWAY, SHUT, WHEELS
 from rans.policy.allocation import (
     PRICE,
     Subsets,
@@ -72,7 +72,9 @@ class Allocated(Backbone):
         """Outputs (N, n) for features (N, features and what is known): shares or log-odds; see `Backbone`."""
         architecture = network.architecture
         weight, bias = architecture.last.folded(*network.layer("action_net"))
-        features, known = features.tensor_split([architecture.features], dim=-1)
+        count, factor = architecture.features, architecture.frugality.away
+        ends = [count, count + (factor != 1.0)]
+        features, away, known = features.tensor_split(ends, dim=-1)
         shut, remembered = known.tensor_split([_thrusters(architecture.tokens)], dim=-1)
         demand = product(features, weight, bias)
         chosen = choice(architecture.tokens, architecture.adapts, architecture.frugality.price)
@@ -93,10 +95,11 @@ class Allocated(Backbone):
             architecture.tokens,
             architecture.adapts,
             architecture.frugality.price,
+            factor,
             demand.dtype,
             demand.device,
         )
-        known = torch.cat((demand, shut), dim=-1) if architecture.adapts else demand
+        known = torch.cat((demand, away, shut), dim=-1)
         row = table[torch.argmax(known @ slope + offset, dim=-1)]
         count = chosen.opened.shape[1]
         opened = row[..., :count]
@@ -133,8 +136,10 @@ class Allocated(Backbone):
             commands = _checked(commands, architecture, remembered)
             return program.joined(*program.lowered(commands, names))
         # The best subset is the largest of linear functions.
-        known = program.joined(demand, SHUT) if architecture.adapts else demand
-        slopes = program.constant(_slopes(chosen, architecture.adapts), "subset_slopes")
+        factor = architecture.frugality.away
+        more = [AWAY] * (factor != 1.0) + [SHUT] * architecture.adapts
+        known = program.joined(demand, *more) if more else demand
+        slopes = program.constant(_slopes(chosen, architecture.adapts, factor), "subset_slopes")
         product_ = program.apply("MatMul", known, slopes)
         offset = program.constant(chosen.offset, "subset_offsets")
         best = program.apply("ArgMax", program.apply("Add", product_, offset), axis=1, keepdims=0)
@@ -201,22 +206,37 @@ def _subsets_without(
 
 @lru_cache(maxsize=64)
 def _tables(
-    tokens: Tokens, adapts: bool, price: float, dtype: torch.dtype, device: torch.device
+    tokens: Tokens,
+    adapts: bool,
+    price: float,
+    away: float,
+    dtype: torch.dtype,
+    device: torch.device,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Offsets (S,), slopes and effects of the subsets, on a device: a CUDA graph may not copy from a CPU."""
     chosen = choice(tokens, adapts, price)
     assert chosen is not None
     offset, slope, table = (
         torch.as_tensor(x, dtype=dtype, device=device)
-        for x in (chosen.offset, _slopes(chosen, adapts), effects(chosen))
+        for x in (chosen.offset, _slopes(chosen, adapts, away), effects(chosen))
     )
     return offset, slope, table
 
 
-def _slopes(chosen: Subsets, adapts: bool) -> np.ndarray:
-    """Table (d, S) of the linear functions of a demand, or (d + n, S) of it and the lost thrusters."""
-    slopes = chosen.slope.T
-    return np.concatenate((slopes, -_LOST * chosen.opened.T)) if adapts else slopes
+def _slopes(chosen: Subsets, adapts: bool, away: float) -> np.ndarray:
+    """Table (d, S) of the linear functions of a demand, and rows for what else they depend on.
+
+    These are whether the goal is far, where a factor ``away`` of the price is not 1, and the n lost thrusters.
+    """
+    rows = [chosen.slope.T]
+    if away != 1.0:
+        # An offset is minus the squared twist, a quarter of that of the slope, and minus the price of the thrust.
+        rows.append(
+            (away - 1.0) * (chosen.offset + 0.25 * np.square(chosen.slope).sum(axis=1))[None]
+        )
+    if adapts:
+        rows.append(-_LOST * chosen.opened.T)
+    return np.concatenate(rows)
 
 
 @lru_cache(maxsize=64)

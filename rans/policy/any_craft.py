@@ -314,7 +314,8 @@ def frugal(network: Network, value: float, distance: float, seconds: float = mat
         numbers = Frugality.trained(value, is_continuous, hurries)
         if slow:
             speed = cruise_speed(distance, seconds, least, period, CONTINUOUS in kinds)
-            numbers = numbers.slower(slow, distance, braking_distance(speed, least, period))
+            farthest = braking_distance(speed, least, period)
+            numbers = numbers.slower(slow, distance, farthest, dimension)
         beyond = 0.0
         if dimension == 2 and CONTINUOUS not in kinds:
             # Others pay with thrust for the time that this saves, and throttled craft brake too late.

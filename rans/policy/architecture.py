@@ -186,6 +186,18 @@ class Architecture:
             )
         return self.layout.in_body(observation)
 
+    def away(self, columns: Columns) -> list[Field]:
+        """Whether the goal is far, 1 or 0, by the columns of a network whose price of thrust depends on it.
+
+        None of another network.
+        """
+        if self.frugality.away == 1.0:
+            return []
+        from rans.policy import authority as of_authority
+
+        dimension = of_authority.DIMENSIONS[len(self.authority) - 1]
+        return [of_authority.away(columns, dimension)]
+
     def adapted(self, read: Columns, gains: Columns, lost: Field = 0.0) -> list[Field]:
         """Columns of a network that adapts.
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from rans.errors import ConfigError
 from rans.model.fields import Field, absolute, at_least, log, sqrt, tanh, where, within
-from rans.policy.frugality import AS_TRAINED, Frugality
+from rans.policy.frugality import AS_TRAINED, NEAR, Frugality
 from rans.tasks.observation_terms import (
     AngularVelocity,
     Block,
@@ -44,9 +44,6 @@ _COAST_ANGLE = 0.9 * math.radians(5.0)
 go-to-pose, so that the delay of a command does not carry it out."""
 
 
-_NEAR = 0.15
-"""Distance, m, within which a frugal network is given the whole error: three times the tolerance, so that it stops
-where it should."""
 _LARGEST_TURN = 0.35
 """Angle, rad, to which `nearer` brings the goal's attitude."""
 
@@ -290,9 +287,7 @@ def shortened(
     """
     cosine, sines = turn
     distance = sqrt(at_least(_square(error), 1e-12))
-    given = where(
-        distance > _NEAR, _NEAR + frugality.shortened * (distance - _NEAR), distance + 0.0
-    )
+    given = where(distance > NEAR, NEAR + frugality.shortened * (distance - NEAR), distance + 0.0)
     if frugality.farthest:
         given = where(given > frugality.farthest, frugality.farthest + 0.0 * given, given)
     scale = given / distance
@@ -309,6 +304,12 @@ def shortened(
             [where(is_far, size * way, x) for way, x in zip(ways, sines, strict=True)],
         ),
     )
+
+
+def away(columns: Sequence[Field], dimension: int) -> Field:
+    """1 where the goal is farther than `NEAR`, else 0, by the columns of a network in 2 or 3 dimensions."""
+    distance = columns[VECTORS * dimension + TURNS * (2 * dimension - 3) + 1]
+    return where(distance > math.log(1.0 + 20.0 * NEAR) / 3.0 - 1.0, 1.0, 0.0)
 
 
 def braking_distance(speed: float, acceleration: float, period: float) -> float:

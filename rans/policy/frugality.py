@@ -1,8 +1,9 @@
 """Frugality of an agent for any craft: how much time its flights may take to save thrust, without other weights.
 
-A value from 0 (the agent as it was trained) to 1 (frugal) becomes six numbers. They change the distance and the
-angle to the goal and the accelerations that the network is given, the price of thrust in the allocation, and the
-time for which a craft coasts near the goal. Above 0.5 the value is that of what the length of a flight allows.
+A value from 0 (the agent as it was trained) to 1 (frugal) becomes seven numbers. They change the distance and the
+angle to the goal and the accelerations that the network is given, the price of thrust in the allocation, far away
+and near, and the time for which a craft coasts near the goal. Above 0.5 the value is that of what the length of a
+flight allows.
 """
 
 from __future__ import annotations
@@ -14,6 +15,9 @@ import numpy as np
 
 from rans.errors import ConfigError, brief
 
+NEAR = 0.15
+"""Distance, m, within which a frugal network is given the whole error: three times the tolerance, so that it stops
+where it should."""
 _VALUES = (0.0, 0.1, 0.2, 0.4, 0.5, 0.6, 0.8, 1.0)
 """Values between which the numbers below are interpolated."""
 _SHORTENED = (1.0, 0.85, 0.85, 0.85, 0.85, 0.85, 0.85, 0.85)
@@ -63,6 +67,9 @@ _SLOW_WEIGHTS = 0.85
 """Value of the weights of the slowest ways: those of larger ones hardly thrust at a short distance."""
 _SLOW_PRICE = 1.5
 """Factor of the price of on/off thrust there. At 1.9 one flight of forty is lost."""
+_SLOW_AWAY = {2: 8.0 / 3.0, 3: 1.0}
+"""Further factor of that price beyond `NEAR`, by dimension: on the way a small error of the speed is worth no
+pulse. At 10/3 one flight of 35 is late, and in space one of twenty at 8/3."""
 _SLOW_ANGLE = 0.35
 """Largest angle there, rad."""
 _BEGUN = 0.5
@@ -164,6 +171,8 @@ class Frugality(NamedTuple):
     """Factor of the craft's linear accelerations that the network is given."""
     coast: float = 1.0
     """Factor of the control periods for which the craft coasts near the goal."""
+    away: float = 1.0
+    """Further factor of the price of on/off thrust beyond `NEAR`, unless ``farthest`` is nearer."""
 
     @classmethod
     def of_value(cls, value: float, distance: float, dimension: int) -> Frugality:
@@ -207,21 +216,29 @@ class Frugality(NamedTuple):
         acceleration = 1.0 + (1.0 - toward) * (_HURRY - 1.0) if hurries else 1.0
         return cls(1.0, 0.0, 0.0, round(price, 6), round(acceleration, 6), coast)
 
-    def slower(self, slow: float, distance: float, farthest: float) -> Frugality:
+    def slower(
+        self, slow: float, distance: float, farthest: float, dimension: int = 2
+    ) -> Frugality:
         """The numbers on the way to the slowest ways.
 
         Args:
             slow: part of that way, above 0 to 1.
             distance: mean distance of the starts, m.
             farthest: largest distance at its end, m.
+            dimension: 2 or 3.
         """
         begun = max(farthest, _BEGUN * distance)
         bound = begun ** (1.0 - slow) * farthest**slow
         # Weights with a price of their own keep it.
-        price = _SLOW_PRICE**slow if self.price == 1.0 else self.price
+        price, away = self.price, self.away
+        if price == 1.0:
+            price, away = _SLOW_PRICE**slow, _SLOW_AWAY[dimension] ** slow
         angle = math.pi + slow * (_SLOW_ANGLE - math.pi)
         return self._replace(
-            farthest=round(bound, 6), largest_angle=round(angle, 6), price=round(price, 6)
+            farthest=round(bound, 6),
+            largest_angle=round(angle, 6),
+            price=round(price, 6),
+            away=round(away, 6),
         )
 
 

@@ -200,11 +200,13 @@ class Network(Remembering):
         sees T steps one after the other; of its memories those of the first step count.
         """
         architecture = self.architecture
-        columns, shut = preprocessed, None
+        columns, known = preprocessed, list[Tensor]()
         if architecture.adapts:
-            columns, shut = preprocessed.tensor_split([architecture.column_count], dim=1)
+            columns, *known = preprocessed.tensor_split([architecture.column_count], dim=1)
         features, critic = self.features(columns, memory, privileged, going_on)
-        return self._heads(features, critic, self._advice(preprocessed), shut)
+        # The allocation is given whether the goal is far, then what is estimated.
+        away = [x[:, None] for x in architecture.away(columns.unbind(-1))]
+        return self._heads(features, critic, self._advice(preprocessed), [*away, *known])
 
     def features(
         self,
@@ -326,11 +328,11 @@ class Network(Remembering):
         ).flatten(-3, -2)
 
     def _heads(
-        self, features: Tensor, critic: Tensor, advice: Tensor | None, shut: Tensor | None
+        self, features: Tensor, critic: Tensor, advice: Tensor | None, given: Sequence[Tensor]
     ) -> Output:
         """Actor and critic, in one product where they share features.
 
-        Recommended commands are (N, n), and so is ``shut``, 1 for a thruster that is taken for lost, or None.
+        Recommended commands are (N, n); the backbone is given further columns (N, k) behind the features.
         """
         architecture = self.architecture
         head = architecture.last
@@ -343,9 +345,7 @@ class Network(Remembering):
             action = self._flat(out[..., :-1])
             value = self._flat(out[..., -1])
         else:
-            known = features
-            if shut is not None:
-                known = torch.cat((features, self._rows(shut)), dim=-1)
+            known = torch.cat((features, *map(self._rows, given)), dim=-1) if given else features
             action = self._flat(BACKBONES[architecture.backbone].outputs(self, known))
             value = self._flat(product(critic, worth, constant)[..., 0])
         spread = self.tensors.get("log_std")

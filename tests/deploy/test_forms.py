@@ -75,6 +75,30 @@ def test_a_shipped_agent_commands_the_same_in_every_form(name: str, tmp_path: Pa
         assert found.memory < 1e-5  # ten roundings of numbers of the order of one, in float32
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "any-craft-2d#1",
+        pytest.param(
+            "adaptive:any-craft-2d#1", marks=[pytest.mark.slow, packages.needs("any_craft")]
+        ),
+    ],
+)
+def test_a_price_that_falls_near_the_goal_is_that_of_every_form(name: str, tmp_path: Path) -> None:
+    """Observations of whole flights, which arrive."""
+    run = contestant(name)
+    own = run.network
+    frugality = own.architecture.frugality._replace(away=3.0)
+    network = Network(replace(own.architecture, frugal=tuple(frugality)), own.tensors)
+    batches = list(asked(network, run.judged, 24))
+    written(tmp_path, network, *FORMS)
+    own = own_answers(network, batches)
+    for form in FORMS:
+        found = unequal(own, ANSWERS[form](tmp_path))
+        assert found.beyond == 0
+        assert found.memory < 1e-4
+
+
 @packages.needs("any_craft")
 @pytest.mark.slow
 @pytest.mark.parametrize("craft", ["floating-platform-shared", "pingu", "spheres"])

@@ -182,10 +182,10 @@ def test_the_length_of_a_flight_bounds_speed_at_1_and_nothing_up_to_the_middle()
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("spec", "impulse"), [("any-craft-2d#1", 8.5), ("any-craft-3d#1@free-flyer", 14.0)]
+    ("spec", "impulse"), [("any-craft-2d#1", 6.8), ("any-craft-3d#1@free-flyer", 14.0)]
 )
 def test_a_frugal_flight_with_time_to_spare_takes_it(spec: str, impulse: float) -> None:
-    """The weights alone spend 11.3 and 23.8 N s."""
+    """The weights alone spend 11.3 and 23.8 N s, and the platform 7.5 at the same price all the way."""
     found = flown(spec)
     assert found["solved"] == 100.0
     assert found["impulse"] < impulse
@@ -206,6 +206,36 @@ def test_distance_and_angle_by_hand() -> None:
         angle = math.radians(degrees)
         _, (cosine, (sine,)) = shortened([1.0, 0.0], (math.cos(angle), [math.sin(angle)]), third)
         assert math.degrees(math.atan2(float(sine), float(cosine))) == pytest.approx(expected)
+
+
+def test_thrust_is_dearer_far_from_the_goal_than_within_15_cm() -> None:
+    """Far away the commands are those of one price, near the goal those of another, and both differ."""
+    own = contestant("any-craft-2d#1").network
+    numbers = own.architecture.frugality
+    assert (numbers.price, numbers.away) == pytest.approx((1.5, 8.0 / 3.0))
+    seen = observations(2000)
+    body = own.architecture.layout.in_body(seen.unbind(-1))
+    columns = own.in_body(seen)
+    (away,) = own.architecture.away(columns.unbind(-1))
+    distance = torch.hypot(body[4], body[5])
+    # Where the craft may coast, the network is given the goal itself.
+    assert torch.equal(away > 0.0, distance > 0.15)
+    assert 0.1 < away.mean() < 0.9
+
+    def commands(price: float) -> np.ndarray:
+        flat = numbers._replace(price=price, away=1.0)
+        one = Network(replace(own.architecture, frugal=tuple(flat)), own.tensors)
+        return predict(one, seen.numpy())[0]
+
+    near, far = commands(1.5), commands(4.0)
+    assert (near != far).any()
+    found = predict(own, seen.numpy())[0]
+    assert np.array_equal(found, np.where(away[:, None].numpy() > 0.0, far, near))
+
+
+def test_in_space_and_with_pulses_the_price_is_the_same_all_the_way() -> None:
+    for spec in ("any-craft-3d#1@free-flyer", "any-craft-2d#1@atmos", "any-craft-2d#0.7"):
+        assert contestant(spec).network.architecture.frugality.away == 1.0
 
 
 def test_a_quick_value_is_given_larger_accelerations_where_no_wheel_fills_up() -> None:
@@ -305,6 +335,7 @@ def test_a_run_folder_keeps_the_value(tmp_path: Path, monkeypatch: pytest.Monkey
                 (1.0, 0.0, 0.0, 0.0, 1.0, 1.0),
                 (1.0, 0.0, 0.0, 1.0, 0.0, 1.0),
                 (1.0, 0.0, 0.0, 1.0, 1.0, 0.0),
+                (1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0),
                 (1.0, 0.0, 0.0),
             )
         ),
@@ -320,6 +351,16 @@ def test_other_numbers_in_a_file_are_refused(forged: dict[str, Any], tmp_path: P
     file.write_bytes(actor_bytes(replace(network.architecture, **forged), network.member(0), 0))
     with pytest.raises(ConfigError, match=r"frugality|reach"):
         read_policy(file)
+
+
+def test_a_file_of_before_prices_fell_is_read(tmp_path: Path) -> None:
+    network = contestant("any-craft-2d").network
+    file = tmp_path / "agent.safetensors"
+    older = replace(network.architecture, frugal=(1.0, 0.5, 0.0, 2.0, 1.0, 1.0))
+    file.write_bytes(actor_bytes(older, network.member(0), 0))
+    assert read_policy(file).network.architecture.frugality == AS_TRAINED._replace(
+        farthest=0.5, price=2.0
+    )
 
 
 def test_weights_that_are_not_finite_are_not_written() -> None:

@@ -384,9 +384,10 @@ def _check_craft(architecture: Architecture) -> None:
     if backbone.has_tokens and [*map(len, architecture.tokens)] not in widths:
         raise ValueError("its tokens are of another spacecraft")
     frugal = architecture.frugal
+    # Older files have no factor of the price far away.
     if frugal and (
         not architecture.authority
-        or len(frugal) != len(AS_TRAINED)
+        or len(frugal) not in (len(AS_TRAINED) - 1, len(AS_TRAINED))
         or not 0.0 < frugal[0] <= 1.0
         or min(frugal[1:3]) < 0.0
         or frugal[2] > math.pi
@@ -394,7 +395,7 @@ def _check_craft(architecture: Architecture) -> None:
     ):
         raise ValueError(
             "its frugality is not a part of a distance, a distance, an angle, factors of a price, of "
-            "accelerations and of a time, or it is no agent for any craft"
+            "accelerations, of a time and of the price far away, or it is no agent for any craft"
         )
     reach = architecture.reach
     if reach and (len(architecture.authority) != 7 or len(reach) != 8 or min(reach) <= 0.0):

@@ -64,7 +64,7 @@ const inOrder = columns => columns.map((_, k) => k).sort((k, n) => {
   return axis === undefined ? 0 : columns[k][axis] - columns[n][axis];
 });
 
-// Useful ways to open on/off thrusters: which are open, what they change, and the linear function of a demand.
+// Useful ways to open on/off thrusters: which are open, what they change, the linear function of a demand, and what it loses far from the goal.
 function subsets(columns, shared) {
   const order = inOrder(columns), count = columns.length;
   // The price of thrust falls with an authority margin below 1.
@@ -94,7 +94,7 @@ function subsets(columns, shared) {
   return [...first.values()].sort((k, n) => k - n).map(n => {
     const {opened, twist, thrust} = rows[n], placed = new Array(count).fill(0);
     order.forEach((k, place) => { placed[k] = opened[place]; });
-    return {opened: placed, twist, offset: -product(twist, twist) - falling * thrust};
+    return {opened: placed, twist, offset: -product(twist, twist) - falling * thrust, dearer: (DATA.allocation.away[frugal] - 1) * falling * thrust};
   });
 }
 
@@ -118,10 +118,10 @@ function allocation(tokens) {
   const columns = kinds => tokens.filter(token => kinds.includes(token[3])).map(token => token.slice(0, 3));
   const switched = columns([ON_OFF, SHARED]), throttled = columns([CONTINUOUS]), torques = columns([WHEEL]).map(column => column[2]);
   const table = subsets(switched, tokens.length > 0 && tokens[0][3] === SHARED), total = torques.reduce((sum, x) => sum + Math.abs(x), 0);
-  return demand => {
+  return ({demand, away = [0]}) => {
     let best = table[0], most = -Infinity;
     for (const row of table) {
-      const value = 2 * product(demand, row.twist) + row.offset;
+      const value = 2 * product(demand, row.twist) + row.offset - away[0] * row.dearer;
       if (value > most) [best, most] = [row, value];
     }
     const {share, left} = shares(demand.map((x, axis) => x - best.twist[axis]), throttled);
@@ -138,5 +138,5 @@ function save(number) {
   if (tokens) allocated = allocation(tokens);
 }
 function act(carried, errors, memory) {
-  return {command: in_ranges(allocated(demands[frugal](carried, errors, authority).demand)).command, memory};
+  return {command: in_ranges(allocated(demands[frugal](carried, errors, authority))).command, memory};
 }

@@ -35,6 +35,7 @@ from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.outline import Outline
+from rans.policy.adaptation import AWAY
 from rans.policy.allocation import FALL, MOST_SUBSETS, PASSES, PRICE
 from rans.policy.any_craft import RANGES, frugal, is_for_any_craft
 from rans.policy.architecture import Architecture
@@ -313,8 +314,9 @@ class _Traced:
     def demand(self, network: Network, number: int, prefix: str) -> str:
         """``demand0(carried, errors, authority)`` or of another number: change of twist to be allocated.
 
-        It is in units of the authority, which is a control period, six accelerations, the least linear and
-        angular one of them, and those along `rans.policy.authority.WAYS`. Names of layers begin with the prefix.
+        Beside it is ``away``, 1 where the goal is far, if the price of thrust depends on it. The demand is in units
+        of the authority, which is a control period, six accelerations, the least linear and angular one of them,
+        and those along `rans.policy.authority.WAYS`. Names of layers begin with the prefix.
         """
         errors, observation = self._observed()
         architecture = network.architecture
@@ -353,7 +355,8 @@ class _Traced:
             for name in step.outputs
         )
         # The page allocates the demand itself, so that the program ends before the head's choice.
-        outputs, stages = symbols(program, values, [head])
+        rows = {"demand": head} | ({"away": AWAY} if architecture.frugality.away != 1.0 else {})
+        outputs, stages = symbols(program, values, [*rows.values()])
         arguments = {"carried": self.carried, "errors": errors, "authority": numbers}
         stages = [
             stage._replace(
@@ -361,7 +364,8 @@ class _Traced:
             )
             for stage in stages
         ]
-        return function(f"demand{number}", arguments, {"demand": outputs[head]}, stages)
+        results = {name: outputs[row] for name, row in rows.items()}
+        return function(f"demand{number}", arguments, results, stages)
 
     def in_ranges(self) -> str:
         """``in_ranges(outputs)``: commands in the craft's ranges for numbers from 0 to 1."""
@@ -554,6 +558,7 @@ def _allocation_data(choices: list[Network], chosen: int) -> dict[str, Any]:
         ],
         "ways": WAYS,
         "prices": [one.architecture.frugality.price * PRICE for one in choices],
+        "away": [one.architecture.frugality.away for one in choices],
         "chosen": chosen,
         "fall": FALL,
         "passes": PASSES,

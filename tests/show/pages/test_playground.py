@@ -54,10 +54,11 @@ AGENTS = (
     "go-to-pose-2d-robust",
     "any-craft-3d@astrobee-iss",
     "any-craft-2d",
+    "any-craft-2d#1",
     pytest.param("any-craft-2d@pingu", marks=pytest.mark.slow),
 )
 """Without a memory, with filters and a history of commands, with allocation to throttled thrusters in space, to
-on/off thrusters, and to throttled ones and a wheel."""
+on/off thrusters, at a price that falls near the goal too, and to throttled ones and a wheel."""
 SEED = 7
 
 
