@@ -353,6 +353,8 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
     """State after a substep h (s) in the plane: the heading is a polynomial in time, translation a quadrature.
 
     An effect that is None has no operation here, and so none in a kernel.
+
+    The order of its operations decides recorded flights bit by bit.
     """
     # Torque at the start, and its change until the end.
     torque = load.thrust.torque
@@ -403,6 +405,8 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
 
     The spin is a Taylor series, the attitude a Magnus series, and the translation a quadrature. The spin is that in
     axes that do not turn. Where W turns, vectors are turned back into it at every node and at the end.
+
+    The order of its operations decides recorded flights bit by bit.
     """
     inertia = load.body.inertia
     pull = load.disturbance

@@ -129,7 +129,10 @@ def authority(craft: Spacecraft, period: float) -> tuple[float, ...]:
 
 
 def effects(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], ...]:
-    """Token of each command: change of the twist in a period, in units of the authority, and kind of effector."""
+    """Token of each command: change of the twist in a period, in units of the authority, and kind of effector.
+
+    Files of agents have them in the order of the craft's commands.
+    """
     own = Authority.of_numbers(authority(craft, period))
     scale = np.repeat(
         [own.least_linear, own.least_angular], [len(own.linear) // 2, len(own.angular) // 2]

@@ -349,6 +349,8 @@ class _Loop:
         """Velocity change, in B of the beginning of a period, and a ball of how far it is off.
 
         For thrust as designed; ``off`` also has the factor by which thrust and mass may be off.
+
+        The ball may be too wide, never too narrow.
         """
         c, s = self._rotation(str(spin.mid().man_exp()), arb(spin.mid()), jump)
         # Other spins and torques turn the force by other angles, which are integrated over the period.

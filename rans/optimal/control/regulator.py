@@ -257,7 +257,10 @@ class Axis:
 
     @classmethod
     def _solved(cls, period: float, acceleration: float, *price: float) -> Axis:
-        """Axis of a double integrator at these prices, by the Riccati equation."""
+        """Axis of a double integrator at these prices, by the Riccati equation.
+
+        A price of 0 for the position leaves its gain at 0; `Gains.coupled` is its counterpart in a drift.
+        """
         from scipy.linalg import solve_discrete_are
 
         priced = slice(0 if price[0] > 0 else 1, 2)

@@ -178,6 +178,8 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
         """Commands (N, n): of coasts, or of mission guidance where it has taken over.
 
         The observation is not read.
+
+        Every call counts a control period.
         """
         size = len(observation)
         state, goal = map_leaves(lambda x: np.broadcast_to(x, size), (state, goal))

@@ -513,6 +513,8 @@ def _adjust(
 
     Of an error e of the momentum with the covariance C, the rate has S J C^-1 e, where S is the variance of its
     errors, and speeds alike.
+
+    It replaces `rate_errors` and `speed_errors` of every log, from which `_Momentum.derivatives` goes on.
     """
     result = []
     for number, rows in enumerate(model.rows):
