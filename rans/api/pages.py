@@ -404,10 +404,11 @@ _PACKAGES = {"onnx": "onnx", "sb3": "stable_baselines3"}
 
 
 def is_craft_alone(text: str) -> bool:
-    """Whether a text names a spacecraft and no agent."""
+    """Whether a text names a spacecraft and no agent; AGENT@mine.toml is an agent, unless a file has this name."""
     from rans.model.spacecraft_file import SPACECRAFT
 
     is_agent = text in pretrained_names() or Path(text).is_dir()
+    is_agent |= "@" in text and not Path(text).is_file()
     return not is_agent and (text.endswith(".toml") or text in SPACECRAFT)
 
 

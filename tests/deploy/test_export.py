@@ -156,6 +156,20 @@ def test_without_its_critic_it_is_the_same_agent_in_half(
         rans.PPO.load(folder / "agent.safetensors", engine)
 
 
+def test_an_agent_leaves_for_a_craft_of_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    mine = replace(load_spacecraft("floating-platform"), name="mine")
+    Path("mine.toml").write_text(to_toml(mine), "utf-8")
+    words = ["export", "any-craft-2d@mine.toml", "--format", "numpy", "--output", "out"]
+    assert main([*words, "--episodes", "1"]) == 0
+    assert load_spacecraft("out/spacecraft.toml").name == "mine"
+    # One that is not there is an agent without its craft, not a spacecraft.
+    assert main(["export", "any-craft-2d@other.toml", "--format", "numpy"]) == 2
+    assert "there is no spacecraft file other.toml" in " ".join(capsys.readouterr().err.split())
+
+
 @pytest.mark.parametrize(
     "name", ["go-to-pose-2d-trade-off#0.4", "multi-task-2d#go-to-pose", "go-to-pose-2d#7"]
 )
