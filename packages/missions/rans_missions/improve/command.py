@@ -56,6 +56,7 @@ def improve(
     """
     from rans.extend import TASKS, Setup, contestant, scenarios
     from rans.model.actuators import Throttle
+    from rans.policy.timing import timing_of_file
     from rans.registry import typed
     from rans_missions.improve import search
 
@@ -73,14 +74,15 @@ def improve(
         )
     # The craft, and throttled thrusters in place of its own where these are on/off.
     name = spacecraft or mission.spacecraft
-    agents = [text for text in contestants if text.startswith("pretrained:")]
     if name is not None:
         craft = load_spacecraft(name)
-    elif agents:
-        craft = contestant(agents[0]).craft
+        setup = Setup(craft, mission, timing_of_file(craft, mission, str(name)))
+    elif (agent := _agent_of(contestants)) is not None:
+        run = contestant(agent)
+        craft = run.craft
+        setup = Setup(craft, mission, run.timing)
     else:
         raise ConfigError(f"{task} has no spacecraft of its own: add --spacecraft NAME.")
-    setup = Setup(craft, mission, mission.timing)
     ready_folder(file.parent)
     # Flights of throttled thrusters, such as optimal trajectories, become pulses of thrusters that are on or off.
     throttled = setup
@@ -112,6 +114,14 @@ def _check_order(task: str, contestants: Sequence[str]) -> None:
             f"{task} is what the search begins from, and {mission} stands before it: "
             f"rans improve {named} {' '.join(others)}."
         )
+
+
+def _agent_of(contestants: Sequence[str]) -> str | None:
+    """The first trained agent among contestants, which says what it flies; None: there is none."""
+    from rans.extend import ContestantName
+
+    agents = ("pretrained", "run folder")
+    return next((text for text in contestants if ContestantName.parse(text).kind in agents), None)
 
 
 def _controller_of(mission: Task) -> str:
@@ -149,15 +159,16 @@ class Improve(Options):
         from rans.extend import TASKS
         from rans.registry import typed
 
-        # An agent says what it flies.
-        agents = (text for text in self.contestants if ":" in text)
-        first = next(agents, self.contestants[0])
-        if ":" not in first:
+        # An agent says what it flies, and so does a controller with its task.
+        first = next((text for text in self.contestants if ":" in text), self.contestants[0])
+        first = _agent_of(self.contestants) or first
+        if _agent_of((first,)) is None and ":" not in first:
             mission = TASKS[typed(self.task)]()
             name = self.spacecraft or mission.spacecraft
             dimension = load_spacecraft(name).dimension if name is not None else 3
             who = _controller_of(mission) if first.endswith(".csv") else first
-            first = f"{who}:{self.task}-{dimension}d"
+            craft = f"@{self.spacecraft}" if self.spacecraft else ""
+            first = f"{who}:{self.task}-{dimension}d{craft}"
         words = ["rans", "compare", first, str(self.output), "--episodes", str(self.episodes)]
         return (shlex.join(words),)
 

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.improve import pulses, search
-from rans_missions.improve.command import Improve
+from rans_missions.improve.command import Improve, improve
 from rans_missions.improve.judging import judged
 from rans_missions.script import Script
 from rans_missions.tasks import Avoid, Dock
@@ -27,7 +27,7 @@ from rans.evaluation.fly.flights_file import FlightsFile
 from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import fly
 from rans.model.actuators import Actuators, OnOff, Throttle
-from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.model.spacecraft_file import load_spacecraft, spacecraft_names, to_toml
 from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPosition
@@ -138,7 +138,12 @@ def test_a_craft_that_turns_is_searched_by_its_commands(tmp_path: Path) -> None:
         (("dock", "mission"), "mission:dock-3d"),
         (("dock", "least.csv"), "mission:dock-3d"),
         (("inspect", "least.csv"), "circumnavigation:inspect-3d"),
-        (("avoid", "lqr", "--spacecraft", "floating-platform"), "lqr:avoid-2d"),
+        (
+            ("avoid", "lqr", "--spacecraft", "floating-platform"),
+            "lqr:avoid-2d@floating-platform",
+        ),
+        (("go-to-pose", "any-craft-2d@pingu"), "any-craft-2d@pingu"),
+        (("avoid", ("lqr", "avoid-2d")), "avoid-2d"),
         (
             ("avoid", "pretrained:avoid-2d", "--spacecraft", "floating-platform"),
             "pretrained:avoid-2d",
@@ -156,6 +161,33 @@ def test_the_next_command_judges_the_flights_on_their_own_craft(
         **dict(zip(["spacecraft"], options[1:], strict=False)),
     )
     assert command.following()[0].split()[2] == judged
+
+
+def test_flights_are_searched_in_the_time_that_a_comparison_gives_them(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The craft of a file has a timing of its own, and an agent for any craft says which craft it flies."""
+    monkeypatch.chdir(tmp_path)
+    heavy = replace(PLATFORM, name="heavy", mass=16.0)
+    Path("heavy.toml").write_text(to_toml(heavy), "utf-8")
+    setups = []
+
+    class Found(Exception): ...
+
+    def searched(setup: Setup, *_: Any, **__: Any) -> None:
+        setups.append(setup)
+        raise Found
+
+    monkeypatch.setattr(search, "improve", searched)
+    for who, name in (("lqr", "heavy.toml"), ("any-craft-2d@heavy.toml", None)):
+        with pytest.raises(Found):
+            improve("go-to-pose", who, spacecraft=name, episodes=1)
+        setup = setups.pop()
+        assert (setup.craft.name, setup.craft.mass) == ("heavy", 16.0)
+        timing = contestant("lqr:go-to-pose-2d@heavy.toml").timing
+        assert timing.control_period * timing.episode_steps > 25.0
+        assert setup.timing.episode_steps == timing.episode_steps
+        assert setup.timing.control_period == timing.control_period
 
 
 def test_a_search_without_a_flight_to_begin_from_is_refused() -> None:
