@@ -135,7 +135,7 @@ def _show(comparison: Comparison, full: bool) -> None:
         return
     console = Terminal()
     if not (comparison.entries or comparison.failures):
-        console.say("Interrupted before the first contestant had flown: nothing was written.")
+        console.say("Interrupted before the first contestant had flown: there is no comparison.")
         return
     # Tables: scores, multiples of bounds, the bound of a mission, and the front.
     board = scoreboard(comparison)

@@ -86,7 +86,8 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
     monkeypatch.setattr("rans.evaluation.compare.run.Comparison.fly", interrupted)
     assert main(["compare", "lqr:go-to-pose-2d", "--output", str(tmp_path)]) == 130
     assert {file.read_text() for file in tmp_path.iterdir()} == {"an earlier one"}
-    assert "before the first contestant had flown" in " ".join(capsys.readouterr().out.split())
+    said = " ".join(capsys.readouterr().out.split())
+    assert "before the first contestant had flown: there is no comparison." in said
 
 
 @pytest.mark.parametrize(
