@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import json
 import math
-import os
 import signal
 import subprocess
 import sys
@@ -23,7 +22,7 @@ pytest.importorskip("mcap")
 
 from rans_missions.tasks import Avoid
 from rans_robot.bag import bag_entries
-from rans_robot.bus import Receive, UDPBus, open_bus
+from rans_robot.bus import UDPBus, open_bus
 from rans_robot.commands.fly import Fly
 from rans_robot.foreign.export import export_foreign_for_flight
 from rans_robot.frames import Motion
@@ -46,45 +45,16 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import pretrained_folder
 from rans.tasks import GoToPose
 from tests.support.processes import PATIENCE, wait_until
-from tests.support.robots import AWAY, hear_all
+from tests.support.robots import AWAY, Always, Wire, hear_all, plan, started
 
 PLATFORM = "floating-platform"
 FOREIGN = Path(__file__).parents[3] / "examples" / "trainers" / "agents" / "sb3-ppo.onnx"
-TASK = {"name": "go-to-pose", "settings": {}}
-
-
-def plan_for(agent: Path, **changes: Any) -> Plan:
-    return Plan(folder=str(agent), task=TASK, **changes)
-
-
-class Wire:
-    """A bus within one process."""
-
-    def __init__(self) -> None:
-        self.sent: list[tuple[str, bytes]] = []
-        self._receivers: dict[str, list[Receive]] = {}
-
-    def subscribe(self, topic: str, kind: str, receive: Receive) -> None:
-        self._receivers.setdefault(topic, []).append(receive)
-
-    def count(self, topic: str) -> int:
-        """Number of messages that were sent."""
-        return sum(one == topic for one, _ in self.sent)
-
-    def publish(self, topic: str, kind: str, data: bytes) -> None:
-        self.sent.append((topic, data))
-        for receive in self._receivers.get(topic, ()):
-            receive(data)
-
-    def close(self) -> None:
-        self._receivers.clear()
-
-
-# Frames
-
-
-# Velocities from poses
-
+GOAL = (0.5, -0.5, 30.0)
+TURN = np.radians(30.0) - 0.5
+SEEN = np.array(
+    [[np.cos(0.5), np.sin(0.5), 0, 0, 0, 1, -1.5, -1.5, np.cos(TURN), np.sin(TURN)]], np.float32
+)
+"""What an agent observes away from this goal, by hand."""
 
 # Deciding
 
@@ -101,23 +71,21 @@ def steps(pilot: MessagePilot, motion: Motion, count: int = 3, begin: int = 0) -
 
 
 def test_it_gives_the_agents_commands(agent: Path) -> None:
-    """The same as the agent here gives to the observation of this state, written by hand."""
+    """The same as the agent here gives to the observation of this state."""
     from rans.evaluation.fly.agent import load_policy
 
-    pilot = MessagePilot(plan_for(agent, goal=(0.5, -0.5, 30.0)), GoToPose())
+    pilot = MessagePilot(plan(agent, goal=GOAL), GoToPose())
     (decision, *_) = steps(pilot, AWAY)
-    turn = np.radians(30.0) - 0.5
-    row = [np.cos(0.5), np.sin(0.5), 0, 0, 0, 1, -1.5, -1.5, np.cos(turn), np.sin(turn)]
     controller = load_policy(pretrained_folder("go-to-pose-2d")).controller
     controller.reset(1)
-    expected = controller.act(None, None, np.array([row], np.float32))[0]
+    expected = controller.act(None, None, SEEN)[0]
     np.testing.assert_array_equal(decision.command, expected)
     assert decision.command.any()
     assert decision.note == ""
 
 
 def test_what_is_wrong_shuts_the_valves(agent: Path) -> None:
-    loaded = MessagePilot(plan_for(agent), GoToPose())
+    loaded = MessagePilot(plan(agent), GoToPose())
 
     def fresh() -> MessagePilot:
         pilot = copy.deepcopy(loaded)
@@ -172,7 +140,7 @@ def test_what_is_wrong_shuts_the_valves(agent: Path) -> None:
     ],
 )
 def test_another_robot_is_refused(agent: Path, craft: str, period: float, sentence: str) -> None:
-    pilot = MessagePilot(plan_for(agent), GoToPose())
+    pilot = MessagePilot(plan(agent), GoToPose())
     assert steps(pilot, AWAY)[-1].command.any()
     about = {
         "sha256": craft_hash(load_spacecraft(craft)),
@@ -186,14 +154,11 @@ def test_another_robot_is_refused(agent: Path, craft: str, period: float, senten
 
 
 def test_bytes_that_are_no_message(agent: Path) -> None:
-    pilot = MessagePilot(plan_for(agent), GoToPose())
+    pilot = MessagePilot(plan(agent), GoToPose())
     steps(pilot, AWAY)
     for topic in pilot.inputs:
         pilot.receive(topic, b"\x00\x01\x00\x00nonsense", 0)
     assert pilot.decide(700_000_000).note
-
-
-# The twin
 
 
 # The safety filter
@@ -217,26 +182,12 @@ def avoiding(folder: Path, **changes: Any) -> Plan:
     return Plan(str(folder), {"name": "avoid", "settings": {}}, **settings)
 
 
-class Forward:
-    """An agent that opens every thruster which pushes along -x, towards the zone."""
-
-    note = ""
-
-    def __init__(self, craft: Any) -> None:
-        self._command = (np.array(craft.wrench_map)[:, 0] < -1e-6).astype(np.float32)
-
-    def reset(self) -> None:
-        """Nothing to forget."""
-
-    def act(self, observation: np.ndarray) -> np.ndarray:
-        return self._command
-
-
 @pytest.mark.parametrize("guard", [False, True])
 def test_no_agent_enters_a_zone_behind_the_filter(guard: bool, avoider: Path) -> None:
     """Distances by hand, of the twin's motion."""
     pilot = MessagePilot(avoiding(avoider, guard=guard), Avoid())
-    pilot.agent = Forward(pilot.craft)
+    # Every thruster that pushes along -x, towards the zone.
+    pilot.agent = Always(np.array(pilot.craft.wrench_map)[:, 0] < -1e-6)
     twin = Craft(TwinPlan(pilot.craft, 0.2, start=(3.0, 0.1, 0.0), rate=25.0))
     nearest = np.inf
     replaced = 0
@@ -256,7 +207,7 @@ def test_no_agent_enters_a_zone_behind_the_filter(guard: bool, avoider: Path) ->
 @pytest.mark.slow
 def test_a_filtered_flight_comes_out_of_its_bag_again(avoider: Path, tmp_path: Path) -> None:
     bag = tmp_path / "flight.mcap"
-    plan = avoiding(avoider, guard=True, lost_after=60.0)
+    flying = avoiding(avoider, guard=True, lost_after=60.0)
     # It moves so fast towards the zone that the filter must act at once.
     fast = AWAY._replace(position=np.array([2.1, 0.0, 0.0]), velocity=np.array([-0.45, 0.0, 0.0]))
     wire = Wire()
@@ -272,7 +223,7 @@ def test_a_filtered_flight_comes_out_of_its_bag_again(avoider: Path, tmp_path: P
     robot.start()
     try:
         report = fly_over(
-            wire, plan, bag, None, lambda _: None, lambda: wire.count("commands") >= 8
+            wire, flying, bag, None, lambda _: None, lambda: wire.count("commands") >= 8
         )
     finally:
         stop.set()
@@ -310,7 +261,7 @@ def test_a_plan_of_wild_numbers_is_refused(
     changes: dict[str, Any], sentence: str, tmp_path: Path
 ) -> None:
     with pytest.raises(ConfigError, match=sentence):
-        plan_for(tmp_path, **changes)
+        plan(tmp_path, **changes)
 
 
 @pytest.mark.parametrize(
@@ -337,9 +288,9 @@ def test_nothing_is_written_for_a_flight_that_cannot_begin(
 
 def test_what_no_filter_keeps_is_refused(agent: Path) -> None:
     with pytest.raises(ConfigError, match="has none"):
-        MessagePilot(plan_for(agent, guard=True), GoToPose())
+        MessagePilot(plan(agent, guard=True), GoToPose())
     with pytest.raises(ConfigError, match="no keep-out zones"):
-        MessagePilot(plan_for(agent, zones=ZONES), GoToPose())
+        MessagePilot(plan(agent, zones=ZONES), GoToPose())
 
 
 # Flights, bags and buses
@@ -351,17 +302,16 @@ def flown(
     """A flight of so many commands of a node against a twin, as two threads."""
     said: list[str] = []
     stop = threading.Event()
-    plan = TwinPlan(load_spacecraft(PLATFORM), 0.2, start=(0.3, 0.2, 10.0), rate=25.0, **changes)
+    other = TwinPlan(load_spacecraft(PLATFORM), 0.2, start=(0.3, 0.2, 10.0), rate=25.0, **changes)
     ends: list[Motion] = []
-    other = changes.get("robot", "ros")
     twin = threading.Thread(
-        target=lambda: ends.append(run_twin(wire, plan, said.append, stop.is_set))
+        target=lambda: ends.append(run_twin(wire, other, said.append, stop.is_set))
     )
     twin.start()
     try:
         report = fly_over(
             wire,
-            plan_for(agent, robot=other, lost_after=60.0),
+            plan(agent, robot=other.robot, lost_after=60.0),
             bag,
             None,
             said.append,
@@ -416,13 +366,11 @@ def foreign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_foreign_network_gives_the_commands_of_onnx_runtime(foreign: Path) -> None:
     import onnxruntime
 
-    pilot = MessagePilot(plan_for(foreign, goal=(0.5, -0.5, 30.0)), GoToPose())
+    pilot = MessagePilot(plan(foreign, goal=GOAL), GoToPose())
     decision = steps(pilot, AWAY)[0]
-    turn = np.radians(30.0) - 0.5
-    row = [np.cos(0.5), np.sin(0.5), 0, 0, 0, 1, -1.5, -1.5, np.cos(turn), np.sin(turn)]
     session = onnxruntime.InferenceSession(str(FOREIGN))
     name = session.get_inputs()[0].name
-    (answer,) = session.run(None, {name: np.array([row], np.float32)})
+    (answer,) = session.run(None, {name: SEEN})
     expected = np.asarray(answer)[0] > 0.5
     np.testing.assert_array_equal(decision.command > 0.5, expected)
     assert expected.any()
@@ -468,32 +416,18 @@ def test_mcaps_own_reader_opens_a_bag(agent: Path, tmp_path: Path) -> None:
     assert count == len(list(bag_entries(bag)))
 
 
-def start(command: list[str], folder: Path, domain: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "rans", *command],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "ROS_DOMAIN_ID": domain},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("killed", ["node", "twin"])
 def test_a_kill_of_either_side_shuts_the_valves(killed: str, agent: Path, tmp_path: Path) -> None:
     """Two processes over UDP; one is ended by SIGKILL while valves are open."""
-    domain = {"node": "41", "twin": "42"}[killed]
-    monitor = UDPBus(int(domain))
+    domain = {"node": 41, "twin": 42}[killed]
+    monitor = UDPBus(domain)
     valves: list[bool] = []
     commands: list[bool] = []
     monitor.subscribe(VALVES_TOPIC, FLOATS, lambda x: valves.append(any(unpack(FLOATS, x).data)))
     monitor.subscribe("commands", FLOATS, lambda x: commands.append(any(unpack(FLOATS, x).data)))
-    twin = start(
-        ["twin", PLATFORM, "--bus", "udp", "--start", "4", "0", "0", "--rate", "25"],
-        tmp_path,
-        domain,
-    )
+    where: dict[str, Any] = {"domain": domain, "folder": tmp_path}
+    twin = started("twin", PLATFORM, "--start", "4", "0", "0", "--rate", "25", **where)
     running = [twin]
 
     def until(holds: Callable[[], bool], *alive: subprocess.Popen[str]) -> None:
@@ -503,9 +437,7 @@ def test_a_kill_of_either_side_shuts_the_valves(killed: str, agent: Path, tmp_pa
     try:
         # The node waits for the robot 10 s, and modules load longer at times.
         until(lambda: bool(valves), twin)
-        node = start(
-            ["fly", str(agent), "--trust", "--bus", "udp", "--output", "flight"], tmp_path, domain
-        )
+        node = started("fly", str(agent), "--trust", "--output", "flight", **where)
         running.append(node)
         until(lambda: any(commands[-5:]) and any(valves[-5:]), twin, node)
         victim, survivor = (node, twin) if killed == "node" else (twin, node)
@@ -515,7 +447,7 @@ def test_a_kill_of_either_side_shuts_the_valves(killed: str, agent: Path, tmp_pa
             until(lambda: len(valves) > 3 and not any(valves[-3:]), twin)
         else:
             assert survivor.wait(PATIENCE) == 1
-            hear_all(monitor, int(domain))
+            hear_all(monitor, domain)
             assert not any(commands[-3:])
         survivor.send_signal(signal.SIGTERM)
         text, _ = survivor.communicate(timeout=PATIENCE)

@@ -27,54 +27,31 @@ pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
 from rans_robot.bag import bag_entries
-from rans_robot.bus import Receive, UDPBus
+from rans_robot.bus import UDPBus
 from rans_robot.interfaces import RobotName, interface
 from rans_robot.messages import FLOATS, TEXT, text_message, unpack
 from rans_robot.node import END_TOPIC, Inbox, Report, fly_over, planned_task, replay_bag
-from rans_robot.pilot import AGENT_TOPIC, MessagePilot, Plan
+from rans_robot.pilot import AGENT_TOPIC, MessagePilot
 
 from rans.errors import ConfigError
 from tests.support.processes import PATIENCE, wait_until
-from tests.support.robots import AWAY, hear_all
+from tests.support.robots import AWAY, Always, Wire, hear_all, plan, started
 
 OPEN = np.ones(8)
 
 
-class Wide:
-    """An agent that opens every valve, and may fail at one of its decisions."""
-
-    note = ""
-
-    def __init__(self, fails_at: int = 10**9) -> None:
-        self.calls = 0
-        self.fails_at = fails_at
-
-    def reset(self) -> None:
-        """Nothing to forget."""
-
-    def act(self, observation: np.ndarray) -> np.ndarray:
-        self.calls += 1
-        if self.calls > self.fails_at:
-            raise MemoryError
-        return OPEN.astype(np.float32)
-
-
-class Robot:
+class Robot(Wire):
     """A bus with a robot, which answers each command with a state and remembers the commands that it took."""
 
     def __init__(self, robot: RobotName = "ros", fails_at: int = 10**9, fails: int = 1) -> None:
+        super().__init__()
         self.ends = interface(robot, 8, 8)
         self.commands: list[np.ndarray] = []
-        self.receivers: dict[str, Receive] = {}
-        self.published: dict[str, int] = {}
         self.fails = range(fails_at, fails_at + fails)
         self.attempts = 0
 
-    def subscribe(self, topic: str, kind: str, receive: Receive) -> None:
-        self.receivers[topic] = receive
-
     def publish(self, topic: str, kind: str, data: bytes) -> None:
-        self.published[topic] = self.published.get(topic, 0) + 1
+        self.sent.append((topic, data))
         if topic in self.ends.outputs:
             self.attempts += 1
             if self.attempts in self.fails:
@@ -83,14 +60,7 @@ class Robot:
             if command is not None:
                 self.commands.append(command)
         for message in self.ends.state(AWAY, time.time_ns()):
-            self.send(message.topic, message.data)
-
-    def send(self, topic: str, data: bytes) -> None:
-        if topic in self.receivers:
-            self.receivers[topic](data)
-
-    def close(self) -> None:
-        self.receivers.clear()
+            self.hand_on(message.topic, message.data)
 
 
 class Disk(io.RawIOBase):
@@ -147,13 +117,9 @@ def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rans_robot.node._ANNOUNCED", 0.001)
     monkeypatch.setattr("rans_robot.node._LAST_SENTENCES", PATIENCE)
     monkeypatch.setattr("rans_robot.bag._PATIENCE", PATIENCE)
-    monkeypatch.setattr("rans_robot.pilot.exported_agent", lambda _: Wide())
+    monkeypatch.setattr("rans_robot.pilot.exported_agent", lambda _: Always(OPEN))
     monkeypatch.setattr("rans_robot.node._warm_up", lambda _: None)
     monkeypatch.setattr(gc, "collect", lambda _=2: 0)  # of all that the tests have imported
-
-
-def plan(folder: Path, **changes: Any) -> Plan:
-    return Plan(str(folder), {"name": "go-to-pose", "settings": {}}, **changes)
 
 
 def flight(
@@ -273,12 +239,12 @@ def test_no_wait_for_a_message_is_endless(quick: Path) -> None:
     bus = Robot()
     inbox = Inbox(MessagePilot(flying, planned_task(flying)))
     inbox.open(bus)
-    topic = next(iter(bus.receivers))
+    topic = "pose"
 
     def wait() -> None:
         for number in range(30_000):
             inbox.refill()
-            bus.send(topic, b"")
+            bus.hand_on(topic, b"")
             assert inbox.next(1.0) is not None
             assert inbox.next(1e-9 + number % 50 * 2e-8) is None
 
@@ -328,9 +294,9 @@ def test_a_flight_without_a_state_is_a_fault(
     monkeypatch.setattr("rans_robot.node.time", clock)
 
     class Deaf(Robot):
-        def send(self, topic: str, data: bytes) -> None:
+        def hand_on(self, topic: str, data: bytes) -> None:
             if topic in sends:
-                super().send(topic, data)
+                super().hand_on(topic, data)
 
     bus = Deaf()
     bag = tmp_path / "flight.mcap"
@@ -375,7 +341,7 @@ def test_a_terminal_that_hangs_is_not_waited_for(
 
 def test_an_agent_that_fails_shuts_the_valves(quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for at in range(3):
-        monkeypatch.setattr("rans_robot.pilot.exported_agent", lambda _, at=at: Wide(at))
+        monkeypatch.setattr("rans_robot.pilot.exported_agent", lambda _, at=at: Always(OPEN, at))
         bus = Robot()
         with pytest.raises(MemoryError):
             flight(bus, quick, None)
@@ -476,17 +442,8 @@ class Node:
         )
         self.sender = threading.Thread(target=self._send)
         self.sender.start()
-        self.process = subprocess.Popen(
-            [
-                *(sys.executable, "-m", "rans", "fly", str(agent), "--trust", "--bus", "udp"),
-                *("--output", str(folder / "flight")),
-            ],
-            cwd=Path(__file__).parents[3],
-            env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
+        output = str(folder / "flight")
+        self.process = started("fly", str(agent), "--trust", "--output", output, domain=domain)
 
     def _send(self) -> None:
         while not self.silent.wait(0.02):
@@ -568,7 +525,7 @@ def test_a_second_node_refuses(quick: Path, monkeypatch: pytest.MonkeyPatch) -> 
             Robot.publish(one, topic, kind, data)
             if topic == AGENT_TOPIC:
                 for robot in (first, second):
-                    robot.send(topic, data)
+                    robot.hand_on(topic, data)
 
         one.publish = publish  # type: ignore[method-assign]
     about = plan(quick, lost_after=60.0)
@@ -581,8 +538,8 @@ def test_a_second_node_refuses(quick: Path, monkeypatch: pytest.MonkeyPatch) -> 
             time.sleep(0.01)
         with pytest.raises(ConfigError, match="another node commands this robot, with the agent"):
             flight(second, quick, None)
-        heard = first.published["commands"]
-        while first.published["commands"] < heard + 2:
+        heard = first.count("commands")
+        while first.count("commands") < heard + 2:
             time.sleep(0.01)
     finally:
         done.set()
@@ -596,7 +553,7 @@ def test_a_second_node_refuses(quick: Path, monkeypatch: pytest.MonkeyPatch) -> 
     other = announcement("other", ["fmu/in/actuator_motors"])
     alone.publish = lambda *message: (  # pyrefly: ignore[bad-assignment]
         Robot.publish(alone, *message),  # pyrefly: ignore[bad-argument-type]
-        alone.send(AGENT_TOPIC, other),
+        alone.hand_on(AGENT_TOPIC, other),
     )  # type: ignore[method-assign,assign]
     assert not any("another node" in note for note in flight(alone, quick, None).notes)
 
@@ -616,7 +573,7 @@ def test_a_second_node_refuses(quick: Path, monkeypatch: pytest.MonkeyPatch) -> 
 )
 def test_strangers_do_not_keep_a_node_from_flying(data: bytes, quick: Path) -> None:
     bus = Robot()
-    bus.publish = lambda *message: (Robot.publish(bus, *message), bus.send(AGENT_TOPIC, data))  # type: ignore[method-assign,assign]
+    bus.publish = lambda *message: (Robot.publish(bus, *message), bus.hand_on(AGENT_TOPIC, data))  # type: ignore[method-assign,assign]
     flight(bus, quick, None)
     assert any(command.any() for command in bus.commands)
 
@@ -633,8 +590,8 @@ def test_a_flood_is_bounded(quick: Path, tmp_path: Path) -> None:
         Robot.publish(bus, *message)
         if message[0] == "commands":
             for _ in range(10_000):
-                bus.send("pose", pose)
-            bus.send("rans/craft", large)
+                bus.hand_on("pose", pose)
+            bus.hand_on("rans/craft", large)
 
     bus.publish = publish  # type: ignore[method-assign]
     report = flight(bus, quick, bag, 6, said.append)

@@ -35,14 +35,13 @@ from rans_robot.pilot import (
     GOAL_TOPIC,
     Decision,
     MessagePilot,
-    Plan,
     craft_hash,
 )
-from rans_robot.twin import TwinPlan, run_twin
+from rans_robot.twin import VALVES_TOPIC, TwinPlan, run_twin
 from rans_robot.validator import Reading, Validator
 
 from rans.tasks import GoToPose
-from tests.support.robots import AWAY
+from tests.support.robots import AWAY, Always, Wire, plan
 
 ROBOTS: tuple[RobotName, ...] = get_args(RobotName)
 SECOND = 10**9
@@ -51,24 +50,10 @@ NOW = 1_700_000_000 * SECOND
 """A clock of these years, ns."""
 
 
-class Open:
-    """An agent that opens every valve."""
-
-    note = ""
-    command = np.ones(8, np.float32)
-
-    def reset(self) -> None:
-        """Nothing to forget."""
-
-    def act(self, observation: np.ndarray) -> np.ndarray:
-        return self.command
-
-
 def pilot(agent: Path, robot: RobotName = "ros", **changes: Any) -> MessagePilot:
-    plan = Plan(str(agent), {"name": "go-to-pose", "settings": {}}, robot=robot, **changes)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rans_robot.pilot.exported_agent", lambda _: Open())
-        return MessagePilot(plan, GoToPose())
+        patch.setattr("rans_robot.pilot.exported_agent", lambda _: Always(np.ones(8)))
+        return MessagePilot(plan(agent, robot=robot, **changes), GoToPose())
 
 
 Message = tuple[str, bytes]
@@ -278,22 +263,26 @@ def test_any_delay_below_the_oldest_is_flown(delays: list[float], offset: float)
 # Numbers, attitudes and frames
 
 NAN = float("nan")
+H = np.sqrt(0.5)
 BAD_MOTIONS = {
-    "zero quaternion": AWAY._replace(attitude=np.zeros(4)),
-    "short quaternion": AWAY._replace(attitude=0.8 * quaternion_of(0.5)),
-    "long quaternion": AWAY._replace(attitude=1.2 * quaternion_of(0.5)),
-    "one quaternion number": AWAY._replace(attitude=np.array([1.0, 0.0, 0.0, NAN])),
-    "huge quaternion": AWAY._replace(attitude=np.array([1e30, 0.0, 0.0, 1.0])),
-    "upside down": AWAY._replace(attitude=np.array([0.0, 1.0, 0.0, 0.0])),
-    "on its side": AWAY._replace(attitude=np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0])),
-    "high above": AWAY._replace(position=np.array([2.0, 1.0, 7.0])),
-    "nan position": AWAY._replace(position=np.array([NAN, 1.0, 0.0])),
-    "infinite position": AWAY._replace(position=np.array([0.0, -np.inf, 0.0])),
-    "far position": AWAY._replace(position=np.array([1e30, 1.0, 0.0])),
-    "nan velocity": AWAY._replace(velocity=np.array([0.0, NAN, 0.0])),
-    "fast": AWAY._replace(velocity=np.array([1e6, 0.0, 0.0])),
-    "nan spin": AWAY._replace(spin=np.array([0.0, 0.0, NAN])),
-    "fast spin": AWAY._replace(spin=np.array([0.0, 0.0, -1e6])),
+    name: AWAY._replace(**{part: np.array(numbers, float)})
+    for name, part, numbers in (
+        ("zero quaternion", "attitude", (0, 0, 0, 0)),
+        ("short quaternion", "attitude", 0.8 * AWAY.attitude),
+        ("long quaternion", "attitude", 1.2 * AWAY.attitude),
+        ("one quaternion number", "attitude", (1, 0, 0, NAN)),
+        ("huge quaternion", "attitude", (1e30, 0, 0, 1)),
+        ("upside down", "attitude", (0, 1, 0, 0)),
+        ("on its side", "attitude", (H, 0, H, 0)),
+        ("high above", "position", (2, 1, 7)),
+        ("nan position", "position", (NAN, 1, 0)),
+        ("infinite position", "position", (0, -np.inf, 0)),
+        ("far position", "position", (1e30, 1, 0)),
+        ("nan velocity", "velocity", (0, NAN, 0)),
+        ("fast", "velocity", (1e6, 0, 0)),
+        ("nan spin", "spin", (0, 0, NAN)),
+        ("fast spin", "spin", (0, 0, -1e6)),
+    )
 }
 
 
@@ -357,31 +346,30 @@ def odometry(attitude: np.ndarray, velocity: Any, spin: Any, frame: str, child: 
     return pack(ODOMETRY, template)
 
 
-@pytest.mark.parametrize("child", ["base_link", "body", "robot1/base_link", "/base_link"])
-def test_a_twist_in_the_body(child: str) -> None:
-    """Turned to +y, it moves forward: by hand."""
+@pytest.mark.parametrize(
+    ("frame", "child", "is_world"),
+    [
+        *(
+            ("odom", body, False)
+            for body in ("base_link", "body", "robot1/base_link", "/base_link")
+        ),
+        *((world, world, True) for world in ("odom", "map", "/world")),
+        *(("odom", "", None), ("map", "odom", None), ("world", "uav1/map", None)),
+    ],
+)
+def test_a_twist_is_in_the_frame_of_the_child(
+    frame: str, child: str, is_world: bool | None
+) -> None:
+    """Of a body that faces +y, by hand: forward is +y, and what turns it about +x of the world is about its -y."""
     ends = interface("odometry", 8, 8)
-    north = quaternion_of(np.pi / 2)
-    reading = ends.read("odom", odometry(north, (1, 0, 0), (0.1, 0, 0.3), "odom", child))
-    assert reading.velocity == pytest.approx([0.0, 1.0, 0.0])
-    assert reading.spin == pytest.approx([0.1, 0.0, 0.3])
-
-
-@pytest.mark.parametrize("frame", ["odom", "map", "/world"])
-def test_a_twist_in_the_world(frame: str) -> None:
-    """Its child is its parent: +x is +x, and what turns it about x turns the body, which faces +y, about -y."""
-    ends = interface("odometry", 8, 8)
-    north = quaternion_of(np.pi / 2)
-    reading = ends.read("odom", odometry(north, (1, 0, 0), (0.1, 0, 0.3), frame, frame))
-    assert reading.velocity == pytest.approx([1.0, 0.0, 0.0])
-    assert reading.spin == pytest.approx([0.0, -0.1, 0.3])
-
-
-@pytest.mark.parametrize(("frame", "child"), [("odom", ""), ("map", "odom"), ("world", "uav1/map")])
-def test_a_twist_in_no_known_frame_is_refused(frame: str, child: str) -> None:
-    data = odometry(quaternion_of(0.0), (1, 0, 0), (0, 0, 0), frame, child)
-    with pytest.raises(ValueError, match="child_frame_id is"):
-        interface("odometry", 8, 8).read("odom", data)
+    data = odometry(quaternion_of(np.pi / 2), (1, 0, 0), (0.1, 0, 0.3), frame, child)
+    if is_world is None:
+        with pytest.raises(ValueError, match="child_frame_id is"):
+            ends.read("odom", data)
+        return
+    reading = ends.read("odom", data)
+    assert reading.velocity == pytest.approx([1, 0, 0] if is_world else [0, 1, 0])
+    assert reading.spin == pytest.approx([0, -0.1, 0.3] if is_world else [0.1, 0, 0.3])
 
 
 @pytest.mark.parametrize("topic", ["pose", "twist", GOAL_TOPIC])
@@ -530,7 +518,7 @@ def test_a_valve_is_open_or_shut(value: int) -> None:
 )
 def test_an_agent_that_gives_no_command_shuts_the_valves(given: Any, agent: Path) -> None:
     one = pilot(agent)
-    one.agent.command = np.array(given)
+    one.agent = Always(given)
     decisions = fly(one, lambda k, now: states(one, AWAY, now), 4)
     assert not any(opened(decisions))
     assert "the agent: the command is" in decisions[-1].note
@@ -557,30 +545,21 @@ def test_a_twin_says_what_it_refuses_and_its_watchdog_shuts(
     """Commands that are none neither open valves nor keep them open."""
     from rans.model.spacecraft_file import load_spacecraft
 
-    receivers: dict[str, Any] = {}
-    valves: list[bool] = []
-
-    class Wire:
-        sent = 0
-
-        def subscribe(self, topic: str, kind: str, receive: Any) -> None:
-            receivers[topic] = receive
-
+    class Commander(Wire):
         def publish(self, topic: str, kind: str, data: bytes) -> None:
+            super().publish(topic, kind, data)
             if topic == "pose":
-                self.sent += 1
-                row = np.ones(8) if self.sent == 3 else np.full(8, NAN)
-                receivers["commands"](pack(FLOATS, array(FLOATS, row, np.float32)))
-            if topic == "rans/valves":
-                valves.append(bool(np.any(unpack(FLOATS, data).data)))
-
-        def close(self) -> None:
-            """Nothing to close."""
+                row = np.ones(8) if self.count("pose") == 3 else np.full(8, NAN)
+                self.hand_on("commands", pack(FLOATS, array(FLOATS, row, np.float32)))
 
     said: list[str] = []
-    plan = TwinPlan(load_spacecraft("floating-platform"), 0.05, rate=50.0, seconds=0.6)
+    wire = Commander()
+    about = TwinPlan(load_spacecraft("floating-platform"), 0.05, rate=50.0, seconds=0.6)
     monkeypatch.setattr("rans_robot.twin.time", _Clock())
-    run_twin(Wire(), plan, said.append)
+    run_twin(wire, about, said.append)
+    valves = [
+        np.any(unpack(FLOATS, data).data) for topic, data in wire.sent if topic == VALVES_TOPIC
+    ]
     assert any(valves)
     assert not valves[-1]
     assert sum("commands: the command is (nan" in text for text in said) == 1
