@@ -6,10 +6,9 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 import rans
-from rans.model.fields import leaves
+from rans.drawing import columns, rotations
 from rans.model.spacecraft import Spacecraft
 
 SLOSH = rans.Slosh(1.064, 0.06, (0.05, 0.03, 0.0), (-0.6, 0.8, 0.0), 0.002)
@@ -35,14 +34,14 @@ def slosh_of(craft: Spacecraft) -> Any:
 
 
 class Sums(NamedTuple):
-    """Sums over the rigid part and the mass that swings, with fields of the states' shape."""
+    """Sums over the rigid part and the mass that swings, of N states."""
 
     momentum: np.ndarray
-    """(2 or 3, ...), kg m/s."""
+    """(N, 3), kg m/s."""
     angular: np.ndarray
-    """About W's origin, N m s; a vector (3, ...) in space."""
+    """About W's origin, (N, 3), N m s."""
     energy: np.ndarray
-    """J."""
+    """J, (N,)."""
 
 
 def sums(craft: Spacecraft, states: Any) -> Sums:
@@ -51,49 +50,6 @@ def sums(craft: Spacecraft, states: Any) -> Sums:
     The rigid part's mass, centre and inertia are those that make up the craft's with the mass at rest.
     """
     slosh = slosh_of(craft)
-    centre = np.array(craft.centre_of_mass[:2])
-    hinge = np.array(slosh.hinge[:2]) - centre
-    toward = np.arctan2(slosh.direction[1], slosh.direction[0])
-    rest = hinge + slosh.length * np.array(slosh.direction[:2])
-    rigid = craft.mass - slosh.mass
-    offset = -slosh.mass / rigid * rest
-    inertia = craft.inertia[2][2] - slosh.mass * rest @ rest - rigid * offset @ offset
-    theta = np.asarray(states.attitude.angle)
-    spin = np.asarray(states.w)
-    angle, rate = map(np.asarray, states.stores[:2])
-    origin = np.stack([states.p.x, states.p.y])
-    speed = np.stack([states.v.x, states.v.y])
-
-    def turned(vector: Any, by: np.ndarray) -> np.ndarray:
-        x, y = vector
-        return np.stack([np.cos(by) * x - np.sin(by) * y, np.sin(by) * x + np.cos(by) * y])
-
-    def perpendicular(vector: np.ndarray) -> np.ndarray:
-        return np.stack([-vector[1], vector[0]])
-
-    at_rigid = turned(offset, theta)
-    to_hinge = turned(hinge, theta)
-    rod = turned((slosh.length, 0.0), theta + toward + angle)
-    momentum, angular, energy = np.zeros_like(origin), 0.5 * 0.0 * spin, 0.5 * inertia * spin**2
-    angular = angular + inertia * spin
-    for mass, place, moving in (
-        (rigid, at_rigid, spin * perpendicular(at_rigid)),
-        (
-            slosh.mass,
-            to_hinge + rod,
-            spin * perpendicular(to_hinge) + (spin + rate) * perpendicular(rod),
-        ),
-    ):
-        at, v = origin + place, speed + moving
-        momentum = momentum + mass * v
-        angular = angular + mass * (at[0] * v[1] - at[1] * v[0])
-        energy = energy + 0.5 * mass * (v[0] ** 2 + v[1] ** 2)
-    return Sums(momentum, angular, energy)
-
-
-def sums_in_space(craft: Spacecraft, states: Any) -> Sums:
-    """As `sums`, with rotation matrices."""
-    slosh = slosh_of(craft)
     hinge = np.array(slosh.hinge) - np.array(craft.centre_of_mass)
     rest = hinge + slosh.length * np.array(slosh.direction)
     rigid = craft.mass - slosh.mass
@@ -101,24 +57,30 @@ def sums_in_space(craft: Spacecraft, states: Any) -> Sums:
     tensor = np.array(craft.inertia)
     for mass, arm in ((slosh.mass, rest), (rigid, offset)):
         tensor = tensor - mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    quaternion = np.array(leaves(states.attitude))
-    turn = Rotation.from_quat(np.roll(quaternion, -1, axis=0).T).as_matrix()
+    turn = rotations(states)
 
     def in_world(vectors: Any) -> np.ndarray:
         return np.einsum("nij,nj->ni", turn, np.broadcast_to(vectors, (len(turn), 3)))
 
-    spin = np.transpose(leaves(states.w))
-    rod, slip = np.transpose(states.stores[:3]), np.transpose(states.stores[3:6])
-    momentum = 0.0
+    if craft.dimension == 3:
+        spin = columns(states.w)
+        rod, slip = np.transpose(states.stores[:3]), np.transpose(states.stores[3:6])
+    else:
+        angle, rate = states.stores
+        along = np.arctan2(slosh.direction[1], slosh.direction[0]) + angle
+        spin = np.outer(states.w, [0.0, 0.0, 1.0])
+        rod = np.stack([np.cos(along), np.sin(along), 0.0 * along], axis=1)
+        slip = np.cross(np.outer(rate, [0.0, 0.0, 1.0]), rod)
+    momentum: Any = 0.0
     angular = in_world(spin @ tensor)
     energy = 0.5 * np.einsum("ni,ij,nj->n", spin, tensor, spin)
     for mass, arm, slipping in (
         (rigid, offset, np.zeros(3)),
         (slosh.mass, hinge + slosh.length * rod, slosh.length * slip),
     ):
-        at = np.transpose(leaves(states.p)) + in_world(arm)
-        v = np.transpose(leaves(states.v)) + in_world(np.cross(spin, arm) + slipping)
-        momentum = momentum + mass * v.T
+        at = columns(states.p) + in_world(arm)
+        v = columns(states.v) + in_world(np.cross(spin, arm) + slipping)
+        momentum = momentum + mass * v
         angular = angular + mass * np.cross(at, v)
         energy = energy + 0.5 * mass * (v**2).sum(axis=1)
-    return Sums(np.array(momentum), angular.T, energy)
+    return Sums(momentum, angular, energy)

@@ -25,7 +25,6 @@ from rans.flight import Setup
 from rans.model.actuators import Propellant, Wheel
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire
-from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import EFFECTORS, parse_spacecraft, to_toml
 from rans.model.timing import Timing
@@ -43,11 +42,8 @@ from rans.registry import Registry
 from rans.scenario import draws
 from rans.show.tables.listing import conditions_listing
 from rans.structure import Range, read_toml, structure
-from tests.support.effector_crafts import commands, states
+from tests.support.effector_crafts import states
 from tests.support.effector_flights import untrained_policy
-from tests.support.host_kernels import (
-    engine_on_host,  # noqa: F401  (a fixture)
-)
 from tests.support.pairs import InOrbit
 from tests.support.slosh import IN_SPACE, SLOSH, SLOSHING
 from validation.study.checks import Check, Skipped
@@ -67,34 +63,6 @@ def liquids(mass: Range = 1.0, damping: Range = 1.0) -> Conditions:
 
 
 LIQUIDS = liquids((0.3, 1.0), (0.0, 2.0))
-
-
-def moving(count: int = 4, **changes: Any) -> Any:
-    """States with spins, angles and rates."""
-    random = np.random.default_rng(4)
-    angle, rate = random.uniform(-2.0, 2.0, (2, count))
-    return replace(states(SLOSHING, count), stores=(angle, rate), **changes)
-
-
-def test_small_swings_have_the_frequency_of_a_pendulum() -> None:
-    """The frequency of a light mass below the centre of a heavy craft that accelerates along x is sqrt(a / l)."""
-    slosh = rans.Slosh(1e-5, 0.1, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
-    craft = replace(SLOSHING, further_effectors=(slosh,))
-    still = states(craft, 1, spin=0.0)
-    zero = np.zeros(1)
-    attitude = replace(still.attitude, angle=zero)
-    start = replace(still, attitude=attitude, w=zero, stores=(np.array([0.01]), zero))
-    # Thrusters 1, 2, 4 and 7 push along +x and -x in pairs; the two whose sum is along x are found here.
-    columns = np.array(craft.wrench_map)
-    ahead = [i for i in range(8) if columns[i, 0] > 0]
-    command = tuple(float(i in ahead) for i in range(8))
-    total = columns[ahead].sum(axis=0)
-    np.testing.assert_allclose(total[1:], 0.0, atol=1e-12)
-    period = 2.0 * math.pi / slosh.frequency(total[0] / craft.mass)
-    state = held(start, craft, Body.of(craft), command, Timing(control_period=period, substeps=64))
-    # The period of a swing of 0.01 rad is longer by 0.01^2 / 16.
-    np.testing.assert_allclose(state.stores[0], 0.01, rtol=1e-5)
-    np.testing.assert_allclose(state.stores[1], 0.0, atol=1e-5)
 
 
 @pytest.mark.parametrize("craft", [WHEELED, IN_SPACE], ids=lambda craft: craft.name)
@@ -265,21 +233,6 @@ def test_a_factor_on_a_liquid_that_is_not_there_is_refused() -> None:
     body = replace(Body.of(craft), factors=(np.array([1.0, 0.5]),))
     with pytest.raises(ConfigError, match=r"has 1 factors .* have none"):
         rans.Engine(craft, "go-to-pose", 2, body=body)
-
-
-def test_drawn_liquids_swing_as_such_craft() -> None:
-    """A factor is the same as another mass and damping in the craft's file."""
-    body = replace(Body.of(SLOSHING), factors=(0.5, 3.0))
-    other = replace(
-        SLOSHING,
-        further_effectors=(replace(SLOSH, mass=0.5 * SLOSH.mass, damping=3.0 * SLOSH.damping),),
-    )
-    command = tuple(commands(SLOSHING, 4, seed=2).T)
-    timing = Timing(control_period=0.2, substeps=16)
-    one = held(moving(), SLOSHING, body, command, timing)
-    same = held(moving(), other, Body.of(other), command, timing)
-    for a, b in zip(leaves(one), leaves(same), strict=True):
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
 
 
 def test_the_pendulum_of_an_upright_cylinder() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -35,7 +35,7 @@ from tests.support.host_kernels import (
     needs_compiler,
 )
 from tests.support.pairs import FallingInSpace, FallingInThePlane
-from tests.support.slosh import IN_SPACE, SLOSHING, Sums, slosh_of, sums, sums_in_space
+from tests.support.slosh import IN_SPACE, SLOSHING, slosh_of, sums
 
 
 class Liquid(NamedTuple):
@@ -45,7 +45,6 @@ class Liquid(NamedTuple):
     wheels: tuple[Wheel, ...]
     stores: tuple[str, ...]
     """Names of the liquid's states."""
-    sums: Callable[[Spacecraft, Any], Sums]
     falling: Any
     """Task with gravity."""
     period: float
@@ -66,7 +65,6 @@ PLANE = Liquid(
     SLOSHING,
     (Wheel((0.0, 0.0, 1.0), 0.05, 0.08, 1e-3),),
     ("slosh angle", "slosh rate"),
-    sums,
     FallingInThePlane(),
     0.2,
 )
@@ -74,7 +72,6 @@ SPACE = Liquid(
     IN_SPACE,
     (Wheel((1.0, 0.0, 0.0), 0.02, 0.1, 4e-4), Wheel((0.0, 0.6, 0.8), 0.03, 0.2, 5e-4)),
     tuple(f"slosh {what} {axis}" for what in ("direction", "rate") for axis in "xyz"),
-    sums_in_space,
     FallingInSpace(),
     0.05,
 )
@@ -106,6 +103,48 @@ def test_its_states_are_those_of_its_effectors(liquid: Liquid) -> None:
 
 
 @both
+def test_small_swings_have_the_frequency_of_a_pendulum(liquid: Liquid) -> None:
+    """A light mass in a heavy craft that accelerates along x swings with sqrt(a / l) in every direction across."""
+    slosh = rans.Slosh(1e-5, 0.1, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    craft = replace(liquid.craft, further_effectors=(slosh,))
+    # All thrusters that push along +x have a sum along x.
+    columns = np.array(craft.wrench_map)
+    ahead = columns[:, 0] > 0
+    total = columns[ahead].sum(axis=0)
+    np.testing.assert_allclose(total[1:], 0.0, atol=1e-12)
+    # 0.01 rad towards y, and towards z.
+    away = 0.01 * np.eye(craft.dimension - 1)
+    rod = away if craft.dimension == 2 else [-np.sqrt(1.0 - (away**2).sum(axis=0)), *away]
+    start = replace(
+        states(craft, len(away), spin=0.0), stores=(*rod, *(np.zeros(len(away)) for _ in rod))
+    )
+    period = 2.0 * math.pi / slosh.frequency(total[0] / craft.mass)
+    timing = Timing(control_period=period, substeps=64)
+    state = held(start, craft, Body.of(craft), tuple(map(float, ahead)), timing)
+    found = np.array(state.stores)
+    # The period of a swing of 0.01 rad is longer by 0.01^2 / 16.
+    np.testing.assert_allclose(found[: len(rod)][-len(away) :], away, rtol=1e-5, atol=1e-8)
+    np.testing.assert_allclose(found[len(rod) :], 0.0, atol=1e-5)
+
+
+@both
+def test_drawn_liquids_swing_as_such_craft(liquid: Liquid) -> None:
+    """A factor is the same as another mass and damping in the craft's file."""
+    craft = liquid.craft
+    slosh = slosh_of(craft)
+    other = replace(slosh, mass=0.5 * slosh.mass, damping=3.0 * slosh.damping)
+    body = replace(Body.of(craft), factors=(0.5, 3.0))
+    command = tuple(commands(craft, 4, seed=2).T)
+    made = replace(craft, further_effectors=(other,))
+    one, same = (
+        held(liquid.moving(craft), flown, of, command, Timing(control_period=0.2, substeps=16))
+        for flown, of in ((craft, body), (made, Body.of(made)))
+    )
+    for a, b in zip(leaves(one), leaves(same), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
+
+
+@both
 @pytest.mark.parametrize("has_friction", [True, False])
 def test_a_coast_conserves_momentum_and_angular_momentum_and_friction_takes_energy(
     liquid: Liquid, has_friction: bool
@@ -115,7 +154,7 @@ def test_a_coast_conserves_momentum_and_angular_momentum_and_friction_takes_ener
     still = (0.0,) * craft.command_count
     for _ in range(10):
         path.append(held(path[-1], craft, Body.of(craft), still, Timing(substeps=8)))
-    found = [liquid.sums(craft, state) for state in path]
+    found = [sums(craft, state) for state in path]
     for one in found[1:]:
         np.testing.assert_allclose(one.momentum, found[0].momentum, rtol=0, atol=1e-12)
         np.testing.assert_allclose(one.angular, found[0].angular, rtol=0, atol=2e-6)

@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_missions.script import Script
 from rans_missions.tasks import Avoid
 from rans_missions.tasks.avoid import Zones
 
+from rans.drawing import columns
 from rans.episode import Setup, World, step
 from rans.errors import ConfigError
 from rans.flight import fly
@@ -30,9 +32,14 @@ FLYER = load_spacecraft("free-flyer")
 COUNT = 2000
 
 
-def xyz(vector: Any) -> np.ndarray:
-    """(N, dimension)."""
-    return np.stack(np.broadcast_arrays(*vector.columns()), axis=1)
+def entered(task: Avoid, drawn: Any, seconds: float) -> np.ndarray:
+    """Who would enter a zone on a straight flight to the goal in a time, (N,)."""
+    found = np.zeros(len(drawn.start.p.x), dtype=bool)
+    for share in np.linspace(0.0, 1.0, 201):
+        place = columns(drawn.start.p) * (1.0 - share)
+        for zone in task.later(drawn.goal, seconds * float(share)).notes.zones:
+            found |= np.linalg.norm(columns(zone.centre) - place, axis=1) < zone.radius
+    return found
 
 
 @pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=["plane", "space"])
@@ -43,7 +50,7 @@ def test_zones_never_come_near_start_or_goal(craft: Any) -> None:
     for time in np.linspace(0.0, 25.0, 11):
         for zone in task.later(drawn.goal, float(time)).notes.zones:
             for point in (drawn.start.p, drawn.goal.p):
-                distance = np.linalg.norm(xyz(zone.centre) - xyz(point), axis=1)
+                distance = np.linalg.norm(columns(zone.centre) - columns(point), axis=1)
                 # Positions of a few metres carry 1e-15, a normalised direction 1e-12.
                 assert (distance - zone.radius >= task.clearance - 1e-9).all()
 
@@ -56,23 +63,18 @@ def test_zones_are_in_the_way(craft: Any) -> None:
     radii = np.concatenate([zone.radius for zone in drawn.goal.notes.zones])
     assert (radii.min(), radii.max()) == pytest.approx((0.3, 0.5), abs=0.001)
     speeds = np.concatenate(
-        [np.linalg.norm(xyz(zone.v), axis=1) for zone in drawn.goal.notes.zones]
+        [np.linalg.norm(columns(zone.v), axis=1) for zone in drawn.goal.notes.zones]
     )
     assert (speeds.min(), speeds.max()) == pytest.approx((0.01, 0.04), abs=0.001)
-    entered = np.zeros(COUNT, dtype=bool)
-    for share in np.linspace(0.0, 1.0, 61):
-        place = xyz(drawn.start.p) * (1.0 - share)
-        for zone in task.later(drawn.goal, 12.0 * float(share)).notes.zones:
-            entered |= np.linalg.norm(xyz(zone.centre) - place, axis=1) < zone.radius
-    assert entered.mean() > (0.7 if craft is PLATFORM else 0.5)
+    assert entered(task, drawn, 12.0).mean() > (0.7 if craft is PLATFORM else 0.5)
 
 
 def test_zones_cross_at_right_angles() -> None:
     task = Avoid(zone_speed=(0.02, 0.04))
     drawn = scenarios(task, FLYER, seed=4, count=COUNT)
-    way = xyz(drawn.start.p)
+    way = columns(drawn.start.p)
     for zone in drawn.goal.notes.zones:
-        along = np.einsum("nk,nk->n", way, xyz(zone.v))
+        along = np.einsum("nk,nk->n", way, columns(zone.v))
         np.testing.assert_allclose(along, 0.0, rtol=0, atol=1e-9)
 
 
@@ -134,21 +136,15 @@ def test_the_observation_has_no_order_of_zones() -> None:
 @pytest.mark.parametrize("flying", [fly, fly_in_drake])
 def test_flights_that_enter_are_violated(flying: Any) -> None:
     """Without a command each stays at its start; thrown at the goal straight ahead most meet a zone."""
-    pilot: Any = type("Shut", (), {"name": "shut"})()
-    pilot.reset = lambda count: None
-    pilot.act = lambda state, goal, observation: np.zeros((len(observation), 8))
     task = Avoid(zone_speed=(0.0, 0.0))
     starts = scenarios(task, PLATFORM, seed=1, count=16)
     thrown = replace(starts, start=replace(starts.start, v=starts.start.p.scale(-0.1)))
-    flight = flying(PLATFORM, task, pilot, thrown, replace(task.timing, episode_steps=50))
-    entered = np.zeros(16, dtype=bool)
-    for instant in np.linspace(0.0, 1.0, 201):
-        place = xyz(thrown.start.p) * (1.0 - instant)
-        for zone in thrown.goal.notes.zones:
-            entered |= np.linalg.norm(xyz(zone.centre) - place, axis=1) < zone.radius
-    assert flight.violated().tolist() == entered.tolist()
-    assert entered.sum() > 8
-    assert (flight.verdict.failure()[entered] == Failure.VIOLATED).all()
+    shut = Script(np.zeros((50, 16, 8)))
+    flight = flying(PLATFORM, task, shut, thrown, replace(task.timing, episode_steps=50))
+    lost = entered(task, thrown, 10.0)
+    assert flight.violated().tolist() == lost.tolist()
+    assert lost.sum() > 8
+    assert (flight.verdict.failure()[lost] == Failure.VIOLATED).all()
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_missions.script import Script
 from rans_missions.tasks import DockPort
 from scipy.spatial.transform import Rotation
 
@@ -121,9 +122,6 @@ def test_contact_between_two_commands(speed: float, docked: bool) -> None:
 )
 def test_flights_dock_in_both_engines(flying: Any, craft: Any) -> None:
     """A craft that moves along the port's axis at 4 cm/s and keeps its attitude docks where the port rests."""
-    pilot: Any = type("Shut", (), {"name": "shut"})()
-    pilot.reset = lambda count: None
-    pilot.act = lambda state, goal, observation: np.zeros((len(observation), len(craft.thrusters)))
     task = DockPort(port_rate=(0.0, 0.0))
     starts = scenarios(task, craft, seed=1, count=8)
     goal = starts.goal
@@ -134,16 +132,16 @@ def test_flights_dock_in_both_engines(flying: Any, craft: Any) -> None:
         v=out.scale(-0.04),
         attitude=goal.attitude,
     )
-    flight = flying(
-        craft, task, pilot, replace(starts, start=aligned), replace(task.timing, episode_steps=60)
-    )
+    timing = replace(task.timing, episode_steps=60)
+    shut = Script(np.zeros((60, 8, len(craft.thrusters))))
+    flight = flying(craft, task, shut, replace(starts, start=aligned), timing)
     assert np.asarray(flight.done).all()
     # 0.38 m at 4 cm/s are 9.5 s: within the 48th period.
     assert (flight.verdict.settled[flight.verdict.settles] * 0.2).tolist() == pytest.approx(
         [9.6] * 8
     )
     aside = replace(aligned, p=goal.p + out.scale(-0.55))
-    lost = flying(craft, task, pilot, replace(starts, start=aside), task.timing)
+    lost = flying(craft, task, shut, replace(starts, start=aside), timing)
     assert lost.violated().all()
 
 

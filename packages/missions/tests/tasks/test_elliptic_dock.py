@@ -11,7 +11,6 @@ import pytest
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.control.passive_entry import PassiveEntry
 from rans_missions.orbits.earth import EARTH
-from rans_missions.orbits.elliptic import EllipticOrbit
 from rans_missions.tasks import Dock
 from rans_missions.tasks.orbital import TargetOrbit
 from rans_missions.two_body import TwoBodyMover
@@ -24,7 +23,6 @@ from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.lqr import LQR
 from rans.reference.flight import DrakeMover
-from rans.reference.plant import Plant
 from rans.scenario import scenarios
 
 DEPUTY = load_spacecraft("afrl-deputy")
@@ -43,6 +41,7 @@ def test_the_orbit_is_set_in_kilometres_and_degrees() -> None:
     assert TASK.mean_motion == pytest.approx(math.sqrt(EARTH / 13_556e3**3), rel=1e-12)
     assert isinstance(Dock().drift, ClohessyWiltshire)
     assert Dock().mean_motion == 0.001027
+    assert leaves(TASK.drift) == (TASK.mean_motion, 0.5, 0.0, False)
     # At the perigee and at the apogee the mean anomaly is the true one.
     for degrees in (0.0, 180.0):
         task = Dock(orbit=replace(TRANSFER, true_anomaly_degrees=(degrees, degrees)))
@@ -120,12 +119,3 @@ def test_an_observation_says_where_the_target_is() -> None:
 def test_others_and_impossible_orbits_are_refused(make: Any, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         make()
-
-
-def test_a_plant_in_drake_is_of_its_own_orbit() -> None:
-    plant = Plant(DEPUTY, drift=TASK.drift)
-    other = EllipticOrbit(TASK.mean_motion, 0.1, 0.0)
-    with pytest.raises(ConfigError, match="was built for EllipticOrbit"):
-        plant.advance(plant._rest()[None], np.zeros((1, 6)), 1.0, drift=other)
-    assert np.abs(plant.advance(plant._rest()[None], np.zeros((1, 6)), 1.0)[0, 7:10]).max() < 1e-12
-    assert leaves(TASK.drift) == (TASK.mean_motion, 0.5, 0.0, False)
