@@ -14,7 +14,7 @@ import math
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import islice, pairwise
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -29,14 +29,13 @@ from rans_missions.convex.rendezvous import (
     MeetingTransfer,
     forces_in_w,
     instant_bounds,
+    ranges_of_arrivals,
     rounds,
 )
 from rans_missions.tasks.final_approach import FinalApproach
 
 _INSTANTS = (0.0, 0.02, 0.06, 0.12, 0.2, 0.32, 0.45, 0.6, 0.8, 1.0)
 """Instants at which a bound has the cone, as parts of the time for which a craft must have been inside of it."""
-_WIDEST = 100.0
-"""Range of arrivals that share a program at first, s."""
 _NARROWEST = 7.0
 """Range of arrivals below which none is divided, s: a craft may be a metre from the port at its beginning."""
 _RAY = 1e6
@@ -167,9 +166,7 @@ def least_to_approach(meeting: PortMeeting, start: np.ndarray) -> tuple[float, i
         within = float(instants[first : end + 1].min())
         return max(within, bound_of_range(meeting, start, first, end))
 
-    edges = np.linspace(1, last + 1, 1 + max(1, round(last * meeting.interval / _WIDEST)))
-    ranges = [(first, end - 1) for first, end in pairwise(np.unique(edges.astype(int)).tolist())]
-    queue = [(bound_of(*one), *one) for one in ranges]
+    queue = [(bound_of(*one), *one) for one in ranges_of_arrivals(last, meeting.interval)]
     heapq.heapify(queue)
     while True:
         bound, first, end = heapq.heappop(queue)

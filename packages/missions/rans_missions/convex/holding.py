@@ -12,7 +12,7 @@ limits that are not convex by their tangents at the flight before. `rans_mission
 
 from __future__ import annotations
 
-from itertools import islice, pairwise
+from itertools import islice
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from rans_missions.convex.rendezvous import (
     instant_bounds,
     least_margin,
     least_stay,
+    ranges_of_arrivals,
     rounds,
     staying_prices,
     trajectory,
@@ -32,8 +33,6 @@ from rans_missions.tasks.orbital import last_check
 _SPACING = 30.0
 """Time between two checks of the stay at which a program keeps the tolerances, s: at hold's speed tolerance a craft
 moves by less than a third of its position tolerance between them. Fewer checks make the bound lower, not wrong."""
-_WIDEST = 100.0
-"""Range of arrivals that share a program at first, s."""
 _NARROWEST = 60.0
 """Range of arrivals below which none is divided, s: that of 15 s raises hold's bound by 0.1 % more."""
 
@@ -116,8 +115,7 @@ def least_to_hold(meeting: Meeting, start: np.ndarray, deadline: float, seconds:
     last = min(last_check(deadline, interval), meeting.timing.checks * meeting.timing.episode_steps)
     stay = last_check(seconds, interval)
     instants = instant_bounds(meeting, start, last)
-    edges = np.unique(np.linspace(1, last + 1, 1 + max(1, round(last * interval / _WIDEST))))
-    ranges = [(int(first), int(end) - 1) for first, end in pairwise(edges)]
+    ranges = ranges_of_arrivals(last, interval)
     # Lower bound, whether a program has made it, and the first and last check of the arrival.
     open_ranges = [(float(instants[a : b + 1].min()), False, a, b) for a, b in ranges]
     while True:

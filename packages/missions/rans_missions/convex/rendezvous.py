@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,8 @@ _CONVERGED = 1e-4
 """Relative change of the impulse at which rounds end."""
 _FARTHER = 0.02
 """Share of its length by which a cone reaches farther where rounds end outside it."""
+_WIDEST = 100.0
+"""Range of arrivals that share a program at first, s."""
 
 
 @dataclass(frozen=True)
@@ -554,6 +557,19 @@ def instant_bounds(meeting: Meeting, start: np.ndarray, last: int) -> np.ndarray
     for check in _first_instants(last):
         _sharpen(bounds, meeting, start, check)
     return bounds
+
+
+def ranges_of_arrivals(last: int, interval: float) -> list[tuple[int, int]]:
+    """Ranges of arrivals that share a program at first: the first and the last check of each, from 1 to ``last``.
+
+    Together they have every check once; bounds rely on it.
+
+    Args:
+        last: number of the last check.
+        interval: time between two checks, s.
+    """
+    edges = np.linspace(1, last + 1, 1 + max(1, round(last * interval / _WIDEST)))
+    return [(first, end - 1) for first, end in pairwise(np.unique(edges.astype(int)).tolist())]
 
 
 def staying_prices(meeting: Meeting, start: np.ndarray, checks: np.ndarray) -> np.ndarray | None:

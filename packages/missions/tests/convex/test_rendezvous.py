@@ -17,6 +17,7 @@ from rans_missions.convex.rendezvous import (
     least_margin,
     prices_of_missing,
     proof,
+    ranges_of_arrivals,
     rendezvous,
     state_of,
     trajectory,
@@ -59,6 +60,14 @@ def test_no_multiplier_bounds_more_than_a_flight_needs() -> None:
         for spread in (0.01, 0.1, 1.0):
             other = best + spread * np.abs(best) * rng.normal(size=6)
             assert proof(meeting, state, 300, other)[300] <= found.impulse + 1e-6
+
+
+@given(last=st.integers(1, 5000), interval=st.floats(0.05, 500.0))
+def test_ranges_of_arrivals_have_every_check_once(last: int, interval: float) -> None:
+    """Of at most 150 s, where 100 s do not divide the time; an arrival that none has would have no bound."""
+    ranges = ranges_of_arrivals(last, interval)
+    assert [k for first, end in ranges for k in range(first, end + 1)] == [*range(1, last + 1)]
+    assert all((end - first) * interval <= 150.0 for first, end in ranges)
 
 
 @pytest.mark.slow
