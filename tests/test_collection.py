@@ -46,7 +46,7 @@ def test_it():
         "no:cacheprovider",
     )
     run.assert_outcomes(passed=1, skipped=3, errors=2, failed=1)
-    told = run.stdout.str()
-    assert "needs pydrake" in told
-    assert "casadi.nowhere" in told
-    assert "No module named 'no_such_library'" in told
+    printed = run.stdout.str()
+    assert "needs pydrake" in printed
+    assert "casadi.nowhere" in printed
+    assert "No module named 'no_such_library'" in printed

@@ -65,11 +65,11 @@ def test_a_batch_writes_a_file_that_reads_back(capsys: pytest.CaptureFixture[str
     assert craft.thrusters[4].direction == (0.0, 1.0, 0.0)
     assert craft.actuators == OnOff()
     assert craft.wheels == (Wheel((0.0, 0.0, 1.0), 0.1, 0.7, 0.001),)
-    told = capsys.readouterr()
-    assert "flies it without training: 100 % of 32 flights" in told.out.replace("\n", " ")
-    assert "3 N" in told.out
-    assert "dead: 0, 1, 2, 3; without" in told.out.replace("\n", " ")
-    assert "twice" not in told.err
+    printed = capsys.readouterr()
+    assert "flies it without training: 100 % of 32 flights" in printed.out.replace("\n", " ")
+    assert "3 N" in printed.out
+    assert "dead: 0, 1, 2, 3; without" in printed.out.replace("\n", " ")
+    assert "twice" not in printed.err
     text = Path("mine.toml").read_text()
     assert text.count("source:") >= 9
     assert Path("mine.svg").exists()
@@ -202,9 +202,9 @@ def test_wrong_input_is_a_sentence_and_writes_nothing(
     typed: str, sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert batch(*typed.split()) == 2
-    told = capsys.readouterr().err
-    assert sentence in told
-    assert told.count("\n") == 1
+    printed = capsys.readouterr().err
+    assert sentence in printed
+    assert printed.count("\n") == 1
     assert list(Path().iterdir()) == []
 
 

@@ -89,15 +89,15 @@ def broken(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
 
 def test_letters_that_the_output_does_not_know() -> None:
     """As where PYTHONIOENCODING is ascii: 95 % intervals have a sign that it lacks."""
-    told = subprocess.run(
+    printed = subprocess.run(
         [sys.executable, "-m", "rans", "list", "atmos"],
         check=True,
         capture_output=True,
         env=os.environ | {"PYTHONIOENCODING": "ascii"},
     )
-    assert b"atmos" in told.stdout
-    assert b"?" in told.stdout
-    assert told.stderr == b""
+    assert b"atmos" in printed.stdout
+    assert b"?" in printed.stdout
+    assert printed.stderr == b""
 
 
 @pytest.mark.parametrize(

@@ -127,8 +127,8 @@ def test_an_exported_agent_keeps_its_card(shipped: Path, tmp_path: Path) -> None
 
 def test_what_comes_with_the_package_is_exported_already(refused: Any) -> None:
     for name in ("pretrained:go-to-pose-2d", "go-to-pose-2d"):
-        told = refused(f"export {name} --format rans --output again")
-        assert "go-to-pose-2d comes with RANS in this format already" in told
+        printed = refused(f"export {name} --format rans --output again")
+        assert "go-to-pose-2d comes with RANS in this format already" in printed
 
 
 def test_without_its_critic_it_is_the_same_agent_in_half(
@@ -174,8 +174,8 @@ def test_an_agent_leaves_for_a_craft_of_a_file(
     "name", ["go-to-pose-2d-trade-off#0.4", "multi-task-2d#go-to-pose", "go-to-pose-2d#7"]
 )
 def test_an_agent_leaves_whole(name: str, tmp_path: Path, refused: Any) -> None:
-    told = refused(f"export {name} --format numpy --output {tmp_path}/part")
-    assert f"name it without {name[name.index('#') :]}" in told
+    printed = refused(f"export {name} --format numpy --output {tmp_path}/part")
+    assert f"name it without {name[name.index('#') :]}" in printed
     assert not (tmp_path / "part").exists()
 
 

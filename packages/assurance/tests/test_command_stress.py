@@ -82,9 +82,9 @@ def test_interrupted_it_writes_what_was_flown(
     flown = [name for name, one in read["conditions"].items() if one["contestants"]]
     assert flown == ["perfect", "latency-0.025"]
     assert read["effects"]["latency"]["holds_to"] == {"LQR": None}
-    told = capsys.readouterr()
-    assert "0.025 or more, not finished" in " ".join(told.out.split())
-    assert "what was written is kept" in told.err
+    printed = capsys.readouterr()
+    assert "0.025 or more, not finished" in " ".join(printed.out.split())
+    assert "what was written is kept" in printed.err
 
 
 @pytest.mark.parametrize(

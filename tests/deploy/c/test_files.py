@@ -413,12 +413,12 @@ def test_the_agent_for_any_craft_fits_a_small_microcontroller(name: str, tmp_pat
     write_c(tmp_path, agent_program(made), Ports.of(made.architecture), "it")
     built = library(tmp_path)
     if shutil.which("size"):
-        told = subprocess.run(
+        printed = subprocess.run(
             ["size", str(tmp_path / "agent.o")], capture_output=True, text=True, check=True
         ).stdout
         # Columns: text with constants, data, bss.
-        assert [int(x) for x in told.splitlines()[1].split()[1:3]] == [0, 0]
-        assert int(told.split()[6]) < 50_000
+        assert [int(x) for x in printed.splitlines()[1].split()[1:3]] == [0, 0]
+        assert int(printed.split()[6]) < 50_000
     assert (stack_of(tmp_path) or 0) <= 4096
     random = np.random.default_rng(3)
     turns = Rotation.random(400, rng=random).as_matrix()[:, :2].reshape(2, 200, 6)

@@ -82,8 +82,8 @@ def test_of_two_that_begin_at_once_one_writes_everything(tmp_path: Path) -> None
     """The other is refused; what each of the folders holds is of one training."""
     folders = [str(tmp_path / str(number)) for number in range(6)]
     with python("-c", BEGINNERS, *folders, env=os.environ | {"PYTHONPATH": str(ROOT)}) as beginners:
-        told, _ = beginners.communicate(timeout=PATIENCE)
-    begun = [line.split(" ", 1) for line in told.splitlines()]
+        printed, _ = beginners.communicate(timeout=PATIENCE)
+    begun = [line.split(" ", 1) for line in printed.splitlines()]
     assert sorted(folder for _, folder in begun) == folders
     for craft, folder in begun:
         run = RunFolder(Path(folder))
