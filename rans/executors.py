@@ -171,6 +171,7 @@ def answers(
         future.add_done_callback(ended.put)
 
     try:
+        # All jobs at once, then one answer after the other.
         for number in range(len(jobs)):
             submit(number)
         while numbers:

@@ -113,6 +113,7 @@ class Substeps:
             rotors,
             tuple(None if isinstance(x, Symbol) else x for x in leaves(constants)),
         )
+        # A kind that was not there yet is traced once.
         if key not in self._kinds:
             before = inputs("state", len(leaves(state)))
             read = inputs("load", len(leaves(loads)) + len(varying))
@@ -139,6 +140,7 @@ class Substeps:
             self._kinds[key] = Substep(
                 f"substep{len(self._kinds)}", tuple(before), tuple(read), _symbols(leaves(after))
             )
+        # Its call, in the order of calls.
         outputs = inputs(f"moved_{len(self.calls)}", len(leaves(state)))
         self.calls.append(
             Call(

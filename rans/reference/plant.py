@@ -164,6 +164,7 @@ class Plant:
         self._spins = np.array(
             [[joint.velocity_start() for joint in wheels] for wheels in self._wheels], dtype=int
         )
+        # The diagram around the plant, and its simulator.
         self._propeller, self._thrust = self._add_thrusters(builder)
         if craft.wheels:
             builder.ExportInput(self._plant.get_actuation_input_port(), "motors")
@@ -179,6 +180,7 @@ class Plant:
         self._plant_context = self._plant.GetMyMutableContextFromRoot(self._context)
         self._propeller_context = self._propeller.GetMyContextFromRoot(self._context)
         self._thrust_context = self._thrust.GetMyMutableContextFromRoot(self._context)
+        # As designed, until a flight sets something else.
         self._disturb(np.zeros(self._velocity.shape))
         self._weigh(np.ones(count))
         self._set_angles(None)

@@ -130,6 +130,7 @@ def relative_motion(
         x, y, z = vectors.T
         return np.stack([-rate * y, rate * x, 0.0 * z], axis=1)
 
+    # Integrated in the axes that do not turn, and turned back into the Hill frame.
     begin = [p, v + rotation(p, along / radius)]
     if eccentricity != 0.0:
         zero = 0.0 * radius

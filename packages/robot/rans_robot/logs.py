@@ -89,6 +89,7 @@ def read_bag(
     """Why the first message of a topic was refused."""
     seen: set[str] = set()
     is_of_rans = False
+    # Commands and readings, message by message, and why others are refused.
     for entry in _entries(source):
         if entry.topic == FLIGHT_TOPIC and robot is None:
             ends = _ends_of_plan(source, entry, craft)

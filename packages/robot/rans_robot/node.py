@@ -122,6 +122,7 @@ def fly_over(
     """
     if seconds is not None:
         positive("--seconds", seconds)
+    # What takes long comes before the flight: a warm-up, and a look for other nodes.
     pilot = MessagePilot(plan, planned_task(plan), link)
     _warm_up(MessagePilot(plan, planned_task(plan)))
     period = round(pilot.period * 1e9)
@@ -140,6 +141,7 @@ def fly_over(
     offset = time.time_ns() - time.monotonic_ns()
     last = 0
 
+    # What happens is written down at moments that ascend.
     def record(moment: int, topic: str, kind: str, data: bytes) -> None:
         if recorder is not None:
             recorder.write(BagMessage(moment, topic, kind, data))
@@ -161,6 +163,7 @@ def fly_over(
             report.notes.append(note)
             speaker.say(note)
 
+    # The flight begins; garbage is collected between decisions only.
     begins = unique(time.monotonic_ns())
     record(begins, FLIGHT_TOPIC, TEXT, text_message(json.dumps(asdict(plan))))
     shut = pilot.shut(begins)
@@ -178,6 +181,7 @@ def fly_over(
                 break
             for _ in range(inbox.waiting()):
                 take(0.0)
+            # Commands are sent before anything is written down.
             began = time.monotonic_ns()
             used = time.thread_time_ns()
             moment = unique(began)
@@ -195,6 +199,7 @@ def fly_over(
             report.used.append((time.thread_time_ns() - used) * 1e-9)
             report.late.append((began - due) * 1e-9)
             report.missed += sent > due + period
+            # What may wait, until the next decision is due.
             shut = pilot.shut(moment)
             tell(decision.note)
             for trouble in (
@@ -219,6 +224,7 @@ def fly_over(
         refused = shut_valves(bus, shut)
         if collected:
             gc.enable()
+        # Then the end is written down and said.
         never_came = pilot.never_came(unique(time.monotonic_ns()))
         if never_came and not report.fault:
             report.fault = never_came

@@ -98,6 +98,7 @@ class ContestantName:
         """
         if isinstance(text, ContestantName):
             return text
+        # Files of policies and flights, and controllers by their names.
         if is_user_policy(text):
             policy, setup = split_policy(text)
             return cls(text, "policy", policy, setup)
@@ -108,6 +109,7 @@ class ContestantName:
             return cls(text, "controller", text)
         if len(text) > _LONGEST_NAME:
             raise ConfigError(f"there is no contestant {brief(text)}; known are {FORMS}.")
+        # What follows # and @.
         whole, _, part = text.partition("#")
         part, at, craft = part.partition("@")
         whole += at + craft
@@ -164,6 +166,7 @@ class ContestantName:
             return cls(text, "pretrained", agent, craft=whole, part=part)._with_frugality()
         if _exists(whole):
             return cls(text, "run folder", whole, part=part)._with_frugality()
+        # Mistakes, each with what to type; the first that fits is said.
         if whole in ("optimal", "optimum", "bound", "bounds"):
             raise ConfigError(
                 f"{whole} is no contestant: optimal trajectories and certified bounds join by --with optimal."

@@ -402,6 +402,7 @@ def _check_craft(architecture: Architecture) -> None:
         raise ValueError(
             "its reach is not eight accelerations in the plane, or it is no agent for any craft"
         )
+    # Columns by authority, which only agents for any craft have.
     if architecture.authority:
         from rans.policy.authority import DIMENSIONS, width
 
@@ -429,6 +430,7 @@ def _check_craft(architecture: Architecture) -> None:
             raise ValueError(
                 "its filling is not a number above 0 for each wheel of one that adapts"
             )
+    # What guidance recommends, symmetries, and what a critic observes.
     if architecture.last.is_advised:
         first, last = architecture.columns.advice
         if (

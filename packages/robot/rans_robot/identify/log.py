@@ -128,6 +128,7 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
             spacecraft.
     """
     what = f"the log {log.source}"
+    # Commands of this craft, and as many as a fit needs and takes.
     if log.commands.shape[1] != craft.command_count:
         raise ConfigError(
             f"{what} has {counted(log.commands.shape[1], 'command')} at a time, but {craft.name!r} takes "
@@ -141,6 +142,7 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
         raise ConfigError(
             f"{what} has {len(log.times):,} readings; at most {MOST_READINGS:,} are fitted: cut it, or thin it out."
         )
+    # Times, then commands within their ranges.
     _check_times(what, "commands", log.command_times)
     _check_times(what, "readings", log.times)
     if not np.isfinite(log.commands).all():
@@ -154,6 +156,7 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
             f"{what}: command {column} is {log.commands[row, column]:g} at {log.command_times[row]:g} s, but it "
             f"lies between {low[column]:g} and {high[column]:g}; the usual cause is another order of columns."
         )
+    # Readings while commands were given.
     inside = (log.times >= log.command_times[0]) & (
         log.times <= log.command_times[-1] + 2.0 * log.period
     )
