@@ -161,6 +161,19 @@ def refused(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
 
 
 @pytest.fixture
+def told(capsys: pytest.CaptureFixture[str]) -> Callable[[str], str]:
+    """Runs a command that fails or is refused; all that it prints, with one space between words."""
+    from rans.cli import main
+
+    def run(line: str) -> str:
+        assert main(line.split()) in (1, 2)
+        said = capsys.readouterr()
+        return " ".join((said.out + said.err).split())
+
+    return run
+
+
+@pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are made, but not drawn: that takes a second each, and the test looks at something else."""
     monkeypatch.setattr("matplotlib.figure.Figure.draw_without_rendering", lambda _: None)

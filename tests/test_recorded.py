@@ -53,20 +53,17 @@ def test_an_agent_is_worth_what_its_card_says(shipped: tuple[str, Flight]) -> No
     parts = judged_separately(spec)
     for one in parts:
         loaded = contestant(one)
-        controller = loaded.controller
         craft = loaded.craft
         task = loaded.task
-        timing = loaded.timing
-        conditions = loaded.conditions
         if len(parts) > 1:
             task = task.for_evaluation()
             starts = scenarios(task, craft, card["evaluation_seed"], EPISODES)
-            flight = fly(craft, task, controller, starts, timing)
+            flight = fly(craft, task, loaded.controller, starts, loaded.timing)
         own = (
             card["evaluation"]["own"][str(one).removeprefix(spec).removeprefix("#")]["solved"][0]
             / 100.0
         )
-        said = own if conditions is None else 0.999
+        said = own if loaded.conditions is None else 0.999
         # Four standard deviations of a share of 64, and one episode for shares of 0 and 1.
         spread = 4.0 * math.sqrt(said * (1.0 - said) / EPISODES) + 1.0 / EPISODES
         assert solved(flight).mean() == pytest.approx(said, abs=spread)

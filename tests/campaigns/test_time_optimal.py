@@ -18,9 +18,9 @@ def test_time_optimal_trajectories_are_at_their_goal_early() -> None:
     """CompiledProgram to the goal at full thrust, 2 sqrt(2) N one way and then the other, takes sqrt(4 d m / F)."""
     loaded = contestant("lqr:go-to-pose-2d", "paper")
     craft = loaded.craft
-    task = loaded.task
-    timing = loaded.timing
-    found = time_optimal(craft, task.for_evaluation(), timing, EVALUATION_SEED, 2, workers=1)
+    found = time_optimal(
+        craft, loaded.task.for_evaluation(), loaded.timing, EVALUATION_SEED, 2, workers=1
+    )
     fastest = math.sqrt(4 * 3.0 * craft.mass / (2 * math.sqrt(2)))
     bound = 100.0 * (1 - fastest / 50.0) + 1.0  # 5 cm before the end it is within 5 cm already: 1 %
     assert found["PT5"].shape == (2,)
@@ -44,10 +44,7 @@ def test_starts_without_a_trajectory_are_one_sentence(monkeypatch: pytest.Monkey
     ]
     monkeypatch.setattr(agents, "optima", lambda *_, **__: found)
     loaded = contestant("lqr:go-to-pose-2d", "paper")
-    craft = loaded.craft
-    task = loaded.task
-    timing = loaded.timing
     with pytest.raises(
         SolverFailed, match=r"the starts \[1, 2\] of seed 9; the first ended with Status_1"
     ):
-        time_optimal(craft, task, timing, 9, 4)
+        time_optimal(loaded.craft, loaded.task, loaded.timing, 9, 4)

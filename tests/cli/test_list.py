@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import re
 import warnings
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -22,16 +23,22 @@ def _wide(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "160")
 
 
-def listed(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert main(["list", *arguments]) == 0
-    return capsys.readouterr().out
+@pytest.fixture
+def listed(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """What the command prints with these arguments."""
+
+    def run(*arguments: str) -> str:
+        assert main(["list", *arguments]) == 0
+        return capsys.readouterr().out
+
+    return run
 
 
-def test_everything_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    text = listed(capsys)
+def test_everything_is_listed(listed: Any) -> None:
+    text = listed()
     for name in (*spacecraft_names(), *TASKS):
         assert name in text
-    text = listed(capsys, "TASKS")
+    text = listed("TASKS")
     for name in TASKS:
         dimensions = TASKS[name].dimensions
         for dimension, gymnasium_id in zip((2, 3), gymnasium_ids(name), strict=True):
@@ -54,26 +61,26 @@ def test_an_agent_of_several_tasks_is_as_good_as_its_worst_and_best() -> None:
 
 
 @pytest.mark.parametrize("name", spacecraft_names())
-def test_spacecraft_details(capsys: pytest.CaptureFixture[str], name: str) -> None:
+def test_spacecraft_details(listed: Any, name: str) -> None:
     craft = load_spacecraft(name)
-    text = listed(capsys, name)
+    text = listed(name)
     assert f"{craft.mass:g} kg" in text
     for index in range(len(craft.thrusters)):
         assert f"│ {index} " in text
 
 
-def test_own_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_own_file(listed: Any, tmp_path: Path) -> None:
     shipped = resources.files("rans") / "data" / "spacecraft" / "floating-platform.toml"
     file = tmp_path / "mine.toml"
     text = shipped.read_text("utf-8").replace('"floating-platform"', '"[bold]mine"')
     file.write_text(text.replace("mass = 5.32", "mass = 7.25"))
-    shown = listed(capsys, str(file))
+    shown = listed(str(file))
     assert "7.25 kg" in shown
     assert "[bold]mine" in shown  # a name is no markup
 
 
-def test_task_details(capsys: pytest.CaptureFixture[str]) -> None:
-    text = listed(capsys, "go-to-pose")
+def test_task_details(listed: Any) -> None:
+    text = listed("go-to-pose")
     for field, meaning in (
         ("spawn_distance", "0.5, 4.5"),
         ("fail_distance", "Distance from the goal beyond"),
@@ -94,10 +101,10 @@ def test_unknown_name(refused: Any) -> None:
         assert part in text
 
 
-def test_names_as_contestants_have_them(capsys: pytest.CaptureFixture[str]) -> None:
-    agent = listed(capsys, "pretrained:go-to-pose-2d")
+def test_names_as_contestants_have_them(listed: Any) -> None:
+    agent = listed("pretrained:go-to-pose-2d")
     assert agent.startswith("go-to-pose-2d: go-to-pose with floating-platform")
-    assert "Linear-quadratic regulator" in listed(capsys, "lqr")
+    assert "Linear-quadratic regulator" in listed("lqr")
 
 
 class Own(GoToPose):
@@ -124,18 +131,16 @@ WINDY = Conditions(description="windy")
         ("tests.support.crafts:nasty_planar", "Thrusters"),
     ],
 )
-def test_whatever_a_module_has(capsys: pytest.CaptureFixture[str], name: str, told: str) -> None:
-    assert told in listed(capsys, name)
+def test_whatever_a_module_has(listed: Any, name: str, told: str) -> None:
+    assert told in listed(name)
 
 
 @pytest.mark.parametrize(
     ("ending", "magic"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")]
 )
-def test_picture(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, ending: str, magic: bytes
-) -> None:
+def test_picture(listed: Any, tmp_path: Path, ending: str, magic: bytes) -> None:
     file = tmp_path / f"x.{ending}"
-    assert str(file) in listed(capsys, "free-flyer", "--picture", str(file)).replace("\n", "")
+    assert str(file) in listed("free-flyer", "--picture", str(file)).replace("\n", "")
     assert file.read_bytes().startswith(magic)
 
 
@@ -148,7 +153,7 @@ def test_wrong_pictures(refused: Any, tmp_path: Path) -> None:
     assert "name it" in refused("list go-to-pose --picture x.png")
 
 
-def test_a_thruster_is_a_row_by_value(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_thruster_is_a_row_by_value(listed: Any, tmp_path: Path) -> None:
     """At (0.3, 0.1) of a craft whose centre of mass is at (0.1, 0), 2 N along y: 0.2 m times 2 N."""
     file = tmp_path / "one.toml"
     file.write_text(
@@ -158,7 +163,7 @@ def test_a_thruster_is_a_row_by_value(capsys: pytest.CaptureFixture[str], tmp_pa
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # one thruster cannot steer
-        text = listed(capsys, str(file))
+        text = listed(str(file))
     rows = [
         [cell.strip() for cell in line.replace("┃", "│").split("│")[1:-1]]
         for line in text.splitlines()
@@ -175,14 +180,14 @@ def test_a_thruster_is_a_row_by_value(capsys: pytest.CaptureFixture[str], tmp_pa
 
 
 def test_a_file_of_conditions_is_known_from_a_spacecraft(
-    capsys: pytest.CaptureFixture[str], refused: Any, tmp_path: Path
+    listed: Any, refused: Any, tmp_path: Path
 ) -> None:
     file = tmp_path / "mine.toml"
     file.write_text("[thrusters]\nlatency = [0.0, 0.1]\n")
-    assert listed(capsys, str(file)) == file.read_text()
-    assert json.loads(listed(capsys, str(file), "--json"))["thrusters"]["latency"] == [0.0, 0.1]
+    assert listed(str(file)) == file.read_text()
+    assert json.loads(listed(str(file), "--json"))["thrusters"]["latency"] == [0.0, 0.1]
     file.write_text('base = "lab"\ndescription = "as in the laboratory"\n')
-    assert listed(capsys, str(file)) == file.read_text()
+    assert listed(str(file)) == file.read_text()
     file.write_text("[thrusters]\nlatncy = 0.1\n")
     assert "'latncy' (did you mean latency?)" in refused(f"list {file}")
     file.write_text("wings = 2\n")
@@ -191,18 +196,18 @@ def test_a_file_of_conditions_is_known_from_a_spacecraft(
     assert "did you mean mass?" in refused(f"list {file}")
 
 
-def test_json_has_numbers_as_numbers(capsys: pytest.CaptureFixture[str]) -> None:
-    craft = json.loads(listed(capsys, "floating-platform", "--json"))
+def test_json_has_numbers_as_numbers(listed: Any) -> None:
+    craft = json.loads(listed("floating-platform", "--json"))
     assert (craft["mass"], craft["wrench_map"][0][2]) == (5.32, pytest.approx(-0.31, abs=1e-3))
-    task = json.loads(listed(capsys, "go-to-pose", "--json"))
+    task = json.loads(listed("go-to-pose", "--json"))
     assert task["settings"]["spawn_distance"] == [0.5, 4.5]
     assert task["reward"]["go-to-pose"]["thrust"] == "-0.02 open"
-    assert set(json.loads(listed(capsys, "--json"))["tasks"]) == set(TASKS)
-    assert json.loads(listed(capsys, "multi-task", "--json"))["reward"].keys() >= {"go-to-pose"}
+    assert set(json.loads(listed("--json"))["tasks"]) == set(TASKS)
+    assert json.loads(listed("multi-task", "--json"))["reward"].keys() >= {"go-to-pose"}
 
 
-def test_a_task_tells_its_reward_ends_and_keys(capsys: pytest.CaptureFixture[str]) -> None:
-    text = listed(capsys, "go-to-pose")
+def test_a_task_tells_its_reward_ends_and_keys(listed: Any) -> None:
+    text = listed("go-to-pose")
     for told in (
         "0.5 exp(-position / 1.5)",
         "settings.thrust_weight",
@@ -210,15 +215,15 @@ def test_a_task_tells_its_reward_ends_and_keys(capsys: pytest.CaptureFixture[str
         "125 control periods of 0.2 s",
     ):
         assert told in text
-    assert "ppo.n_envs" in listed(capsys, "TRAINING")
+    assert "ppo.n_envs" in listed("TRAINING")
 
 
-def test_a_task_of_a_module_has_no_id_of_gymnasium(capsys: pytest.CaptureFixture[str]) -> None:
-    assert json.loads(listed(capsys, "tests.cli.test_list:Own", "--json"))["gymnasium"] == []
+def test_a_task_of_a_module_has_no_id_of_gymnasium(listed: Any) -> None:
+    assert json.loads(listed("tests.cli.test_list:Own", "--json"))["gymnasium"] == []
 
 
-def test_a_planar_craft_has_one_moment_of_inertia(capsys: pytest.CaptureFixture[str]) -> None:
-    [row] = [line for line in listed(capsys, "floating-platform").splitlines() if "inertia" in line]
+def test_a_planar_craft_has_one_moment_of_inertia(listed: Any) -> None:
+    [row] = [line for line in listed("floating-platform").splitlines() if "inertia" in line]
     assert row.split("│")[-2].strip() == "0.2045"
-    text = listed(capsys, "free-flyer")
+    text = listed("free-flyer")
     assert re.search(r"inertia about the centre of mass, kg m²\s+│\s+\(?\S+,? \S+,? \S+", text)

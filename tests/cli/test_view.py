@@ -80,17 +80,23 @@ def test_what_changes_nothing_where_one_flies_is_refused(option: str, refused: A
     assert not Path("fly.html").exists()
 
 
+@pytest.fixture
+def shown(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Flights of the page that the command would serve."""
+    flights: list[Any] = []
+    monkeypatch.setattr("rans.api.pages.Replay.html", lambda replay: flights.extend(replay.flights))
+    monkeypatch.setattr("rans.cli.view._serve", lambda page, *_: page())
+    return flights
+
+
 @pytest.mark.slow
 def test_optimal_trajectories_are_shown(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    shown: list[Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A folder of `rans optimal`: Drake flies its commands from its starts again."""
     monkeypatch.setattr("rans.cli.optimal._CONTROL_PERIOD", 1.0)
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})
     assert main(["optimal", "go-to-pose", "--episodes", "2", "--output", "best"]) == 0
-    shown: list[Any] = []
-    monkeypatch.setattr("rans.api.pages.Replay.html", lambda replay: shown.extend(replay.flights))
-    monkeypatch.setattr("rans.cli.view._serve", lambda page, *_: page())
     assert main(["view", "lqr:go-to-pose-2d", "best", "--episode", "1"]) == 0
     assert [flight.engine for flight in shown] == ["fast", "drake"]
     task = GoToPose().for_evaluation()
@@ -103,11 +109,8 @@ def test_optimal_trajectories_are_shown(
 
 
 @pytest.mark.slow
-def test_one_episode_of_a_seed_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_episode_of_a_seed_by_number(shown: list[Any]) -> None:
     """Beside the first, a controller by its name flies the same craft from the same start."""
-    shown: list[Any] = []
-    monkeypatch.setattr("rans.api.pages.Replay.html", lambda replay: shown.extend(replay.flights))
-    monkeypatch.setattr("rans.cli.view._serve", lambda page, *_: page())
     assert main(["view", "lqr:go-to-pose-2d@atmos", "mpc", "--episode", "5", "--seed", "7"]) == 0
     craft = load_spacecraft("atmos")
     task = GoToPose().for_evaluation()

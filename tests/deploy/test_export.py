@@ -74,13 +74,11 @@ def test_the_card_says_what_evaluate_finds(run: Path, shipped: Path) -> None:
     assert card["training"]["environment"]["torch"] == version("torch")
     assert card["evaluation"].keys() == {"own", "paper"}
     loaded = contestant(str(run), "paper")
-    controller = loaded.controller
     craft = loaded.craft
     task = loaded.task
-    timing = loaded.timing
     task = task.for_evaluation()
     starts = scenarios(task, craft, card["evaluation_seed"], card["episodes"])
-    measured = measure(fly(craft, task, controller, starts, timing))
+    measured = measure(fly(craft, task, loaded.controller, starts, loaded.timing))
     # The card keeps five digits.
     assert card["evaluation"]["paper"][""]["duty"][0] == pytest.approx(
         measured["duty"].value, rel=1e-4

@@ -34,13 +34,11 @@ def flown(name: str) -> Flight:
     All fly in a perfect world, also those that are made for another.
     """
     loaded = contestant(f"pretrained:{name}")
-    controller = loaded.controller
     craft = loaded.craft
-    task = loaded.task
     timing = loaded.timing
     timing = replace(timing, episode_steps=CUT.get(name, timing.episode_steps))
-    judged = task.for_evaluation()
-    return fly(craft, judged, controller, scenarios(judged, craft, SEED, EPISODES), timing)
+    judged = loaded.task.for_evaluation()
+    return fly(craft, judged, loaded.controller, scenarios(judged, craft, SEED, EPISODES), timing)
 
 
 def recorded(name: str) -> np.ndarray:

@@ -38,14 +38,15 @@ def run_folder(trained: Path, tmp_path: Path) -> Path:
 def test_the_agent_is_the_policy(trained: Path) -> None:
     """Agent and SB3's own PPO open the same thrusters."""
     loaded = load_policy(trained)
-    agent = loaded.controller
     craft = loaded.craft
-    task = loaded.task
-    timing = loaded.timing
     config = RunFolder(trained).config()
-    assert (craft.name, task, timing) == (config.spacecraft, config.settings, config.timing)
+    assert (craft.name, loaded.task, loaded.timing) == (
+        config.spacecraft,
+        config.settings,
+        config.timing,
+    )
     observations = seen(craft, 300).numpy()
-    actions = agent.act(None, None, observations)
+    actions = loaded.controller.act(None, None, observations)
     assert actions.shape == (300, len(craft.thrusters))
     assert 0.05 < actions.mean() < 0.95
     model = as_sb3(trained)

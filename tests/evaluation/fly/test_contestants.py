@@ -48,11 +48,7 @@ def multi(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_run_folder_is_itself(run: Path) -> None:
     loaded = contestant(str(run))
-    controller = loaded.controller
-    craft = loaded.craft
-    task = loaded.task
-    timing = loaded.timing
-    assert (controller.name, craft.name, task, timing) == (
+    assert (loaded.controller.name, loaded.craft.name, loaded.task, loaded.timing) == (
         "poser",
         "floating-platform",
         CONFIG.settings,

@@ -152,10 +152,11 @@ def test_every_metric_of_every_episode(tmp_path: Path) -> None:
 def test_trajectories_of_both_dimensions(tmp_path: Path) -> None:
     for dimension in (2, 3):
         loaded = contestant(f"lqr:go-to-pose-{dimension}d")
-        controller = loaded.controller
         craft = loaded.craft
         task = loaded.task
-        flight = fly(craft, task, controller, scenarios(task, craft, 1, 3), Timing(episode_steps=4))
+        flight = fly(
+            craft, task, loaded.controller, scenarios(task, craft, 1, 3), Timing(episode_steps=4)
+        )
         save_episodes(flight, tmp_path / "episodes.npz", trajectories=True)
         with np.load(tmp_path / "episodes.npz") as read:
             episodes = dict(read)
