@@ -60,8 +60,8 @@ def _by(deadline: float, task: OrbitalMission) -> dict[str, Any]:
 SEARCHES: dict[str, Search] = {
     "inspect": Search(Inspect(), ("circumnavigation",), 0, starts=20, together=1),
     "hold": Search(**_by(1900.0, Hold()), rounds=2, starts=8, together=4),
-    "dock": Search(**_by(1000.0, Dock()), rounds=3, starts=44),
-    "rendezvous": Search(**_by(5000.0, Rendezvous()), rounds=3, starts=8),
+    "dock": Search(**_by(1000.0, Dock()), rounds=3, starts=42),
+    "rendezvous": Search(**_by(5000.0, Rendezvous()), rounds=3, starts=4),
     "avoid": Search(Avoid(), ("pretrained:avoid-2d",), 20, "default zones", 20.2, 8),
     "dock-port": Search(DockPort(), ("pretrained:dock-port-2d",), 20, "default rates", 30.0, 4),
     **{

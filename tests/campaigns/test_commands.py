@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from campaigns.table import CAMPAIGNS
+from rans.files import read_json
 
 CAMPAIGNS_BY_COMMAND = {name.replace(" ", "-") for name in CAMPAIGNS}
 ROOT = Path(__file__).parents[2]
@@ -50,6 +51,19 @@ def test_commands_start_what_is_there() -> None:
         if not is_there(name)
     ]
     assert not missing
+
+
+def test_convex_guidance_has_flown_as_many_starts_as_its_row_asks() -> None:
+    """Of missions whose row says for how many it plans, by the latest deadline."""
+    asked = {
+        one.evidence[0]: int(one.given[one.given.index("--planned") + 1])
+        for one in CAMPAIGNS.values()
+        if "--planned" in one.given
+    }
+    assert asked
+    for name, count in asked.items():
+        rows = read_json(ROOT / "docs" / "validation" / name)["rows"]
+        assert max(row["starts"] for row in rows if row["who"] == "convex guidance") == count
 
 
 def test_commands_are_seen() -> None:

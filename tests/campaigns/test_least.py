@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from campaigns.least import cells, row_of_search
+from campaigns.least import SEARCHES, cells, row_of_search
+from rans.files import read_json
+from tests.support.processes import ROOT
 
 
 def test_a_row_compares_contestants_with_what_was_found() -> None:
@@ -23,6 +25,13 @@ def test_a_row_compares_contestants_with_what_was_found() -> None:
     assert (mission["mean"], mission["worst"]) == (3.0, 3.0)
     (cell,) = cells({"rows": [row]})
     assert cell["ratios"] == "convex 1.400 (2.000), mission 3.000 (3.000)"
+
+
+def test_a_search_names_as_many_starts_as_the_evidence_has() -> None:
+    rows = read_json(ROOT / "docs/validation/least-known.json")["rows"]
+    assert {row["mission"]: row["starts"] for row in rows}.items() <= {
+        name: search.starts for name, search in SEARCHES.items()
+    }.items()
 
 
 def test_a_search_that_finds_nothing_gains_nothing() -> None:
