@@ -213,7 +213,10 @@ def _tables(
     dtype: torch.dtype,
     device: torch.device,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Offsets (S,), slopes and effects of the subsets, on a device: a CUDA graph may not copy from a CPU."""
+    """Offsets (S,), slopes and effects of the subsets, on a device: a CUDA graph may not copy from a CPU.
+
+    All callers share the cached tensors, which nobody may change in place.
+    """
     chosen = choice(tokens, adapts, price)
     assert chosen is not None
     offset, slope, table = (

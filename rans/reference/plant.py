@@ -616,7 +616,10 @@ class Plant:
         self._open(self._nozzles.force_shares(opened), np.zeros(opened.shape))
 
     def _begin_further(self, commands: np.ndarray, stores: np.ndarray, duration: float) -> None:
-        """Begin a control period (s) of further effectors by commands (N, n) and stores (N, stores)."""
+        """Begin a control period (s) of further effectors by commands (N, n) and stores (N, stores).
+
+        It sets `_begun` and `_given`, from which forces are until the next period.
+        """
         commands = self._with_wheels(commands)
         first = self.craft.wheel_commands.stop
         bare = self._first_of_further(stores)

@@ -163,7 +163,10 @@ class SafeCoasts(Replacing):
 
 
 def _near(craft: Spacecraft, desired: np.ndarray) -> np.ndarray:
-    """Commands (K, thrusters) near a desired one, the nearest first."""
+    """Commands (K, thrusters) near a desired one, the nearest first.
+
+    The order is stable, so that it decides between equally near ones alike on every machine.
+    """
     thrusters = craft.thruster_count
     largest = 3 if thrusters <= _TRIPLES else 2
     levels = _LEVELS if craft.is_continuous else _LEVELS[:1]

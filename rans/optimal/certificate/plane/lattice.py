@@ -209,7 +209,10 @@ def _quantum(craft: Spacecraft, torques: np.ndarray) -> tuple[float, np.ndarray]
 def _patterns(
     craft: Spacecraft, multiples: np.ndarray, dead: Collection[int], stuck: Collection[int]
 ) -> Patterns:
-    """All sums of thrusters, one after the other, of equal ones the cheapest."""
+    """All sums of thrusters, one after the other, of equal ones the cheapest.
+
+    They are in the order of their torque: kernels look up those of a torque by the first of them.
+    """
     # Equal forces may differ by rounding of sums.
     tiny = 1e-12 * max(thruster.force for thruster in craft.thrusters)
     count = craft.thruster_count
