@@ -27,6 +27,7 @@ from rans.policy.allocation import (
     thrust_price,
 )
 from rans.policy.backbones import Backbone, product
+from rans.policy.heads import Patterns
 from rans.policy.parts import ArchitectureView, NetworkView
 from rans.policy.program import Program, inputs
 
@@ -109,6 +110,23 @@ class Allocated(Backbone):
             return torch.cat((opened + 0.5, torch.stack(turning, dim=-1)), dim=-1)
         return opened
 
+    def patterns(self, network: NetworkView, features: Tensor) -> Patterns | None:
+        """See `Backbone`: of a network that learns for its own craft, which has on/off thrusters alone."""
+        architecture = network.architecture
+        kinds = {token[-1] for token in architecture.tokens}
+        if architecture.authority or not kinds <= {ON_OFF, SHARED}:
+            return None
+        wanted = demand(network, features)
+        offset, slope, table = _tables(
+            architecture.tokens,
+            False,
+            architecture.frugality.price,
+            1.0,
+            wanted.dtype,
+            wanted.device,
+        )
+        return Patterns(wanted, offset, slope, table[:, : len(architecture.tokens)] + 0.5)
+
     def traced(self, program: Program, architecture: ArchitectureView, features: str) -> str:
         """As `outputs`, written into a program whose row it returns; tests compare both. See `Backbone`."""
         width = _width(architecture.tokens)
@@ -158,6 +176,12 @@ class Allocated(Backbone):
             continuous(symbols, turning), dict(zip(symbols, left, strict=True))
         )
         return program.joined(program.apply("Add", opened, half), *commands)
+
+
+def demand(network: NetworkView, features: Tensor) -> Tensor:
+    """Change of twist (N, d) that a network of this backbone demands, of features (..., N, features) by member."""
+    weight, bias = network.architecture.last.folded(*network.layer("action_net"))
+    return product(features, weight, bias).flatten(0, -2)
 
 
 def _width(tokens: Tokens) -> int:

@@ -379,6 +379,8 @@ class Architecture:
         tensors = {"log_std": torch.full((self.thrusters,), log_std)} if self.last.spread else {}
         for prefix, part in parts.items():
             tensors |= {prefix + name: value for name, value in part.state_dict().items()}
+        # A demand begins near 0, which opens nothing.
         with torch.no_grad():
-            self.last.expect(tensors["action_net.bias"], duty)
+            if self.backbone != "allocated":
+                self.last.expect(tensors["action_net.bias"], duty)
         return tensors | {EXTRACTOR + name: x for name, x in self.statistics().items()}, generator

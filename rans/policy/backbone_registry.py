@@ -31,11 +31,6 @@ BACKBONES: Registry[Backbone] = Registry(
     },
     _checked,
 )
-"""Backbones by their names in settings and agents' files; "allocated", of agents for any craft, is no setting."""
+"""Backbones by their names in settings and agents' files."""
 ATTENTION = "attention is a package of the repository: pip install ./examples/plugins/attention"
 """What to do about a name that earlier versions had."""
-
-
-def trainable() -> list[str]:
-    """Names that ``ppo.backbone`` accepts."""
-    return [name for name in BACKBONES if name != "allocated"]

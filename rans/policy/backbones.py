@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from rans.model.spacecraft import Spacecraft
+from rans.policy.heads import Patterns
 from rans.policy.parts import ArchitectureView, NetworkView
 from rans.policy.program import Program
 
@@ -42,6 +43,10 @@ class Backbone(ABC):
     @abstractmethod
     def outputs(self, network: NetworkView, features: Tensor) -> Tensor:
         """Outputs (..., N, outputs n) of features (..., N, features); see `rans.policy.heads.Head`."""
+
+    def patterns(self, network: NetworkView, features: Tensor) -> Patterns | None:
+        """Distribution for features (..., N, features) if on/off thrusters open together; None: by the outputs."""
+        return None
 
     def traced(self, program: Program, architecture: ArchitectureView, features: str) -> str:
         """Write `outputs` into a program: a row (N, outputs n) of a row of features (N, features).

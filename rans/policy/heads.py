@@ -18,6 +18,8 @@ from rans.model.fields import Field, where, within
 
 _LEAST_NOISE = 1e-6
 """Of a command whose recommendations are all zero, so that it has a density."""
+_TEMPERATURE = 0.1
+"""Difference of a demand's squared errors by which a pattern is e times less likely."""
 
 
 class Distribution(Protocol):
@@ -99,6 +101,69 @@ class OnOff(NamedTuple):
     def placed(self, site: Tensor) -> OnOff:
         """Distribution with its thrusters permuted by their sites (N, n) in a view of the spacecraft."""
         return OnOff(self.logit.gather(1, site))
+
+
+class Patterns(NamedTuple):
+    """N commands of n on/off thrusters, which open together: one of S patterns, after a demanded twist.
+
+    A pattern's probability falls with what it leaves of the demand and with its thrust. Thrusters that are chosen
+    one by one cannot say which of them go together: with a shared supply a valve too many takes the others' thrust.
+    """
+
+    demand: Tensor
+    """(N, d)."""
+    offset: Tensor
+    """(S,) and the next: linear functions of the demand (`rans.policy.allocation.Subsets`)."""
+    slope: Tensor
+    """(d, S)."""
+    opened: Tensor
+    """(S, n): zeros and ones."""
+
+    @property
+    def logit(self) -> Tensor:
+        """(N, n): above 0 for the thrusters of the most likely pattern."""
+        return self.mode() - 0.5
+
+    def _scores(self) -> Tensor:
+        return (self.demand @ self.slope + self.offset) / _TEMPERATURE
+
+    def log_prob(self, action: Tensor) -> Tensor:
+        """Log-probability (N,) of an action (N, n) of zeros and ones; minus infinity where it is no pattern."""
+        differing = action @ (1.0 - 2.0 * self.opened).T + self.opened.sum(dim=1)
+        log_probs = functional.log_softmax(self._scores(), dim=1)
+        return log_probs.masked_fill(differing > 0.5, -torch.inf).amax(dim=1)
+
+    def entropy(self) -> Tensor:
+        """Entropy (N,), nats."""
+        log_probs = functional.log_softmax(self._scores(), dim=1)
+        return -(log_probs.exp() * log_probs).sum(dim=1)
+
+    def sample(self, uniform: Tensor) -> Tensor:
+        """The action (N, n), zeros and ones, that the first of uniform random numbers (N, n) in [0, 1) chooses."""
+        below = torch.softmax(self._scores(), dim=1).cumsum(dim=1) <= uniform[:, :1]
+        # Rounding may leave the last sum below 1.
+        return self.opened[below.sum(dim=1).clamp(max=len(self.opened) - 1)]
+
+    def mode(self) -> Tensor:
+        """Most likely action (N, n), zeros and ones."""
+        return self.opened[torch.argmax(self.demand @ self.slope + self.offset, dim=1)]
+
+    def command(self, action: Tensor) -> Tensor:
+        """Commands of the thrusters, (N, n)."""
+        return action
+
+    def differentiable(self, uniform: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Distribution`: which valves open has no gradient."""
+        raise NotImplementedError
+
+    def margin(self) -> Tensor:
+        """See `Distribution`: that of the best pattern's function over the second's, of all thrusters."""
+        best = torch.topk(self.demand @ self.slope + self.offset, 2, dim=1).values
+        return (best[:, :1] - best[:, 1:]).expand(-1, self.opened.shape[1])
+
+    def placed(self, site: Tensor) -> Patterns:
+        """See `Distribution`: a demand is in B, whatever the spacecraft looks like from its sides."""
+        raise NotImplementedError
 
 
 class ClippedGaussian(NamedTuple):

@@ -346,8 +346,11 @@ class Network(Remembering):
             value = self._flat(out[..., -1])
         else:
             known = torch.cat((features, *map(self._rows, given)), dim=-1) if given else features
-            action = self._flat(BACKBONES[architecture.backbone].outputs(self, known))
+            backbone = BACKBONES[architecture.backbone]
             value = self._flat(product(critic, worth, constant)[..., 0])
+            if (patterns := backbone.patterns(self, known)) is not None:
+                return Output(patterns, value, self._flat(features))
+            action = self._flat(backbone.outputs(self, known))
         spread = self.tensors.get("log_std")
         if spread is not None and self.members > 1:
             spread = spread.repeat_interleave(len(action) // self.members, dim=0)

@@ -48,6 +48,11 @@ class ArchitectureView(Protocol):
         ...
 
     @property
+    def authority(self) -> tuple[float, ...]:
+        """See `rans.policy.architecture.Architecture`; empty for a network of one craft alone."""
+        ...
+
+    @property
     def frugality(self) -> Frugality:
         """See `rans.policy.architecture.Architecture`."""
         ...

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 import torch
 from scipy import stats
-from torch.distributions import Bernoulli, Independent, Normal
+from torch.distributions import Bernoulli, Categorical, Independent, Normal
 
-from rans.policy.heads import HEADS, ClippedGaussian, GatedGaussian, OnOff
+from rans.policy.heads import HEADS, ClippedGaussian, GatedGaussian, OnOff, Patterns
 
 GENERATOR = torch.Generator().manual_seed(6)
 MEAN = torch.randn(20, 8, generator=GENERATOR, dtype=torch.float64)
@@ -73,6 +73,51 @@ def test_a_view_of_the_spacecraft_takes_each_thrusters_own() -> None:
     assert duty.log_std.tolist() == [[2.0, 0.0, 1.0], [1.0, 2.0, 0.0]]
     guided = ClippedGaussian(own, torch.tensor([0.0, 1.0, 2.0]), -own).placed(place)
     assert guided.log_spread.tolist() == [[-10.0, -10.0, -10.0], [-20.0, -20.0, -20.0]]
+
+
+def patterns(demand: list[list[float]]) -> Patterns:
+    """Nothing, one of two opposite thrusters of 1, or both, at a price of 0.2 for each that is open."""
+    return Patterns(
+        torch.tensor(demand, dtype=torch.float64),
+        # Minus the square of the twist and the price.
+        torch.tensor([0.0, -1.2, -1.2, -0.4], dtype=torch.float64),
+        torch.tensor([[0.0, 2.0, -2.0, 0.0]], dtype=torch.float64),
+        torch.tensor([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], dtype=torch.float64),
+    )
+
+
+def test_a_pattern_is_the_more_likely_the_less_it_leaves_of_a_demand() -> None:
+    """A demand of 0.7 is missed by 0.49, 0.09 and 0.2, 2.89 and 0.2, or 0.49 and 0.4."""
+    policy = patterns([[0.7], [0.5]])
+    costs = torch.tensor([[0.49, 0.29, 3.09, 0.89], [0.25, 0.45, 2.45, 0.65]], dtype=torch.float64)
+    expected = Categorical(logits=-10.0 * costs, validate_args=True)
+    for number, row in enumerate(policy.opened):
+        action = row.expand(2, -1)
+        torch.testing.assert_close(
+            policy.log_prob(action), expected.log_prob(torch.full((2,), number)), rtol=1e-12, atol=0
+        )
+    torch.testing.assert_close(policy.entropy(), expected.entropy(), rtol=1e-12, atol=0)
+    assert policy.mode().tolist() == [[1.0, 0.0], [0.0, 0.0]]
+    assert (policy.logit > 0.0).tolist() == [[True, False], [False, False]]
+    torch.testing.assert_close(
+        policy.margin(), torch.tensor([[0.2, 0.2], [0.2, 0.2]], dtype=torch.float64)
+    )
+    few = policy._replace(
+        offset=policy.offset[:3], slope=policy.slope[:, :3], opened=policy.opened[:3]
+    )
+    assert few.log_prob(torch.ones(2, 2, dtype=torch.float64)).tolist() == [-math.inf, -math.inf]
+
+
+def test_patterns_are_drawn_as_often_as_they_are_likely() -> None:
+    count = 10_000
+    even = (torch.arange(count, dtype=torch.float64)[:, None] + 0.5) / count
+    policy = patterns([[0.7]] * count)
+    drawn = policy.sample(even.expand(-1, 2))
+    for row in policy.opened:
+        share = (drawn == row).all(dim=1).double().mean()
+        assert abs(share - policy.log_prob(row.expand(count, -1))[0].exp()) < 2e-4
+    # What rounds to 1 chooses the last one.
+    assert policy.sample(torch.ones(count, 2))[0].tolist() == [1.0, 1.0]
 
 
 def gated(logit: float, level: float, log_std: float, count: int = 1) -> GatedGaussian:

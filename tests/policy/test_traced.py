@@ -20,6 +20,7 @@ from rans.fast.flights import Flights
 from rans.fast.learn.config import PPOSettings
 from rans.model.actuators import Throttle
 from rans.model.spacecraft_file import load_spacecraft
+from rans.policy.any_craft import effects
 from rans.policy.backbones import effector_tokens
 from rans.policy.filter_bank import Filters
 from rans.policy.network import Network
@@ -34,6 +35,9 @@ from validation.speed.exported import ANSWERS
 plugins.register()
 
 THROTTLED = replace(PLATFORM, actuators=Throttle())
+PLATFORM_SHARED = load_spacecraft("floating-platform-shared")
+# Of eight there are more patterns than machine code compares.
+SUPPLIED = replace(PLATFORM_SHARED, thrusters=PLATFORM_SHARED.thrusters[:7])
 BANK = Filters.of(PLATFORM, WIDE, BRIEF.control_period, (0.1, 1.0), (), (), 0.0)
 DEPUTY = load_spacecraft("afrl-deputy")
 GUIDED = {
@@ -61,6 +65,10 @@ POLICIES: dict[str, tuple[Any, dict[str, Any]]] = {
     "gated throttles, history": (THROTTLED, {"head": "gated", "history": 2}),
     "filters": (PLATFORM, {"filters": BANK, "zoom": 4.0}),
     "recurrent": (PLATFORM, {"units": 8}),
+    "patterns that share a supply": (
+        SUPPLIED,
+        {"sided": False, "backbone": "allocated", "tokens": effects(SUPPLIED, 0.2)},
+    ),
     "attention": (
         PLATFORM,
         {"sided": False, "backbone": "attention", "tokens": effector_tokens(PLATFORM)},

@@ -17,6 +17,7 @@ from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings, Precision, TrainConfig
 from rans.fast.learn.learner import Learner, Making
 from rans.fast.learn.ppo import PPOLearner
+from rans.policy.any_craft import effects
 from rans.policy.architecture import Architecture
 from rans.policy.backbone_registry import BACKBONES
 from rans.policy.backbones import effector_tokens
@@ -44,18 +45,29 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
 
         noise = (filters.drift, filters.steady, filters.response, filters.gate)
         bank = Filters.of(craft, engine.task, period, *noise)
+    allocates = settings.backbone == "allocated"
+    if allocates and craft.is_continuous:
+        raise ConfigError(
+            f"the backbone 'allocated' opens on/off thrusters together, and {craft.name} has other effectors: "
+            "leave out ppo.backbone."
+        )
+    tokens: tuple[tuple[float, ...], ...] = ()
+    if BACKBONES[settings.backbone].has_tokens:
+        tokens = effects(craft, period) if allocates else effector_tokens(craft)
+    # A demand is in B: no side of the spacecraft has one of its own.
+    is_symmetric = settings.symmetric and not allocates
     return Architecture(
         layout=engine.layout,
         thrusters=craft.command_count,
         layers=tuple(settings.layers),
         activation=settings.activation,
         zoom=settings.zoom,
-        symmetries=symmetries(craft) if settings.symmetric else None,
+        symmetries=symmetries(craft) if is_symmetric else None,
         bf16=settings.matmul == "bf16",
         head=_head(engine, settings),
         levers=per_velocity(craft, period) if settings.head == "guided" else (),
         backbone=settings.backbone,
-        tokens=effector_tokens(craft) if BACKBONES[settings.backbone].has_tokens else (),
+        tokens=tokens,
         history=memory.history if has_history else 0,
         commands_only=memory.kind == "commands",
         averages=tuple(memory.averages) if has_history else (),

@@ -108,6 +108,9 @@ def from_any_craft(config: TrainConfig, craft: Spacecraft) -> TrainConfig:
     except ConfigError:
         return config
     ppo = replace(config.ppo, n_envs=_IMITATING_ENVS, n_steps=_IMITATING_STEPS)
+    if craft.thrust_sharing == "split" and not craft.is_continuous:
+        # Valves that are chosen one by one take each other's thrust.
+        ppo = replace(ppo, backbone="allocated")
     return replace(config, ppo=ppo, begin_from=f"pretrained:{FOR_ANY_CRAFT[2]}#{_FRUGALITY:g}")
 
 

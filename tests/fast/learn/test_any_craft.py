@@ -11,12 +11,14 @@ import pytest
 import torch
 
 from rans.errors import ConfigError, RansWarning
+from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn import any_craft, graph
 from rans.fast.learn.config import MemorySettings, TrainConfig
 from rans.fast.learn.recipes import from_any_craft, training
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.model.spacecraft_file import load_spacecraft
+from rans.policy.allocated import demand
 from rans.policy.frugality import Frugality
 from rans.policy.network import Network
 from rans.randomization.conditions_file import load_conditions
@@ -75,6 +77,51 @@ def test_its_commands_are_met(craft: str, tmp_path: Path, monkeypatch: pytest.Mo
     state = begun.learner.adam.state()
     assert not any(state[name].any() for name in ("first", "second", "steps"))
     assert (state["rate"] == begun.config.ppo.learning_rate).all()
+
+
+def test_what_it_demands_is_met_where_valves_share_a_supply(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In states of its own flights."""
+    shorten(monkeypatch, rounds=3, updates=60)
+    begun = trainer(tmp_path, config(craft="floating-platform-shared", backbone="allocated"))
+    learner, engine = begun.learner.network, begun.engine
+    untrained = Network(
+        learner.architecture, {name: x.detach().clone() for name, x in learner.tensors.items()}
+    )
+    expert = imitate(begun)
+    missed = []
+    with torch.no_grad():
+        for _ in range(30):
+            seen = engine.observe()
+            asked, before, after = (
+                demand(one, one.features(one.look(one.in_body(seen))[0])[0])
+                for one in (expert, untrained, learner)
+            )
+            missed.append(((after - asked).abs().sum(), (before - asked).abs().sum()))
+            engine.step(engine.commands(learner.deterministic_action(seen, None)[0]))
+    after, before = (sum(x) for x in zip(*missed, strict=True))
+    assert after < 0.6 * before
+
+
+def test_reinforcement_learning_goes_on_from_demands(tmp_path: Path) -> None:
+    """PPO changes the layer that demands, and an agent's file flies as the network does."""
+    given = config(craft="floating-platform-shared", backbone="allocated")
+    begun = trainer(tmp_path / "run", replace(given, begin_from=None))
+    before = begun.learner.network.tensors["action_net.weight"].detach().clone()
+    begun.train(lambda _: None)
+    network = begun.learner.network
+    assert (network.tensors["action_net.weight"] - before).abs().max() > 1e-4
+    saved = read_policy(RunFolder(tmp_path / "run").agent_file).network
+    seen = begun.engine.observe()
+    with torch.no_grad():
+        own, read = (one.deterministic_action(seen, None)[0] for one in (network, saved))
+    assert torch.equal(own, read)
+
+
+def test_other_effectors_are_not_opened_together(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="freeflyer2 has other effectors"):
+        trainer(tmp_path, config(craft="freeflyer2", backbone="allocated"))
 
 
 @pytest.mark.gpu
@@ -200,6 +247,16 @@ def test_a_number_after_the_name_makes_it_save_thrust(tmp_path: Path) -> None:
     assert frugal("any-craft-2d") == ()
     # Starts are 3.5 m away in the mean.
     assert frugal("any-craft-2d#1") == tuple(Frugality.of_value(1.0, 3.5, 2))
+    # Demands are imitated of the weights of the value.
+    architecture = replace(architecture, backbone="allocated")
+    own, of_value = (
+        any_craft.teacher(f"pretrained:any-craft-2d{value}", begun.engine, architecture)
+        for value in ("", "#0.4")
+    )
+    assert own is not None
+    assert of_value is not None
+    assert not torch.equal(*(one.tensors["action_net.weight"] for one in (own, of_value)))
+    assert frugal("any-craft-2d#0.4") == ()
     for wrong in ("any-craft-2d#2", "any-craft-2d#much", "go-to-pose-2d#0.5"):
         with pytest.raises(ConfigError):
             frugal(wrong)
@@ -210,6 +267,13 @@ def test_a_training_as_it_comes_begins_from_it_where_it_flies() -> None:
     assert from_any_craft(training("go-to-pose"), platform).begin_from == (
         "pretrained:any-craft-2d#0.4"
     )
+    # Valves that share a supply are imitated together.
+    shared = load_spacecraft("floating-platform-shared")
+    backbones = [
+        from_any_craft(training("go-to-pose", craft.name), craft).ppo.backbone
+        for craft in (platform, shared)
+    ]
+    assert backbones == ["dense", "allocated"]
     space = load_spacecraft("free-flyer")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RansWarning)
