@@ -330,6 +330,8 @@ class _Asked:
         """Where so many thrusters may push along either axis, with the other axis up to a guess.
 
         Tables are (rows, columns) by the number of thrusters.
+
+        Corners are no proof: see `turns`.
         """
         found = []
         turn = math.sqrt(2.0) * off.heading

@@ -891,7 +891,10 @@ class _Rows:
         return -dual[:, :, 1:].reshape(len(dual), 2 * size)
 
     def program(self, price: np.ndarray) -> ConeProgram:
-        """The program of commands between 0 and 1 that cost ``price`` (n,) each, N s."""
+        """The program of commands between 0 and 1 that cost ``price`` (n,) each, N s.
+
+        Its first 2 n rows are the bounds of `__init__`, then come the cones in the order of `_cones`.
+        """
         count = len(price)
         return ConeProgram(
             price,

@@ -392,7 +392,11 @@ class OrbitalMission(SingleTask):
         return replace(goal, notes=replace(unplanned, arrival=arrival, won=deadline * 0.0))
 
     def guidance_at(self, goal: State) -> OrbitalGuidance:
-        """Guidance that flies the mission from now on, from its settings."""
+        """Guidance that flies the mission from now on, from its settings.
+
+        Plans of goals and the velocity that networks observe come of it, so that recorded flights rely on its
+        settings.
+        """
         coasts = Coasts(
             self.drift_at(goal),
             self.speed_reserve,
