@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -23,8 +24,22 @@ def step(kind: str, inputs: str, output: str, **attributes: Any) -> Node:
     return kind, taken, given, attributes
 
 
+def steps(text: str) -> list[Node]:
+    """Nodes of assignments in Python's form, such as "m = MatMul(x, W); y = Gemm(m, W, None, beta=2.0)"."""
+    nodes = []
+    for line in ast.parse(text).body:
+        assert isinstance(line, ast.Assign)
+        call = line.value
+        assert isinstance(call, ast.Call)
+        taken = " ".join("-" if ast.unparse(x) == "None" else ast.unparse(x) for x in call.args)
+        settings = {one.arg or "": ast.literal_eval(one.value) for one in call.keywords}
+        given = ast.unparse(line.targets[0])
+        nodes.append(step(ast.unparse(call.func), taken, given, **settings))
+    return nodes
+
+
 def model_of(
-    nodes: Sequence[Node],
+    nodes: str | Sequence[Node],
     inputs: Mapping[str, Sequence[Any] | None],
     outputs: Mapping[str, Sequence[Any] | None],
     opset: int = 17,
@@ -34,11 +49,14 @@ def model_of(
 ) -> bytes:
     """Content of a file with these nodes, shapes of inputs and outputs by name, and of tables those that are used.
 
+    Nodes may be a text for `steps`.
+
     Args:
         change: of the model at the end.
     """
     from onnx import helper, numpy_helper
 
+    nodes = steps(nodes) if isinstance(nodes, str) else nodes
     used = {name for _, names, _, _ in nodes for name in names}
     kind = helper.np_dtype_to_tensor_dtype(np.dtype(precision))
     arrays = {name: np.asarray(table) for name, table in tables.items() if name in used}
@@ -68,7 +86,7 @@ def model_of(
 
 
 def graph(
-    nodes: Sequence[Node],
+    nodes: str | Sequence[Node],
     shape: Sequence[Any] = ("N", 2),
     outputs: Sequence[str] = ("y",),
     **settings: Any,
@@ -90,61 +108,48 @@ def overridable(model: Any) -> None:
 
 def ordinary() -> dict[str, bytes]:
     """Graphs of which each form is read."""
-    gemm = step("Gemm", "x W b", "y")
+    gemm = "y = Gemm(x, W, b)"
     reshape = np.array([0, -1], dtype=np.int64)
     return {
-        "product and sum": graph([step("MatMul", "x W", "m"), step("Add", "m b", "y")]),
-        "sum, turned": graph([step("MatMul", "x W", "m"), step("Add", "b m", "y")]),
-        "less a constant": graph([step("Sub", "x b", "m"), step("MatMul", "m W", "y")]),
-        "constant less it": graph([step("Sub", "b x", "m"), step("MatMul", "m W", "y")]),
-        "scaled": graph([step("Mul", "x b", "m"), step("MatMul", "m W", "y")]),
-        "scaled by a number": graph(
-            [step("Mul", "s x", "m"), step("MatMul", "m W", "y")], s=np.float32(-3.0)
-        ),
-        "divided": graph([step("Div", "x b", "m"), step("MatMul", "m W", "y")]),
-        "general product": graph([gemm]),
-        "transposed": graph([step("Gemm", "x W b", "y", transB=1)]),
-        "alpha": graph([step("Gemm", "x W b", "y", alpha=-4.0, transB=1)]),
-        "beta": graph([step("Gemm", "x W b", "y", beta=100.0)]),
-        "one bias for all": graph([step("Gemm", "x W c", "y", beta=2.0)], c=np.array([[0.4]])),
-        "without a bias": graph([step("Gemm", "x W", "y")]),
-        "bias left out": graph([step("Gemm", "x W -", "y")]),
-        "sum after an activation": graph(
-            [step("MatMul", "x W", "m"), step("Tanh", "m", "t"), step("Add", "t b", "y")]
-        ),
+        "product and sum": graph("m = MatMul(x, W); y = Add(m, b)"),
+        "sum, turned": graph("m = MatMul(x, W); y = Add(b, m)"),
+        "less a constant": graph("m = Sub(x, b); y = MatMul(m, W)"),
+        "constant less it": graph("m = Sub(b, x); y = MatMul(m, W)"),
+        "scaled": graph("m = Mul(x, b); y = MatMul(m, W)"),
+        "scaled by a number": graph("m = Mul(s, x); y = MatMul(m, W)", s=np.float32(-3.0)),
+        "divided": graph("m = Div(x, b); y = MatMul(m, W)"),
+        "general product": graph(gemm),
+        "transposed": graph("y = Gemm(x, W, b, transB=1)"),
+        "alpha": graph("y = Gemm(x, W, b, alpha=-4.0, transB=1)"),
+        "beta": graph("y = Gemm(x, W, b, beta=100.0)"),
+        "one bias for all": graph("y = Gemm(x, W, c, beta=2.0)", c=np.array([[0.4]])),
+        "without a bias": graph("y = Gemm(x, W)"),
+        "bias left out": graph("y = Gemm(x, W, None)"),
+        "sum after an activation": graph("m = MatMul(x, W); t = Tanh(m); y = Add(t, b)"),
         "activations": graph(
-            [
-                *(step("MatMul", "x W", "m"), step("Relu", "m", "r"), step("Gemm", "r W b", "g")),
-                *(step("Sigmoid", "g", "s"), step("Mul", "s b", "t"), step("Tanh", "t", "y")),
-            ]
+            "m = MatMul(x, W); r = Relu(m); g = Gemm(r, W, b); s = Sigmoid(g); t = Mul(s, b); y = Tanh(t)"
         ),
-        "flattened": graph(
-            [step("Flatten", "x", "f", axis=1), step("MatMul", "f W", "y")], shape=["N", 1, 1, 2]
-        ),
+        "flattened": graph("f = Flatten(x, axis=1); y = MatMul(f, W)", shape=["N", 1, 1, 2]),
         "reshaped": graph(
-            [step("Reshape", "x r", "f"), step("Gemm", "f W b", "y")],
+            "f = Reshape(x, r); y = Gemm(f, W, b)",
             shape=["N", 1, 1, 2],
             r=reshape,
         ),
         "convolution": graph(
-            [
-                step("Conv", "x k b", "c", kernel_shape=[1, 2], pads=[0, 0, 0, 0]),
-                step("Conv", "c l", "d", strides=[1, 1], dilations=[1, 1], group=1),
-                step("Flatten", "d", "y"),
-            ],
+            "c = Conv(x, k, b, kernel_shape=[1, 2], pads=[0, 0, 0, 0]); "
+            "d = Conv(c, l, strides=[1, 1], dilations=[1, 1], group=1); "
+            "y = Flatten(d)",
             shape=["N", 1, 1, 2],
             k=WEIGHT.reshape(2, 1, 1, 2),
             l=WEIGHT.reshape(2, 2, 1, 1),
         ),
-        "default weights": graph([gemm], change=overridable),
-        "batch of one": graph([gemm], shape=[1, 2]),
+        "default weights": graph(gemm, change=overridable),
+        "batch of one": graph(gemm, shape=[1, 2]),
         "double precision": graph(
-            [
-                gemm,
-            ],
+            gemm,
             precision=np.float64,
         ),
-        "oldest operations": graph([gemm], opset=7),
+        "oldest operations": graph(gemm, opset=7),
     }
 
 
@@ -239,137 +244,116 @@ def _two_versions(model: Any) -> None:
 
 def forged() -> dict[str, bytes]:
     """Graphs that an incautious reader takes for other networks, or that no reader knows."""
-    gemm = step("Gemm", "x W b", "y")
+    gemm = "y = Gemm(x, W, b)"
     image = {"shape": ["N", 1, 1, 2], "k": WEIGHT.reshape(2, 1, 1, 2)}
     long = {"shape": ["N", 1, 1, 4], "k": WEIGHT.reshape(2, 1, 1, 2)}
-    flat = step("Flatten", "c", "y")
-    chain = [step("MatMul", "x W", "y"), step("Tanh", "y", "z")]
+    flat = "y = Flatten(c)"
+    chain = "y = MatMul(x, W); z = Tanh(y)"
     return {
-        "matrix before a vector": graph([step("MatMul", "W x", "y")], shape=[2]),
-        "matrix before a batch": graph([step("MatMul", "W x", "y")], shape=[2, 1]),
-        "product after the output": graph([gemm, step("MatMul", "y W", "z")]),
+        "matrix before a vector": graph("y = MatMul(W, x)", shape=[2]),
+        "matrix before a batch": graph("y = MatMul(W, x)", shape=[2, 1]),
+        "product after the output": graph(f"{gemm}; z = MatMul(y, W)"),
         "activation after the output": graph(chain),
         "two outputs": graph(chain, outputs=["y", "z"]),
         "two outputs, turned": graph(chain, outputs=["z", "y"]),
-        "a dead branch": graph([step("MatMul", "x W", "d"), gemm]),
-        "a branch that joins": graph([step("MatMul", "x W", "m"), step("Add", "m x", "y")]),
-        "the input twice": graph([step("Mul", "x x", "m"), step("MatMul", "m W", "y")]),
-        "operands exchanged": graph([step("Gemm", "W c x", "y")], shape=[2, 2], c=np.eye(2)),
-        "data as the bias": graph([step("Gemm", "b W x", "y")], b=np.ones((1, 2))),
-        "transposed data": graph([step("Gemm", "x W b", "y", transA=1)], shape=[1, 2]),
-        "divided by the state": graph([step("Div", "b x", "m"), step("MatMul", "m W", "y")]),
-        "divided by zero": graph(
-            [step("Div", "x b", "m"), step("MatMul", "m W", "y")], b=np.zeros(2)
-        ),
-        "activations in a row": graph(
-            [step("MatMul", "x W", "m"), step("Relu", "m", "r"), step("Tanh", "r", "y")]
-        ),
-        "three in a row": graph(
-            [
-                *(step("MatMul", "x W", "m"), step("Tanh", "m", "r")),
-                *(step("Sigmoid", "r", "s"), step("Tanh", "s", "y")),
-            ]
-        ),
-        "an activation first": graph([step("Tanh", "x", "t"), step("MatMul", "t W", "y")]),
+        "a dead branch": graph(f"d = MatMul(x, W); {gemm}"),
+        "a branch that joins": graph("m = MatMul(x, W); y = Add(m, x)"),
+        "the input twice": graph("m = Mul(x, x); y = MatMul(m, W)"),
+        "operands exchanged": graph("y = Gemm(W, c, x)", shape=[2, 2], c=np.eye(2)),
+        "data as the bias": graph("y = Gemm(b, W, x)", b=np.ones((1, 2))),
+        "transposed data": graph("y = Gemm(x, W, b, transA=1)", shape=[1, 2]),
+        "divided by the state": graph("m = Div(b, x); y = MatMul(m, W)"),
+        "divided by zero": graph("m = Div(x, b); y = MatMul(m, W)", b=np.zeros(2)),
+        "activations in a row": graph("m = MatMul(x, W); r = Relu(m); y = Tanh(r)"),
+        "three in a row": graph("m = MatMul(x, W); r = Tanh(m); s = Sigmoid(r); y = Tanh(s)"),
+        "an activation first": graph("t = Tanh(x); y = MatMul(t, W)"),
         "an operation of its own": graph(
-            [step("MatMul", "x W", "m"), step("Tanh", "m", "y")], change=_functions("Tanh")
+            "m = MatMul(x, W); y = Tanh(m)", change=_functions("Tanh")
         ),
         "a reshape of its own": graph(
-            [step("MatMul", "x W", "m"), step("Reshape", "m r", "y")],
+            "m = MatMul(x, W); y = Reshape(m, r)",
             r=np.array([0, -1]),
             change=_functions("Reshape"),
         ),
-        "weights in another file": graph([gemm], change=_outside),
-        "a sparse weight": graph([step("MatMul", "x W", "y")], change=_sparse),
-        "a weight twice": graph([gemm], change=_twice),
-        "padded": graph([step("Conv", "x k", "c", pads=[0, 1, 0, 0]), flat], **image),
-        "padded by itself": graph([step("Conv", "x k", "c", auto_pad="SAME_UPPER"), flat], **image),
-        "a stride": graph([step("Conv", "x k", "c", strides=[1, 2]), flat], **long),
-        "dilated": graph([step("Conv", "x k", "c", dilations=[1, 3]), flat], **long),
+        "weights in another file": graph(gemm, change=_outside),
+        "a sparse weight": graph("y = MatMul(x, W)", change=_sparse),
+        "a weight twice": graph(gemm, change=_twice),
+        "padded": graph(f"c = Conv(x, k, pads=[0, 1, 0, 0]); {flat}", **image),
+        "padded by itself": graph(f'c = Conv(x, k, auto_pad="SAME_UPPER"); {flat}', **image),
+        "a stride": graph(f"c = Conv(x, k, strides=[1, 2]); {flat}", **long),
+        "dilated": graph(f"c = Conv(x, k, dilations=[1, 3]); {flat}", **long),
         "groups": graph(
-            [step("Conv", "x k", "c", group=2), flat],
+            f"c = Conv(x, k, group=2); {flat}",
             shape=["N", 2, 1, 1],
             k=np.ones((2, 1, 1, 1)),
         ),
-        "a kernel that moves": graph([step("Conv", "x k", "c"), flat], **long),
-        "another axis": graph([step("Flatten", "x", "f", axis=0), step("MatMul", "f W", "y")]),
+        "a kernel that moves": graph(f"c = Conv(x, k); {flat}", **long),
+        "another axis": graph("f = Flatten(x, axis=0); y = MatMul(f, W)"),
         "kept zeros": graph(
-            [step("Reshape", "x r", "f", allowzero=1), step("MatMul", "f W", "y")],
+            "f = Reshape(x, r, allowzero=1); y = MatMul(f, W)",
             r=np.array([1, 2]),
         ),
         "a state in two rows": graph(
-            [step("Reshape", "x r", "f"), step("MatMul", "f w", "y")],
+            "f = Reshape(x, r); y = MatMul(f, w)",
             r=np.array([2, 1]),
             w=np.ones((1, 2)),
         ),
-        "a bias for a batch": graph(
-            [step("MatMul", "x W", "m"), step("Add", "m c", "y")], c=np.eye(2)
-        ),
-        "a larger bias": graph(
-            [step("MatMul", "x w", "m"), step("Add", "m b", "y")], w=np.ones((2, 1))
-        ),
-        "three axes of weights": graph([step("MatMul", "x T", "y")], T=WEIGHT[None]),
-        "an attribute that it has not": graph([gemm], change=_attribute("broadcast", 1)),
+        "a bias for a batch": graph("m = MatMul(x, W); y = Add(m, c)", c=np.eye(2)),
+        "a larger bias": graph("m = MatMul(x, w); y = Add(m, b)", w=np.ones((2, 1))),
+        "three axes of weights": graph("y = MatMul(x, T)", T=WEIGHT[None]),
+        "an attribute that it has not": graph(gemm, change=_attribute("broadcast", 1)),
         "an attribute twice": graph(
-            [step("Gemm", "x W b", "y", alpha=1.0)], change=_attribute("alpha", -4.0)
+            "y = Gemm(x, W, b, alpha=1.0)", change=_attribute("alpha", -4.0)
         ),
-        "an attribute of another type": graph([gemm], change=_attribute("alpha", 2)),
-        "an operation before its time": graph([gemm], opset=6),
-        "an operation of the future": graph([gemm], opset=99),
-        "two versions": graph([gemm], change=_two_versions),
-        "two inputs": graph([gemm], change=_two_inputs),
+        "an attribute of another type": graph(gemm, change=_attribute("alpha", 2)),
+        "an operation before its time": graph(gemm, opset=6),
+        "an operation of the future": graph(gemm, opset=99),
+        "two versions": graph(gemm, change=_two_versions),
+        "two inputs": graph(gemm, change=_two_inputs),
         "an axis that is not there": graph(
-            [step("Reshape", "x r", "f"), step("Flatten", "f", "g"), step("MatMul", "g W", "y")],
+            "f = Reshape(x, r); g = Flatten(f); y = MatMul(g, W)",
             r=np.array([0, -1, 0]),
         ),
-        "a bias of one for two": graph(
-            [step("Conv", "x k c", "d"), step("Flatten", "d", "y")], c=np.ones(1), **image
-        ),
+        "a bias of one for two": graph("d = Conv(x, k, c); y = Flatten(d)", c=np.ones(1), **image),
         "an operation in another's place": graph(
-            [step("MatMul", "x W", "m"), step("Tanh", "m", "y")], change=_another_tanh
+            "m = MatMul(x, W); y = Tanh(m)", change=_another_tanh
         ),
         "a hundred and one nodes": graph(
-            [
-                step("MatMul", "x W", "m0"),
-                *(step("Add", f"m{k} b", f"m{k + 1}") for k in range(99)),
-                step("Add", "m99 b", "y"),
-            ]
+            "m0 = MatMul(x, W); "
+            + "".join(f"m{k + 1} = Add(m{k}, b); " for k in range(99))
+            + "y = Add(m99, b)"
         ),
-        "whole numbers": graph([gemm], change=_whole_numbers),
-        "a batch of two": graph([gemm], shape=[2, 2]),
-        "any number of states": graph([gemm], shape=["N", "M"]),
-        "a column": graph([step("MatMul", "W x", "y")], shape=["N", 2, 1]),
+        "whole numbers": graph(gemm, change=_whole_numbers),
+        "a batch of two": graph(gemm, shape=[2, 2]),
+        "any number of states": graph(gemm, shape=["N", "M"]),
+        "a column": graph("y = MatMul(W, x)", shape=["N", 2, 1]),
         "columns": graph(
-            [step("MatMul", "x v", "m"), step("Flatten", "m", "f"), step("MatMul", "f W", "y")],
+            "m = MatMul(x, v); f = Flatten(m); y = MatMul(f, W)",
             shape=["N", 2, 1],
             v=np.full((1, 1), 3.0),
         ),
-        "an output of a weight": graph([gemm], outputs=["W"]),
-        "an output of nothing": graph([gemm], outputs=["q"]),
-        "an output in between": graph(
-            [step("MatMul", "x W", "m"), step("MatMul", "m W", "y")], outputs=["m"]
-        ),
-        "the input as the output": graph([gemm], outputs=["x"]),
-        "a name of two": graph(
-            [step("MatMul", "x W", "y"), step("Tanh", "y", "z"), step("MatMul", "z W", "y")]
-        ),
-        "a name of a weight": graph([step("MatMul", "x W", "b"), step("Add", "b b", "y")]),
-        "an operand left out": graph([step("Gemm", "x - b", "y")]),
-        "no weight": graph([step("Gemm", "x", "y")]),
-        "two weights": graph([step("MatMul", "x W W", "y")]),
-        "another precision": graph([gemm], change=_another_precision),
+        "an output of a weight": graph(gemm, outputs=["W"]),
+        "an output of nothing": graph(gemm, outputs=["q"]),
+        "an output in between": graph("m = MatMul(x, W); y = MatMul(m, W)", outputs=["m"]),
+        "the input as the output": graph(gemm, outputs=["x"]),
+        "a name of two": graph("y = MatMul(x, W); z = Tanh(y); y = MatMul(z, W)"),
+        "a name of a weight": graph("b = MatMul(x, W); y = Add(b, b)"),
+        "an operand left out": graph("y = Gemm(x, None, b)"),
+        "no weight": graph("y = Gemm(x)"),
+        "two weights": graph("y = MatMul(x, W, W)"),
+        "another precision": graph(gemm, change=_another_precision),
         "an activation's attribute": graph(
-            [step("Tanh", "x", "t"), step("MatMul", "t W", "y")], change=_attribute("alpha", 2.0)
+            "t = Tanh(x); y = MatMul(t, W)", change=_attribute("alpha", 2.0)
         ),
-        "an activation of two": graph([step("MatMul", "x W", "m"), step("Relu", "m b", "y")]),
+        "an activation of two": graph("m = MatMul(x, W); y = Relu(m, b)"),
         "too wide": graph(
-            [step("MatMul", "x w", "m"), step("Tanh", "m", "t"), step("MatMul", "t v", "y")],
+            "m = MatMul(x, w); t = Tanh(m); y = MatMul(t, v)",
             w=np.ones((2, 1025)),
             v=np.ones((1025, 2)),
         ),
-        "an unknown operation": graph([step("MatMul", "x W", "m"), step("Softmax", "m", "y")]),
-        "no layer": graph([step("Flatten", "x", "y")]),
-        "no node": graph([], outputs=["x"]),
-        "not finite": graph([gemm], b=np.array([np.inf, 0.0])),
-        "shapes that do not fit": graph([step("Gemm", "x w b", "y")], w=np.ones((3, 2))),
+        "an unknown operation": graph("m = MatMul(x, W); y = Softmax(m)"),
+        "no layer": graph("y = Flatten(x)"),
+        "no node": graph("", outputs=["x"]),
+        "not finite": graph(gemm, b=np.array([np.inf, 0.0])),
+        "shapes that do not fit": graph("y = Gemm(x, w, b)", w=np.ones((3, 2))),
     }
