@@ -87,6 +87,33 @@ def test_wheels_turn_without_impulse() -> None:
     assert optimum * (1.0 - CLOSE) < bound < optimum
 
 
+@pytest.mark.parametrize("price", [0.0, 1.0])
+def test_slopes_are_those_of_the_worth_with_wheels(price: float) -> None:
+    """A wrong slope cuts the best multipliers off: the bound still holds, but is a looser one than there is.
+
+    Central differences along random directions; some meet a kink, where another set of thrusters is the best.
+    """
+    transfer = attitude_tube._transfer(
+        PINGU, planar(), planar(1.0, 0.6, heading=1.0), 15.0, EXACT, 0, by_impulse=True
+    )
+    assert transfer is not None
+    assert transfer.wheels > 0.0
+    random = np.random.default_rng(0)
+    d, turning = len(transfer.way), transfer.turning
+    agree = []
+    for _ in range(20):
+        x, along = random.normal(size=(2, transfer.count))
+        x[2 * d :] *= 2.0
+        _, slopes, _ = transfer.best(x, price)
+        ahead, behind = (transfer.best(x + h * along, price)[0] for h in (1e-6, -1e-6))
+        push = along[:d] + transfer.ends()[..., None] * along[d : 2 * d]
+        slope = np.sum(slopes[..., :d] * push, axis=-1)
+        slope += slopes[..., d] * (turning.basis @ along[2 * d :])
+        slope -= slopes[..., d + 1] * (turning.lean @ along[2 * d :])[:, None]
+        agree.append(np.isclose((ahead - behind) / 2e-6, slope, rtol=1e-5, atol=1e-6).mean())
+    assert np.mean(agree) > 0.99
+
+
 def test_linear_program_of_an_oblique_transfer_agrees() -> None:
     # An independent program: forces held for 0.04 s, exact sums of a double integrator in W.
     steps = 200
