@@ -136,15 +136,16 @@ def row_of_search(name: str, found: np.ndarray) -> dict[str, Any]:
 
 
 def cells(evidence: Any) -> Iterator[dict[str, Any]]:
-    """Rows of the table, with what contestants spend over what was found."""
+    """Rows of the table, with what contestants spend over what was found, in few words: a page is narrow."""
     for one in evidence["rows"]:
         names = SEARCHES[one["mission"]].contestants
         ratios = [
-            f"{who} {over['mean']:.3f} ({over['worst']:.3f})"
+            f"{who.removeprefix('pretrained:')} {over['mean']:.3f} ({over['worst']:.3f})"
             for who, over in zip(names, one["over"], strict=False)
             if over["mean"] is not None
         ]
-        yield {**one, "ratios": ", ".join(ratios)}
+        what = ", ".join(filter(None, (one["mission"], one["condition"])))
+        yield {**one, "what": what, "ratios": ", ".join(ratios)}
 
 
 def _over(spent: np.ndarray, found: np.ndarray) -> dict[str, float | None]:
