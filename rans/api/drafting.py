@@ -247,8 +247,9 @@ def init_spacecraft(
         settings["thrust_sharing"] = thrust_sharing
     # The text is read again, so that a draft is what its file will be.
     craft = Spacecraft(dimension=flat, **settings) if start is None else replace(start, **settings)
-    for misfit in misfits(craft) if foreign is not None else ():
-        warnings.warn(f"of {foreign}: {misfit}.", RansWarning, stacklevel=2)
+    of = f"of {foreign}" if foreign is not None else f"spacecraft {craft.name!r}"
+    for misfit in misfits(craft):
+        warnings.warn(f"{of}: {misfit}.", RansWarning, stacklevel=2)
     text = commented(craft, origin)
     return Draft(parse_spacecraft(text, name), text)
 

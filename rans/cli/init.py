@@ -15,7 +15,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 from rans.api.drafting import init_spacecraft
 from rans.cli.door import Options, argument_texts, command_of
 from rans.errors import ConfigError, brief, meant
-from rans.terminal import Terminal
+from rans.terminal import Terminal, doing
 
 if TYPE_CHECKING:
     from rans.api.drafting import Draft
@@ -272,8 +272,9 @@ def _fly(console: Terminal, craft: Spacecraft, agent: str) -> bool:
     except ConfigError as error:
         console.say(f"{agent} does not fly it: {error}")
         return False
-    flight = fly_episodes(run.controller, run.judged, EVALUATION_SEED, _FLIGHTS, workers=1).flight
-    rows = {row.name: row for row in measure(flight).rows}
+    with doing(f"flying it from {_FLIGHTS} starts by {agent}"):
+        flown = fly_episodes(run.controller, run.judged, EVALUATION_SEED, _FLIGHTS, workers=1)
+    rows = {row.name: row for row in measure(flown.flight).rows}
     settling = rows["settling time"].value
     median = f", the median after {settling:.1f} s" if math.isfinite(settling) else ""
     console.say(

@@ -85,6 +85,12 @@ def misfits(craft: Spacecraft) -> list[str]:
             f"its radius is {radius:g} m, but its inertia is that of a body of {gyration:.3g} m about its centre, "
             f"and no thruster is farther than {arm:.3g} m from it: the usual cause is a radius in mm or cm"
         )
+    elif min(radius, arm) > _SMALL * gyration:
+        result.append(
+            f"its inertia of {largest:g} kg m^2 and mass of {craft.mass:g} kg are those of a body of {gyration:.3g} "
+            f"m about its centre, and a thruster is {arm:.3g} m from it: the usual cause is a mass in g, or an "
+            "inertia in other units"
+        )
     if craft.mass < _LIGHTEST * 4.0 / 3.0 * math.pi * arm**3:
         result.append(
             f"a thruster is {arm:.3g} m from the centre of a mass of {craft.mass:g} kg, farther than on any solar "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -44,14 +45,33 @@ def typed(monkeypatch: pytest.MonkeyPatch, *lines: str | type[BaseException]) ->
 def _here(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, undrawn: None, request: pytest.FixtureRequest
 ) -> None:
-    """A folder of its own. Flights take seconds, and one test has them."""
+    """A folder of its own. Flights take seconds, and one test has them, another has their beginning."""
     monkeypatch.chdir(tmp_path)
-    if request.node.name != "test_a_batch_writes_a_file_that_reads_back":
+    if request.node.name not in (
+        "test_a_batch_writes_a_file_that_reads_back",
+        "test_a_long_flight_is_announced",
+    ):
         monkeypatch.setattr("rans.cli.init._fly", lambda *_: False)
 
 
 def batch(*words: str) -> int:
     return main(["init", "mine.toml", *words])
+
+
+def test_a_long_flight_is_announced(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A craft that hardly moves, whose flights last for minutes, and whose mass is doubted before them."""
+
+    def flown(*_: object, **__: object) -> None:
+        time.sleep(1.2)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rans.evaluation.fly.episodes.fly_episodes", flown)
+    assert batch("--from", "floating-platform", "--set", "mass=5320") == 130
+    said = " ".join(capsys.readouterr().err.split())
+    assert "the usual cause is a mass in g, or an inertia in other units" in said
+    assert "flying it from 32 starts by any-craft-2d" in said
 
 
 @pytest.mark.slow

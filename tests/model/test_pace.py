@@ -19,6 +19,7 @@ from tests.support.engines import PLATFORM
         ({"radius": 0.00031}, 2),
         ({"inertia": ((20.0, 0.0, 0.0), (0.0, 20.0, 0.0), (0.0, 0.0, 20.0))}, 1),
         ({"centre_of_mass": (0.35, 0.0, 0.0)}, 1),
+        ({"mass": 1000.0 * PLATFORM.mass}, 1),
     ],
 )
 def test_a_body_fits_its_radius(changes: dict[str, Any], expected: int) -> None:

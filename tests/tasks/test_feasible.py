@@ -102,7 +102,10 @@ def test_units_mistaken_on_the_slow_side(slip: str) -> None:
 def test_an_engine_and_a_training_of_a_slow_file_warn(tmp_path: Path) -> None:
     text = SPACECRAFT["floating-platform"].text.replace("mass = 5.32", "mass = 5320")
     (tmp_path / "grams.toml").write_text(text)
-    with pytest.warns(UserWarning, match="for 1 m from rest to rest"):
+    with (
+        pytest.warns(UserWarning, match="a mass in g, or an inertia"),
+        pytest.warns(UserWarning, match="for 1 m from rest to rest"),
+    ):
         Engine(tmp_path / "grams.toml", GoToPosition(), 2)
     with pytest.warns(UserWarning, match="cannot turn"):
         tiny_trainer(tmp_path / "run", replace(CONFIG, spacecraft="afrl-deputy"))
