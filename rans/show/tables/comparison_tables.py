@@ -176,8 +176,11 @@ def differences(comparison: Comparison) -> dict[str, Scores]:
 def dominations(comparison: Comparison) -> list[tuple[str, str]]:
     """Pairs of contestants of which the first is quicker and cheaper than the second, and always arrives.
 
-    It is so where the 95 % intervals of the differences from the same starts leave no doubt.
+    It is so where the 95 % intervals of the differences from the same starts leave no doubt, which takes at least
+    six starts.
     """
+    if comparison.contest.episodes < _FEWEST:
+        return []
     entries = comparison.entries
     bootstrap = Bootstrap(comparison.contest.episodes)
 
@@ -203,6 +206,12 @@ def verdict(comparison: Comparison) -> str:
     """
     if len(comparison.entries) < 2:
         return ""
+    episodes = comparison.contest.episodes
+    if episodes < _FEWEST:
+        return (
+            f"Nobody is shown to be quicker or cheaper than another from {counted(episodes, 'start')}: at 95 % "
+            f"that takes {_FEWEST} or more."
+        )
     first, *others = comparison.entries
     pairs = dominations(comparison)
     time = "time of success, s" if first.ends else "settling time, s"
@@ -229,8 +238,7 @@ def verdict(comparison: Comparison) -> str:
 
 def _dominated(comparison: Comparison, pairs: Sequence[tuple[str, str]]) -> str:
     """Sentence about who is shown to dominate whom, ours and others alike; pairs are (winner, loser)."""
-    starts = counted(comparison.contest.episodes, "start")
-    same = f"from the same {starts}" if comparison.contest.episodes > 1 else "from this start"
+    same = f"from the same {comparison.contest.episodes:,} starts"
     if not pairs:
         return f"Nobody is shown to be both quicker and cheaper than another {same} (95 %)."
     losers: dict[tuple[str, ...], list[str]] = {}
@@ -243,6 +251,11 @@ def _dominated(comparison: Comparison, pairs: Sequence[tuple[str, str]]) -> str:
     beaten = {loser for _, loser in pairs}
     free = [entry.name for entry in comparison.entries if entry.name not in beaten]
     return f"{'; '.join(clauses)}: quicker and cheaper {same}. Nobody is shown to dominate {_names(free)} (95 %)."
+
+
+_FEWEST = 6
+"""Fewest starts whose differences show a sign at 95 %: where either sign is as likely, n of them all have the same
+one with a probability of 2^(1-n), which is 6.3 % of five and 3.1 % of six."""
 
 
 def _times(entry: Entry) -> np.ndarray:

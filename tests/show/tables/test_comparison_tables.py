@@ -66,20 +66,20 @@ def test_a_task_to_the_end_of_the_episode_says_how_many_broke_a_limit() -> None:
     assert scoreboard(found)["agent"]["limit broken, %"].value == pytest.approx(100 / 3)
 
 
-def beside(**others: tuple[float, float]) -> Comparison:
-    """Twelve flights to the goal: "ours" arrives after 5 s with 3 N s, the others as given, each less a little."""
+def beside(count: int = 12, **others: tuple[float, float]) -> Comparison:
+    """Flights to the goal: "ours" arrives after 5 s with 3 N s, the others as given, each less a little."""
     found = comparison()
     entries = []
     for name, (time, impulse) in {"ours": (5.0, 3.0), **others}.items():
         steps = np.arange(41)[:, None] * 0.5
-        late = time + np.where(np.arange(12) < 6, 0.0, 1.0)
+        late = time + np.where(np.arange(count) < 6, 0.0, 1.0)
         distance = np.where(steps >= late, 0.01, 1.0)
-        commands = np.zeros((40, 12, 8))
+        commands = np.zeros((40, count, 8))
         commands[: round(impulse / 0.5), :, 0] = 1.0
         flight = flight_of(distance, 0.0, commands)
         flight = replace(flight, timing=replace(flight.timing, control_period=0.5))
         entries.append(Entry(Contestant(name, NOBODY, "", ""), flight, np.zeros(1)))
-    contest = replace(found.contest, episodes=12, timing=entries[0].flight.timing)
+    contest = replace(found.contest, episodes=count, timing=entries[0].flight.timing)
     return Comparison(contest, entries)
 
 
@@ -148,6 +148,21 @@ def test_the_page_of_a_comparison_says_it_first() -> None:
     found = beside(x=(4.0, 2.0), y=(3.0, 1.0))
     assert verdict(found)
     assert page(found).hero.startswith(verdict(found))
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 6])
+def test_fewer_than_six_starts_show_nothing(count: int) -> None:
+    """x is better from every start, and of five differences all have one sign by chance in one case of sixteen."""
+    found = beside(count, x=(4.0, 2.0))
+    assert dominations(found) == ([("x", "ours")] if count == 6 else [])
+    said = verdict(found)
+    if count == 6:
+        assert said.startswith("x dominates ours: quicker and cheaper from the same 6 starts.")
+    else:
+        starts = "1 start" if count == 1 else f"{count} starts"
+        assert said == (
+            f"Nobody is shown to be quicker or cheaper than another from {starts}: at 95 % that takes 6 or more."
+        )
 
 
 def test_an_advantage_from_a_few_starts_is_not_claimed() -> None:
