@@ -1,4 +1,7 @@
-"""Display of frames in the browser by a local web server, which needs no window toolkit."""
+"""Display of frames in the browser by a local web server, which needs no window toolkit.
+
+Environments show their frames in it, and `rans view` and the API's pages are served by it.
+"""
 
 from __future__ import annotations
 
@@ -53,6 +56,7 @@ class Window:
         self._period = 1.0 / fps
         self._due = 0.0
         self._changed = threading.Condition()
+        # Empty before the first frame, None after the last: `next` waits until it is another object.
         self._jpeg: bytes | None = b""
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, self))
         threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True).start()

@@ -284,7 +284,10 @@ class Architecture:
         return self.units or self.layers[-1]
 
     def filtered(self, row: Columns) -> list[tuple[Layout, Columns]]:
-        """The gated reading and the estimate of every filter, each with its layout.
+        """The gated reading, which is always the first, and the estimate of every filter, each with its layout.
+
+        A gate (`rans.policy.measurement_gate`) leaves out readings that do not fit. Torch's network (`rans.policy.preprocess`) and the
+        printed programs (`rans.policy.traced`) both take their input from this list, in this order.
 
         Args:
             row: columns of a reading in B, then the filters' memory.

@@ -79,12 +79,16 @@ def timing_for(craft: Spacecraft, usual: Timing, period: float | None = None) ->
 
 
 def _period(craft: Spacecraft, own: Authority) -> float:
-    """Control period for a craft with an authority, s, short enough that it turns and pulses gently."""
+    """Control period for a craft with an authority, s, short enough that it turns and pulses gently.
+
+    Every flight of the craft of a user's file has it, so that a change moves the figures of `docs` and packages. In
+    the plane only turning counts.
+    """
     short, long = PERIODS
     slow = own.least_angular * long <= LARGEST_TURN
     if craft.dimension == 2:
         return long if slow and not craft.is_continuous else short
-    # Of a thruster that does not point along an axis: a demand takes more than one pulse.
+    # Largest angular acceleration by one thruster, rad/s^2, of which a craft in space that spans all ways has six.
     kicks = np.linalg.norm(columns_of(craft)[: craft.thruster_count, 3:], axis=1)
     kick = float(kicks.max())
     if not craft.is_continuous:

@@ -292,9 +292,13 @@ def estimator(
 ) -> Adaptation:
     """Estimator of a spacecraft, for a policy that adapts.
 
+    Effects are changes of the twist in a control period, m/s and rad/s, by a full command. Files of agents have
+    tokens and authority, and rebuild the estimator from them.
+
     Args:
-        tokens: of each command, see `rans.policy.any_craft.effects`.
-        authority: see `rans.policy.architecture.Architecture.authority`.
+        tokens: one row for each command, its accelerations over the craft's least ones and then its kind; see
+            `rans.policy.any_craft.effects`. Thrusters with a shared supply are all of the kind `SHARED`.
+        authority: control period and accelerations; see `rans.policy.architecture.Architecture.authority`.
         keeps_weak: whether a thruster with half of its force stays in use.
         filling: see `rans.policy.architecture.Architecture`.
         has_checks: see `Adaptation`.

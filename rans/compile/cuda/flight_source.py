@@ -119,7 +119,9 @@ class _Writer(Lines):
         """The policy, and where each warp puts what its network is given and answers.
 
         Names that `policy.cuh` and the lines below use; addresses are those of `Design.places`, in pieces of 16
-        bytes.
+        bytes. Single numbers are read one by one, rows of the head in pieces of 8 bytes and of layers in 16, as
+        `policy.cuh` takes its pointers. A warp's part is zeroed once, since columns that pad its inputs are never
+        written.
         """
         design = self._design
         threads = 32 * self._design.warps

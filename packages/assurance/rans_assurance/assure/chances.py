@@ -126,7 +126,9 @@ class Chances:
     """The uniform numbers that decide an episode."""
 
     setup: Setup
+    """What flies, and under which conditions."""
     places: tuple[Slot, ...]
+    """Where an episode asks for each of the D numbers, in ascending order; row k of given numbers is of place k."""
 
     @classmethod
     def of(cls, setup: Setup) -> Chances:
@@ -152,6 +154,9 @@ class Chances:
         backend: Backend | None = None,
     ) -> Chosen:
         """Random numbers of N episodes.
+
+        Words of the seed and the stride are 0, as in `of`: only numbers of sensors are still drawn, by that seed
+        and the number of the episode.
 
         Args:
             units: (D, N) in [0, 1), as many as there are places.

@@ -226,7 +226,9 @@ class PassiveEntry(PassivelySafeGuidance[OrbitalMission]):
     ) -> np.ndarray:
         """(N, 3) change of velocity in W, m/s, of this period, which acts in its middle and keeps its direction.
 
-        Now is s since the start; a burn that is not worth its error (`_TRIM`) waits for the next period.
+        Columns of points and ends are the turn and the arrival. Now is s since the start; a burn that is not worth
+        its error (`_TRIM`) waits for the next period. Plans are judged by flights of this same law
+        (`_distance_of_flights`), so that a change of it changes which plan is chosen.
         """
         turned = now > ends[:, 0] - 0.75 * self._period
         points = np.where(turned[:, None], points[:, 1], points[:, 0])

@@ -257,8 +257,11 @@ def _search(
 
 
 def _changes(flight: Flight, levers: np.ndarray) -> np.ndarray:
-    """Changes of a flight by its commands, (T, N, K), without those after its success."""
-    # Each row of levers is a direction over the change by a full command.
+    """Changes of a flight by its commands, (T, N, K), in the unit of the form; none after its success.
+
+    The flight is where a search begins: `_Form.script` makes commands of such changes. Levers are (thrusters, K).
+    """
+    # A thruster that changes c along its unit direction d has the lever d / c: d c is lever / |lever|^2.
     most = 1.0 / np.square(levers).sum(axis=1)
     changes = flight.commands @ (levers * most[:, None])
     if flight.lengths is not None:

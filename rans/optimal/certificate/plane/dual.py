@@ -225,8 +225,11 @@ class Relaxation:
     def bound(self, costate: np.ndarray, branch: Branch) -> DualValue:
         """The dual function: its value is infinite where the branch holds no path.
 
+        Whatever the costate, no path of the branch is cheaper than the value: `margin`, more than what rounding can
+        add, is taken off. The table of costs to go is used again by the next call.
+
         Raises:
-            NonFiniteState: numbers are too large, so that infinity might mean an overflow.
+            NonFiniteState: by `margin`: numbers are too large, so that infinity might mean an overflow.
         """
         margin = self.margin(costate)
         costs = self._costs(costate, branch)
