@@ -87,8 +87,8 @@ def misfits(craft: Spacecraft) -> list[str]:
         )
     elif min(radius, arm) > _SMALL * gyration:
         result.append(
-            f"its inertia of {largest:g} kg m^2 and mass of {craft.mass:g} kg are those of a body of {gyration:.3g} "
-            f"m about its centre, and a thruster is {arm:.3g} m from it: the usual cause is a mass in g, or an "
+            f"its inertia of {largest:g} kg m^2 and mass of {craft.mass:g} kg are those of a body of {gyration:.3g}"
+            f" m about its centre, and a thruster is {arm:.3g} m from it: the usual cause is a mass in g, or an "
             "inertia in other units"
         )
     if craft.mass < _LIGHTEST * 4.0 / 3.0 * math.pi * arm**3:

@@ -286,8 +286,9 @@ class Architecture:
     def filtered(self, row: Columns) -> list[tuple[Layout, Columns]]:
         """The gated reading, which is always the first, and the estimate of every filter, each with its layout.
 
-        A gate (`rans.policy.measurement_gate`) leaves out readings that do not fit. Torch's network (`rans.policy.preprocess`) and the
-        printed programs (`rans.policy.traced`) both take their input from this list, in this order.
+        A gate (`rans.policy.measurement_gate`) predicts readings that are missing or implausible. Torch's network
+        (`rans.policy.preprocess`) and the printed programs (`rans.policy.traced`) both take their input from this
+        list, in this order.
 
         Args:
             row: columns of a reading in B, then the filters' memory.
