@@ -110,22 +110,20 @@ class Allocated(Backbone):
             return torch.cat((opened + 0.5, torch.stack(turning, dim=-1)), dim=-1)
         return opened
 
-    def patterns(self, network: NetworkView, features: Tensor) -> Patterns | None:
-        """See `Backbone`: of a network that learns for its own craft, which has on/off thrusters alone."""
-        architecture = network.architecture
+    def tables(self, architecture: ArchitectureView, like: Tensor) -> tuple[Tensor, ...]:
+        """See `Backbone`: for a network that learns for its own craft, which has on/off thrusters alone."""
         kinds = {token[-1] for token in architecture.tokens}
         if architecture.authority or not kinds <= {ON_OFF, SHARED}:
-            return None
-        wanted = demand(network, features)
+            return ()
+        price = architecture.frugality.price
         offset, slope, table = _tables(
-            architecture.tokens,
-            False,
-            architecture.frugality.price,
-            1.0,
-            wanted.dtype,
-            wanted.device,
+            architecture.tokens, False, price, 1.0, like.dtype, like.device
         )
-        return Patterns(wanted, offset, slope, table[:, : len(architecture.tokens)] + 0.5)
+        return offset, slope, table[:, : len(architecture.tokens)] + 0.5
+
+    def patterns(self, network: NetworkView, features: Tensor) -> Patterns | None:
+        """See `Backbone`."""
+        return Patterns(demand(network, features), *network.tables) if network.tables else None
 
     def traced(self, program: Program, architecture: ArchitectureView, features: str) -> str:
         """As `outputs`, written into a program whose row it returns; tests compare both. See `Backbone`."""

@@ -44,6 +44,13 @@ class Backbone(ABC):
     def outputs(self, network: NetworkView, features: Tensor) -> Tensor:
         """Outputs (..., N, outputs n) of features (..., N, features); see `rans.policy.heads.Head`."""
 
+    def tables(self, architecture: ArchitectureView, like: Tensor) -> tuple[Tensor, ...]:
+        """Constants of `patterns`, of the device and precision of ``like``; () if outputs decide.
+
+        A network makes them once, since neither a compiler nor a CUDA graph may: see `NetworkView.tables`.
+        """
+        return ()
+
     def patterns(self, network: NetworkView, features: Tensor) -> Patterns | None:
         """Distribution for features (..., N, features) if on/off thrusters open together; None: by the outputs."""
         return None

@@ -68,6 +68,7 @@ class Network(Remembering):
         )
         # Before a CUDA graph is recorded, which may not copy from a CPU.
         self._levers = self._mean.new_tensor(architecture.levers or [[]]).mT
+        self.tables = BACKBONES[architecture.backbone].tables(architecture, self._mean)
         super().__init__(architecture, self._mean, preprocessor)
 
     def adopt(self, tensors: Mapping[str, Tensor]) -> None:
@@ -200,7 +201,8 @@ class Network(Remembering):
         sees T steps one after the other; of its memories those of the first step count.
         """
         architecture = self.architecture
-        columns, known = preprocessed, list[Tensor]()
+        columns = preprocessed
+        known: list[Tensor] = []
         if architecture.adapts:
             columns, *known = preprocessed.tensor_split([architecture.column_count], dim=1)
         features, critic = self.features(columns, memory, privileged, going_on)

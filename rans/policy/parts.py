@@ -126,6 +126,11 @@ class NetworkView(Protocol):
         ...
 
     @property
+    def tables(self) -> tuple[Tensor, ...]:
+        """Constants of its backbone, see `rans.policy.backbones.Backbone.tables`."""
+        ...
+
+    @property
     def members(self) -> int:
         """Number of networks with weights of their own."""
         ...

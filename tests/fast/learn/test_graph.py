@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import gc
+from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
 import torch
 
+from rans.fast.learn import adam, ppo, selection
+from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.graph import as_written, fused, graphed
+from rans.fast.learn.recipes import training
+from rans.fast.learn.run_folder import RunFolder
+from rans.fast.learn.trainer import Trainer
+from rans.model.spacecraft_file import load_spacecraft
 
 GPU = torch.device("cuda")
 
@@ -75,3 +85,48 @@ def test_python_collects_no_garbage_while_a_graph_is_recorded(usually: bool, fai
     finally:
         gc.enable()
     assert collects == [usually, usually, False]  # the third call is recorded
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("craft", "changes"),
+    [
+        pytest.param("floating-platform", {}, id="dense"),
+        pytest.param("floating-platform-shared", {"backbone": "allocated"}, id="allocated"),
+        pytest.param(
+            "floating-platform",
+            {"memory": MemorySettings("recurrent"), "symmetric": False},
+            id="recurrent",
+        ),
+    ],
+)
+def test_what_a_gpu_compiles_is_traced_whole(
+    craft: str, changes: dict[str, Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Without its compiler of kernels, on a processor; the training is the one of the functions as written."""
+    given = training("go-to-pose", craft, "cpu")
+    changed = replace(given.ppo, n_envs=8, n_steps=8, batch_size=32, n_epochs=1, **changes)
+    given = replace(given, ppo=changed, plain=True, total_timesteps=64, report_interval=1)
+
+    def weights(folder: str) -> dict[str, torch.Tensor]:
+        trainer = Trainer([given], load_spacecraft(craft), RunFolder(tmp_path / folder))
+        trainer.train(lambda _: None)
+        return {name: x.detach() for name, x in trainer.learner.network.tensors.items()}
+
+    traced = list[str]()
+
+    def compiled(function: Callable[..., Any], *_: Any) -> Callable[..., Any]:
+        inner = torch.compile(function, fullgraph=True, dynamic=False, backend="eager")
+
+        def call(*arguments: Any) -> Any:
+            traced.append(function.__name__)
+            return inner(*arguments)
+
+        return call
+
+    as_they_are = weights("as-written")
+    for module in (adam, ppo, selection):
+        monkeypatch.setattr(module, "fused", compiled)
+    for name, x in weights("traced").items():
+        torch.testing.assert_close(x, as_they_are[name], rtol=1e-5, atol=1e-6)
+    assert {"act", "losses", "deterministic_action", "_step"} <= {*traced}
