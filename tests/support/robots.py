@@ -1,4 +1,4 @@
-"""What tests of robots share: a pose away from the goal, agents, plans, buses and processes."""
+"""What tests of robots share: a pose away from the goal, agents, plans, bags, buses and processes."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import os
 import subprocess
 import sys
 import threading
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rans_robot.bag import BagMessage, BagWriter
 from rans_robot.bus import Receive, UDPBus
 from rans_robot.frames import Motion, quaternion_of
 from rans_robot.messages import TEXT
@@ -23,6 +25,16 @@ AWAY = Motion(np.array([2.0, 1.0, 0.0]), quaternion_of(0.5), np.zeros(3), np.zer
 def plan(folder: Path, **changes: Any) -> Plan:
     """A flight of go-to-pose with the agent of a folder."""
     return Plan(str(folder), {"name": "go-to-pose", "settings": {}}, **changes)
+
+
+def bag_of(folder: Path, messages: Iterable[BagMessage]) -> Path:
+    """A bag with messages, in a folder."""
+    file = folder / "flight.mcap"
+    bag = BagWriter(file)
+    for message in messages:
+        bag.write(message)
+    bag.close()
+    return file
 
 
 class Always:

@@ -19,9 +19,9 @@ from rans.cli import main
 from rans.evaluation.measure.metrics import solved
 from rans.fast.flights import BATCH, Flights
 
-AGENT = "pretrained:go-to-pose-2d"
-LAB = ["--conditions", "lab"]
-"""Conditions in which four in five of the agent's flights fail."""
+AGENT: str = "pretrained:go-to-pose-2d"
+LAB: str = f"assure {AGENT} --conditions lab"
+"""In conditions in which four in five of the agent's flights fail."""
 DEFAULTS: dict[str, Any] = assure.__kwdefaults__ or {}
 """Default arguments of `rans.assure`, which the command has too."""
 
@@ -38,7 +38,7 @@ def test_python_flies_the_conditions_that_it_names() -> None:
     named = rans.assure("go-to-pose-2d", conditions="lab", episodes=64)
     own = rans.assure("go-to-pose-2d", conditions=rans.load_conditions("lab"), episodes=64)
     assert named.campaign.failures == own.campaign.failures
-    assert main(["assure", AGENT, *LAB, "--episodes", "64", "--output", "here"]) == 0
+    assert main(f"{LAB} --episodes 64 --output here".split()) == 0
     bounds = json.loads(Path("here/assurance-lab.json").read_text("utf-8"))["bounds"]
     assert bounds["any"]["failures"] == named.campaign.bound().events > 0
 
@@ -46,7 +46,7 @@ def test_python_flies_the_conditions_that_it_names() -> None:
 def test_conditions_of_one_name_have_files_apart() -> None:
     Path("lab.toml").write_text("[body]\nmass = 1.2\n")
     for given in ("lab", "lab.toml"):
-        assert main(["assure", AGENT, "--conditions", given, "--episodes", "8"]) == 0
+        assert main(f"assure {AGENT} --conditions {given} --episodes 8".split()) == 0
     written = Path("runs/evaluations/pretrained-go-to-pose-2d").glob("assurance*.json")
     assert len(list(written)) == 2
 
@@ -55,7 +55,8 @@ def test_conditions_of_one_name_have_files_apart() -> None:
 def test_numbers_a_page_and_commands_that_show_failures_again(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = ["assure", AGENT, *LAB, "--episodes", "60"]
+    line = f"{LAB} --episodes 60"
+    command = line.split()
     monkeypatch.setitem(DEFAULTS, "worst", 1)
     monkeypatch.setattr(sys, "argv", ["rans", *command])
     assert main(command) == 0
@@ -72,7 +73,7 @@ def test_numbers_a_page_and_commands_that_show_failures_again(
     assert found["bounds"]["any"]["at most"] == pytest.approx(high, rel=1e-6)
     assert f"{failed} of 60 flights failed" in printed
     assert page.index(f"{failed} of 60 flights failed") < page.index("<h2")
-    assert f"rans {' '.join(command)}" in page
+    assert f"rans {line}" in page
     assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
     policy = Path(rans.__file__).parent / "data/pretrained/go-to-pose-2d/agent.safetensors"
     listed = subprocess.run(
@@ -93,7 +94,7 @@ def test_numbers_a_page_and_commands_that_show_failures_again(
 
 
 def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], refused: Any
 ) -> None:
     monkeypatch.setitem(BATCH, "cpu", 32)
     part = Flights._part
@@ -106,35 +107,33 @@ def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(
         return part(self, first, count, seed)
 
     monkeypatch.setattr(Flights, "_part", interrupted)
-    command = ["assure", AGENT, "--episodes", "64", "--output", "here"]
-    assert main(command) == 130
+    output: str = "--output here --episodes"
+    assert main(f"assure {AGENT} {output} 64".split()) == 130
     assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 32
-    output = capsys.readouterr()
-    assert "Interrupted" in output.out
-    assert "interrupted; what was written is kept" in output.err
+    said = capsys.readouterr()
+    assert "Interrupted" in said.out
+    assert "interrupted; what was written is kept" in said.err
     before = Path("here/assurance.json").read_bytes()
     with monkeypatch.context() as other:
         other.setitem(DEFAULTS, "seed", 7)
-        assert main([*command, "--episodes", "48"]) == 2  # flights that took long are not lost
-    output = capsys.readouterr()
-    assert "holds 32 of 64 flights of a campaign that was interrupted" in output.err
-    assert "another one (by its seed, looks)" in output.err
+        sentence = refused(f"assure {AGENT} {output} 48")  # flights that took long are not lost
+    assert "holds 32 of 64 flights of a campaign that was interrupted" in sentence
+    assert "another one (by its seed, looks)" in sentence
     assert Path("here/assurance.json").read_bytes() == before
-    assert (
-        main(["assure", AGENT.removeprefix("pretrained:"), *command[2:]]) == 0
-    )  # as of a moved folder
+    # As of a moved folder.
+    assert main(f"assure go-to-pose-2d {output} 64".split()) == 0
     assert calls == [0, 32, 32]
     assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 64
-    assert main([*command, "--episodes", "48"]) == 2
-    assert "holds 64 of 64 flights of a campaign that was larger" in capsys.readouterr().err
+    smaller = f"assure {AGENT} {output} 48"
+    assert "holds 64 of 64 flights of a campaign that was larger" in refused(smaller)
     Path("here/assurance.json").unlink()
-    assert main([*command, "--episodes", "48"]) == 0
+    assert main(smaller.split()) == 0
     monkeypatch.setitem(DEFAULTS, "seed", 7)
-    assert main([*command, "--episodes", "48"]) == 0  # no smaller: made anew
+    assert main(smaller.split()) == 0  # no smaller: made anew
 
 
 def test_a_plan_says_what_a_bound_takes(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["assure", AGENT, "--failure-below", "1e-4", "--episodes", "0"]) == 0
+    assert main(f"assure {AGENT} --failure-below 1e-4 --episodes 0".split()) == 0
     # ln(1 / 0.0045) / 1e-4 = 54,037 by hand, a little less as (1 - p)^n falls faster.
     assert re.search(r"54,03\d .* at most 0", capsys.readouterr().out)
     assert not Path("runs").exists()
@@ -144,33 +143,26 @@ def test_a_bound_that_is_refuted_ends_with_1(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(DEFAULTS, "confidence", 0.6)
-    short = ["--failure-below", "3e-3", "--episodes", "400"]
-    assert main(["assure", AGENT, *LAB, *short]) == 1
+    assert main(f"{LAB} --failure-below 3e-3 --episodes 400".split()) == 1
     assert "Refuted" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("typed", "words"),
     [
-        (["pretrained:multi-task-2d"], "#go-to-pose"),
-        ([AGENT, "--episodes", "-1"], "--episodes"),
-        ([AGENT, "--rare", "-1"], "rare must be a whole number >= 0"),
-        ([AGENT, "--rare", "1000"], "rare must be at least 1,600"),
-        ([AGENT, "--failure-below", "1e-12"], "2,147,483,647 flights cannot show"),
-        ([AGENT, "--episodes", "1", "--search", "perfect"], "--search perfect"),
-        ([AGENT, "--episodes", "1", "--search", "labb"], "did you mean lab?"),
-        (["lqr:go-to-pose-2d", "--episodes", "1", "--search", "lab"], "an agent that RANS trained"),
-        (["lqr:go-to-pose-2d", "--episodes", "1", "--rare", "1600"], "an agent that RANS trained"),
+        ("pretrained:multi-task-2d", "#go-to-pose"),
+        (f"{AGENT} --episodes -1", "--episodes"),
+        (f"{AGENT} --rare -1", "rare must be a whole number >= 0"),
+        (f"{AGENT} --rare 1000", "rare must be at least 1,600"),
+        (f"{AGENT} --failure-below 1e-12", "2,147,483,647 flights cannot show"),
+        (f"{AGENT} --episodes 1 --search perfect", "--search perfect"),
+        (f"{AGENT} --episodes 1 --search labb", "did you mean lab?"),
+        ("lqr:go-to-pose-2d --episodes 1 --search lab", "an agent that RANS trained"),
+        ("lqr:go-to-pose-2d --episodes 1 --rare 1600", "an agent that RANS trained"),
     ],
 )
-def test_wrong_input_is_refused_in_a_sentence(
-    arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["assure", *arguments]) == 2
-    output = capsys.readouterr()
-    assert words in output.err
-    assert output.err.count("\n") == 1
-    assert output.out == ""  # before anything flies
+def test_wrong_input_is_refused_in_a_sentence(typed: str, words: str, refused: Any) -> None:
+    assert words in refused(f"assure {typed}")
 
 
 @pytest.mark.slow

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from rans.cli import main
 from rans.errors import ConfigError
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import contest_of, enlist
@@ -108,10 +108,5 @@ def test_every_start_that_flies_needs_a_flight(tmp_path: Path) -> None:
         enlist(str(file), contest_of("mission:dock-3d", 2))
 
 
-def test_a_file_alone_names_no_mission(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    written(tmp_path, DV)
-    assert main(["compare", "flights.csv"]) == 2
-    assert "name one before it" in " ".join(capsys.readouterr().err.split())
+def test_a_file_alone_names_no_mission(tmp_path: Path, refused: Any) -> None:
+    assert "name one before it" in refused(f"compare {written(tmp_path, DV)}")

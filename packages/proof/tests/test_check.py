@@ -112,10 +112,9 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("proof")
     network = written(damping(4, (2, 3), 3), folder / "net.onnx")
     (folder / "docking.toml").write_text(DOCKING)
-    arguments = ["prove", str(network), "--problem", str(folder / "docking.toml")]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rans_proof.command._CELLS", 2)  # 16 cells are checked in a second
-        assert main(arguments) == 0
+        assert main(f"prove {network} --problem {folder}/docking.toml".split()) == 0
     return network, folder / "docking.certificate.json"
 
 
@@ -157,8 +156,8 @@ def test_a_certificate_of_another_problem_is_refused(
     problem = tmp_path / "other.toml"
     assert old in DOCKING
     problem.write_text(DOCKING.replace(old, new))
-    arguments = ["prove", str(network), "--check", str(file), "--problem", str(problem)]
-    assert main(arguments) == bool(name)
+    line = f"prove {network} --check {file} --problem {problem}"
+    assert main(line.split()) == bool(name)
     printed = capsys.readouterr().out
     if name:
         assert printed.startswith("Refused: ")
@@ -183,14 +182,13 @@ def test_a_flight_that_refutes_is_flown_again(
     network = certificate[0]
     problem, file = tmp_path / "false.toml", tmp_path / "flight.json"
     problem.write_text(DOCKING.replace("base = 0.2", "base = -0.1"))
-    arguments = ["prove", str(network), "--problem", str(problem), "--output", str(file)]
-    assert main(arguments) == 1
+    assert main(f"prove {network} --problem {problem} --output {file}".split()) == 1
     assert capsys.readouterr().out.startswith("False: ")
     table = json.loads(file.read_text())
     start = np.array(table["flight"][0])
     broken = np.linalg.norm(start[2:]) - (-0.1 + 0.002 * np.linalg.norm(start[:2]))
     assert -verdict(file.read_bytes(), network.read_bytes()) >= broken - 1e-9 > -1e-9
-    assert main(["prove", str(network), "--check", str(file)]) == 0
+    assert main(f"prove {network} --check {file}".split()) == 0
     assert "breaks the property" in capsys.readouterr().out
     from rans_proof.balls import Refused
 

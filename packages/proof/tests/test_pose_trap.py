@@ -413,8 +413,8 @@ def test_far_starts_come_into_it(
 ) -> None:
     """A short way, by the command, and the same claim with too little time."""
     file = tmp_path / "far.json"
-    command = ["prove", str(folder), "--property", "position=0.05,heading=5", "--output", str(file)]
-    assert main([*command, "--from", "position=0.052,heading=5.5"]) == 0
+    limits = "--property position=0.05,heading=5 --from position=0.052,heading=5.5"
+    assert main(f"prove {folder} {limits} --output {file}".split()) == 0
     assert "at rest, it is after" in capsys.readouterr().out.replace("\n", " ")
     table = json.loads(file.read_bytes())
     table["reach"]["periods"] = 10
@@ -439,7 +439,7 @@ def test_a_report_says_what_is_proved_of_poses(
     assert claimed.passed is None
     assert "0.05 m and 5.0 degrees" in claimed.text
     assert proof_entry(tmp_path).keys() == {"claimed"}
-    assert main(["prove", str(tmp_path), "--check", str(tmp_path / "proof.json")]) == 0
+    assert main(f"prove {tmp_path} --check {tmp_path}/proof.json".split()) == 0
     checked = section(certificate)
     assert checked.findings[0].passed
     cells = sum(b - a for runs in table["cells"].values() for _, a, b in runs)

@@ -262,15 +262,13 @@ def test_a_refusal_of_the_command_is_one_sentence(
     table: dict[str, Any],
     files: dict[str, bytes],
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    told: Any,
 ) -> None:
     pytest.importorskip("flint")
     forge(table, FORGED[forged])
     folder = written(files, tmp_path / "agent")
     (tmp_path / "forged.json").write_text(json.dumps(table))
-    assert main(["prove", str(folder), "--check", str(tmp_path / "forged.json")]) != 0
-    streams = capsys.readouterr()
-    text = " ".join((streams.out + streams.err).split())
+    text = told(f"prove {folder} --check {tmp_path}/forged.json")
     assert "Accepted" not in text
     assert "Error" not in text  # the name of an exception
     assert text.endswith(".")
@@ -340,8 +338,8 @@ def test_the_shipped_agents_loop_flies_as_an_engine(engine: str) -> None:
 def test_what_is_false_is_flown_in_both_engines(capsys: pytest.CaptureFixture[str]) -> None:
     """A pulse makes 3.8 cm/s, so that a velocity above it cannot stay below."""
     pytest.importorskip("pydrake")
-    limits = ["--property", "speed=0.05,spin=0.5", "--from", "speed=0.04,spin=0.2"]
-    assert main(["prove", "pretrained:track-velocity-2d", *limits]) == 1
+    limits: str = "--property speed=0.05,spin=0.5 --from speed=0.04,spin=0.2"
+    assert main(f"prove pretrained:track-velocity-2d {limits}".split()) == 1
     reached = re.findall(
         r"reaches ([\d.]+) m/s and ([\d.]+) rad/s", " ".join(capsys.readouterr().out.split())
     )
@@ -360,11 +358,10 @@ def test_the_command_checks_an_agents_certificate(
     pytest.importorskip("flint")
     folder = written(files, tmp_path / "agent")
     file = tmp_path / "trap.json"
-    check = ["--check", str(file)]
-    assert main(["prove", "pretrained:track-velocity-2d", *check]) == 1
+    assert main(f"prove pretrained:track-velocity-2d --check {file}".split()) == 1
     assert "another agent" in capsys.readouterr().out
     assert recorded(stated(file.read_bytes(), file)) == ""
-    assert main(["prove", str(folder), *check]) == 0
+    assert main(f"prove {folder} --check {file}".split()) == 0
     text = " ".join(capsys.readouterr().out.split())
     assert "Accepted" in text
     certificate = stated(file.read_bytes(), file)
@@ -373,31 +370,21 @@ def test_the_command_checks_an_agents_certificate(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "sentence"),
+    ("typed", "sentence"),
     [
-        (["--property", "speed=0.16,spin=1.5"], "name the --property"),
-        (["--property", "speed=0.16", "--from", "speed=0.1,spin=0.1"], "--property takes"),
-        (
-            ["--property", "speed=0.16,spin=1", "--from", "speed=0.2,spin=0.1"],
-            "--from speed must be",
-        ),
-        (["--property", "speed=1,spin=1", "--from", "speed=x,spin=0.1"], "--from takes"),
+        ("speed=0.16,spin=1.5", "name the --property"),
+        ("speed=0.16 --from speed=0.1,spin=0.1", "--property takes"),
+        ("speed=0.16,spin=1 --from speed=0.2,spin=0.1", "--from speed must be"),
+        ("speed=1,spin=1 --from speed=x,spin=0.1", "--from takes"),
     ],
 )
-def test_a_wrong_property_is_a_sentence(
-    arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["prove", "pretrained:track-velocity-2d", *arguments]) != 0
-    assert sentence in " ".join(capsys.readouterr().err.split())
+def test_a_wrong_property_is_a_sentence(typed: str, sentence: str, refused: Any) -> None:
+    assert sentence in refused(f"prove pretrained:track-velocity-2d --property {typed}")
 
 
-def test_what_can_be_proved_is_said_before_a_property_is_asked_for(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    limits = ["--property", "speed=0.16,spin=1.5", "--from", "speed=0.1,spin=0.1"]
-    for options in ([], limits):
-        assert main(["prove", "pretrained:go-to-pose-2d", *options]) != 0
-        text = " ".join(capsys.readouterr().err.split())
+def test_what_can_be_proved_is_said_before_a_property_is_asked_for(refused: Any) -> None:
+    for options in ("", "--property speed=0.16,spin=1.5 --from speed=0.1,spin=0.1"):
+        text = refused(f"prove pretrained:go-to-pose-2d {options}")
         assert "go-to-pose" in text
         assert "velocities in the plane" in text
         assert "ONNX" in text
@@ -449,9 +436,9 @@ def test_the_shipped_agent_stays_slow(
     from rans.evaluation.fly.agent import load_policy
 
     monkeypatch.chdir(tmp_path)
-    arguments = ["prove", "track-velocity-2d", "--property", "speed=0.16,spin=1.52"]
-    arguments += ["--off", "velocity=0.0001,delay=0.00002"]
-    assert main([*arguments, "--from", "speed=0.14,spin=0.15"]) == 0
+    limits: str = "--property speed=0.16,spin=1.52 --from speed=0.14,spin=0.15"
+    off = "--off velocity=0.0001,delay=0.00002"
+    assert main(f"prove track-velocity-2d {limits} {off}".split()) == 0
     assert "Proved" in capsys.readouterr().out
     (file,) = tmp_path.iterdir()
     assert file.name == "track-velocity-2d.certificate.json"

@@ -16,15 +16,14 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
-from rans_robot.bag import BagMessage, BagWriter, bag_entries, index_bag
+from rans_robot.bag import BagMessage, bag_entries, index_bag
 from rans_robot.bus import Distribution, ZenohBus, open_bus
 from rans_robot.interfaces import RobotName, interface, wheels_message
 from rans_robot.messages import FLOATS, POSE, TEXT, array, make, pack, unpack
 
-from rans.cli import main
 from rans.errors import ConfigError
 from tests.support.processes import PATIENCE, free_port, wait_until
-from tests.support.robots import AWAY
+from tests.support.robots import AWAY, bag_of
 
 ROBOTS: tuple[RobotName, ...] = ("ros", "odometry", "px4", "roboran", "pingu")
 MOTION = AWAY._replace(spin=np.array([0.0, 0.0, 0.25]))
@@ -39,13 +38,8 @@ def written(folder: Path) -> tuple[Path, list[BagMessage]]:
         both = [*ends.state(MOTION, moment), *ends.command([1.0] + [0.0] * 7, moment)]
         rows += [BagMessage(moment, f"{robot}/{one.topic}", one.kind, one.data) for one in both]
     joints = wheels_message((12.5, -3.0), 2 * 10**9)
-    rows.append(BagMessage(3 * 10**9, joints.topic, joints.kind, joints.data))
-    file = folder / "flight.mcap"
-    bag = BagWriter(file)
-    for row in rows:
-        bag.write(row)
-    bag.close()
-    return file, rows
+    rows.append(BagMessage(3 * 10**9, *joints))
+    return bag_of(folder, rows), rows
 
 
 def checked(kind: str, message: Any) -> None:
@@ -250,11 +244,9 @@ def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
 
 
 def test_a_replay_asks_for_trust_once_there_is_something_to_trust(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Any
 ) -> None:
-    pytest.importorskip("mcap")
     monkeypatch.setenv("RANS_TRUST", "")
-    assert main(["replay", str(tmp_path / "none.mcap")]) == 2
-    said = capsys.readouterr().err
+    said = refused(f"replay {tmp_path}/none.mcap")
     assert "No such file" in said
     assert "--trust" not in said

@@ -7,14 +7,14 @@ import shutil
 from pathlib import Path
 
 import pytest
-from rans_robot.bag import BagMessage, BagWriter, bag_entries
-from rans_robot.messages import TEXT, make, pack
+from rans_robot.bag import BagMessage, bag_entries
+from rans_robot.messages import TEXT, text_message
 from rans_robot.node import FLIGHT_TOPIC, replay_bag
-from rans_robot.pilot import MessagePilot, Plan
+from rans_robot.pilot import MessagePilot
 
 from rans.tasks import GoToPose
 from tests.support.damage import COUNTS, check
-from tests.support.robots import AWAY
+from tests.support.robots import AWAY, bag_of, plan
 
 
 @pytest.fixture
@@ -24,26 +24,20 @@ def mine(agent: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path(shutil.copytree(agent, tmp_path / "mine"))
 
 
-def plan(folder: Path) -> Plan:
-    return Plan(str(folder), {"name": "go-to-pose", "settings": {}})
-
-
 @COUNTS
 def test_bags(mine: Path, count: int) -> None:
     pytest.importorskip("mcap")
-    bag = Path("flight.mcap")
     pilot = MessagePilot(plan(mine), GoToPose())
-    writer = BagWriter(bag)
     about = json.dumps({"folder": str(mine), "task": {"name": "go-to-pose", "settings": {}}})
-    writer.write(BagMessage(1, FLIGHT_TOPIC, TEXT, pack(TEXT, make(TEXT, data=about))))
+    rows = [BagMessage(1, FLIGHT_TOPIC, TEXT, text_message(about))]
     for k in range(1, 6):
         now = k * 200_000_000
         for message in pilot.interface.state(AWAY, now):
             pilot.receive(message.topic, message.data, now)
-            writer.write(BagMessage(now, *message))
-        for message in pilot.messages(pilot.decide(now + 1), now + 1):
-            writer.write(BagMessage(now + 1, *message))
-    writer.close()
+            rows.append(BagMessage(now, *message))
+        given = pilot.messages(pilot.decide(now + 1), now + 1)
+        rows += [BagMessage(now + 1, *message) for message in given]
+    bag = bag_of(Path(), rows)
     assert replay_bag(bag).decisions == 5
     check([bag], lambda: [*bag_entries(bag)], 12 * count)
     check([bag], lambda: replay_bag(bag), count // 2)

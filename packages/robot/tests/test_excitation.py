@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from rans_robot.identify.excite import Excitation
-from rans_robot.pilot import MessagePilot, Plan
+from rans_robot.pilot import MessagePilot
 from rans_robot.twin import Craft, TwinPlan
 
 import rans
@@ -16,6 +17,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.exported import code_of
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks.go_to_pose import GoToPose
+from tests.support.robots import plan
 
 pytest.importorskip("rosbags")
 
@@ -23,8 +25,7 @@ pytest.importorskip("rosbags")
 @pytest.mark.parametrize("name", ["floating-platform", "free-flyer"])
 def test_a_flight_stays_in_its_box_and_ends(name: str, tmp_path: Path) -> None:
     folder = rans.excite(name, tmp_path / "most", box=2.0, seconds=12.0)
-    plan = Plan(str(folder), {"name": "go-to-pose", "settings": {}})
-    pilot = MessagePilot(plan, GoToPose())
+    pilot = MessagePilot(plan(folder), GoToPose())
     craft = pilot.craft
     zeros = (0.0,) * (3 if craft.dimension == 2 else 6)
     twin = Craft(
@@ -70,14 +71,16 @@ def test_chosen_commands_tell_more_than_random_ones(monkeypatch: pytest.MonkeyPa
     assert chosen > information() + 3.0
 
 
-def test_the_command_says_how_to_fly(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_says_how_to_fly(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], refused: Any
+) -> None:
     folder = tmp_path / "most"
-    assert main(["identify", "--excite", "atmos", "--output", str(folder)]) == 0
+    line = f"identify --excite atmos --output {folder}"
+    assert main(line.split()) == 0
     said = capsys.readouterr()
     assert "--trust --seconds 60" in " ".join((said.out + said.err).split())
     right, count = code_of(folder / "agent.py").check()
     assert (right, count) == (32, 32)
-    assert main(["identify", "--excite", "atmos", "--output", str(folder)]) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "exists already" in refused(line)
     with pytest.raises(ConfigError, match="reaction wheels"):
         rans.excite("pingu", tmp_path / "pingu")

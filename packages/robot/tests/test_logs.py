@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_robot.bag import BagMessage, BagWriter
+from rans_robot.bag import BagMessage
 from rans_robot.frames import Motion
 from rans_robot.interfaces import RobotName, interface
 from rans_robot.logs import read_bag
@@ -19,6 +19,7 @@ from rans_robot.node import FLIGHT_TOPIC
 
 from rans.errors import ConfigError
 from rans.model.spacecraft_file import load_spacecraft
+from tests.support.robots import bag_of
 
 PLATFORM = load_spacecraft("floating-platform")
 
@@ -26,7 +27,7 @@ PLATFORM = load_spacecraft("floating-platform")
 @pytest.mark.parametrize("robot", ["ros", "pose", "odometry", "px4", "roboran", "pingu"])
 def test_what_a_robot_said_comes_back(robot: RobotName, tmp_path: Path) -> None:
     ends = interface(robot, 8, 8)
-    bag = BagWriter(tmp_path / "flight.mcap")
+    bag = []
     rows = []
     for k in range(5):
         angle = 0.3 * k
@@ -39,11 +40,10 @@ def test_what_a_robot_said_comes_back(robot: RobotName, tmp_path: Path) -> None:
         )
         command = (np.arange(8) == k).astype(float)
         now = (k + 1) * 200_000_000
-        for message in (*ends.state(motion, now), *ends.command(command.tolist(), now)):
-            bag.write(BagMessage(now, message.topic, message.kind, message.data))
+        both = (*ends.state(motion, now), *ends.command(command.tolist(), now))
+        bag += [BagMessage(now, *message) for message in both]
         rows.append((0.2 * k, 0.1 * k, -0.2 * k, angle, command))
-    bag.close()
-    log = read_bag(tmp_path / "flight.mcap", PLATFORM, robot)
+    log = read_bag(bag_of(tmp_path, bag), PLATFORM, robot)
     assert log.times == pytest.approx([row[0] for row in rows])
     assert log.position == pytest.approx(np.array([row[1:3] for row in rows]), abs=1e-6)
     assert log.attitude == pytest.approx([row[3] for row in rows], abs=1e-6)
@@ -64,24 +64,20 @@ def test_speeds_of_wheels_come_back_beside_poses(tmp_path: Path) -> None:
     still = Motion(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3))
     store = get_typestore(Stores.ROS2_JAZZY)
     kinds = store.types
-    bag = BagWriter(tmp_path / "flight.mcap")
+    bag = []
     for k in range(6):
         now = (k + 1) * 200_000_000
-        for message in (*ends.state(still, now), *ends.command([0.0] * 8 + [0.1 * k], now)):
-            bag.write(BagMessage(now, message.topic, message.kind, message.data))
+        both = (*ends.state(still, now), *ends.command([0.0] * 8 + [0.1 * k], now))
+        bag += [BagMessage(now, *message) for message in both]
         velocity = np.array([2.5 * k]) if k != 3 else np.array([7.0, 8.0])  # of two joints
         seconds, rest = divmod(now + 10**6, 10**9)
         header = kinds["std_msgs/msg/Header"](
             kinds["builtin_interfaces/msg/Time"](seconds, rest), ""
         )
         joints = kinds[JOINTS](header, ["flywheel"], np.zeros(0), velocity, np.zeros(0))
-        bag.write(
-            BagMessage(
-                now + 10**6, "joint_states", JOINTS, bytes(store.serialize_cdr(joints, JOINTS))
-            )
-        )
-    bag.close()
-    log = read_bag(tmp_path / "flight.mcap", craft)
+        data = bytes(store.serialize_cdr(joints, JOINTS))
+        bag.append(BagMessage(now + 10**6, "joint_states", JOINTS, data))
+    log = read_bag(bag_of(tmp_path, bag), craft)
     assert log.wheel_speeds is not None
     read = np.isfinite(log.wheel_speeds[:, 0])
     assert log.times[read] == pytest.approx([0.001, 0.201, 0.401, 0.801, 1.001])
@@ -90,25 +86,17 @@ def test_speeds_of_wheels_come_back_beside_poses(tmp_path: Path) -> None:
     assert log.commands[:, 8] == pytest.approx(0.1 * np.arange(6))
 
 
-def test_a_bag_of_other_topics_is_refused(tmp_path: Path) -> None:
-    ends = interface("odometry", 8, 8)
-    bag = BagWriter(tmp_path / "flight.mcap")
-    for message in ends.command([0.0] * 8, 0):
-        bag.write(BagMessage(0, message.topic, message.kind, message.data))
-    bag.close()
-    with pytest.raises(ConfigError, match=r"0 readings and 1 commands .* --robot"):
-        read_bag(tmp_path / "flight.mcap", PLATFORM, "ros")
+def planned(data: bytes) -> BagMessage:
+    """What a node writes first."""
+    return BagMessage(0, FLIGHT_TOPIC, TEXT, data)
 
 
 def test_a_flight_without_its_robot_is_no_bag_of_other_topics(tmp_path: Path) -> None:
-    bag = BagWriter(tmp_path / "flight.mcap")
-    plan = text_message('{"robot": "ros"}')
-    bag.write(BagMessage(0, FLIGHT_TOPIC, TEXT, plan))
-    for message in interface("ros", 8, 8).command([0.0] * 8, 0):
-        bag.write(BagMessage(0, message.topic, message.kind, message.data))
-    bag.close()
+    """A bag of other topics is one of the planted (test_reader_answers.py)."""
+    (command,) = interface("ros", 8, 8).command([0.0] * 8, 0)
+    bag = [planned(text_message('{"robot": "ros"}')), BagMessage(0, *command)]
     with pytest.raises(ConfigError, match=r"0 readings and 1 commands .* no state came"):
-        read_bag(tmp_path / "flight.mcap", PLATFORM)
+        read_bag(bag_of(tmp_path, bag), PLATFORM)
 
 
 def flown(k: int) -> Motion:
@@ -363,19 +351,14 @@ def test_a_changed_number_in_a_bag_is_noticed(compression: str, tmp_path: Path) 
     "plan", ["[1]", '{"robot": ["a"]}', '{"robot": 3}', '{"robot": "b"}', "{", "3"]
 )
 def test_a_damaged_plan_is_a_sentence(plan: str, tmp_path: Path) -> None:
-    bag = BagWriter(tmp_path / "flight.mcap")
-    bag.write(BagMessage(0, FLIGHT_TOPIC, TEXT, text_message(plan)))
-    bag.close()
     with pytest.raises(ConfigError, match=r"rans/flight|robot must be"):
-        read_bag(tmp_path / "flight.mcap", PLATFORM)
+        read_bag(bag_of(tmp_path, [planned(text_message(plan))]), PLATFORM)
 
 
 def test_a_plan_that_is_no_text_is_a_sentence(tmp_path: Path) -> None:
-    bag = BagWriter(tmp_path / "flight.mcap")
-    bag.write(BagMessage(0, FLIGHT_TOPIC, TEXT, text_message('{"robot": "ros"}')[:-6]))
-    bag.close()
+    cut = text_message('{"robot": "ros"}')[:-6]
     with pytest.raises(ConfigError, match="rans/flight, is damaged"):
-        read_bag(tmp_path / "flight.mcap", PLATFORM)
+        read_bag(bag_of(tmp_path, [planned(cut)]), PLATFORM)
 
 
 def test_poses_of_two_frames_are_not_one_path(tmp_path: Path) -> None:
@@ -383,7 +366,7 @@ def test_poses_of_two_frames_are_not_one_path(tmp_path: Path) -> None:
     from rans_robot.messages import POSE, make, message_header, pack, pose
 
     ends = interface("pose", 8, 8)
-    bag = BagWriter(tmp_path / "flight.mcap")
+    bag = []
     for k in range(30):
         now = (k + 1) * 200_000_000
         other = make(
@@ -391,10 +374,9 @@ def test_poses_of_two_frames_are_not_one_path(tmp_path: Path) -> None:
             header=message_header(now + 10**6, "map"),
             pose=pose((9.0, 9.0, 0.0), (1, 0, 0, 0)),
         )
-        for message in (*ends.state(flown(k), now), *ends.command([0.0] * 8, now)):
-            bag.write(BagMessage(now, message.topic, message.kind, message.data))
-        bag.write(BagMessage(now + 10**6, "pose", POSE, pack(POSE, other)))
-    bag.close()
-    log = read_bag(tmp_path / "flight.mcap", PLATFORM, "pose")
+        both = (*ends.state(flown(k), now), *ends.command([0.0] * 8, now))
+        bag += [BagMessage(now, *message) for message in both]
+        bag.append(BagMessage(now + 10**6, "pose", POSE, pack(POSE, other)))
+    log = read_bag(bag_of(tmp_path, bag), PLATFORM, "pose")
     assert log.position[:, 0] == pytest.approx(0.1 * np.arange(30))
     assert any("30 messages left out" in note and "'map'" in note for note in log.notes)

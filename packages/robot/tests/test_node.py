@@ -464,12 +464,10 @@ def test_a_command_to_which_no_robot_answers_fails(
 ) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "43")
     out = tmp_path / "flight"
-    command = ["fly", str(agent), "--trust", "--bus", "udp", "--seconds", "0.5"]
+    line = f"fly {agent} --trust --bus udp --seconds 0.5 --output {out}"
     codes: list[int] = []
     # Only the main thread of a process catches its signals, which are pytest's here.
-    node = threading.Thread(
-        target=lambda: codes.append(main([*command, "--output", str(out)])), daemon=True
-    )
+    node = threading.Thread(target=lambda: codes.append(main(line.split())), daemon=True)
     node.start()
     node.join(PATIENCE)
     assert codes == [1]

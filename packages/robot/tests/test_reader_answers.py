@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rans_robot.bag import BagMessage, BagWriter
+from rans_robot.bag import BagMessage
 from rans_robot.identify.log import checked_log, read_csv
 from rans_robot.identify.telemetry import read_telemetry
 from rans_robot.interfaces import interface
@@ -24,6 +24,7 @@ from tests.support.reader_questions import (
     planted,
     written,
 )
+from tests.support.robots import bag_of
 
 CRAFT = load_spacecraft("floating-platform")
 HEADER = "time,x,y,heading," + ",".join(f"u{k}" for k in range(8))
@@ -51,11 +52,8 @@ def ulog(content: bytes, craft: str = "floating-platform") -> Any:
 
 def bag(messages: Sequence[BagMessage]) -> Any:
     def plant(folder: Path) -> Callable[[], object]:
-        writer = BagWriter(folder / "flight.mcap")
-        for message in messages:
-            writer.write(message)
-        writer.close()
-        return lambda: read_bag(folder / "flight.mcap", CRAFT, "ros")
+        file = bag_of(folder, messages)
+        return lambda: read_bag(file, CRAFT, "ros")
 
     return plant
 
@@ -74,11 +72,8 @@ def telemetry(
     return plant
 
 
-def commands(robot: Any, count: int = 8, time: int = 0) -> list[BagMessage]:
-    ends = interface(robot, count, count)
-    return [
-        BagMessage(time, one.topic, one.kind, one.data) for one in ends.command([0.0] * count, time)
-    ]
+def commands(robot: Any) -> list[BagMessage]:
+    return [BagMessage(0, *one) for one in interface(robot, 8, 8).command([0.0] * 8, 0)]
 
 
 ANSWERS: Answers = {

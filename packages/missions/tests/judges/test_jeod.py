@@ -199,10 +199,9 @@ def test_a_log_that_was_cut_short_is_refused(tmp_path: Path) -> None:
         logged(tmp_path)
 
 
-def test_a_folder_without_logs_is_refused(tmp_path: Path, capsys: Any) -> None:
-    assert main(["validate", "--judges", str(tmp_path)]) == 2
-    assert "RUN_X" in capsys.readouterr().err
-    assert main(["validate", "--judges", "--layer", "thrusters"]) == 2
+def test_a_folder_without_logs_is_refused(tmp_path: Path, refused: Any) -> None:
+    assert "RUN_X" in refused(f"validate --judges {tmp_path}")
+    refused("validate --judges --layer thrusters")
 
 
 def test_a_judge_that_disagrees_stays_in_the_table(

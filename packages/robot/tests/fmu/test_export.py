@@ -117,14 +117,8 @@ def test_the_agent_acts_once_a_period_whatever_the_steps(folder: Path, unit: Any
     """A step within a period changes nothing, and a restart begins anew."""
     pairs = json.loads((folder / "golden.json").read_text("utf-8"))
     rows = np.array(pairs["observation"], np.float32)
-    first, other = (
-        rows[0],
-        next(
-            row
-            for row, command in zip(rows, pairs["command"], strict=True)
-            if command != pairs["command"][0]
-        ),
-    )
+    first, commands = rows[0], pairs["command"]
+    other = rows[[command != commands[0] for command in commands].index(True)]
     begun = stepped(unit, first, 0.0, 0.05)
     for k in (1, 2, 3):
         np.testing.assert_array_equal(stepped(unit, other, 0.05 * k, 0.05), begun)
@@ -137,11 +131,7 @@ def test_the_agent_acts_once_a_period_whatever_the_steps(folder: Path, unit: Any
 def test_readings_that_are_none_are_held_and_then_shut(folder: Path, unit: Any) -> None:
     """The watchdogs of the C export stand around the agent here too; notes has its flags (agent.h)."""
     pairs = json.loads((folder / "golden.json").read_text("utf-8"))
-    row = next(
-        np.array(row)
-        for row, command in zip(pairs["observation"], pairs["command"], strict=True)
-        if any(command)
-    )
+    row = np.array(pairs["observation"][[*map(any, pairs["command"])].index(True)])
     begun = stepped(unit, row, 0.0)
     assert unit.getInteger([18]) == [0]
     nothing = np.full(10, np.nan)
@@ -153,16 +143,12 @@ def test_readings_that_are_none_are_held_and_then_shut(folder: Path, unit: Any) 
 
 @pytest.mark.slow
 def test_the_same_agent_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
-    write_export(
-        pretrained_folder("go-to-pose-2d"), tmp_path / "agent", "fmu", episodes=8, margins=0
-    )
-    names = [zipfile.ZipFile(one / "agent.fmu").namelist() for one in (folder, tmp_path / "agent")]
-    assert names[0] == names[1]
-    for name in names[0]:
-        both = [
-            zipfile.ZipFile(one / "agent.fmu").read(name) for one in (folder, tmp_path / "agent")
-        ]
-        assert both[0] == both[1], name
+    again = tmp_path / "agent"
+    write_export(pretrained_folder("go-to-pose-2d"), again, "fmu", episodes=8, margins=0)
+    one, other = (zipfile.ZipFile(made / "agent.fmu") for made in (folder, again))
+    assert one.namelist() == other.namelist()
+    for name in one.namelist():
+        assert one.read(name) == other.read(name), name
 
 
 def test_an_agent_without_a_contract_is_refused(tmp_path: Path) -> None:
@@ -171,8 +157,7 @@ def test_an_agent_without_a_contract_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_command_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    output = tmp_path / "mine"
-    line = ["export", "pretrained:go-to-pose-2d", "--format", "fmu", "--episodes", "8"]
-    assert main([*line, "--output", str(output)]) == 0
-    assert validation.validate_fmu(str(output / "agent.fmu")) == []
+def test_the_command_writes_it(tmp_path: Path) -> None:
+    line = f"export pretrained:go-to-pose-2d --format fmu --episodes 8 --output {tmp_path}/mine"
+    assert main(line.split()) == 0
+    assert validation.validate_fmu(f"{tmp_path}/mine/agent.fmu") == []

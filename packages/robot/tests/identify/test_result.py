@@ -56,10 +56,8 @@ def test_the_command_writes_what_training_reads(
     monkeypatch.setenv("COLUMNS", "80")
     file = written(flight, tmp_path / "flight.csv")
     folder = tmp_path / "identified"
-    code = main(
-        ["identify", str(file), "--spacecraft", "floating-platform", "--output", str(folder)]
-    )
-    assert code == 0
+    line = f"identify {file} --spacecraft floating-platform --output {folder}"
+    assert main(line.split()) == 0
     craft = rans.load_spacecraft(folder / "spacecraft.toml")
     conditions = rans.load_conditions(folder / "conditions.toml")
     assert craft.mass == PLATFORM.mass
@@ -130,6 +128,9 @@ def test_the_table_of_a_flight_is_a_log(name: str, tmp_path: Path) -> None:
     assert spin == pytest.approx(states.spin()[-1][:, 0], rel=1e-6, abs=1e-8)
 
 
+HEADER = "time,x,y,heading,u0,u1,u2,u3,u4,u5,u6,u7\n"
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -137,20 +138,15 @@ def test_the_table_of_a_flight_is_a_log(name: str, tmp_path: Path) -> None:
         ("t (s),x (m),y (m),heading (deg)\n0,0,0,0\n", "units are s, m, rad"),
         ("time (s),x (m),y\n0,0,0\n", r"no heading, u0, .*u7 .* 'time \(s\), x \(m\), y'"),
         ("time;x;y;heading\n0;0;0;0\n", "commas"),
-        (f"time,x,y,heading,{','.join(f'u{k}' for k in range(9))}\n", "u8 too.*u0 to u7"),
+        (HEADER.replace("u7", "u7,u8"), "u8 too.*u0 to u7"),
+        (HEADER + "0,0,zero,0" + ",0" * 8, "is no number"),
+        (HEADER + "0,0\n", "cells instead of"),
         (
-            f"time,x,y,heading,{','.join(f'u{k}' for k in range(8))}\n" + "0,0,zero,0" + ",0" * 8,
-            "is no number",
-        ),
-        (f"time,x,y,heading,{','.join(f'u{k}' for k in range(8))}\n0,0\n", "cells instead of"),
-        (
-            f"time,x,y,heading,{','.join(f'u{k}' for k in range(8))}\n"
-            + "".join(f"{k},0,0,0{',2' * 8}\n" for k in range(30)),
+            HEADER + "".join(f"{k},0,0,0{',2' * 8}\n" for k in range(30)),
             "between 0 and 1",
         ),
         (
-            f"time,x,y,heading,{','.join(f'u{k}' for k in range(8))}\n"
-            + "".join(f"{k},0,0,0{',1' * 8}\n" for k in range(5)),
+            HEADER + "".join(f"{k},0,0,0{',1' * 8}\n" for k in range(5)),
             "at least 20",
         ),
     ],
@@ -185,9 +181,9 @@ def test_a_channel_that_the_commands_do_not_explain_is_named_and_nothing_is_writ
         wrong = replace(flight, position=flight.position[:, ::-1])
     file = written(wrong, tmp_path / "poses.csv", rates=False)
     monkeypatch.chdir(tmp_path)
-    assert main(["identify", str(file), "--spacecraft", "floating-platform"]) == 2
-    said = capsys.readouterr()
-    assert ("attitude (error" if column == "heading" else "position (error") in said.err
+    assert main(f"identify {file} --spacecraft floating-platform".split()) == 2
+    said = capsys.readouterr().err
+    assert ("attitude (error" if column == "heading" else "position (error") in said
     assert not (tmp_path / "identified").exists()
     if column == "heading":
         found = rans.identify(file, PLATFORM)

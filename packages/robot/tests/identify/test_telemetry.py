@@ -109,7 +109,7 @@ def test_inertia_and_torque_are_identified_over_two_goals(folder: Path, tmp_path
     assert log.frames is not None
     assert log.frames.tolist() == [0] * 40 + [1] * 40
     out = tmp_path / "out"
-    assert main(["identify", str(folder), "--spacecraft", "innocube", "--output", str(out)]) == 0
+    assert main(f"identify {folder} --spacecraft innocube --output {out}".split()) == 0
     found = rans.load_spacecraft(out / "spacecraft.toml")
     wheel = np.mean([one.inertia for one in found.wheels])
     rotors = np.diag([one.inertia for one in found.wheels])
