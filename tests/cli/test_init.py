@@ -58,6 +58,7 @@ def batch(*words: str) -> int:
     return main(["init", "mine.toml", *words])
 
 
+@pytest.mark.filterwarnings("always::UserWarning")
 def test_a_long_flight_is_announced(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -66,7 +66,7 @@ def test_a_task_to_the_end_of_the_episode_says_how_many_broke_a_limit() -> None:
     assert scoreboard(found)["agent"]["limit broken, %"].value == pytest.approx(100 / 3)
 
 
-def beside(count: int = 12, **others: tuple[float, float]) -> Comparison:
+def beside(count: int = 12, /, **others: tuple[float, float]) -> Comparison:
     """Flights to the goal: "ours" arrives after 5 s with 3 N s, the others as given, each less a little."""
     found = comparison()
     entries = []
