@@ -84,7 +84,7 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
     for name in ("compare.html", "compare.json"):
         (tmp_path / name).write_text("an earlier one")
     monkeypatch.setattr("rans.evaluation.compare.run.Comparison.fly", interrupted)
-    assert main(["compare", "lqr:go-to-pose-2d", "--output", str(tmp_path)]) == 130
+    assert main(f"compare lqr:go-to-pose-2d --output {tmp_path}".split()) == 130
     assert {file.read_text() for file in tmp_path.iterdir()} == {"an earlier one"}
     said = " ".join(capsys.readouterr().out.split())
     assert "before the first contestant had flown: there is no comparison." in said

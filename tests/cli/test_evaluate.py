@@ -80,7 +80,7 @@ def test_conditions_of_one_name_have_files_apart(
         following = capsys.readouterr().out.split("Next:")[1].split("  rans ")[1:]
         # What is proposed next flies under the same conditions.
         assert [f"--conditions {given}" in command for command in following] == [True] * 3
-    assert main(["evaluate", str(run_folder), "--episodes", "2"]) == 0
+    assert main(f"evaluate {run_folder} --episodes 2".split()) == 0
     written = sorted(file.name for file in run_folder.glob("evaluation*.json"))
     assert len(written) == 5
     assert {"evaluation.json", "evaluation-lab.json"} <= set(written)
@@ -111,7 +111,7 @@ def test_a_multi_task_agent_is_judged_task_by_task(tmp_path: Path) -> None:
     tasks = MultiTask(tasks=("go-to-pose", "track-twist"))
     trainer = tiny_trainer(tmp_path / "all", replace(CONFIG, task="multi-task", settings=tasks))
     trainer.save()
-    assert main(["evaluate", str(tmp_path / "all"), "--episodes", "2"]) == 0
+    assert main(f"evaluate {tmp_path}/all --episodes 2".split()) == 0
     names = {
         name: {
             row["name"]

@@ -277,7 +277,7 @@ def test_notes_of_a_comparison_are_printed(
         comparison.failures.append("LQR [bold]failed.")
 
     monkeypatch.setattr("rans.evaluation.compare.run.Comparison.fly", fill)
-    assert main(["compare", "lqr:go-to-pose-2d", "--with", "lqr", "--output", str(tmp_path)]) == 1
+    assert main(f"compare lqr:go-to-pose-2d --with lqr --output {tmp_path}".split()) == 1
     assert capsys.readouterr().out.splitlines()[:2] == [
         "No certificate [/red].",
         "LQR [bold]failed.",

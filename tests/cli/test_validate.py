@@ -46,7 +46,7 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -
         lambda craft, seed, states, _, conditions: Scope(craft, seed, states, 1, conditions),
     )
     folder = tmp_path / "checked"
-    code = main(["validate", "--quick", "--output", str(folder)])
+    code = main(f"validate --quick --output {folder}".split())
     printed = capsys.readouterr().out
     assert code == 0, printed
     (thrusters,) = [line for line in printed.splitlines() if "thrusters" in line]
@@ -63,7 +63,7 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -
     assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
 
     alone = tmp_path / "alone"
-    assert main(["validate", "--quick", "--layer", "bang-bang", "--output", str(alone)]) == 0
+    assert main(f"validate --quick --layer bang-bang --output {alone}".split()) == 0
     again = json.loads((alone / "validation.json").read_text("utf-8"))["checks"]
     assert again == [check for check in read["checks"] if check["layer"] == "bang-bang"]
     assert len(again) == 4

@@ -13,10 +13,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
-from rans.model.body import Body
 from rans.model.drift import FREE, ClohessyWiltshire, Drift, FreeFlight, UniformGravity, step_goal
-from rans.model.dynamics import PlanarState, Wrench, advance
-from rans.model.fields import Heading, Vec2, Vec3, leaves
+from rans.model.fields import Vec2, Vec3, leaves
 from tests.support.crafts import random_states
 
 EXACT = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-14}
@@ -65,29 +63,6 @@ def test_free_points_move_by_their_equation(dimension: int, index: int, duration
         rtol=0,
         atol=1e-12 * max(1.0, np.abs(expected).max()),
     )
-
-
-@pytest.mark.parametrize("drift", drifts(2)[1:], ids=str)
-@pytest.mark.parametrize("disturbed", [False, True])
-def test_a_pushed_and_turning_craft_moves_by_its_equation(drift: Drift, disturbed: bool) -> None:
-    state: Any = PlanarState(Vec2(1.5, -2.0), Heading(0.4), Vec2(0.2, 0.1), 0.7)
-    body = Body(5.0, (0.2,))
-    applied = Wrench(Vec2(1.0, -0.5), 0.1)
-    steady = Wrench(Vec2(0.3, 0.2), -0.05)
-
-    def rates(_: float, y: np.ndarray) -> list[float]:
-        c = math.cos(y[2])
-        s = math.sin(y[2])
-        force = np.array([c + 0.5 * s, s - 0.5 * c]) + disturbed * np.array([0.3, 0.2])
-        spin_up = (0.1 - disturbed * 0.05) / 0.2
-        return [*y[3:], *(force / 5.0 + pull(drift, y[:2], y[3:5])), spin_up]
-
-    expected = solve_ivp(rates, (0, 0.4), leaves(state), **EXACT).y[:, -1]
-    found = advance(
-        state, applied, body, 0.4, disturbance=steady if disturbed else None, drift=drift
-    )
-    # The quadrature's 3e-13 of a way of decimetres (0.3 rad turned), the integrator's 1e-13.
-    np.testing.assert_allclose(leaves(found), expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -306,7 +306,7 @@ def test_the_command_trains_and_evaluates_such_an_agent(
     assert main(["train", "go-to-pose", *small, *where, *given]) == 0
     assert "gradients through the motion" in " ".join(capsys.readouterr().out.split())
     assert json.loads((run / "config.json").read_text())["algorithm"] == "gradient"
-    assert main(["evaluate", str(run), "--episodes", "8"]) == 0
+    assert main(f"evaluate {run} --episodes 8".split()) == 0
     platform = ["--device", "cpu", "--output", str(tmp_path / "other")]
     assert main(["train", "go-to-pose", *platform, "--set", "algorithm=gradient"]) == 2
     assert "needs thrusters that are throttled" in " ".join(capsys.readouterr().err.split())

@@ -157,7 +157,7 @@ def test_both_engines_on_the_command_line(
     trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = Path(shutil.copytree(trained, tmp_path / "run"))
-    assert main(["evaluate", str(run), "--episodes", "4", "--engine", "both"]) == 0
+    assert main(f"evaluate {run} --episodes 4 --engine both".split()) == 0
     assert "in both engines" in capsys.readouterr().out
     read = json.loads((run / "evaluation.json").read_text("utf-8"))
     assert read.keys() >= {"fast", "drake", "both"}
