@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -48,31 +47,11 @@ def test_several_tasks_are_none() -> None:
         contest_of("pretrained:multi-task-2d", 2)
 
 
-@pytest.mark.parametrize(
-    ("change", "spec", "sentence"),
-    [
-        (
-            {"timing": Timing(0.1)},
-            "pretrained:go-to-pose-2d",
-            "acts every 0.2 s, but .* every 0.1 s",
-        ),
-        (
-            {},
-            "lqr:go-to-position-2d",
-            "is for the task GoToPosition, but the first contestant for GoToPose",
-        ),
-        (
-            {},
-            "lqr:go-to-pose-2d@floating-platform-shared",
-            "is for the spacecraft floating-platform-shared",
-        ),
-    ],
-)
-def test_only_the_same_is_compared(
-    contest: Contest, change: dict[str, Any], spec: str, sentence: str
-) -> None:
-    with pytest.raises(ConfigError, match=sentence):
-        enlist(spec, replace(contest, **change))
+def test_only_the_same_control_period_is_compared(contest: Contest) -> None:
+    """Other tasks and craft are refused in `tests/evaluation/compare/test_run.py`."""
+    quicker = replace(contest, timing=Timing(0.1))
+    with pytest.raises(ConfigError, match=r"acts every 0\.2 s, but .* every 0\.1 s"):
+        enlist("pretrained:go-to-pose-2d", quicker)
 
 
 def test_a_craft_of_the_same_name_with_other_values_is_another(contest: Contest) -> None:
