@@ -167,6 +167,12 @@ def bounder(
     if craft.dimension == 2:
         return BOUNDERS["plane"](craft, period, dead, stuck)
     if "space" not in BOUNDERS:
+        tensor = np.array(craft.inertia)
+        if not np.allclose(tensor, tensor[0, 0] * np.eye(3)):
+            raise ConfigError(
+                f"on/off certificates in space are for craft with equal principal moments of inertia, and "
+                f"{craft.name} has others."
+            )
         raise ConfigError(_SPACE)
     return BOUNDERS["space"](craft, period, dead, stuck)
 

@@ -8,8 +8,10 @@ from typing import Any
 import pytest
 
 from rans.errors import ConfigError
+from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.certificate import (
     Certificate,
+    bounder,
     certified_least_fuel,
     certified_least_time,
 )
@@ -60,3 +62,15 @@ def test_out_of_reach_is_a_sentence() -> None:
 )
 def test_a_gap_is_relative(lower: float, upper: float, gap: float) -> None:
     assert Certificate(lower, upper, None, lower, 0, 0.0).gap == gap
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("cubesat-3u", "cubesat-3u has others"), ("free-flyer", "pip install")],
+)
+def test_a_package_is_recommended_only_for_craft_that_it_covers(
+    name: str, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rans.optimal.certificate.certificate.BOUNDERS", {})
+    with pytest.raises(ConfigError, match=told):
+        bounder(load_spacecraft(name), 0.2)
