@@ -174,6 +174,7 @@ def test_files_and_folders_of_another_kind(here: Path, capsys: pytest.CaptureFix
     Path("runs/first/config.json").write_text("{}")
     for typed, said in (
         ("train go-to-pose --spacecraft robot.urdf", "rans init robot.toml --from robot.urdf"),
+        ("compare robot.urdf", "rans init robot.toml --from robot.urdf"),
         ("train go-to-pose --conditions wind.yaml", "does not end in .toml"),
         ("train go-to-pose --spacecraft runs/first", "did you mean runs/first/spacecraft.toml?"),
         ("evaluate runs", "did you mean runs/first?"),

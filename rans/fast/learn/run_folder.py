@@ -11,6 +11,7 @@ from rans.errors import ConfigError, brief, meant_file
 from rans.fast.agent_files.agent import AGENT
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.config import TrainConfig, from_table, to_table
+from rans.model.foreign import FORMATS
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft, spacecraft_text
 
@@ -121,6 +122,9 @@ class RunFolder:
             elif self.path.suffix in (".zip", ".onnx"):
                 kind = "sb3" if self.path.suffix == ".zip" else "onnx"
                 why = f"a policy of another library has a task in its name, {kind}:{self.path}:TASK-2d"
+            elif self.path.is_file() and self.path.suffix in FORMATS:
+                toml = self.path.with_suffix(".toml").name
+                why = f"`rans init {toml} --from {self.path}` makes a spacecraft of the file"
             elif self.path.exists():
                 within = files.folders_with(self.path, ("config.json",))
                 why = f"it has no config.json{within}"
