@@ -193,7 +193,8 @@ def init_spacecraft(
         origin = f"Written by rans init, from {start.name}."
     if start is not None and dimension not in (None, start.dimension):
         raise ConfigError(
-            f"{start.name} has dimension {start.dimension}: another one needs other thrusters; leave out base."
+            f"{start.name} has dimension {start.dimension}: another one needs other thrusters; leave out "
+            "--from, in Python base."
         )
     flat = start.dimension if start is not None else dimension
     # Without a base everything that a craft cannot do without must be given.

@@ -513,7 +513,7 @@ def check_spacecraft(craft: Spacecraft) -> None:
 def _effectors(craft: Spacecraft) -> str:
     """Number of effectors as text, such as "8 thrusters and 1 reaction wheel"."""
     wheels = f" and {counted(len(craft.wheels), 'reaction wheel')}" if craft.wheels else ""
-    return f"{len(craft.thrusters)} thrusters{wheels}"
+    return f"{counted(len(craft.thrusters), 'thruster')}{wheels}"
 
 
 def _in_plane(position: Pair, direction: Pair, force: float) -> Thruster:

@@ -30,7 +30,7 @@ def test_refuses_what_is_no_picture(refused: Any) -> None:
     assert "must end in .png, .svg or .pdf" in refused("faults atmos --picture faults.gif")
 
 
-@pytest.mark.filterwarnings("ignore:spacecraft 'floating-platform'. its 1 thrusters cannot push")
+@pytest.mark.filterwarnings("ignore:spacecraft 'floating-platform'. its 1 thruster cannot push")
 def test_one_thruster_is_none_to_do_without(tmp_path: Path, refused: Any) -> None:
     file = tmp_path / "one.toml"
     whole = to_toml(load_spacecraft("floating-platform"))

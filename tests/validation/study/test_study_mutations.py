@@ -84,7 +84,7 @@ def test_found_although_drake_shares_it(
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:spacecraft 'nasty-planar'. its 1 thrusters cannot push")
+@pytest.mark.filterwarnings("ignore:spacecraft 'nasty-planar'. its 1 thruster cannot push")
 @pytest.mark.parametrize(("craft", "seed"), [("free-flyer-shared", 1), ("one thruster", 2)])
 def test_what_is_shared_is_right_for_any_valves_and_seed(craft: str, seed: int) -> None:
     alone = replace(PLANE, thrusters=PLANE.thrusters[:1])
