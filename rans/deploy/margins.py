@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import radians
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
 
 from rans.episode import Setup
+from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.stress.effects import applicable_effects
-from rans.evaluation.stress.outcome import WANTED, StressOutcome
+from rans.evaluation.stress.outcome import WANTED
 from rans.flight import Controller
+from rans.model.fields import Field
+from rans.model.random import Draws, Random
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, bounds
-from rans.scenario import EVALUATION_SEED
+from rans.randomization.parameters import MIXTURE
+from rans.scenario import EVALUATION_SEED, draws
 
 Measure = Callable[[Sequence[Conditions]], list[float]]
 """Share of the flights that are solved, under each of several conditions."""
@@ -68,16 +74,63 @@ def measure_margins(controller: Controller, setup: Setup, flights: int) -> dict[
     """
 
     def measure(several: Sequence[Conditions]) -> list[float]:
-        """Shares solved under each of several conditions."""
-        setups = [setup._replace(conditions=level.or_none) for level in several]
-        return [
-            StressOutcome.flown(controller, one, EVALUATION_SEED, flights).share.value
-            for one in setups
+        """Shares solved under each of several conditions, flown together as a mixture of equal weights."""
+        parts = [
+            replace(part, others=(), weight=part.weight / sum(variant.weight for variant in every))
+            for level in several
+            for every in [(level, *level.others)]
+            for part in every
         ]
+        mixed = replace(parts[0], others=tuple(parts[1:]))
+        own = _under_each(draws(EVALUATION_SEED, flights), len(several))
+        flight = fly_draws(controller, setup._replace(conditions=mixed), own)
+        shares = flight.verdict.solved.reshape(len(several), flights).mean(axis=1)
+        return [float(one) for one in shares]
 
     conditions = setup.conditions or Conditions()
     margins = margins_around(conditions, setup.craft, setup.timing, measure)
     return {"flights": flights, "seed": EVALUATION_SEED} | margins
+
+
+@dataclass(frozen=True)
+class _UnderEach(Draws):
+    """Draws of the same episodes under each of several conditions, which are the parts of a mixture."""
+
+    level: Any
+    """Number of each episode's conditions, (N,)."""
+    levels: int
+    """Number of conditions."""
+
+    def random(self, dimension: Literal[2, 3], number: Field, block: Field = 0) -> Random:
+        """See `Draws`; the random number that selects from the mixture is within the share of the episode's own."""
+        if not (isinstance(block, int) and block == MIXTURE):
+            return super().random(dimension, number, block)
+        chance = (self.level + super().random(dimension, number, block).unit()) / self.levels
+        return _Selected(chance, dimension, self.low, self.high, number, self.dtype, block)
+
+
+class _Selected(Random):
+    """Random numbers of which the uniform ones are known.
+
+    Args:
+        chance: (N,) uniform number.
+        *arguments: see `Random`.
+    """
+
+    def __init__(self, chance: Field, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._chance = chance
+
+    def unit(self) -> Field:
+        """See `Random`."""
+        return self._chance
+
+
+def _under_each(own: Draws, levels: int) -> _UnderEach:
+    """Draws of episodes, (N,), under each of so many conditions one after the other, (levels N,)."""
+    level = np.repeat(np.arange(levels), len(own.first))
+    first = np.tile(own.first, levels)
+    return _UnderEach(own.low, own.high, first, own.stride, own.dtype, level, levels)
 
 
 def margins_around(

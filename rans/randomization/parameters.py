@@ -270,6 +270,8 @@ _STREAMS = {
 }
 """Random streams of the effects, of 256 blocks of random numbers each. Start and goal have stream 0.
 These numbers must not change: every seed would then have other episodes."""
+MIXTURE = 256 * _STREAMS["mixture"]
+"""Block of the random number that selects an episode's conditions from a mixture."""
 THRUST_PER_STEP = 2**26
 """First block of the random numbers of thrusts in a step, above those of sensors (`PER_STEP`). The largest
 number of thrusters takes 251 blocks in each of 2^20 steps, which ends below 2^31."""
@@ -293,7 +295,7 @@ def draw(
         return draws.random(craft.dimension, number, _STREAMS[stream] * 256)
 
     if conditions.others:
-        conditions = conditions.met(random("mixture").unit())
+        conditions = conditions.met(draws.random(craft.dimension, number, MIXTURE).unit())
     body = _body(conditions, base, random("body"), random("thrusters"))
     thrusters = conditions.thrusters
     mountings = _mountings(thrusters.misalignment, craft, random("mountings"))

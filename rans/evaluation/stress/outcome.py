@@ -8,12 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.episode import Setup
-from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
 from rans.evaluation.measure.statistics import Estimate, share
-from rans.flight import Controller, Flight
-from rans.scenario import draws
+from rans.flight import Flight
 
 WANTED = 0.99
 """Share of solved episodes from which an effect counts as tolerated, and a task as solved."""
@@ -35,13 +32,6 @@ class StressOutcome:
         """Outcome of flights, by their true states."""
         excess, worst = worst_errors(flight)
         return cls(worst, excess, np.asarray(flight.verdict.solved))
-
-    @classmethod
-    def flown(
-        cls, controller: Controller, setup: Setup, seed: int, count: int, first: int = 0
-    ) -> StressOutcome:
-        """Outcome of N consecutive episodes of a seed from number ``first`` on, flown in this process."""
-        return cls.of(fly_draws(controller, setup, draws(seed, count, first)))
 
     @classmethod
     def joined(cls, parts: Sequence[StressOutcome]) -> StressOutcome:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from rans.errors import meant
 from rans.evaluation.compare.contest import Contestant
 from rans.evaluation.compare.entrants import Invited, enlisted
+from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.tuned import tuned
 from rans.evaluation.measure.statistics import Estimate
@@ -34,6 +35,7 @@ from rans.extend import (
 )
 from rans.flight import informed
 from rans.progress import Stages, unseen_stages
+from rans.scenario import draws
 
 _PERFECT = Level("perfect", None, Conditions())
 _SHARE = 1024
@@ -267,5 +269,5 @@ class _Flyer(NamedTuple):
         """Outcomes of consecutive episodes of one contestant at one level."""
         flying = self.controllers[contestant][level]
         setup = self.contest.setup._replace(conditions=self.conditions[level])
-        outcome = StressOutcome.flown(flying, setup, self.contest.seed, count, first)
-        return _Part(outcome, getattr(flying, "failures", 0))
+        flight = fly_draws(flying, setup, draws(self.contest.seed, count, first))
+        return _Part(StressOutcome.of(flight), getattr(flying, "failures", 0))
