@@ -27,7 +27,7 @@ from rans.fast.learn.adam import EPSILON
 from rans.fast.learn.config import PPOSettings
 from rans.files import replace_file
 from rans.policy.architecture import EXTRACTOR, Architecture
-from rans.policy.heads import ClippedGaussian, OnOff
+from rans.policy.heads import ClippedGaussian, OnOff, Patterns
 from rans.policy.network import Network, Output
 from rans.policy.predict import policy_spaces, predict
 from rans.tasks.observation_terms import Layout
@@ -147,7 +147,7 @@ class AgentPolicy(ActorCriticPolicy):
         """As SB3: actions (N, thrusters), values (N, 1), log-probabilities (N,)."""
         policy, value, _ = self._evaluated(obs)
         action = policy.mode() if deterministic else policy.sample(torch.rand_like(policy.mode()))
-        returned = action.long() if isinstance(policy, OnOff) else action
+        returned = action.long() if isinstance(policy, OnOff | Patterns) else action
         return returned, value[:, None], policy.log_prob(action)
 
     def get_distribution(self, obs: Any) -> Distribution:

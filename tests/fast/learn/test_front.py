@@ -136,11 +136,14 @@ def test_a_loaded_agent_learns_on(tmp_path: Path, kind: dict[str, Any]) -> None:
         rans.PPO.load(tmp_path / "policy.zip", Engine(FLYER, NEAR, 16, SHORT))
 
 
-def test_sb3_itself_learns_on_from_it(tmp_path: Path) -> None:
-    made().learn(1024).save(tmp_path / "policy.zip")
+@pytest.mark.parametrize("backbone", ["dense", "allocated"])
+def test_sb3_itself_learns_on_from_it(backbone: str, tmp_path: Path) -> None:
+    made(backbone=backbone).learn(1024).save(tmp_path / "policy.zip")
     env = SB3VecEnv(Engine(PLATFORM, NEAR, 16, SHORT))
     model = stable_baselines3.PPO.load(tmp_path / "policy.zip", env=env, device="cpu")
     before = weights(model.policy)
+    # Of the type of the space, as of its other heads.
+    assert model.policy(seen(PLATFORM, 5))[0].dtype == torch.int64
     model.learn(256, reset_num_timesteps=False)
     assert model.num_timesteps == 1280
     assert (weights(model.policy) != before).any()
