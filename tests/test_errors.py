@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 import pytest
 
 from rans import errors
+from tests.support.scripts import module_of
 
 
 def test_a_users_file_beside_the_package_is_not_the_packages(
@@ -17,11 +17,7 @@ def test_a_users_file_beside_the_package_is_not_the_packages(
     monkeypatch.setattr(errors, "__file__", str(tmp_path / "rans" / "errors.py"))
     file = tmp_path / "rans_mine.py"
     file.write_text("def act():\n    raise LookupError(3)\n", encoding="utf-8")
-    spec = importlib.util.spec_from_file_location("rans_mine", file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = module_of(file)
     with pytest.raises(LookupError, match="3") as raised:
         module.act()
     assert errors.where_raised(raised.value) == " (rans_mine.py, line 2, in act)"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import doctest
-import importlib.util
 import re
 import sys
 import tempfile
@@ -13,6 +12,8 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
+
+from tests.support.scripts import module_of
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -71,12 +72,7 @@ sys.path.append(str(DOCS / "_ext"))  # as docs/conf.py does
 
 def extension(name: str) -> ModuleType:
     """A module of docs/_ext, which is no package."""
-    spec = importlib.util.spec_from_file_location(f"docs_{name}", DOCS / "_ext" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(DOCS / "_ext" / f"{name}.py")
 
 
 PROSE = extension("prose")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +32,7 @@ from rans.scenario import draws, scenarios
 from tests.support.effector_crafts import CUBESAT, LANDER, WHEELED, commands
 from tests.support.effector_flights import ALL, BOTH, scripted, task_of, untrained_policy
 from tests.support.played import Played
+from tests.support.scripts import module_of
 from tests.support.torquer import TURNED, TURNED_IN_SPACE
 from tests.support.worlds import EFFECTS
 
@@ -146,11 +146,7 @@ def test_exported_programs_command_in_the_ranges(untrained: Any, tmp_path: Path)
     seen = seen.astype(np.float32)
     saved = SavedPolicy(network, {}, 0, {}, 0.0)
     write_agent(tmp_path, "numpy", saved, PPOSettings(), "title", craft=craft)
-    spec = importlib.util.spec_from_file_location("agent", tmp_path / "agent.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = module_of(tmp_path / "agent.py")
     pairs = golden(network, seen, craft)
     for row, command in zip(pairs["observation"], pairs["command"], strict=True):
         answered = np.asarray(module.Agent().act(np.array(row, np.float32)[None])).ravel()

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import io
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -23,6 +21,7 @@ from scipy.io import savemat
 
 from tests.support.graphs import graph, step
 from tests.support.processes import ROOT
+from tests.support.scripts import module_of
 from tests.support.small_networks import damping, written
 
 onnx = pytest.importorskip("onnx")
@@ -32,13 +31,7 @@ FOLDER = ROOT / "packages/proof/archcomp"
 
 def script(name: str) -> ModuleType:
     """A script, which is no module of the package."""
-    spec = importlib.util.spec_from_file_location(f"archcomp_{name}", FOLDER / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return module_of(FOLDER / f"{name}.py")
 
 
 @pytest.fixture(scope="module")

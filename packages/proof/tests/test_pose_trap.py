@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import itertools
 import json
 import math
@@ -28,6 +27,7 @@ from rans_proof.trap_certificate import FILES
 from rans.cli import main
 from rans.extend import Section
 from tests.support.processes import ROOT
+from tests.support.scripts import module_of
 
 from .planted import ERRORS, Change, forge, planted_in
 
@@ -38,14 +38,7 @@ OFF |= {"heading": 0.003, "spin": 0.005, "opening": 0.0005, "shutting": 0.0005}
 
 @pytest.fixture(scope="module")
 def example() -> ModuleType:
-    spec = importlib.util.spec_from_file_location(
-        "pulse_agent", ROOT / "examples/proofs/pulse_agent.py"
-    )
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return module_of(ROOT / "examples/proofs/pulse_agent.py")
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 import types
 from pathlib import Path
@@ -16,6 +15,7 @@ from rans_robot.interfaces import interface
 from rans_robot.messages import POSE
 
 from tests.support.robots import AWAY
+from tests.support.scripts import module_of
 
 FILE = Path(__file__).parents[3] / "examples" / "ros2" / "rans_node.py"
 
@@ -62,13 +62,8 @@ def test_the_node_of_ros2_is_a_short_shell(monkeypatch: pytest.MonkeyPatch) -> N
         "rosidl_runtime_py.utilities": utilities,
     }.items():
         monkeypatch.setitem(sys.modules, name, module)
-    spec = importlib.util.spec_from_file_location("rans_node", FILE)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
     node = Topics()
-    bus = module.RosBus(node)
+    bus = module_of(FILE).RosBus(node)
     got: list[bytes] = []
     bus.subscribe("pose", POSE, got.append)
     (message,) = interface("pose", 8, 8).state(AWAY, 10**9)
