@@ -18,12 +18,11 @@ from rans.randomization.conditions import (
     Conditions,
     DisturbanceConditions,
     FaultConditions,
-    SensorConditions,
-    SensorsConditions,
     ThrusterConditions,
 )
 from rans.randomization.parameters import _STREAMS, EpisodeParameters
 from rans.scenario import scenarios
+from rans.structure import structure
 from tests.support.draws import (
     BOTH,
     COUNT,
@@ -56,122 +55,47 @@ def turned(found: EpisodeParameters, number: int) -> tuple[Any, Any]:
     return x * true[1] - y * true[0], x * true[0] + y * true[1]
 
 
-UNIFORM: dict[str, tuple[Conditions, Callable[[EpisodeParameters], Any], float, float]] = {
-    "mass": (
-        Conditions(BodyConditions(mass=(0.7, 1.4))),
-        lambda c: c.body.mass / PLATFORM.mass,
-        0.7,
-        1.4,
-    ),
-    "inertia": (
-        Conditions(BodyConditions(inertia=(0.5, 2.0))),
-        lambda c: c.body.inertia[0] / PLATFORM.inertia[2][2],
-        0.5,
-        2.0,
-    ),
-    "centre": (
-        Conditions(BodyConditions(centre=(0.01, 0.03))),
-        lambda c: np.hypot(*c.body.centre),
+UNIFORM: dict[str, tuple[float, float, Callable[[EpisodeParameters], Any]]] = {
+    "body.mass": (0.7, 1.4, lambda c: c.body.mass / PLATFORM.mass),
+    "body.inertia": (0.5, 2.0, lambda c: c.body.inertia[0] / PLATFORM.inertia[2][2]),
+    "body.centre": (0.01, 0.03, lambda c: np.hypot(*c.body.centre)),
+    "thrusters.thrust": (0.7, 1.3, lambda c: c.body.gain[5]),
+    "thrusters.pressure": (0.8, 1.0, lambda c: c.body.gain[2]),
+    "thrusters.droop": (0.1, 0.3, lambda c: c.body.droop),
+    "thrusters.latency": (0.02, 0.1, lambda c: c.lag and c.lag.latency),
+    "thrusters.rise": (0.02, 0.1, lambda c: c.lag and c.lag.rise),
+    "thrusters.least_on": (0.0, 0.6, lambda c: c.dwell and c.dwell.on),
+    "faults.time": (1.0, 20.0, lambda c: c.fault and c.fault.begins),
+    "disturbances.force": (0.1, 0.3, lambda c: c.push and c.push.force.norm()),
+    "disturbances.torque": (0.1, 0.3, lambda c: c.push and abs(c.push.torque)),
+    "disturbances.kick": (0.1, 0.3, lambda c: c.kick and c.kick.impulse.force.norm()),
+    "disturbances.slow_force": (0.1, 0.3, lambda c: c.swing and c.swing.amplitude.force.norm()),
+    "thrusters.noise": (0.05, 0.1, lambda c: c.noise),
+    "thrusters.misalignment": (0.02, 0.1, lambda c: abs(np.arctan2(*turned(c, 3)))),
+    "sensors.velocity.bias": (
         0.01,
-        0.03,
-    ),
-    "thrust": (
-        Conditions(thrusters=ThrusterConditions(thrust=(0.7, 1.3))),
-        lambda c: c.body.gain[5],
-        0.7,
-        1.3,
-    ),
-    "pressure": (
-        Conditions(thrusters=ThrusterConditions(pressure=(0.8, 1.0))),
-        lambda c: c.body.gain[2],
-        0.8,
-        1.0,
-    ),
-    "droop": (
-        Conditions(thrusters=ThrusterConditions(droop=(0.1, 0.3))),
-        lambda c: c.body.droop,
-        0.1,
-        0.3,
-    ),
-    "latency": (
-        Conditions(thrusters=ThrusterConditions(latency=(0.02, 0.1))),
-        lambda c: c.lag and c.lag.latency,
         0.02,
-        0.1,
-    ),
-    "rise": (
-        Conditions(thrusters=ThrusterConditions(rise=(0.02, 0.1))),
-        lambda c: c.lag and c.lag.rise,
-        0.02,
-        0.1,
-    ),
-    "least on": (
-        Conditions(thrusters=ThrusterConditions(least_on=(0.0, 0.6))),
-        lambda c: c.dwell and c.dwell.on,
-        0.0,
-        0.6,
-    ),
-    "fault's time": (
-        Conditions(faults=FaultConditions(count=1.0, time=(1.0, 20.0))),
-        lambda c: c.fault and c.fault.begins,
-        1.0,
-        20.0,
-    ),
-    "force": (
-        Conditions(disturbances=DisturbanceConditions(force=(0.1, 0.3))),
-        lambda c: c.push and c.push.force.norm(),
-        0.1,
-        0.3,
-    ),
-    "torque": (
-        Conditions(disturbances=DisturbanceConditions(torque=(0.1, 0.3))),
-        lambda c: c.push and abs(c.push.torque),
-        0.1,
-        0.3,
-    ),
-    "its direction": (
-        Conditions(disturbances=DisturbanceConditions(force=0.3)),
-        lambda c: c.push and np.arctan2(c.push.force.y, c.push.force.x),
-        -math.pi,
-        math.pi,
-    ),
-    "kick": (
-        Conditions(disturbances=DisturbanceConditions(kick=(0.1, 0.3))),
-        lambda c: c.kick and c.kick.impulse.force.norm(),
-        0.1,
-        0.3,
-    ),
-    "slow force": (
-        Conditions(disturbances=DisturbanceConditions(slow_force=(0.1, 0.3))),
-        lambda c: c.swing and c.swing.amplitude.force.norm(),
-        0.1,
-        0.3,
-    ),
-    "noise of thrusts": (
-        Conditions(thrusters=ThrusterConditions(noise=(0.05, 0.1))),
-        lambda c: c.noise,
-        0.05,
-        0.1,
-    ),
-    "misalignment": (
-        Conditions(thrusters=ThrusterConditions(misalignment=(0.02, 0.1))),
-        lambda c: abs(np.arctan2(*turned(c, 3))),
-        0.02,
-        0.1,
-    ),
-    "bias": (
-        Conditions(sensors=SensorsConditions(velocity=SensorConditions(bias=(0.01, 0.02)))),
         lambda c: c.sensors and c.sensors.bias and c.sensors.bias[2].norm(),
-        0.01,
-        0.02,
     ),
 }
+"""Ranges by their places in a file, and what is drawn from each."""
 
 
 @pytest.mark.parametrize("name", UNIFORM)
 def test_ranges_are_uniform_within_their_bounds(name: str) -> None:
-    conditions, value, low, high = UNIFORM[name]
-    assert_uniform(value(parameters(conditions)), low, high)
+    low, high, value = UNIFORM[name]
+    *rooms, entry = name.split(".")
+    table: dict[str, Any] = {entry: [low, high]}
+    if entry == "time":  # of a fault, of which each episode has one
+        table["count"] = 1.0
+    for room in reversed(rooms):
+        table = {room: table}
+    assert_uniform(value(parameters(structure(table, Conditions, name))), low, high)
+
+
+def test_a_force_points_to_all_sides() -> None:
+    push = parameters(Conditions(disturbances=DisturbanceConditions(force=0.3))).push
+    assert_uniform(np.arctan2(push.force.y, push.force.x), -math.pi, math.pi)
 
 
 @BOTH
