@@ -17,7 +17,7 @@ import numpy as np
 import torch
 
 from rans.errors import ConfigError, RansWarning
-from rans.model.spacecraft import Spacecraft, can_turn
+from rans.model.spacecraft import Spacecraft, can_turn, is_steerable
 from rans.model.twists import authority_margin, balanced, cone_pushes, pushes_along
 from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, spans, spare
 from rans.policy.architecture import Architecture
@@ -107,7 +107,7 @@ def authority(craft: Spacecraft, period: float) -> tuple[float, ...]:
             f"the agent for any craft flies to a pose, and {craft.name} has no thruster: turn it with "
             "go-to-attitude, by LQR or by an agent of its own (rans train go-to-attitude)."
         )
-    if not can_turn(craft):
+    if not can_turn(craft) and is_steerable(craft):
         raise ConfigError(
             f"{craft.name} cannot turn, because all of its thrusters push through its centre of mass: fly "
             f"go-to-position or track-velocity, as in rans compare lqr:go-to-position-{craft.dimension}d@mine.toml."

@@ -96,7 +96,7 @@ def spared(craft: Spacecraft, period: float) -> str:
         return "Any one of its thrusters may be dead, and it still settles."
     dead = ", ".join(str(k) for k, reason in lost.items() if not reason)
     start = f"Any one of these thrusters may be dead: {dead}" if dead else "No thruster may be dead"
-    return f"{start}; without one of these it will not settle for sure: {', '.join(needed)}."
+    return f"{start}; without one of these it may not settle: {', '.join(needed)}."
 
 
 def _without(craft: Spacecraft, number: int, period: float) -> str:

@@ -283,6 +283,12 @@ def test_craft_that_it_cannot_fly_are_refused_with_the_reason() -> None:
     # Thrusters through the centre of mass, and no wheels.
     with pytest.raises(ConfigError, match=r"afrl-deputy cannot turn.*lqr:go-to-position-3d@"):
         for_craft(network(3), load_spacecraft("afrl-deputy"), 1.0)
+    # Go-to-position is no advice where a push is missing too.
+    deputy = load_spacecraft("afrl-deputy")
+    with pytest.warns(UserWarning, match="cannot push and turn"):
+        pushed = replace(deputy, thrusters=deputy.thrusters[:1])
+    with pytest.raises(ConfigError, match=r"cannot accelerate it along .*missing or reversed"):
+        for_craft(network(3), pushed, 1.0)
     with pytest.raises(ConfigError, match="innocube has no thruster"):
         for_craft(network(3), load_spacecraft("innocube"), 1.0)
     craft = load_spacecraft("floating-platform")

@@ -57,6 +57,7 @@ def test_only_thrusters_whose_loss_leaves_a_margin_are_spared() -> None:
     craft = three_pairs(0.15)
     # The pairs through the centre leave no torque about z but by the last two: either is needed.
     sentence = spared(craft, 0.2)
+    assert "without one of these it may not settle: " in sentence
     assert "4 (cannot be steered)" in sentence or "4 (margin" in sentence
     with pytest.raises(ConfigError):
         Prospect.of(replace(craft, thrusters=craft.thrusters[:4]), 0.2)
