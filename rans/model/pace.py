@@ -68,6 +68,7 @@ def misfits(craft: Spacecraft) -> list[str]:
     tensor = np.array(craft.inertia)
     largest = tensor[2][2] if craft.dimension == 2 else float(np.linalg.eigvalsh(tensor).max())
     gyration = math.sqrt(largest / craft.mass)
+    is_lighter_than_sails = craft.mass < _LIGHTEST * 4.0 / 3.0 * math.pi * arm**3
     result = []
     if gyration > _LARGE * radius:
         result.append(
@@ -85,13 +86,13 @@ def misfits(craft: Spacecraft) -> list[str]:
             f"its radius is {radius:g} m, but its inertia is that of a body of {gyration:.3g} m about its centre, "
             f"and no thruster is farther than {arm:.3g} m from it: the usual cause is a radius in mm or cm"
         )
-    elif min(radius, arm) > _SMALL * gyration:
+    elif min(radius, arm) > _SMALL * gyration and not is_lighter_than_sails:
         result.append(
             f"its inertia of {largest:g} kg m^2 and mass of {craft.mass:g} kg are those of a body of {gyration:.3g}"
             f" m about its centre, and a thruster is {arm:.3g} m from it: the usual cause is a mass in g, or an "
             "inertia in other units"
         )
-    if craft.mass < _LIGHTEST * 4.0 / 3.0 * math.pi * arm**3:
+    if is_lighter_than_sails:
         result.append(
             f"a thruster is {arm:.3g} m from the centre of a mass of {craft.mass:g} kg, farther than on any solar "
             "sail: the usual cause are positions in mm or cm, or a mass in t"
