@@ -111,7 +111,7 @@ def begin_from(network: Network, agent: str) -> None:
         if values.shape != tensor.shape[-values.dim() or len(tensor.shape) :]:
             raise ConfigError(
                 f"begin_from is {agent!r}, whose {key} has the shape {tuple(values.shape)} and not that of this "
-                f"training; the usual cause is other ppo.layers or another ppo.memory, and {same}."
+                f"training; the usual cause is another ppo.backbone, ppo.layers or ppo.memory, and {same}."
             )
         tensor.copy_(values.expand_as(tensor))
     network.tensors[statistics[-1]].fill_(_SETTLED)
