@@ -47,7 +47,8 @@ class Init(Options):
     """Write the TOML file of a new spacecraft, draw its thrusters, and print its control authority.
 
     It asks for missing values. The authority is the largest force along each axis, and the largest torque
-    about it, while all others are zero. --thruster and --wheel are repeated for each. Ctrl-C writes nothing.
+    about it, while all others are zero. --thruster and --wheel are repeated for each. Ctrl-C before the
+    last answer writes nothing.
     """
 
     group = "Check"

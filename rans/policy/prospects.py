@@ -64,8 +64,8 @@ class Prospect(NamedTuple):
     def text(self, period: float) -> str:
         """The numbers, for a user."""
         return (
-            f"At {period:g} s a pulse of one thruster moves it {100.0 * self.shift:.2g} cm and turns it "
-            f"{math.degrees(self.turn):.2g} degrees in a period; the tolerances are {100.0 * _DISTANCE:g} cm and "
+            f"At {period:g} s a pulse of one thruster moves it {100.0 * self.shift:.3g} cm and turns it "
+            f"{math.degrees(self.turn):.3g} degrees in a period; the tolerances are {100.0 * _DISTANCE:g} cm and "
             f"{math.degrees(_ANGLE):g} degrees. Its authority margin is {self.margin:.2g}."
         )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +36,11 @@ def test_a_pulse_by_hand() -> None:
     found = Prospect.of(craft, 0.2)
     assert found.shift == pytest.approx(0.2 / 5.0 * 0.2)
     assert found.turn == pytest.approx(0.2 * 0.2 / 0.2 * 0.2)
-    assert f"{math.degrees(found.turn):.2g} degrees" in found.text(0.2)
+    assert "moves it 0.8 cm and turns it 2.29 degrees" in found.text(0.2)
+
+
+def test_a_large_turn_is_no_power_of_ten() -> None:
+    assert "turns it 230 degrees" in Prospect.of(PLATFORM, 0.1)._replace(turn=4.0143).text(0.1)
 
 
 def test_a_small_margin_is_said_before_the_flight() -> None:
