@@ -54,7 +54,7 @@ def test_commands_start_what_is_there() -> None:
 
 
 def test_convex_guidance_has_flown_as_many_starts_as_its_row_asks() -> None:
-    """Of missions whose row says for how many it plans, by the latest deadline."""
+    """A mission whose row says for how many starts it plans is planned by the latest deadline."""
     asked = {
         one.evidence[0]: int(one.given[one.given.index("--planned") + 1])
         for one in CAMPAIGNS.values()

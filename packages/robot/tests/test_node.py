@@ -71,7 +71,7 @@ def steps(pilot: MessagePilot, motion: Motion, count: int = 3, begin: int = 0) -
 
 
 def test_it_gives_the_agents_commands(agent: Path) -> None:
-    """The same as the agent here gives to the observation of this state."""
+    """The command on the bus is the one that the agent here gives to the observation of this state."""
     from rans.evaluation.fly.agent import load_policy
 
     pilot = MessagePilot(plan(agent, goal=GOAL), GoToPose())

@@ -360,7 +360,7 @@ def odometry(attitude: np.ndarray, velocity: Any, spin: Any, frame: str, child: 
 def test_a_twist_is_in_the_frame_of_the_child(
     frame: str, child: str, is_world: bool | None
 ) -> None:
-    """Of a body that faces +y, by hand: forward is +y, and what turns it about +x of the world is about its -y."""
+    """A body that faces +y, by hand: forward is +y, and what turns it about +x of the world is about its -y."""
     ends = interface("odometry", 8, 8)
     data = odometry(quaternion_of(np.pi / 2), (1, 0, 0), (0.1, 0, 0.3), frame, child)
     if is_world is None:

@@ -64,7 +64,7 @@ def test_no_multiplier_bounds_more_than_a_flight_needs() -> None:
 
 @given(last=st.integers(1, 5000), interval=st.floats(0.05, 500.0))
 def test_ranges_of_arrivals_have_every_check_once(last: int, interval: float) -> None:
-    """Of at most 150 s, where 100 s do not divide the time; an arrival that none has would have no bound."""
+    """Ranges of arrivals are at most 150 s long, where 100 s do not divide the time, and leave no arrival out."""
     ranges = ranges_of_arrivals(last, interval)
     assert [k for first, end in ranges for k in range(first, end + 1)] == [*range(1, last + 1)]
     assert all((end - first) * interval <= 150.0 for first, end in ranges)
