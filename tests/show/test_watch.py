@@ -12,7 +12,6 @@ from rans.model.fields import leaves
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.show import watch
 from rans.show.pages.page import Page
-from tests.support.processes import free_port
 from tests.support.training import tiny_trainer
 
 
@@ -47,7 +46,7 @@ def test_new_agents_are_shown_once_each(tmp_path: Path, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(watch.time, "sleep", sleep)
     with pytest.raises(Stop):
-        watch.watch(trainer.run.path, free_port())
+        watch.watch(trainer.run.path, port=0)  # any port that is free
     first, second = shown
     assert first.commands.shape[1] == second.commands.shape[1] == 4
     starts = [[x[0].tolist() for x in leaves(flight.states)] for flight in shown]
