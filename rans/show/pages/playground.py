@@ -325,23 +325,19 @@ class _Traced:
         numbers = inputs("authority", 9 + len(WAYS))
         period, *authority = numbers[:7]
         least_linear, least_angular, *reach = numbers[7:]
-        columns = (
-            of_observation(
-                architecture.layout,
-                observation,
-                Authority(
-                    period,
-                    authority[:4],
-                    authority[4:],
-                    least_linear,
-                    least_angular,
-                    reach if architecture.reach else (),
-                ),
-                architecture.coast,
-                frugality=architecture.frugality,
-            )
-            if architecture.authority
-            else architecture.preprocessed(observation)
+        columns = of_observation(
+            architecture.layout,
+            observation,
+            Authority(
+                period,
+                authority[:4],
+                authority[4:],
+                least_linear,
+                least_angular,
+                reach if architecture.reach else (),
+            ),
+            architecture.coast,
+            frugality=architecture.frugality,
         )
         values: dict[str, Any] = {"body": columns} | {
             name: tables[name].tolist()
@@ -460,8 +456,8 @@ def scenery(task: Task, goal: Any) -> list[Shape]:
 
 
 def _is_allocated_here(architecture: Architecture) -> bool:
-    """Whether the page's own script allocates demands, as for craft that a visitor draws: those of the plane."""
-    is_planar = architecture.backbone == "allocated" and len(architecture.tokens[0]) == 4
+    """Whether the page's own script allocates demands, as for craft that a visitor draws: those of any planar craft."""
+    is_planar = is_for_any_craft(architecture) and len(architecture.tokens[0]) == 4
     return is_planar and not architecture.adapts
 
 
@@ -548,7 +544,7 @@ def _allocation_data(choices: list[Network], chosen: int) -> dict[str, Any]:
     allocation.js reads these keys.
     """
     architecture = choices[chosen].architecture
-    period, *authority = architecture.authority or (0.0,) * 7
+    period, *authority = architecture.authority
     reach = next((one.architecture.reach for one in choices if one.architecture.reach), ())
     return {
         "tokens": architecture.tokens,

@@ -28,6 +28,8 @@ from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.any_craft import for_spacecraft
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
+from rans.fast.engine import Engine
+from rans.fast.learn.config import MemorySettings
 from rans.flight import Controller
 from rans.model.fields import leaves, wrap
 from rans.model.random import seed_words
@@ -62,7 +64,17 @@ on/off thrusters, at a price that falls near the goal too, and to throttled ones
 SEED = 7
 
 
+OF_ONE_CRAFT = "of one craft"
+"""An agent of a craft with a shared supply, whose thrusters open together, with a memory; it has learned nothing."""
+
+
 def run_of(name: str) -> LoadedRun:
+    if name == OF_ONE_CRAFT:
+        run = run_of("any-craft-2d@floating-platform-shared")
+        engine = Engine(run.craft, run.task, 4, run.timing)
+        memory = MemorySettings("recurrent")
+        learner = rans.PPO(engine, backbone="allocated", symmetric=False, memory=memory)
+        return run._replace(controller=Agent(learner.network, name, run.craft))
     (run,) = flyers((name if "@" in name else f"pretrained:{name}",), None, False)
     return run
 
@@ -153,6 +165,7 @@ class Given:
     "name",
     [
         *AGENTS,
+        OF_ONE_CRAFT,
         pytest.param(
             "adaptive:any-craft-2d@floating-platform-shared",
             marks=[pytest.mark.slow, packages.needs("any_craft")],
