@@ -6,6 +6,7 @@ Environments show their frames in it, and `rans view` and the API's pages are se
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import json
 import os
@@ -137,7 +138,7 @@ class Served:
             ValueError for what the page does not send.
 
     Raises:
-        ConfigError: all ports are taken.
+        ConfigError: all ports are taken, or the system refuses the last one for another reason.
     """
 
     def __init__(
@@ -150,16 +151,20 @@ class Served:
         self.answer = answer
         self.version = 0
         self.renew()
+        refusal = OSError(errno.EADDRINUSE, "")
         for port in ports:
-            with contextlib.suppress(OSError):
+            try:
                 server = ThreadingHTTPServer(("127.0.0.1", port), partial(_Page, self))
                 break
+            except OSError as error:
+                refusal = error
         else:
             ends = f"{ports[0]} to {ports[-1]}" if len(ports) > 1 else f"{ports[0]}"
-            raise ConfigError(
-                f"cannot open a page on port {ends} of this computer, it is taken; is another "
-                "viewer running?"
+            is_taken = refusal.errno == errno.EADDRINUSE
+            reason = (
+                "it is taken; is another viewer running?" if is_taken else f"{refusal.strerror}."
             )
+            raise ConfigError(f"cannot open a page on port {ends} of this computer, {reason}")
         threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
         self.url = f"http://localhost:{server.server_port}"
 
