@@ -16,6 +16,7 @@ from rans.cli import overview
 from rans.errors import ConfigError, brief
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import plain, read_text
+from rans.model.foreign import is_foreign
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.pretrained import missing_agents, pretrained_names
 from rans.randomization.conditions_file import CONDITIONS
@@ -127,6 +128,8 @@ class List:
                 return kind
         if name.endswith(".toml"):
             return _kind_of_file(Path(name))
+        if is_foreign(name):  # whose refusal says how to make one of it
+            return "spacecraft"
         if ":" in name:
             return _details().kind_of_object(name)
         near = CONTROLLERS.meant(name, [c for names in names_of.values() for c in names])

@@ -101,6 +101,15 @@ def test_unknown_name(refused: Any) -> None:
         assert part in text
 
 
+@pytest.mark.parametrize("ending", ["urdf", "sdf"])
+def test_a_file_of_other_software_is_imported_first(
+    refused: Any, tmp_path: Path, ending: str
+) -> None:
+    file = tmp_path / f"craft.{ending}"
+    file.write_text("<robot/>")
+    assert f"`rans init craft.toml --from {file}`" in refused(f"list {file}")
+
+
 def test_names_as_contestants_have_them(listed: Any) -> None:
     agent = listed("pretrained:go-to-pose-2d")
     assert agent.startswith("go-to-pose-2d: go-to-pose with floating-platform")
