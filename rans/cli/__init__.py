@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import sys
@@ -80,7 +81,7 @@ def main(arguments: list[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        return _end(f"rans: {error}.", 2)
+        return _end(f"rans: {_of_system(error)}.", 2)
     except UnicodeEncodeError as error:  # a file name with bytes that are not characters
         return _end(
             f"rans: {brief(error.object)} cannot be written in {error.encoding}; rename the file or "
@@ -108,6 +109,15 @@ def main(arguments: list[str] | None = None) -> int:
         return _end_of_user_code(error)
     except Exception as error:
         return _end_of_user_code(error)
+
+
+def _of_system(error: OSError) -> str:
+    """What the system refused and why; an error of writing on to an open file does not name it."""
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        what = error.filename or "the output, or a file that was being written"
+        return f"cannot write {what}: the disk is full"
+    reason = error.strerror or str(error)
+    return f"the system refuses {error.filename}: {reason}" if error.filename else reason
 
 
 def _end_of_user_code(error: Exception) -> int:

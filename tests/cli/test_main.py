@@ -276,7 +276,17 @@ def test_an_unknown_command_is_told_the_known_ones(capsys: pytest.CaptureFixture
         (
             OSError(28, "No space left on device", "metrics.jsonl"),
             2,
-            "rans: [Errno 28] No space left on device: 'metrics.jsonl'.\n",
+            "rans: cannot write metrics.jsonl: the disk is full.\n",
+        ),
+        (
+            OSError(28, "No space left on device"),
+            2,
+            "rans: cannot write the output, or a file that was being written: the disk is full.\n",
+        ),
+        (
+            PermissionError(13, "Permission denied", "metrics.jsonl"),
+            2,
+            "rans: the system refuses metrics.jsonl: Permission denied.\n",
         ),
         (
             OverflowError("int too large to convert to float"),
