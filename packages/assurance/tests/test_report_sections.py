@@ -109,6 +109,7 @@ def test_a_stress_test_alone_begins_with_the_worst_conditions(tmp_path: Path) ->
         {
             "title": "mine, LQR: 8 episodes",
             "failures": [],
+            "contestants": {"mine": {"episodes": 8}},
             "conditions": {"perfect": row(0.9, 0.875), "lab": row(0.5, 0.75)},
             "effects": {
                 "latency": {
@@ -126,6 +127,7 @@ def test_a_stress_test_alone_begins_with_the_worst_conditions(tmp_path: Path) ->
     for label, name in zip(labels, ("lab", "perfect", "latency"), strict=True):
         assert name in label
     assert values == ("50.0%", "90.0%", "0.1 s")
+    assert labels[2] == "latency, all of 8 episodes solved up to"
     for note, part in zip(
         notes, ("40.0% to 60.0%", "80.0% to 100.0%", "not finished"), strict=True
     ):

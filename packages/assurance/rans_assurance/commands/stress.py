@@ -65,7 +65,7 @@ def _show(report: StressReport) -> None:
         )
         if stress.effects:
             console.show(
-                "Size of a disturbance up to which 99 % are solved",
+                report.limit_title(),
                 report.effect_columns(),
                 report.effect_rows(),
             )

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rans.extend import Finding, Section, Table
+from rans.extend import Finding, Section, Table, counted
 from rans.show.pages.page import Tile
 from rans_assurance.pages.assure_counts import asked, counts, decision_sentence, is_over
 
@@ -53,6 +53,10 @@ def _result(stress: Mapping[str, Any]) -> tuple[str, list[Tile]]:
     def share(solved: Mapping[str, float]) -> str:
         return "{value:.1%}".format(**solved)
 
+    episodes = stress.get("contestants", {}).get(who, {}).get("episodes")
+    part = (
+        "99 %" if episodes is None or episodes >= 100 else f"all of {counted(episodes, 'episode')}"
+    )
     tiles = []
     for _, name in ranked:
         own = shares[name][who]
@@ -69,7 +73,7 @@ def _result(stress: Mapping[str, Any]) -> tuple[str, list[Tile]]:
         limits = effect["holds_to"] | dict.fromkeys(effect.get("not_finished", ()), "not finished")
         if who in limits:
             beside = others(limits, size)
-            tiles.append(Tile(f"{name}, 99 % solved up to", size(limits[who]), beside))
+            tiles.append(Tile(f"{name}, {part} solved up to", size(limits[who]), beside))
     worst = ranked[0][1]
     under = f"under {'the conditions' if len(ranked) == 1 else 'its worst conditions,'} {worst}"
     beside = others(shares[worst], share)
