@@ -456,7 +456,7 @@ def scenery(task: Task, goal: Any) -> list[Shape]:
 
 
 def _is_allocated_here(architecture: Architecture) -> bool:
-    """Whether the page's own script allocates demands, as for craft that a visitor draws: those of any planar craft."""
+    """Whether the page's own script allocates demands, as for drawn craft: of agents for any planar craft."""
     is_planar = is_for_any_craft(architecture) and len(architecture.tokens[0]) == 4
     return is_planar and not architecture.adapts
 

@@ -65,7 +65,7 @@ SEED = 7
 
 
 OF_ONE_CRAFT = "of one craft"
-"""An agent of a craft with a shared supply, whose thrusters open together, with a memory; it has learned nothing."""
+"""An agent of a craft with a shared supply, which opens them together by a memory; untrained."""
 
 
 def run_of(name: str) -> LoadedRun:
