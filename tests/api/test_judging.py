@@ -126,15 +126,6 @@ def file(model: A2C, tmp_path_factory: pytest.TempPathFactory) -> Path:
         ["evaluate", "{}:go-to-pose-2d", "--episodes", "2", "--trust"],
         [
             "stress",
-            "{}:go-to-pose-2d",
-            "--episodes",
-            "2",
-            "--only",
-            "latency",
-            "--trust",
-        ],
-        [
-            "stress",
             "pretrained:go-to-pose-2d",
             "{}",
             "--episodes",
