@@ -2,12 +2,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 from matplotlib.patches import Circle
 from matplotlib.quiver import Quiver
+from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from rans.drawing import Scene
 from rans.model.dynamics import PlanarState
@@ -187,6 +188,21 @@ def test_numbers_of_facing_thrusters_do_not_overlap() -> None:
     assert len(places) == 6
     for one, other in itertools.combinations(places, 2):
         assert math.dist(one, other) > 0.15 * craft.radius
+
+
+@pytest.mark.parametrize("name", ["apollo-csm", "cubesat-6u", "atmos-orbit-12"])
+def test_numbers_of_a_craft_in_space_are_apart_for_the_reader(name: str) -> None:
+    """Thrusters that are far apart stand behind one another on paper, as Matplotlib projects them."""
+    figure = draw_layout(load_spacecraft(name))
+    figure.draw_without_rendering()
+    axes: Any = figure.axes[0]
+    texts: list[Any] = axes.texts
+    places = []
+    for text in texts:
+        x, y, z = text.get_position_3d()
+        places.append(axes.transData.transform(proj_transform(x, y, z, axes.get_proj())[:2]))
+    for one, other in itertools.combinations(places, 2):
+        assert math.dist(one, other) > 20.0  # pixels: a number of two digits is 18 wide
 
 
 def test_layout_arrows_are_the_forces(planar_craft: Spacecraft) -> None:
