@@ -21,13 +21,12 @@ from campaigns.schemes import SCHEMES
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
-from rans.files import read_text, write_text
+from rans.files import write_text
 from rans.flight import Flight
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED
 from rans.show.figures.flight_paths import paths_figure
 from rans.show.figures.layout_figure import draw_layout
-from rans.show.figures.picture_file import save_picture
 from rans.show.figures.plotting import Figure, rc_context
 from rans.show.figures.svg import svg
 
@@ -96,15 +95,6 @@ def _rounded(path: str) -> str:
     return " ".join(" ".join(point) for point in (*kept, points[-1]))
 
 
-def draw_craft(name: str, file: Path) -> None:
-    """A small picture of a craft's thrusters: text as text, and coordinates to a tenth of a point."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
-        save_picture(draw_layout(load_spacecraft(name)), file)
-    text = re.sub(r"<metadata>.*?</metadata>", "", read_text(file), flags=re.DOTALL)
-    write_text(file, re.sub(r"-?\d+\.\d{2,}", lambda found: f"{float(found[0]):.1f}", text))
-
-
 @dataclass(frozen=True)
 class Pictures:
     """Write pictures of pages."""
@@ -122,9 +112,9 @@ class Pictures:
         """
         for name in self.names:
             if name in CRAFTS:
-                draw_craft(name, self.folder / "craft" / f"{name}.svg")
-                continue
-            if name in DRAWN:
+                file = self.folder / "craft" / f"{name}.svg"
+                figure = draw_layout(load_spacecraft(name))
+            elif name in DRAWN:
                 file = self.folder / "diagrams" / f"{name}.svg"
                 figure = DRAWN[name]()
             elif name in SUBJECTS:
