@@ -80,7 +80,7 @@ def missions() -> Figure:
                 axes.plot(ratios[kind], len(names), "o", color=colour, markersize=7, label=label)
         names.append(mission)
     axes.axvline(1.0, color=INK, linewidth=1.2)
-    axes.text(1.0, -0.75, " proven bound", color=INK, fontsize=8, va="center")
+    axes.text(1.03, -0.75, "proven bound", color=INK, fontsize=8, va="center")
     axes.set_xscale("log")
     axes.set_xticks([1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0], ["1", "1.5", "2", "3", "5", "10", "20"])
     axes.minorticks_off()
@@ -193,7 +193,7 @@ def margins() -> Figure:
 
 @styled
 def vbar_scores() -> Figure:
-    """V-BAR's composite score of guidance of RANS and of V-BAR's own controller, by scenario."""
+    """Share of V-BAR's episodes that guidance of RANS and V-BAR's own controller complete, by scenario."""
     scenarios = {row["scenario"]: row for row in _record("vbar")["rows"]}
     names = [name for name, row in scenarios.items() if row["pd"]]
     figure, axes = _alone(7.4, 0.26 * len(names) + 1.1)
@@ -202,7 +202,9 @@ def vbar_scores() -> Figure:
         ("pd", GREY, 0.2, "V-BAR's PD"),
     ):
         shares = [100.0 * scenarios[n][who]["succeeded"] / scenarios[n]["episodes"] for n in names]
-        axes.barh(np.arange(len(names)) + shift, shares, 0.36, color=colour, label=label)
+        bars = axes.barh(np.arange(len(names)) + shift, shares, 0.36, color=colour, label=label)
+        none = ["0" if share == 0.0 else "" for share in shares]  # no bar is to be seen there
+        axes.bar_label(bars, none, padding=2, fontsize=7, color=INK)
     _name_rows(axes, names)
     axes.set(xlim=(0.0, 101.0), xlabel="episodes that succeeded, %")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncol=2)

@@ -83,12 +83,15 @@ def _way(axes: Axes, first: Sequence[Any], second: Sequence[Any], text: str) -> 
     arrow(axes, begin, end)
     middle = 0.5 * (begin + end)
     level = abs(along[1]) < 1e-9
+    slope = np.sign(
+        along[0] * along[1]
+    )  # the text is right of an arrow, above one that falls, below one that rises
     axes.text(
         middle[0] + (0.0 if level else 0.08),
         middle[1] + (0.1 if level else 0.0),
         text,
         ha="center" if level else "left",
-        va="bottom" if level else "center",
+        va="bottom" if level else ("bottom", "center", "top")[int(slope) + 1],
         color=INK,
         fontsize=8,
     )
