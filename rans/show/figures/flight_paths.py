@@ -77,7 +77,8 @@ def paths_figure(flight: Flight) -> Figure:
         label(axes, name, view.x, view.y)
     grid[0].plot([], [], "o", color=INK, markersize=3, label="start")
     grid[0].plot([], [], "+", color=GREY, markersize=6, label="end")
-    grid[0].legend(loc="best")
+    entries = grid[0].get_legend_handles_labels()
+    figure.legend(*entries, loc="outside lower center", ncol=len(entries[0]))
     return figure
 
 
@@ -150,13 +151,16 @@ def _scenery(axes: Axes, view: _View, flight: Flight, episode: int) -> None:
     begun = _shapes(flight, episode, 0)
     ended = _shapes(flight, episode, last)
     named = set()
-    moments = [(ended, "-")] if begun == ended else [(begun, ":"), (ended, "-")]
-    for shapes, line in moments:
+    moments = [(ended, "-", "")]
+    if begun != ended:
+        moments = [(begun, ":", " at the start"), (ended, "-", " at the end")]
+    for shapes, line, when in moments:
         for shape in shapes:
             keep_out = isinstance(shape, Ball)
             name = "keep-out zone" if keep_out else "approach cone"
             if isinstance(shape, GlideSlope):
                 name = "glide slope"
+            name += when
             for outline in outlines(shape, reach):
                 axes.plot(
                     view.across(outline),

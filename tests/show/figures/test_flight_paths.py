@@ -29,7 +29,8 @@ def flown(craft_name: str, task: Task, steps: int = 5, count: int = 4) -> Flight
 def test_an_orbit_has_its_ball_in_two_views() -> None:
     """Along the track is to the right; the ball of 50 m is whole although no path goes around it."""
     flight = flown("vbar-chaser", Hold())
-    in_plane, across = paths_figure(flight).axes
+    paths = paths_figure(flight)
+    in_plane, across = paths.axes
     assert (in_plane.get_ylabel(), across.get_ylabel()) == (
         "radially outwards, m",
         "across the orbit, m",
@@ -39,8 +40,7 @@ def test_an_orbit_has_its_ball_in_two_views() -> None:
     left, right = in_plane.get_xlim()
     assert left < -50.0
     assert right > 50.0
-    legend = in_plane.get_legend()
-    assert legend is not None
+    [legend] = paths.legends
     [name] = [text.get_text() for text in legend.get_texts() if "zone" in text.get_text()]
     assert name == "keep-out zone"
 
