@@ -96,6 +96,7 @@ html_favicon = "_static/mark.svg"
 html_copy_source = False
 html_show_sourcelink = False
 html_last_updated_fmt = None
+html_context = {"default_mode": "auto"}  # without it the theme writes an error into the console
 html_theme_options = {
     "logo": {"text": "RANS", "alt_text": "RANS"},
     "navbar_align": "left",
