@@ -61,8 +61,8 @@ def printed(*arguments: str | Path, cwd: Path = ROOT, **environment: str) -> str
 
 
 def free_port() -> int:
-    """Port of this process below those that the system gives to others, who may take one of its own meanwhile."""
-    for port in range(10_000 + os.getpid() % 20_000, 32_000):
+    """Port of this process, not of processes beside it, and below those that systems give out, from 16,000 on."""
+    for port in range(10_000 + os.getpid() % 500 * 10, 16_000):
         with contextlib.suppress(OSError), socket.create_server(("localhost", port)):
             return port
     raise AssertionError("no free port")

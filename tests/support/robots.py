@@ -83,10 +83,21 @@ class Wire:
         self._receivers.clear()
 
 
+_PATIENT = """
+import sys
+from rans.cli import main
+from rans_robot import pilot
+made = pilot.Plan
+pilot.Plan = lambda **settings: made(**settings | {"lost_after": 5.0})
+sys.exit(main())
+"""
+"""The command; a flight waits for a state 5 s, since a busy machine may stop the robot's process for one."""
+
+
 def started(*arguments: str, domain: int, folder: Path = ROOT) -> subprocess.Popen[str]:
     """The command in a process that looks for its robot over UDP in a domain."""
     return subprocess.Popen(
-        [sys.executable, "-m", "rans", *arguments, "--bus", "udp"],
+        [sys.executable, "-c", _PATIENT, *arguments, "--bus", "udp"],
         cwd=folder,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "ROS_DOMAIN_ID": str(domain)},
         stdout=subprocess.PIPE,

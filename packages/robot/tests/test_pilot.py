@@ -492,7 +492,7 @@ def test_what_came_while_a_node_was_stopped_is_not_flown(agent: Path, tmp_path: 
         hear_all(node.robot, node.domain)
         before = len(node.opened)
         node.process.send_signal(signal.SIGCONT)
-        # A second without a state ends the flight.
+        # Some seconds without a state end the flight.
         node.process.communicate(timeout=PATIENCE)
         assert node.process.returncode == 1
         hear_all(node.robot, node.domain)
@@ -512,7 +512,7 @@ def announcement(node: str, topics: list[str]) -> bytes:
 
 def test_a_second_node_refuses(quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first is heard of; a node of another robot is none of its business."""
-    monkeypatch.setattr("rans_robot.node._ANNOUNCED", 1.0)
+    monkeypatch.setattr("rans_robot.node._ANNOUNCED", 0.1)
     done = threading.Event()
     first, second = Robot(), Robot()
     said: list[str] = []
@@ -536,7 +536,13 @@ def test_a_second_node_refuses(quick: Path, monkeypatch: pytest.MonkeyPatch) -> 
     try:
         while not first.commands:
             time.sleep(0.01)
-        with pytest.raises(ConfigError, match="another node commands this robot, with the agent"):
+        # The second looks 2,200 times, also where this machine stops the first for seconds.
+        clock = SimpleNamespace(**vars(time) | {"monotonic": count(0.0, 1e-4).__next__})
+        with (
+            monkeypatch.context() as patch,
+            pytest.raises(ConfigError, match="another node commands this robot, with the agent"),
+        ):
+            patch.setattr("rans_robot.node.time", clock)
             flight(second, quick, None)
         heard = first.count("commands")
         while first.count("commands") < heard + 2:
