@@ -279,7 +279,7 @@ class Train(Options):
             if self.conditions is not None:
                 words += ["--conditions", self.conditions]
             # Settings of the task say what is asked and observed; others may contradict the quality.
-            settings = [change for change in self.set if change.startswith("settings.")]
+            settings = [change for change in self.set if _is_setting(trainer.config, change)]
             for change in ["guard=true"] * len(guard) + settings:
                 words += ["--set", change]
             better = shlex.join([*words, "--quality", "good"])
@@ -301,6 +301,14 @@ def _beside_the_agent(what: str) -> Iterator[None]:
         Terminal().say(
             f"The agent is complete, but {what} could not be made: {type(error).__name__}: {first_line(error)}."
         )
+
+
+def _is_setting(config: TrainConfig, change: str) -> bool:
+    """Whether a word KEY=VALUE, which has changed the config, changes a setting of the task."""
+    from rans.fast.learn.changes import entry_named
+    from rans.fast.learn.config import to_table
+
+    return entry_named(to_table(config), change.partition("=")[0]).startswith("settings.")
 
 
 def trust_option(config: TrainConfig, craft: Spacecraft) -> list[str]:

@@ -87,6 +87,18 @@ def test_the_end_of_a_training(
     )
 
 
+def test_the_suggested_training_keeps_settings_of_the_task() -> None:
+    """Also by their short names; others, such as a number of steps, may contradict the quality."""
+    command = training.Train("go-to-pose", set=("thrust_weight=0.1", "n_steps=8"))
+    trainer: Any = SimpleNamespace(
+        run=SimpleNamespace(path=Path("runs/a")),
+        config=command.resolved(),
+        engine=SimpleNamespace(craft=load_spacecraft("floating-platform")),
+    )
+    better = command._next(trainer)[-1].partition("   #")[0]
+    assert better == "rans train go-to-pose --set thrust_weight=0.1 --quality good"
+
+
 @pytest.mark.parametrize("quick", [0.0, 1.0])
 def test_an_agent_that_fails_as_designed_is_named(
     quick: float, monkeypatch: pytest.MonkeyPatch

@@ -52,8 +52,28 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
 
     Args:
         table: config from `rans.fast.learn.config.to_table`, changed in place.
-        name: full name of the entry, as ``ppo.learning_rate``, or its last part if that is unique.
+        name: see `entry_named`.
         value: new value, which the user has given: names in it may be MODULE:NAME (`rans.registry.typed`).
+
+    Raises:
+        ConfigError: see `entry_named`.
+    """
+    entry = entry_named(table, name)
+    *parents, last = entry.split(".")
+    inner = table
+    for parent in parents:
+        inner = inner[parent]
+    inner[last] = _typed(value)
+    if entry == "algorithm":  # whose own settings are others
+        table["learner"] = complete(table["algorithm"], {})
+
+
+def entry_named(table: Mapping[str, Any], name: str) -> str:
+    """Full dotted name of the entry of a config table that a name means.
+
+    Args:
+        table: config from `rans.fast.learn.config.to_table`.
+        name: full name of the entry, as ``ppo.learning_rate``, or its last part if that is unique.
 
     Raises:
         ConfigError: there is no such entry, or the name is not unique.
@@ -76,13 +96,7 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
             f"the config has no {brief(name)}{_suggestion(name, names)}; `rans list TASK`, "
             "`rans list TRAINING` and the config.json of any run show its entries."
         )
-    *parents, last = result[0].split(".")
-    inner = table
-    for parent in parents:
-        inner = inner[parent]
-    inner[last] = _typed(value)
-    if result[0] == "algorithm":  # whose own settings are others
-        table["learner"] = complete(table["algorithm"], {})
+    return result[0]
 
 
 def check_memory(table: Mapping[str, Any], changes: Iterable[str]) -> None:
