@@ -436,7 +436,7 @@ def _rivals(path: Path, dimension: int, count: int) -> tuple[list[Entry], list[s
     run = RunFolder(path)
     config = run.config()
     own = inside(path, "spacecraft.toml")
-    agents = [f"{FOR_ANY_CRAFT[dimension]}{value}@{own}" for value in ("", "#0.5")]
+    agents = [f"{FOR_ANY_CRAFT[dimension]}{value}@{own}" for value in ("", "#0.5", "#1")]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RansWarning)  # evaluations of that agent say them
         nobody: Any = SimpleNamespace(name=path.name)
@@ -463,7 +463,7 @@ def _compare(trainer: Trainer, rivals: _Rivals) -> None:
     from rans.evaluation.measure.statistics import figure
     from rans.pretrained import FOR_ANY_CRAFT
     from rans.scenario import TRAINED_SEED
-    from rans.show.tables.comparison_tables import dominations, scoreboard, verdict
+    from rans.show.tables.comparison_tables import cheaper, dominations, scoreboard, verdict
 
     path = str(trainer.run.path)
     agent = FOR_ANY_CRAFT[trainer.engine.craft.dimension]
@@ -486,11 +486,14 @@ def _compare(trainer: Trainer, rivals: _Rivals) -> None:
     console.show(f"{_COMPARED} new starts", ("", *columns.values()), rows)
     console.say(verdict(comparison))
     name = comparison.entries[0].name
-    if better := [one for one, other in dominations(comparison) if other == name and agent in one]:
-        craft_name = trainer.config.spacecraft
-        console.say(
-            f"{better[0]} is better without training: rans evaluate {better[0]}@{shlex.quote(craft_name)}"
-        )
+    better = [one for one, other in dominations(comparison) if other == name and agent in one]
+    frugal = [one for one in cheaper(comparison) if agent in one]
+    craft_name = shlex.quote(trainer.config.spacecraft)
+    said = {one: "uses less impulse" for one in frugal[:1]} | {
+        one: "is better" for one in better[:1]
+    }
+    for who, what in said.items():
+        console.say(f"{who} {what} without training: rans evaluate {who}@{craft_name}")
 
 
 def _live_page(path: Path) -> Path | None:

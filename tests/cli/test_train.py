@@ -348,7 +348,8 @@ def test_a_training_is_compared_with_what_flies_without_one(
     printed = capsys.readouterr().out
     assert "any-craft-2d#0.5" in printed
     assert "dominate" in printed
-    assert "without training: rans evaluate any-craft-2d@floating-platform" in printed
+    assert "any-craft-2d is better without training: rans evaluate any-craft-2d@floating" in printed
+    assert "any-craft-2d#1 uses less impulse without training: rans evaluate any-craft" in printed
 
 
 def test_the_device_that_is_asked_for_trains(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,6 +17,7 @@ from rans.optimal.trajectory.objectives import MaximumReward, MinimumTime
 from rans.show.pages.comparison_page import page
 from rans.show.tables.comparison_tables import (
     RETURN,
+    cheaper,
     dominations,
     gaps,
     relaxed_rows,
@@ -125,6 +126,12 @@ def test_a_comparison_says_first_who_dominates_whom(
         assert found.startswith("Nobody is shown to be both quicker and cheaper")
     else:
         assert not found
+
+
+def test_who_uses_less_than_the_first_is_named_the_cheapest_first() -> None:
+    others = {"x": (6.0, 2.0), "y": (9.0, 1.0), "same": (4.0, 3.0), "idle": (1e3, 0.0)}
+    assert cheaper(beside(**others)) == ["y", "x"]
+    assert cheaper(beside(5, **others)) == []  # too few starts
 
 
 def test_who_does_not_always_arrive_dominates_nobody() -> None:
