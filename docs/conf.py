@@ -30,6 +30,7 @@ extensions = [
     # in docs/_ext
     "repository_links",
     "mathml",
+    "captions",
     "reference",
     "live_pages",
     "search_words",
