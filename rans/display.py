@@ -6,7 +6,7 @@ import ast
 import inspect
 import itertools
 from collections.abc import Callable
-from dataclasses import MISSING, Field, fields, is_dataclass
+from dataclasses import MISSING, Field, fields
 from typing import Any
 
 html_renderer: Callable[[Any], str] = repr
@@ -52,14 +52,15 @@ class Settings(NotebookRepr):
 
 
 def meanings(described: type) -> dict[str, str]:
-    """Docstrings of the fields of a dataclass by name, read from its source; empty without a source."""
+    """Docstrings of the fields of a dataclass by name, read from its source and those of its bases.
+
+    They are empty without a source. A field without a docstring of its own has the one of a base.
+    """
     texts = {}
     for part in reversed(described.__mro__):
-        if not is_dataclass(part):
-            continue
         try:
             written: Any = ast.parse(inspect.cleandoc("\n" + inspect.getsource(part))).body[0]
-        except (OSError, SyntaxError):
+        except (OSError, SyntaxError, TypeError):  # the last of what Python has built in
             continue
         for field, text in itertools.pairwise(written.body):
             match field, text:

@@ -60,10 +60,15 @@ class MultiTask(Task):
     )
     """The tasks to draw from."""
     go_to_position: GoToPosition = field(default_factory=GoToPosition)
+    """Settings of go-to-position where it is drawn."""
     go_to_pose: GoToPose = field(default_factory=GoToPose)
+    """Settings of go-to-pose where it is drawn."""
     track_velocity: TrackVelocity = field(default_factory=TrackVelocity)
+    """Settings of track-velocity where it is drawn."""
     track_twist: TrackTwist = field(default_factory=TrackTwist)
+    """Settings of track-twist where it is drawn."""
     track_velocity_heading: TrackVelocityHeading = field(default_factory=TrackVelocityHeading)
+    """Settings of track-velocity-heading where it is drawn."""
 
     symmetric: ClassVar[bool] = False
     goal_notes = DrawnTask

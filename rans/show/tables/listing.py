@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from rans.display import default, meanings
@@ -138,7 +138,6 @@ def _ends(task: Task) -> Table:
     near = ", ".join(
         f"{name} {value:.4g} {QUANTITIES[name].unit}" for name, value in task.tolerances().items()
     )
-    failing = (type(task).failed.__doc__ or "").strip().splitlines()[:1]
     timing = task.timing
     seconds = timing.episode_steps * timing.control_period
     rows = [
@@ -147,7 +146,7 @@ def _ends(task: Task) -> Table:
             f"{timing.episode_steps} control periods of {timing.control_period:g} s are over, "
             f"{seconds:g} s",
         ),
-        ("terminated, failed", " ".join(failing)),
+        ("terminated, failed", _when(type(task).failed)),
     ]
     state, goal = example_state(task, dimensions(task)[0])
     if limits := task.constraints(state, goal):
@@ -156,9 +155,14 @@ def _ends(task: Task) -> Table:
     if task.done(state, goal) is None:
         rows.append(("as a success", f"truncated with errors within {near}"))
     else:
-        won = (type(task).done.__doc__ or "").strip().splitlines()[:1]
-        rows.append(("as a success", " ".join(won)))
+        rows.append(("as a success", _when(type(task).done)))
     return Table(("ends", "when"), rows, "An episode")
+
+
+def _when(asked: Callable[..., Any]) -> str:
+    """The condition that a method's docstring says it asks, without its "Whether"."""
+    first = "".join((asked.__doc__ or "").strip().splitlines()[:1])
+    return first.removeprefix("Whether ").removesuffix(".")
 
 
 def settings_listing(settings: Any, prefix: str = "", title: str = "Settings") -> Table:
