@@ -93,7 +93,10 @@ def leave_sentence(sentence: str, is_interrupt: bool = False) -> bool:
 
 @contextmanager
 def _sentences_in(folder: Path) -> Iterator[None]:
-    """Context in which processes leave their last sentences in a folder; at its end each is printed once."""
+    """Context in which processes leave their last sentences in a folder; at its end each is printed once.
+
+    Where all were interrupted, it is that of the first.
+    """
     os.environ[_FOLDER] = str(folder)
     try:
         yield
@@ -101,7 +104,8 @@ def _sentences_in(folder: Path) -> Iterator[None]:
         del os.environ[_FOLDER]
         files = sorted(folder.iterdir())
         failures = [file for file in files if file.suffix != _INTERRUPTED]
-        texts = [read_text(file) for file in failures or files]
+        # Of an interrupt the first process alone knows what was written.
+        texts = [read_text(file) for file in failures or files[:1]]
         for text in dict.fromkeys(texts):
             print(text, file=sys.stderr)
 

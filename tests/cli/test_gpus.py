@@ -71,10 +71,11 @@ def test_torchrun_gets_the_command_without_the_option(
 def test_an_interrupt_is_printed_only_where_no_process_failed(
     failing: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Torchrun ends the others of a process that failed, and they may come first."""
+    """Torchrun ends the others of a process that failed, and they may come first. Only the first writes."""
 
     def processes(_: object) -> None:
         monkeypatch.setattr("rans.cli._run", interrupt)
+        monkeypatch.setattr("rans.cli.has_written", lambda: os.environ["RANK"] == "0")
         for rank in ("0", "1"):
             monkeypatch.setenv("RANK", rank)
             assert main(["list"]) == 130
@@ -91,6 +92,7 @@ def test_an_interrupt_is_printed_only_where_no_process_failed(
     error = capsys.readouterr().err
     assert ("'nothing'" in error) is failing
     assert error.count("interrupted") == (0 if failing else 1)
+    assert ("what was written is kept" in error) is not failing
 
 
 @pytest.mark.slow

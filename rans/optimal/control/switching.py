@@ -89,7 +89,7 @@ class Switching(ModelBased):
     the curve of the phase plane on which thrust changes sign (Bryson and Ho, "Applied Optimal Control", 1975,
     section 3.9). Full thrust is given by few thrusters in few directions, so it is not chosen per axis: of
     patterns of open thrusters the one is taken after which both times, and the thrust at its price, are
-    least. The search goes on from the pattern before, see `Patterns.best`. Where the task has no tolerance
+    least. The search goes on from the pattern before, see `ThrusterPatterns.best`. Where the task has no tolerance
     for the position or the attitude, only the velocity or the spin is brought to the goal's.
 
     Reaction wheels give the torque that takes the craft to that curve, less what the pattern gives, as far as

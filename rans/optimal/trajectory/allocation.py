@@ -412,7 +412,7 @@ class SigmaDelta:
         """Open (1.0) or shut (0.0) for every episode.
 
         Starts with the thrusters of which the allocation asks for half or more, then opens or shuts one
-        or two at a time as long as that brings the impulse closer: see `Patterns.best`.
+        or two at a time as long as that brings the impulse closer: see `ThrusterPatterns.best`.
 
         Of the wrench, (N, 3 or 6), force then torque on B, as much is owed as the thrusters can give; those
         that rest, (N,) bool, are owed nothing and keep all thrusters shut. Returns (N, thrusters).
