@@ -9,6 +9,7 @@ import errno
 import os
 import threading
 import time
+import weakref
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
@@ -362,12 +363,19 @@ _LINE_EVERY = 10.0
 
 
 def _in_log(name: str, total: int | None, /) -> Step:
-    """A stage as lines on standard error, from some seconds after its begin on, with the time left."""
+    """A stage as lines on standard error, from some seconds after its begin on, with the time left.
+
+    Its name alone is the first line where no unit is done by then.
+    """
     done = 0
     begun = last = time.monotonic()
+    first = threading.Timer(_LINE_EVERY, lambda: Terminal(stderr=True).say(f"{name} ..."))
+    first.daemon = True
+    first.start()
 
     def advance(count: int, /) -> None:
         nonlocal done, last
+        first.cancel()
         done += count
         now = time.monotonic()
         if now - last >= _LINE_EVERY:
@@ -376,6 +384,7 @@ def _in_log(name: str, total: int | None, /) -> Step:
             left = _left(now - begun, done, total)
             Terminal(stderr=True).say(", ".join(filter(None, (f"{name}: {done:,}{of}", left))))
 
+    weakref.finalize(advance, first.cancel)  # a stage that ended without a unit, as by an error
     return advance
 
 

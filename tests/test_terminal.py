@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import pytest
@@ -170,6 +171,24 @@ def test_a_long_stage_is_lines_in_a_log(
     for count in (100, 200, 50):
         step(count)
     assert capsys.readouterr().err == "flying LQR: 300 of 1,000, 0:00:28 left\n"
+
+
+@pytest.mark.parametrize(("units", "said"), [(None, ""), (0, "certified bounds ...\n"), (1, "")])
+def test_a_stage_names_itself_in_a_log_before_its_first_unit(
+    units: int | None,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Not where a unit was done in time, nor where the stage has ended without one (None)."""
+    monkeypatch.setattr("rans.terminal._LINE_EVERY", 0.2)
+    steps = [stages(progress())("certified bounds", 4)]
+    if units:
+        steps[0](units)
+    if units is None:
+        steps.clear()
+    time.sleep(0.6)
+    assert capsys.readouterr().err == said
 
 
 def test_what_is_done_within_a_second_is_no_line(capsys: pytest.CaptureFixture[str]) -> None:
