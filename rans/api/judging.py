@@ -266,7 +266,7 @@ def compare(
         period,
     ).between(own_endpoints(start, goal, zones))
     result = Comparison(contest)
-    flying = enlisted([entrant for line in lines for entrant in line], contest, trust)
+    flying = enlisted([entrant for line in lines for entrant in line], contest, trust, period)
     inner = [str(name) for line in lines for name in line[1:-1]]
     between = {text: flying.pop(text) for text in inner if text in flying}
     folder = None if output is None else ready_folder(Path(output))

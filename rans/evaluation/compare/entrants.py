@@ -142,7 +142,10 @@ def _single(text: str, without_training: str, run: LoadedRun) -> LoadedRun:
 
 
 def enlisted(
-    specs: Sequence[Invited], contest: Contest, trust: bool = False
+    specs: Sequence[Invited],
+    contest: Contest,
+    trust: bool = False,
+    period: float | None = None,
 ) -> dict[str, Contestant]:
     """Contestants by their texts, before any flight; see `enlist`.
 
@@ -158,7 +161,7 @@ def enlisted(
             continue
         try:
             if isinstance(spec, Named):
-                entrant = enlist(spec, contest, trust)
+                entrant = enlist(spec, contest, trust, period)
             elif isinstance(spec, LoadedRun):
                 entrant = _with_setup(spec, contest)
             else:
@@ -239,10 +242,13 @@ def trade_off_positions(name: ContestantName, count: int) -> list[ContestantName
     return [*map(ContestantName.parse, positions)]
 
 
-def enlist(who: Named, contest: Contest, trust: bool = False) -> Contestant:
+def enlist(
+    who: Named, contest: Contest, trust: bool = False, period: float | None = None
+) -> Contestant:
     """Make a contestant by name.
 
-    For ``trust`` see `rans.evaluation.fly.contestants.contestant`.
+    For ``trust`` see `rans.evaluation.fly.contestants.contestant`. A policy of another library flies at the
+    ``period``, s, that the user asks for; None: at that of its name, which must be the contest's.
 
     Raises:
         ConfigError: there is none of this name, or it is for another task, craft or control rate.
@@ -250,7 +256,10 @@ def enlist(who: Named, contest: Contest, trust: bool = False) -> Contestant:
     named = ContestantName.parse(who)
     # Whoever can act at another rate acts at the contest's.
     is_free = named.kind == "controller" or bool(named.craft)
-    period = contest.timing.control_period if is_free else None
+    if is_free:
+        period = contest.timing.control_period
+    elif named.kind != "policy":
+        period = None
     run = contestant(named, default_setup=contest.setup, trust=trust, period=period)
     run = _single(named.text, named.controller, run)
     _check_same(named.text, run, contest)

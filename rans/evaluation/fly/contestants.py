@@ -6,12 +6,13 @@ Every command and function resolves names here, so that a text means the same ev
 from __future__ import annotations
 
 import shlex
+import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
 from rans.episode import Setup
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, RansWarning, brief
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_policy, run_of
 from rans.evaluation.fly.contestant_name import ContestantName, Kind
 from rans.evaluation.fly.controllers import WRAPPERS
@@ -113,7 +114,18 @@ def _policy(name: ContestantName, terms: Terms) -> LoadedRun:
             f"{name.text} has no task: add one, as in {name.text}:go-to-pose-2d, or name before it an "
             f"agent that has one, as in rans compare RUN {name.text}."
         )
-    return LoadedRun(user_policy(name.name, setup.craft, setup.task, terms.trust), *setup[:4])
+    policy = user_policy(name.name, setup.craft, setup.task, terms.trust)
+    period = setup.timing.control_period
+    usual = setup.task.timing.control_period
+    if name.setup and terms.period is None and period != usual:
+        warnings.warn(
+            f"{policy.name} does not say how often it acts: it is flown every {period:g} s, the period chosen for "
+            f"{setup.craft.name}, while environments of the task have {usual:g} s. `rans evaluate` and "
+            "`rans compare` take the one of its training by --period.",
+            RansWarning,
+            stacklevel=2,
+        )
+    return LoadedRun(policy, *setup[:4])
 
 
 def _controller(name: ContestantName, terms: Terms) -> LoadedRun:

@@ -52,6 +52,10 @@ def test_only_the_same_control_period_is_compared(contest: Contest) -> None:
     quicker = replace(contest, timing=Timing(0.1))
     with pytest.raises(ConfigError, match=r"acts every 0\.2 s, but .* every 0\.1 s"):
         enlist("pretrained:go-to-pose-2d", quicker)
+    policy = f"{IDLE}:go-to-pose-2d"
+    with pytest.raises(ConfigError, match=r"acts every 0\.2 s, but .* every 0\.1 s"):
+        enlist(policy, quicker)
+    assert enlist(policy, quicker, period=0.1).knows == "observation"  # the user asks for it
 
 
 def test_a_craft_of_the_same_name_with_other_values_is_another(contest: Contest) -> None:

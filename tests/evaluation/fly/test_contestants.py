@@ -8,7 +8,7 @@ import pytest
 
 import rans.pretrained
 from rans.episode import Setup
-from rans.errors import ConfigError
+from rans.errors import ConfigError, RansWarning
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import (
     contestant,
@@ -19,7 +19,7 @@ from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.protocols import fitting_protocols
 from rans.fast.agent_files.agent import actor_bytes, read_policy
 from rans.flight import fly
-from rans.model.spacecraft_file import load_spacecraft
+from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosition, TrackVelocity
@@ -55,6 +55,17 @@ def test_a_run_folder_is_itself(run: Path) -> None:
         CONFIG.timing,
     )
     assert ContestantName.parse(str(run)).output_folder == run
+
+
+def test_a_policy_of_others_is_told_its_period_on_the_craft_of_a_file(tmp_path: Path) -> None:
+    """That file's craft is commanded every 0.1 s, and the task's environments every 0.2 s."""
+    (tmp_path / "mine.toml").write_text(to_toml(load_spacecraft("floating-platform")))
+    named = "python:tests.support.policies:idle:go-to-pose-2d@"
+    with pytest.warns(RansWarning, match=r"flown every 0\.1 s.* environments .* 0\.2 s"):
+        found = contestant(f"{named}{tmp_path}/mine.toml")
+    assert found.timing.control_period == 0.1
+    assert contestant(f"{named}{tmp_path}/mine.toml", period=0.3).timing.control_period == 0.3
+    assert contestant(f"{named}floating-platform").timing.control_period == 0.2
 
 
 @pytest.mark.parametrize("spec", ["lqr", "rans.optimal.control.lqr:LQR"])
