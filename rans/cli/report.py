@@ -9,6 +9,9 @@ from rans.api.pages import report
 from rans.cli.door import Options, command_of, word
 from rans.terminal import Terminal, doing
 
+_WORTH_EXPORTING = 0.5
+"""Share of solved episodes below which an agent is rather trained on."""
+
 
 @command_of(report, run_folder=word("RUN", Path))
 class Report(Options):
@@ -20,11 +23,19 @@ class Report(Options):
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
+        from rans.cli.train import train_on, trust_option
         from rans.fast.learn.run_folder import RunFolder
+        from rans.show.pages.report import solved_share
 
         for folder in (self.run_folder, self.run_folder / "best"):  # of a training, of a sweep
-            if RunFolder(folder).agent_file.exists():
-                return (shlex.join(["rans", "export", str(folder), "--format", "c"]),)
+            run = RunFolder(folder)
+            if not run.agent_file.exists():
+                continue
+            share = solved_share(folder)
+            if share is not None and share < _WORTH_EXPORTING and run.has_checkpoint:
+                trust = trust_option(run.config(), run.spacecraft())
+                return (train_on(folder, int(run.metrics()[-1]["steps"]), trust),)
+            return (shlex.join(["rans", "export", str(folder), "--format", "c"]),)
         return ("rans list AGENTS",)
 
     def run(self) -> int:

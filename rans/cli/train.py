@@ -332,9 +332,8 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     path = trainer.run.path
     trust = trust_option(trainer.config, trainer.engine.craft)
     if trainer.steps == begun and not stopped:
-        return (
-            f"Nothing was left to train: {path} has {begun:,} steps. Train on with: "
-            + _train_on(path, begun, trust)
+        return f"Nothing was left to train: {path} has {begun:,} steps. Train on with: " + train_on(
+            path, begun, trust
         )
     again = shlex.join(["rans", "train", "--resume", str(path), *trust])
     if not trainer.steps:
@@ -370,7 +369,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
             f"No seed solves it: {reasons[0]}."
             if reasons
             else f"{trainer.members[0].rows[-1]['success']:.0%} of its last episodes are solved. More steps may "
-            f"solve it: {_train_on(path, trainer.steps, trust)}; or another --seed."
+            f"solve it: {train_on(path, trainer.steps, trust)}; or another --seed."
         )
         text += f" {advice} Its learning curve: {shlex.join(['rans', 'report', str(path)])}"
     return text
@@ -522,7 +521,7 @@ def _has_solved(config: TrainConfig, rows: Rows) -> bool:
     return member.solved or (len(rows) == 1 and member.in_a_row == 1)
 
 
-def _train_on(path: Path, steps: int, trust: Sequence[str] = ()) -> str:
+def train_on(path: Path, steps: int, trust: Sequence[str] = ()) -> str:
     """Command that trains an agent for twice as many steps, of which two digits count."""
     digits = 10 ** max(0, len(str(2 * steps)) - 2)
     total = max(1, 2 * steps // digits) * digits

@@ -11,7 +11,7 @@ import rans
 from rans import cli
 from rans.cli import main
 from rans.cli.mistakes import check_options
-from rans.cli.train import Train, _has_solved, _train_on
+from rans.cli.train import Train, _has_solved, train_on
 from rans.errors import ConfigError, checked, meant, meant_file
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.fast.learn.member import SOLVED_IN_A_ROW
@@ -117,7 +117,7 @@ def test_a_solved_task_is_trained_on() -> None:
     assert _has_solved(config, [{"success": 0.1}, *[good] * SOLVED_IN_A_ROW])
     assert not _has_solved(config, [*[good] * SOLVED_IN_A_ROW, {"success": 0.1}])
     assert not _has_solved(replace(config, solved_share=None), [good] * SOLVED_IN_A_ROW)
-    assert "--total-timesteps 400000" in _train_on(Path("runs/x"), 204_800)
+    assert "--total-timesteps 400000" in train_on(Path("runs/x"), 204_800)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,10 @@ import pytest
 
 from rans.cli import main
 from rans.cli.report import Report
+from rans.evaluation.measure.aggregate import measure
+from rans.files import write_json
+from tests.support.evaluation_flights import two_episodes
+from tests.support.training import tiny_trainer
 from validation.study.checks import Check, Study
 
 
@@ -42,6 +46,18 @@ def test_the_agent_of_a_training_or_a_sweep_is_what_to_export(within: str, run: 
     folder.mkdir(exist_ok=True)
     (folder / "agent.safetensors").touch()
     assert Report(run).following() == (f"rans export {folder} --format c",)
+
+
+def test_an_agent_that_seldom_solves_is_trained_on(tmp_path: Path) -> None:
+    """After 2,048 steps, 4,000 in two digits; an evaluation counts more than the training."""
+    run = tiny_trainer(tmp_path / "run").run
+    (run.path / "agent.safetensors").touch()
+    run.save_checkpoint({})
+    run.append_metrics({"steps": 2048, "seconds": 1.0, "success": 0.1})
+    trained_on = f"rans train --resume {run.path} --total-timesteps 4000"
+    assert Report(run.path).following() == (trained_on,)
+    write_json(run.path / "evaluation.json", measure(two_episodes()).to_json())
+    assert Report(run.path).following() == (f"rans export {run.path} --format c",)
 
 
 def test_a_report_can_be_written_again(run: Path) -> None:

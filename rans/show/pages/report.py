@@ -236,6 +236,18 @@ def headline(measured: Metrics) -> tuple[str, list[Tile]]:
     return f"{hero}.", tiles
 
 
+def solved_share(run: Path) -> float | None:
+    """Share of episodes that the agent of a run folder solves, 0 to 1, by its evaluation, else by its training.
+
+    None: neither has been written. `ConfigError` if a file is damaged.
+    """
+    measured = _read(run / "evaluation.json", _measured)
+    for row in measured[0].rows if measured else ():
+        if row.name == "solved":
+            return row.value / 100.0
+    return _read(run / "metrics.jsonl", lambda rows: float(rows[-1]["success"]))
+
+
 def _measured(result: Any) -> list[Metrics]:
     return [*_find_metrics(result)]
 
