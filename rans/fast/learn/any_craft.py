@@ -117,8 +117,14 @@ def teacher(agent: str, engine: Engine, architecture: Architecture) -> Network |
         number, distance = _number(value, agent), 0.5 * (low + high)
         numbers = tuple(Frugality.of_value(number, distance, engine.craft.dimension))
         if architecture.backbone == "allocated":
-            own = frugal(own, number, distance)
+            seconds = engine.timing.episode_steps * engine.timing.control_period
+            own = frugal(own, number, distance, seconds)
             numbers = own.architecture.frugal
+            if own.architecture.frugality.price != 1.0:
+                raise ConfigError(
+                    f"{named}, which at {number:g} and in flights of {seconds:g} s opens valves at a higher price "
+                    "of thrust than this network, which cannot imitate it: give a value of at most 0.75 after #."
+                )
     tensors = {name: x.to(engine.device, engine.dtype) for name, x in own.tensors.items()}
     # A network that imitates the coasting near the goal needs 9 % more impulse after the training: where it begins
     # is a step of the commands.

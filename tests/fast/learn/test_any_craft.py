@@ -119,6 +119,22 @@ def test_reinforcement_learning_goes_on_from_demands(tmp_path: Path) -> None:
     assert torch.equal(own, read)
 
 
+def test_ways_with_a_price_of_their_own_are_not_imitated_by_demands(tmp_path: Path) -> None:
+    """From 0.75 on, where flights are long enough: those of 32 s are, and those of 25 s are not."""
+    given = config(craft="floating-platform-shared", backbone="allocated")
+    begun = trainer(tmp_path, replace(given, begin_from=None))
+    architecture = begun.learner.network.architecture
+    steps = begun.engine.timing.episode_steps
+    for value, flown in (("0.4", 160), ("0.75", 160), ("0.9", steps)):
+        begun.engine.timing = replace(begun.engine.timing, episode_steps=flown)
+        made = any_craft.teacher(f"pretrained:any-craft-2d#{value}", begun.engine, architecture)
+        assert made is not None
+        assert made.architecture.frugality.price == 1.0
+    begun.engine.timing = replace(begun.engine.timing, episode_steps=160)
+    with pytest.raises(ConfigError, match=r"at 0\.9 and in flights of 32 s .* at most 0\.75"):
+        any_craft.teacher("pretrained:any-craft-2d#0.9", begun.engine, architecture)
+
+
 def test_other_effectors_are_not_opened_together(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="freeflyer2 has other effectors"):
         trainer(tmp_path, config(craft="freeflyer2", backbone="allocated"))
