@@ -65,7 +65,7 @@ class Compare(Options):
         comparison = self.call(contestants=tuple(contestants), output=folder, show=show)
         if line := _without_training(contestants, comparison.contest):
             Terminal().say(line)
-        flown = {entry.contestant.registered for entry in comparison.entries}
+        flown = {entry.contestant.registered for entry in comparison.entries[1:]}
         self._suggest(comparison.contest.task, flown)
         return 1 if comparison.failures else 0
 

@@ -40,6 +40,7 @@ def test_writes_page_and_numbers(
     assert "<dt>command</dt><dd>rans compare lqr:go-to-pose-2d " in page
     printed = capsys.readouterr().out
     assert "settling time, s" in printed
+    assert "  rans view lqr:go-to-pose-2d\n" in printed  # not beside itself
     # The chart of time and impulse for a paper.
     assert "compare.svg, compare.pdf" in printed
     assert {"compare.svg", "compare.pdf"} <= {file.name for file in tmp_path.iterdir()}
