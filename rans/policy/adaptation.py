@@ -20,6 +20,9 @@ numbers stand behind the features, followed by those of `WHEELS`."""
 AWAY = "away"
 """Row of a program, (N, 1): 1 where the goal is far, else 0, of a policy whose price of thrust depends on it. In
 torch it stands between the features and those of `SHUT`."""
+POSE = "pose"
+"""Row of a program, (N, 6): `rans.policy.holding.pose`, of a policy that holds it by pulses. In torch these numbers
+stand behind that of `AWAY`."""
 WHEELS = "wheels"
 """Row of a program, (N, wheels + 1): see `Estimate.wheels`."""
 

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from rans.model.fields import Field, where, within
 from rans.model.twists import balanced, directions
-from rans.policy.adaptation import AWAY, SHUT, WHEELS
+from rans.policy.adaptation import AWAY, POSE, SHUT, WHEELS
 from rans.policy.allocation import (
     PRICE,
     Subsets,
@@ -28,6 +28,7 @@ from rans.policy.allocation import (
 )
 from rans.policy.backbones import Backbone, product
 from rans.policy.heads import Patterns
+from rans.policy.holding import NUMBERS, Pulses, first, in_units, pulses_of, worth
 from rans.policy.parts import ArchitectureView, NetworkView
 from rans.policy.program import Program, inputs
 
@@ -73,9 +74,11 @@ class Allocated(Backbone):
         """Outputs (N, n) for features (N, features and what is known): shares or log-odds; see `Backbone`."""
         architecture = network.architecture
         weight, bias = architecture.last.folded(*network.layer("action_net"))
-        count, factor = architecture.features, architecture.frugality.away
-        ends = [count, count + (factor != 1.0)]
-        features, away, known = features.tensor_split(ends, dim=-1)
+        frugality = architecture.frugality
+        count, factor = architecture.features, frugality.away
+        after = count + (factor != 1.0)
+        ends = [count, after, after + (NUMBERS if frugality.hold else 0)]
+        features, away, own, known = features.tensor_split(ends, dim=-1)
         shut, remembered = known.tensor_split([_thrusters(architecture.tokens)], dim=-1)
         demand = product(features, weight, bias)
         chosen = choice(architecture.tokens, architecture.adapts, architecture.frugality.price)
@@ -104,6 +107,8 @@ class Allocated(Backbone):
         row = table[torch.argmax(known @ slope + offset, dim=-1)]
         count = chosen.opened.shape[1]
         opened = row[..., :count]
+        if frugality.hold:
+            return _held(own, opened, architecture.tokens, architecture.authority)
         rest = (demand - row[..., count:]).unbind(-1)
         if wheels(architecture.tokens):
             turning = continuous(list(rest), wheels(architecture.tokens))
@@ -163,7 +168,12 @@ class Allocated(Backbone):
         count = chosen.opened.shape[1]
         if not turning:
             table = program.constant(effects(chosen)[:, :count], "subsets")
-            return program.apply("Gather", table, best, axis=0)
+            opened = program.apply("Gather", table, best, axis=0)
+            if not architecture.frugality.hold:
+                return opened
+            return _traced_hold(
+                program, opened, _pulses(architecture.tokens, architecture.authority)
+            )
         table = program.constant(effects(chosen), "subsets")
         row = program.apply("Gather", table, best, axis=0)
         opened, twist = program.split(row, (count, width))
@@ -174,6 +184,76 @@ class Allocated(Backbone):
             continuous(symbols, turning), dict(zip(symbols, left, strict=True))
         )
         return program.joined(program.apply("Add", opened, half), *commands)
+
+
+def holds(tokens: Tokens) -> bool:
+    """Whether a craft can hold its pose by pulses alone: in the plane, with on/off thrusters and nothing else."""
+    kinds = {token[-1] for token in tokens}
+    return bool(kinds) and kinds <= {ON_OFF, SHARED} and _width(tokens) == 3
+
+
+@lru_cache(maxsize=64)
+def _pulses(tokens: Tokens, authority: tuple[float, ...]) -> Pulses:
+    """Pulses by which a craft holds its pose."""
+    chosen = choice(tokens)
+    assert chosen is not None
+    # An offset is minus the squared twist and minus the price of the thrust.
+    thrust = -chosen.offset - np.square(chosen.twist).sum(axis=1)
+    period, *ways = authority
+    square = period * period
+    units = min(ways[:4]) * square, min(ways[4:]) * square
+    return pulses_of(chosen.opened, chosen.twist, thrust, units)
+
+
+@lru_cache(maxsize=64)
+def _pulse_tables(
+    tokens: Tokens, authority: tuple[float, ...], dtype: torch.dtype, device: torch.device
+) -> tuple[Tensor, ...]:
+    """Twists by axis, thrust and rows of `_pulses` on a device; all callers share them, and change none."""
+    pulses = _pulses(tokens, authority)
+    return tuple(
+        torch.as_tensor(x, dtype=dtype, device=device)
+        for x in (*pulses.twist.T, pulses.thrust, pulses.table)
+    )
+
+
+def _held(own: Tensor, opened: Tensor, tokens: Tokens, authority: tuple[float, ...]) -> Tensor:
+    """Thrusters (N, n) of `outputs` of a craft that holds its pose, from ``opened`` of the network.
+
+    ``own`` (N, 6) is its pose, see `rans.policy.holding.pose`.
+    """
+    pulses = _pulses(tokens, authority)
+    *twist, thrust, table = _pulse_tables(tokens, authority, own.dtype, own.device)
+    numbers = own.split(1, dim=-1)
+    pulse = worth(in_units(numbers, pulses), twist, thrust, pulses.radius, pulses.angle)
+    scores = torch.cat((*first(numbers, pulses), pulse), dim=-1)
+    row = table[torch.argmax(scores, dim=-1)]
+    count = opened.shape[-1]
+    return _mixed(opened, row[..., :count], row[..., count:])
+
+
+def _mixed(opened: Field, held: Field, is_network: Field) -> Field:
+    """What the network opens where a flag is 1, else what holds the pose."""
+    return is_network * opened + (1.0 - is_network) * held
+
+
+def _traced_hold(program: Program, opened: str, pulses: Pulses) -> str:
+    """As `_held`, written into a program whose row it returns."""
+    symbols = inputs("pose", NUMBERS)
+    names = dict(zip(symbols, program.single(POSE, NUMBERS), strict=True))
+    own = program.lowered(in_units(symbols, pulses), names)
+
+    def pulse(*numbers: Field) -> Field:
+        state, (*twist, thrust) = numbers[:NUMBERS], numbers[NUMBERS:]
+        return worth(state, twist, thrust, pulses.radius, pulses.angle)
+
+    tables = [program.constant(column) for column in (*pulses.twist.T, pulses.thrust)]
+    others = program.lowered(first(symbols, pulses), names)
+    scores = program.joined(*others, program.each(pulse, *own, *tables))
+    best = program.apply("ArgMax", scores, axis=1, keepdims=0)
+    row = program.apply("Gather", program.constant(pulses.table, "pulses"), best, axis=0)
+    held, is_network = program.split(row, (pulses.table.shape[1] - 1, 1))
+    return program.each(_mixed, opened, held, is_network)
 
 
 def demand(network: NetworkView, features: Tensor) -> Tensor:

@@ -19,7 +19,7 @@ import torch
 from rans.errors import ConfigError, RansWarning
 from rans.model.spacecraft import Spacecraft, can_turn, is_steerable
 from rans.model.twists import authority_margin, balanced, cone_pushes, pushes_along
-from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, spans, spare
+from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, holds, spans, spare
 from rans.policy.architecture import Architecture
 from rans.policy.authority import DIMENSIONS, WAYS, Authority, braking_distance
 from rans.policy.frugality import AS_TRAINED, Frugality, Leisure, cruise_speed
@@ -319,6 +319,9 @@ def frugal(network: Network, value: float, distance: float, seconds: float = mat
             speed = cruise_speed(distance, seconds, least, period, CONTINUOUS in kinds)
             farthest = braking_distance(speed, least, period)
             numbers = numbers.slower(slow, distance, farthest, dimension)
+            # What is estimated in flight would change the pulses.
+            if holds(architecture.tokens) and not architecture.adapts:
+                numbers = numbers._replace(hold=1.0)
         beyond = 0.0
         if dimension == 2 and CONTINUOUS not in kinds:
             # Others pay with thrust for the time that this saves, and throttled craft brake too late.

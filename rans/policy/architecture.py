@@ -198,6 +198,17 @@ class Architecture:
         dimension = of_authority.DIMENSIONS[len(self.authority) - 1]
         return [of_authority.away(columns, dimension)]
 
+    def pose(self, columns: Columns) -> list[Field]:
+        """Pose and its rates (`rans.policy.holding.pose`), by the columns of a network that holds it by pulses.
+
+        None of another network.
+        """
+        if not self.frugality.hold:
+            return []
+        from rans.policy import holding
+
+        return holding.pose(columns)
+
     def adapted(self, read: Columns, gains: Columns, lost: Field = 0.0) -> list[Field]:
         """Columns of a network that adapts.
 

@@ -283,11 +283,16 @@ def shortened(
     Args:
         error: see `columns`.
         turn: see `columns`.
-        frugality: part of the distance beyond 15 cm that counts, largest distance and largest angle.
+        frugality: part of the distance beyond 15 cm that counts and its growth, largest distance and angle.
     """
     cosine, sines = turn
     distance = sqrt(at_least(_square(error), 1e-12))
-    given = where(distance > NEAR, NEAR + frugality.shortened * (distance - NEAR), distance + 0.0)
+    beyond = distance - NEAR
+    part: Field = frugality.shortened
+    if frugality.growth:
+        part = part + frugality.growth * beyond
+        part = where(part < 1.0, part, 1.0)
+    given = where(distance > NEAR, NEAR + part * beyond, distance + 0.0)
     if frugality.farthest:
         given = where(given > frugality.farthest, frugality.farthest + 0.0 * given, given)
     scale = given / distance

@@ -206,9 +206,10 @@ class Network(Remembering):
         if architecture.adapts:
             columns, *known = preprocessed.tensor_split([architecture.column_count], dim=1)
         features, critic = self.features(columns, memory, privileged, going_on)
-        # The allocation is given whether the goal is far, then what is estimated.
-        away = [x[:, None] for x in architecture.away(columns.unbind(-1))]
-        return self._heads(features, critic, self._advice(preprocessed), [*away, *known])
+        # The allocation is given whether the goal is far, the pose, then what is estimated.
+        single = columns.unbind(-1)
+        given = [x[:, None] for x in (*architecture.away(single), *architecture.pose(single))]
+        return self._heads(features, critic, self._advice(preprocessed), [*given, *known])
 
     def features(
         self,

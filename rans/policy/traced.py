@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from rans.model.fields import Field
-from rans.policy.adaptation import AWAY, SHUT, WHEELS, Rows
+from rans.policy.adaptation import AWAY, POSE, SHUT, WHEELS, Rows
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.backbone_registry import BACKBONES
 from rans.policy.capabilities import Capabilities
@@ -67,7 +67,7 @@ def policy_program(architecture: Architecture, command: str = "command") -> Prog
         _adapting(program, architecture, body, filter_memory, command)
         return program
 
-    _tell_whether_away(program, architecture, body)
+    _tell_whereabouts(program, architecture, body)
     # Features: gated columns and every filter's estimate, from the side with the goal ahead; then the history.
     blocks = _filtered(program, architecture, body, filter_memory)
     view = _View.towards_goal(program, architecture, blocks[0][1])
@@ -119,7 +119,7 @@ def _adapting(
         dict(zip((*symbols[0], *symbols[1], symbol), (*read, *estimate.gains, lost), strict=True)),
     )
     row = program.joined(*columns)
-    _tell_whether_away(program, architecture, row)
+    _tell_whereabouts(program, architecture, row)
     shut = program.apply("Identity", estimate.shut, name=SHUT)
     known = [shut]
     if estimate.wheels is not None:
@@ -132,12 +132,13 @@ def _adapting(
     program.apply("Identity", "filters_after", name="memory_out")
 
 
-def _tell_whether_away(program: Program, architecture: Architecture, row: str) -> None:
-    """Add a row `AWAY` for a policy that needs it, from its columns."""
+def _tell_whereabouts(program: Program, architecture: Architecture, row: str) -> None:
+    """Add rows `AWAY` and `POSE` for a policy that needs them, from its columns."""
     symbols = inputs("column", architecture.column_count)
-    if away := architecture.away(symbols):
-        names = dict(zip(symbols, program.single(row, len(symbols)), strict=True))
-        program.joined(*program.lowered(away, names), name=AWAY)
+    for name, told in (AWAY, architecture.away(symbols)), (POSE, architecture.pose(symbols)):
+        if told:
+            names = dict(zip(symbols, program.single(row, len(symbols)), strict=True))
+            program.joined(*program.lowered(told, names), name=name)
 
 
 class ProgramRows(Rows[str]):

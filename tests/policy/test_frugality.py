@@ -171,21 +171,30 @@ def test_the_length_of_a_flight_bounds_speed_at_1_and_nothing_up_to_the_middle()
         short, long = (at_value(network, value, 3.5, seconds) for seconds in (25.0, math.inf))
         assert short.architecture.frugality == long.architecture.frugality
         assert all(torch.equal(x, long.tensors[name]) for name, x in short.tensors.items())
-    bounds = [
-        at_value(network, 1.0, 3.5, seconds).architecture.frugality.farthest
-        for seconds in (25.0, 30.0, 40.0)
-    ]
-    assert bounds[0] > bounds[1] > bounds[2] > 0.0
+    # Less counts the longer a flight is, and the last metre more than the one before.
+    counts = [given_of(at_value(network, 1.0, 3.5, seconds)) for seconds in (25.0, 30.0, 40.0)]
+    assert all(0.15 < near < middle < far for near, middle, far in counts)
+    assert all(middle - near < far - middle for near, middle, far in counts)
+    assert counts[0] > counts[1] > counts[2]
     # Starts so far away that there is no time to spare.
-    assert at_value(network, 1.0, 12.0, 25.0).architecture.frugality.farthest == 0.0
+    assert given_of(at_value(network, 1.0, 12.0, 25.0)) == pytest.approx([3.0, 3.5, 4.0])
+
+
+def given_of(network: Network) -> list[float]:
+    """Distances that a network is given of 3, 3.5 and 4 m."""
+    numbers = network.architecture.frugality
+    return [
+        float(shortened([distance, 0.0], (1.0, [0.0]), numbers)[0][0])
+        for distance in (3.0, 3.5, 4.0)
+    ]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("spec", "impulse"), [("any-craft-2d#1", 6.8), ("any-craft-3d#1@free-flyer", 14.0)]
+    ("spec", "impulse"), [("any-craft-2d#1", 5.4), ("any-craft-3d#1@free-flyer", 14.0)]
 )
 def test_a_frugal_flight_with_time_to_spare_takes_it(spec: str, impulse: float) -> None:
-    """The weights alone spend 11.3 and 23.8 N s, and the platform 7.5 at the same price all the way."""
+    """The weights alone spend 11.3 and 23.8 N s, and the platform 6.1 without pulses that hold its pose."""
     found = flown(spec)
     assert found["solved"] == 100.0
     assert found["impulse"] < impulse
@@ -198,6 +207,11 @@ def test_distance_and_angle_by_hand() -> None:
     assert (x, y) == pytest.approx((0.8625, 0.0))
     (x, y), _ = shortened([0.0, -3.0], (1.0, [0.0]), half._replace(farthest=0.5))
     assert (x, y) == pytest.approx((0.0, -0.5))
+    # What counts grows by 0.1 for each metre, to 0.535 at 3 m, and to all that there is.
+    (x, y), _ = shortened([3.0, 0.0], (1.0, [0.0]), half._replace(growth=0.1))
+    assert (x, y) == pytest.approx((1.67475, 0.0))
+    (x, y), _ = shortened([3.0, 0.0], (1.0, [0.0]), half._replace(growth=1.0))
+    assert (x, y) == pytest.approx((3.0, 0.0))
     near = [0.06, 0.08]  # 10 cm away, which are left as they are
     assert shortened(near, (1.0, [0.0]), half)[0] == pytest.approx(near)
     # A turn by -120 degrees becomes one by -30 degrees, and one by 20 degrees stays.
@@ -336,6 +350,9 @@ def test_a_run_folder_keeps_the_value(tmp_path: Path, monkeypatch: pytest.Monkey
                 (1.0, 0.0, 0.0, 1.0, 0.0, 1.0),
                 (1.0, 0.0, 0.0, 1.0, 1.0, 0.0),
                 (1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0),
+                (1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0),
+                (1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.5, 0.0),
+                (1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, -0.1),
                 (1.0, 0.0, 0.0),
             )
         ),
@@ -353,10 +370,23 @@ def test_other_numbers_in_a_file_are_refused(forged: dict[str, Any], tmp_path: P
         read_policy(file)
 
 
-def test_a_file_of_before_prices_fell_is_read(tmp_path: Path) -> None:
+@pytest.mark.parametrize("spec", ["adaptive:any-craft-2d", "any-craft-2d@pingu", "any-craft-3d"])
+def test_a_file_says_that_pulses_hold_only_a_craft_that_they_can(spec: str, tmp_path: Path) -> None:
+    network = contestant(spec).network
+    file = tmp_path / "agent.safetensors"
+    forged = replace(network.architecture, frugal=tuple(AS_TRAINED._replace(hold=1.0)))
+    file.write_bytes(actor_bytes(forged, network.member(0), 0))
+    with pytest.raises(ConfigError, match="hold"):
+        read_policy(file)
+
+
+@pytest.mark.parametrize("later", [(), (1.0,)])
+def test_files_of_before_prices_fell_and_pulses_held_are_read(
+    later: tuple[float, ...], tmp_path: Path
+) -> None:
     network = contestant("any-craft-2d").network
     file = tmp_path / "agent.safetensors"
-    older = replace(network.architecture, frugal=(1.0, 0.5, 0.0, 2.0, 1.0, 1.0))
+    older = replace(network.architecture, frugal=(1.0, 0.5, 0.0, 2.0, 1.0, 1.0, *later))
     file.write_bytes(actor_bytes(older, network.member(0), 0))
     assert read_policy(file).network.architecture.frugality == AS_TRAINED._replace(
         farthest=0.5, price=2.0

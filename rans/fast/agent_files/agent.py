@@ -27,6 +27,7 @@ from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.config import PPOSettings
 from rans.files import first_line, plain, read_bytes, replace_file
 from rans.policy.activations import ACTIVATIONS
+from rans.policy.allocated import holds
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.backbone_registry import ATTENTION, BACKBONES
 from rans.policy.frugality import AS_TRAINED
@@ -384,18 +385,21 @@ def _check_craft(architecture: Architecture) -> None:
     if backbone.has_tokens and [*map(len, architecture.tokens)] not in widths:
         raise ValueError("its tokens are of another spacecraft")
     frugal = architecture.frugal
-    # Older files have no factor of the price far away.
+    by_pulses = holds(architecture.tokens) and not architecture.adapts
+    # Older files have no factor of the price far away, or end with it.
     if frugal and (
         not architecture.authority
-        or len(frugal) not in (len(AS_TRAINED) - 1, len(AS_TRAINED))
+        or len(AS_TRAINED) - len(frugal) not in (0, 2, 3)
         or not 0.0 < frugal[0] <= 1.0
         or min(frugal[1:3]) < 0.0
         or frugal[2] > math.pi
-        or min(frugal[3:]) <= 0.0
+        or min(frugal[3:7]) <= 0.0
+        or (frugal[7:] and (frugal[7] not in (0.0, 1.0)[: 1 + by_pulses] or frugal[8] < 0.0))
     ):
         raise ValueError(
             "its frugality is not a part of a distance, a distance, an angle, factors of a price, of "
-            "accelerations, of a time and of the price far away, or it is no agent for any craft"
+            "accelerations, of a time and of the price far away, whether pulses hold the pose and a growth, or it "
+            "is no agent for any craft that can"
         )
     reach = architecture.reach
     if reach and (len(architecture.authority) != 7 or len(reach) != 8 or min(reach) <= 0.0):

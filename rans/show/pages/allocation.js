@@ -64,7 +64,7 @@ const inOrder = columns => columns.map((_, k) => k).sort((k, n) => {
   return axis === undefined ? 0 : columns[k][axis] - columns[n][axis];
 });
 
-// Useful ways to open on/off thrusters: which are open, what they change, the linear function of a demand, and what it loses far from the goal.
+// Useful ways to open on/off thrusters: which are open, what they change, their thrust, the linear function of a demand, and what it loses far from the goal.
 function subsets(columns, shared) {
   const order = inOrder(columns), count = columns.length;
   // The price of thrust falls with an authority margin below 1.
@@ -94,7 +94,7 @@ function subsets(columns, shared) {
   return [...first.values()].sort((k, n) => k - n).map(n => {
     const {opened, twist, thrust} = rows[n], placed = new Array(count).fill(0);
     order.forEach((k, place) => { placed[k] = opened[place]; });
-    return {opened: placed, twist, offset: -product(twist, twist) - falling * thrust, dearer: (DATA.allocation.away[frugal] - 1) * falling * thrust};
+    return {opened: placed, twist, offset: -product(twist, twist) - falling * thrust, thrust, dearer: (DATA.allocation.away[frugal] - 1) * falling * thrust};
   });
 }
 
@@ -113,12 +113,37 @@ function shares(demand, columns) {
   return {share, left};
 }
 
+// Thrusters that hold a pose: shut ones, or the pulse of least thrust for each period inside the tolerances; undefined: they are the network's.
+// rans.policy.holding, number by number.
+function holding([x, y, vx, vy, turn, spin], pulses) {
+  const {kept, ahead, least, none, ...size} = DATA.allocation.hold, [period] = authority, units = [7, 8].map(k => authority[k] * period ** 2);
+  const radius = size.distance / units[0], angle = size.angle / units[1];
+  [x, y, turn] = [x / units[0], y / units[0], turn / units[1]];
+  const inside = (x, y, turn, part) => x * x + y * y < (part * radius) ** 2 && Math.abs(turn) < part * angle;
+  if (!inside(x, y, turn, 1)) return undefined;
+  if (inside(x - ahead * vx, y - ahead * vy, turn - ahead * spin, kept)) return pulses[0].opened.map(() => 0);
+  const cheapest = Math.min(...pulses.map(pulse => pulse.thrust));
+  let best, most = none;
+  for (const {opened, twist: [pushX, pushY, kick], thrust} of pulses) {
+    const [px, py, pt] = [x - vx - 0.5 * pushX, y - vy - 0.5 * pushY, turn - spin - 0.5 * kick], [sx, sy, w] = [vx + pushX, vy + pushY, spin + kick];
+    if (!inside(px, py, pt, kept)) continue;
+    const square = sx * sx + sy * sy + 1e-6, along = px * sx + py * sy;
+    const leaves = (along + Math.sqrt(Math.max(0, along * along - square * (px * px + py * py - (kept * radius) ** 2)))) / square;
+    const time = Math.min(leaves, (kept * angle + (w < 0 ? -pt : pt)) / (Math.abs(w) + 1e-4)), value = -thrust / cheapest / Math.max(time - 1, least - 1);
+    if (time > least && value > most) [best, most] = [opened, value];
+  }
+  return best;
+}
+
 // Commands, 0 to 1, for a demand: a function made once for the tokens of a craft. Wheels, which come last, turn by what thrusters leave.
 function allocation(tokens) {
   const columns = kinds => tokens.filter(token => kinds.includes(token[3])).map(token => token.slice(0, 3));
   const switched = columns([ON_OFF, SHARED]), throttled = columns([CONTINUOUS]), torques = columns([WHEEL]).map(column => column[2]);
   const table = subsets(switched, tokens.length > 0 && tokens[0][3] === SHARED), total = torques.reduce((sum, x) => sum + Math.abs(x), 0);
-  return ({demand, away = [0]}) => {
+  const pulses = tokens.every(token => token[3] === ON_OFF || token[3] === SHARED) ? table.filter(({opened}) => opened.some(x => x) && opened.filter(x => x).length <= DATA.allocation.hold.open) : [];
+  return ({demand, away = [0], pose}) => {
+    const pulse = pose && pulses.length ? holding(pose, pulses) : undefined;
+    if (pulse) return pulse;
     let best = table[0], most = -Infinity;
     for (const row of table) {
       const value = 2 * product(demand, row.twist) + row.offset - away[0] * row.dearer;

@@ -35,11 +35,12 @@ from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.outline import Outline
-from rans.policy.adaptation import AWAY
+from rans.policy.adaptation import AWAY, POSE
 from rans.policy.allocation import FALL, MOST_SUBSETS, PASSES, PRICE
 from rans.policy.any_craft import RANGES, frugal, is_for_any_craft
 from rans.policy.architecture import Architecture
 from rans.policy.authority import WAYS, Authority, of_observation
+from rans.policy.holding import HOLD
 from rans.policy.network import Network
 from rans.policy.program import inputs
 from rans.policy.scalars import symbols
@@ -314,7 +315,8 @@ class _Traced:
     def demand(self, network: Network, number: int, prefix: str) -> str:
         """``demand0(carried, errors, authority)`` or of another number: change of twist to be allocated.
 
-        Beside it is ``away``, 1 where the goal is far, if the price of thrust depends on it. The demand is in units
+        Beside it is ``away``, 1 where the goal is far, if the price of thrust depends on it, and ``pose``
+        (`rans.policy.holding.pose`) if pulses hold it. The demand is in units
         of the authority, which is a control period, six accelerations, the least linear and angular one of them,
         and those along `rans.policy.authority.WAYS`. Names of layers begin with the prefix.
         """
@@ -352,6 +354,7 @@ class _Traced:
         )
         # The page allocates the demand itself, so that the program ends before the head's choice.
         rows = {"demand": head} | ({"away": AWAY} if architecture.frugality.away != 1.0 else {})
+        rows |= {"pose": POSE} if architecture.frugality.hold else {}
         outputs, stages = symbols(program, values, [*rows.values()])
         arguments = {"carried": self.carried, "errors": errors, "authority": numbers}
         stages = [
@@ -559,6 +562,7 @@ def _allocation_data(choices: list[Network], chosen: int) -> dict[str, Any]:
         "fall": FALL,
         "passes": PASSES,
         "subsets": MOST_SUBSETS,
+        "hold": HOLD,
     }
 
 

@@ -1,0 +1,99 @@
+"""Pulses that hold a pose: what they are worth by hand, and where they are chosen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from rans.evaluation.fly.contestants import contestant
+from rans.policy.holding import Pulses, first, pulses_of, worth
+from rans.policy.network import Network
+from rans.policy.predict import predict
+from tests.support.pose_observations import observations
+
+REST = (0.0,) * 6
+
+
+def pulse(push: float = 0.0, kick: float = 0.0, own: tuple[float, ...] = REST) -> float:
+    """Worth of a pulse along x and about z of thrust 1, with tolerances of one unit."""
+    return float(worth(own, (push, 0.0, kick), 1.0, 1.0, 1.0))
+
+
+def test_worth_is_minus_the_thrust_for_each_period_inside() -> None:
+    """From rest a push of 0.1 covers 0.05 in its period, and then 0.97 - 0.05 at 0.1 a period: 9.2 periods."""
+    assert pulse(push=0.1) == pytest.approx(-1.0 / 8.2, rel=1e-4)
+    assert pulse(push=-0.1) == pytest.approx(-1.0 / 8.2, rel=1e-4)
+    # A spin likewise, either way; one more period is left until the next pulse acts.
+    assert pulse(kick=0.1) == pytest.approx(-1.0 / 8.2, rel=2e-3)
+    assert pulse(kick=-0.1) == pytest.approx(-1.0 / 8.2, rel=2e-3)
+    # What is left first counts: 0.92 / 0.1 periods of the way, 0.87 / 0.2 of the turn.
+    assert pulse(push=0.1, kick=0.2) == pytest.approx(-1.0 / 3.35, rel=1e-3)
+    # The goal at 0.9 along x, approached: the craft crosses the whole circle, 0.85 + 0.97 of it.
+    assert pulse(push=0.1, own=(0.9, 0, 0, 0, 0, 0)) == pytest.approx(-1.0 / 17.2, rel=1e-3)
+
+
+def test_a_pulse_that_ends_outside_or_leaves_at_once_is_worth_least() -> None:
+    assert pulse(push=2.0) == pulse(kick=2.0) == -1e6
+    assert pulse(push=0.8) == -1e6  # 0.57 are left at 0.8 a period, less than a period
+    assert pulse(kick=-0.8) == -1e6
+
+
+def by_hand() -> Pulses:
+    """Pulses of two opposite thrusters, which cover a tolerance in a period, and of both together."""
+    opened = np.array([[0, 0], [1, 0], [0, 1], [1, 1]])
+    twist = np.array([[0.0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 0, 0]])
+    return pulses_of(opened, twist, opened.sum(axis=1), (0.05, math.radians(5.0)))
+
+
+def test_a_craft_coasts_while_it_is_inside_two_periods_later() -> None:
+    """Each period it moves by 0.4 tolerances from the goal: inside two periods later, then not."""
+    pulses = by_hand()
+    assert (pulses.radius, pulses.angle) == pytest.approx((1.0, 1.0))
+    for x, expected in ((0.0, (-1e5, 1.0)), (-0.01, (-1e5, -1e6)), (-0.06, (1e5, -1e6))):
+        assert tuple(first((x, 0.0, 0.4, 0.0, 0.0, 0.0), pulses)) == expected
+    turned = (0.0, 0.0, 0.0, 0.0, math.radians(6.0), 0.0)
+    assert tuple(first(turned, pulses)) == (1e5, -1e6)
+
+
+def test_at_most_three_thrusters_open_and_the_first_row_is_the_networks() -> None:
+    pulses = by_hand()
+    assert pulses.thrust.tolist() == [1.0, 1.0, 2.0]
+    assert (pulses.table[:, :-1] > 0.0).tolist() == [
+        [False, False],
+        [False, False],
+        [True, False],
+        [False, True],
+        [True, True],
+    ]
+    assert pulses.table[:, -1].tolist() == [1.0, 0.0, 0.0, 0.0, 0.0]
+    opened = np.array([[1, 1, 1, 1], [1, 1, 1, 0]])
+    assert len(pulses_of(opened, np.zeros((2, 3)), np.ones(2), (1.0, 1.0)).twist) == 1
+
+
+def test_pulses_are_chosen_within_the_tolerances_alone() -> None:
+    """Elsewhere the commands are those of the network, bit for bit."""
+    own = contestant("any-craft-2d#1").network
+    numbers = own.architecture.frugality
+    assert numbers.hold == 1.0
+    plain = Network(
+        replace(own.architecture, frugal=tuple(numbers._replace(hold=0.0))), own.tensors
+    )
+    seen = observations(6000)
+    body = own.architecture.layout.in_body(seen.unbind(-1))
+    near = torch.hypot(body[4], body[5]) < 0.05
+    inside = (near & (torch.atan2(body[7], body[6]).abs() < math.radians(5.0))).numpy()
+    held, demanded = (predict(one, seen.numpy())[0] for one in (own, plain))
+    assert inside.sum() > 20
+    differs = (held != demanded).any(axis=1)
+    assert differs.sum() > 5
+    assert not differs[~inside].any()
+    assert held[differs].sum(axis=1).max() <= 3.0
+
+
+def test_craft_with_wheels_and_agents_that_adapt_hold_by_demand() -> None:
+    for spec in ("any-craft-2d#1@pingu", "adaptive:any-craft-2d#1", "any-craft-3d#1@free-flyer"):
+        assert contestant(spec).network.architecture.frugality.hold == 0.0
