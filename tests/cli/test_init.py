@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from rans.cli import main
+from rans.evaluation.fly.agent import LoadedRun
 from rans.model.actuators import OnOff, Pulsed, Wheel
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.processes import wait_until
@@ -47,11 +48,12 @@ def _here(
 ) -> None:
     """A folder of its own. Flights take seconds, and one test has them, another has their beginning."""
     monkeypatch.chdir(tmp_path)
-    if request.node.name not in (
+    if request.function.__name__ not in (
         "test_a_batch_writes_a_file_that_reads_back",
         "test_a_long_flight_is_announced",
+        "test_where_few_flights_settle_a_frugal_agent_is_flown_and_named",
     ):
-        monkeypatch.setattr("rans.cli.init._fly", lambda *_: False)
+        monkeypatch.setattr("rans.cli.init._fly", lambda *_: "")
 
 
 def batch(*words: str) -> int:
@@ -76,6 +78,33 @@ def test_a_long_flight_is_announced(
     monkeypatch.setattr("rans.evaluation.fly.episodes.fly_episodes", flown)
     assert batch("--from", "floating-platform", "--set", "mass=5320") == 130
     assert "the usual cause is a mass in g, or an inertia in other units" in " ".join(said)
+
+
+@pytest.mark.parametrize(
+    ("fast", "frugal", "named"),
+    [(97.0, 0.0, "any-craft-2d"), (41.0, 100.0, "any-craft-2d#0.3"), (41.0, 30.0, "any-craft-2d")],
+)
+def test_where_few_flights_settle_a_frugal_agent_is_flown_and_named(
+    fast: float,
+    frugal: float,
+    named: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The second flights are of the agent at 0.3, whose network has other constants."""
+    flown: list[str] = []
+
+    def settled(run: LoadedRun, name: str) -> tuple[float, str]:
+        assert run.controller.name == name
+        flown.append(name)
+        return (frugal if "#" in name else fast), ""
+
+    monkeypatch.setattr("rans.cli.init._settled", settled)
+    assert batch("--from", "floating-platform") == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert len(flown) == (1 if fast > 95.0 else 2)
+    assert f"rans view {named}@mine.toml" in said
+    assert ("(rans compare)" in said) == (max(fast, frugal) < 95.0)
 
 
 @pytest.mark.slow
