@@ -34,7 +34,7 @@ def test_pages_numbers_and_commands_that_show_it_again(
     printed = capsys.readouterr().out
     assert "up to which all of 2 episodes are solved" in " ".join(printed.split())
     # 2 / (2 + 1.96^2), Wilson's lower end without a failure.
-    assert "2 episodes cannot show 99 %: with all solved, the share is at least 34%" in printed
+    assert "2 episodes cannot show 99 %: with all solved, the share is at least 34.2 %" in printed
     read = json.loads((folder / "stress.json").read_text("utf-8"))
     assert read["effects"]["latency"]["holds_to"]["LQR"] >= 0.1
     assert read["effects"]["latency"]["break_even_of_first"].keys() == {"LQR"}

@@ -17,7 +17,7 @@ from typing import Any
 from rans.errors import ConfigError, counted, meant_file
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.evaluation.measure.statistics import figure, interval, quantity
-from rans.evaluation.stress.outcome import WANTED
+from rans.evaluation.stress.outcome import WANTED, too_few
 from rans.files import folders_with, inside, number, read_json, read_json_lines, read_text
 from rans.model.spacecraft_file import read_spacecraft
 from rans.registry import Registry
@@ -346,16 +346,20 @@ def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] 
         "All episodes fly to their full length and count. Steps are the states after each command. "
         "Intervals are 95 %: Wilson's of shares, and percentile bootstraps over episodes of the rest."
     )
-    rates = [(m.title(), m["solved"].value) for m in measured]
-    findings = [
-        Finding(
-            f"{title}: {rate:.1f} % solved; at least {SOLVED_SHARE:g} % are asked.",
-            rate >= SOLVED_SHARE,
-        )
-        for title, rate in rates
-    ]
+    findings = [_solved(m) for m in measured]
     summary = [line for m in measured for line in _key_metrics(m)]
     return Section("Evaluation", text, tables, pictures, findings=findings, summary=summary)
+
+
+def _solved(measured: Metrics) -> Finding:
+    """Whether enough episodes are solved, and what their number shows: few that are all solved show little."""
+    solved = measured["solved"]
+    rate = f"{figure(solved.value, '.4g')} % solved ({interval(solved.low, solved.high)} %)"
+    doubt = too_few(measured.episodes)
+    if doubt and solved.value >= SOLVED_SHARE:
+        return Finding(f"{measured.title()}: {rate}. {doubt}")
+    text = f"{measured.title()}: {rate}; at least {SOLVED_SHARE:g} % are asked."
+    return Finding(text, solved.value >= SOLVED_SHARE)
 
 
 def _key_metrics(measured: Metrics) -> Iterator[tuple[str, str]]:

@@ -302,8 +302,13 @@ def test_as_many_solved_as_are_wanted_are_enough(share: float, passed: bool) -> 
     rows = tuple(
         replace(row, value=share) if row.name == "solved" else row for row in measured.rows
     )
-    (finding,) = evaluation_section([replace(measured, rows=rows)]).findings
+    (finding,) = evaluation_section([replace(measured, rows=rows, episodes=381)]).findings
     assert finding.passed is passed
+    # n / (n + 1.96^2) is 0.99 from n = 380.3 on.
+    (few,) = evaluation_section([replace(measured, rows=rows, episodes=380)]).findings
+    assert few.passed is (None if passed else False)
+    assert ("380 episodes cannot show 99 %" in few.text) is passed
+    assert ("at least 98.9 % at 95 % confidence; at least 381 are needed" in few.text) is passed
 
 
 def test_no_results_is_an_error(tmp_path: Path) -> None:

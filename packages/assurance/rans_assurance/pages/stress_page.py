@@ -12,13 +12,10 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rans.evaluation.fly.contestants import view_command
 from rans.evaluation.measure.scope import Scope, conditions_texts, scope
-from rans.evaluation.measure.statistics import share
 from rans.evaluation.stress.effects import Effect, Level
-from rans.evaluation.stress.outcome import WANTED
+from rans.evaluation.stress.outcome import WANTED, too_few, wanted
 from rans.extend import (
     Finding,
     Section,
@@ -123,11 +120,7 @@ class StressReport:
             )
         least = min(self._counts())
         if wanted(least) != wanted(10**9):
-            low = share(np.ones(least)).low
-            yield (
-                f"{counted(least, 'episode')} cannot show {100.0 * WANTED:g} %: with all solved, the share is at "
-                f"least {low:.0%} at 95 % confidence; more episodes show more."
-            )
+            yield too_few(least)
         for spec, contestant in self.stress.contestants.items():
             tuned = [
                 level.effect for level in self.stress.named if self.stress.tuned_for(spec, level)
@@ -441,13 +434,6 @@ class StressReport:
                 for name, pair in pairs.items()
             },
         }
-
-
-def wanted(count: int) -> str:
-    """What is asked of a number of episodes: 99 %, which are all of them where one alone is more than 1 %."""
-    if (count - 1) / count < WANTED:
-        return f"all of {counted(count, 'episode')}"
-    return f"at least {100.0 * WANTED:g} % of the episodes"
 
 
 def _reach(stress: Stress, effect: Effect, name: str) -> str:
