@@ -127,8 +127,8 @@ def _without_training(contestants: Sequence[ContestantName], contest: Contest) -
 
 def _show(comparison: Comparison, full: bool) -> None:
     """Print the scores so far, or at the end those and all else; without ``full`` only the most important ones."""
+    from rans.show.tables import comparison_tables as tables
     from rans.show.tables import front_tables
-    from rans.show.tables.comparison_tables import gap_names, gap_rows, gaps, scoreboard, verdict
 
     if comparison.waiting:
         _show_so_far(comparison)
@@ -137,18 +137,26 @@ def _show(comparison: Comparison, full: bool) -> None:
     if not (comparison.entries or comparison.failures):
         console.say("Interrupted before the first contestant had flown: there is no comparison.")
         return
-    # Tables: scores, multiples of bounds, the bound of a mission, and the front.
-    board = scoreboard(comparison)
-    if sentence := verdict(comparison):
+    # Tables: scores, optima, multiples of bounds, the bound of a mission, and the front.
+    board = tables.scoreboard(comparison)
+    if sentence := tables.verdict(comparison):
         console.say(sentence)
     if board:
         _show_scores(console, comparison.contest.title(), board, _keys(board, full))
-    if full and (ratios := gaps(comparison)):
+    if comparison.relaxed:
+        console.show(
+            "Relaxed optima: medians",
+            ("objective", "solved", *tables.RELAXED),
+            tables.relaxed_medians(comparison),
+        )
+    if some := tables.bounds_so_far(comparison):
+        console.show("Certified bounds so far", ("event", "start", "at least, s or N s"), some)
+    if full and (ratios := tables.gaps(comparison)):
         starts = counted(len(comparison.certified_starts()), "start")
         console.show(
             f"Median multiple of the bound of the same event, {starts}",
-            ("event", *gap_names(ratios)),
-            gap_rows(ratios),
+            ("event", *tables.gap_names(ratios)),
+            tables.gap_rows(ratios),
         )
     if full and comparison.mission is not None:
         console.show(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,14 @@ from rans.api.judging import starts_of
 from rans.cli import main
 from rans.cli.compare import Compare, _without_training
 from rans.evaluation.compare.bounds import Bound
+from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import at_values, contest_of, enlisted
+from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.model.timing import Timing
+from rans.optimal.trajectory.objectives import Objective
 from rans.tasks import GoToPose, GoToPosePriced
 from tests.support import packages
 from tests.support.training import CONFIG, tiny_trainer
@@ -74,6 +78,26 @@ def test_interrupted_it_still_writes(
     # The stage that was interrupted, and no count of bounds whose turn had not come.
     assert "relaxed optimum" in out
     assert "0 of" not in out
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_interrupted_while_it_certifies_it_prints_what_is_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def solve(contest: Contest, objective: Objective, *_: object) -> list[Relaxed]:
+        return [Relaxed(objective, 0, "solved", True, 0.1, 4.0, 3.25, 7.5)]
+
+    def one_bound(*_: object) -> Iterator[Bound]:
+        yield Bound(0, None, 2.75)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rans.evaluation.compare.relaxed.solve", solve)
+    monkeypatch.setattr("rans.evaluation.compare.run.certified_bounds", one_bound)
+    command = f"compare lqr:go-to-pose-2d --with optimal --episodes 1 --output {tmp_path}"
+    assert main(command.split()) == 130
+    out = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "minimum time 1 of 1 3.25 7.5" in out
+    assert "first time in the goal set 0 2.75" in out
 
 
 def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(

@@ -356,6 +356,28 @@ def relaxed_rows(comparison: Comparison) -> list[list[Any]]:
     return rows
 
 
+RELAXED = "settling time, s", "impulse, N s"
+"""Headings of the medians of `relaxed_medians`."""
+
+
+def relaxed_medians(comparison: Comparison) -> list[tuple[str | None, ...]]:
+    """Objective, from how many starts it was solved, and medians (`RELAXED`) of each relaxed optimum, as texts."""
+    return [
+        (name, solved, *(None if value is None else figure(value) for value in (settling, impulse)))
+        for name, solved, _, settling, impulse, *_ in relaxed_rows(comparison)
+    ]
+
+
+def bounds_so_far(comparison: Comparison) -> list[tuple[str, ...]]:
+    """Event, start and certified lower bound (s or N s) of the starts whose other bounds are not known yet."""
+    done = comparison.certified_starts()
+    return [
+        (bound.event.text, str(bound.start), figure(bound.best))
+        for bound in comparison.certified
+        if bound.start not in done
+    ]
+
+
 def _median(rows: list[Relaxed], key: str) -> float | None:
     values = [value for value in (getattr(row, key) for row in rows) if not math.isnan(value)]
     return float(np.median(values)) if values else None
