@@ -45,7 +45,8 @@ _LONGEST_NAME = 1000
 def meant(name: str, known: Iterable[str]) -> str:
     """Suggestion " (did you mean ...?)" of a similar known name, or an empty text.
 
-    Of names that begin with the given one, such as those of agents of a task, the three shortest are suggested.
+    Of names that begin with the given one, such as those of agents of a task, the three shortest are suggested; and
+    of those that have it as a word, as "more mass" has mass.
     """
     if len(name) > _LONGEST_NAME:  # the comparison would take too long
         return ""
@@ -53,7 +54,7 @@ def meant(name: str, known: Iterable[str]) -> str:
     if (plain := _plain(name)) != name and plain in names:
         return f" (did you mean {plain}?)"
     longer = sorted(
-        (candidate for candidate in names if candidate.startswith(f"{name}-")), key=len
+        (one for one in names if one.startswith(f"{name}-") or name in one.split(" ")), key=len
     )[:3]
     alike = 0.6 if len(name) <= 3 else 0.7  # of three letters, one slip leaves two thirds
     near = (

@@ -152,6 +152,7 @@ def test_tasks_without_a_place_are_judged_by_their_own_tolerances() -> None:
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
+        ({"only": ("mass",)}, r"did you mean more mass or less mass or centre of mass\?"),
         ({"only": ("latancy",)}, r"no effect named 'latancy' \(did you mean latency\?\)"),
         ({"conditions": ("moon",)}, "no set of conditions named 'moon'"),
     ],
