@@ -329,20 +329,25 @@ class Plant:
 
 
 def reduced(centre: Any, spread: Any) -> tuple[Any, Any]:
-    """A set around another one, in which the least columns of the spread become a box along their main axes.
+    """A set around another one, in which the least columns of the spread become a box.
 
-    Any axes are sound: what the columns differ by from their parts along them is a box along the states.
+    The box is along the states or along the columns' main axes, whichever has the smaller volume. Any axes are
+    sound: what the columns differ by from their parts along them is a box along the states. Each box widens the
+    set, so that there is none before the columns are twice as many as those that stay.
     """
     rows, columns = spread.nrows(), spread.ncols()
     kept = max(_KEPT, 10 * rows)
-    if columns <= kept + 2 * rows:
+    if columns <= 2 * kept:
         return centre, spread
     table = np.array([[float(x.mid()) for x in row] for row in spread.tolist()])
     scale = abs(table).sum(axis=1, keepdims=True)
     scale[scale == 0.0] = 1.0
     need(np.isfinite(scale).all(), "its motion has no bound.")
-    order = np.argsort(-np.linalg.norm(table / scale, axis=0))
-    axes = scale * np.linalg.svd((table / scale)[:, order[kept:]])[0]
+    # A column along one state is a part of a box already, so that its other parts say what is lost.
+    part = table / scale
+    order = np.argsort(abs(part).max(axis=0) - abs(part).sum(axis=0))
+    rest = part[:, order[kept:]]
+    axes = scale * min((np.eye(rows), np.linalg.svd(rest)[0]), key=lambda u: _volume(u.T @ rest))
     first, least = (
         arb_mat([[row[k] for k in part] for row in spread.tolist()])
         for part in (order[:kept].tolist(), order[kept:].tolist())
@@ -351,6 +356,11 @@ def reduced(centre: Any, spread: Any) -> tuple[Any, Any]:
     box = matrix(axes) * diagonal(absolute_row_sums(along))
     left = absolute_row_sums(least - matrix(axes) * along)
     return centre, side_by_side(first, box, diagonal(left))
+
+
+def _volume(table: np.ndarray) -> float:
+    """Logarithm of the volume of the box around columns, whose sides count as 1e-9 at least."""
+    return float(np.log(abs(table).sum(axis=1) + 1e-9).sum())
 
 
 def _ball(middle: Any, radius: Any) -> Any:

@@ -25,7 +25,7 @@ _DIRECTIONS = 64
 _BATCH = {"cpu": 512, "cuda": 8192}
 """Cells proved together."""
 _GENERATORS = 48
-"""Generators of a set that are kept after a period, at least."""
+"""Generators of a set that are kept, at least, once there are twice as many."""
 _FLAT, _SMALLER = 1e-9, 1.0 / 16.0
 """Side of a box, as a part of its set, below which it is flat; by how much its sides are
 shorter along main axes in the mean, as a logarithm, where these are taken."""
@@ -210,10 +210,11 @@ def reduced(states: Zonotope) -> Zonotope:
     The box is along their main axes where its sides are shorter: one along the states would grow without end in
     a loop that turns and shears it (Kopetzki, Schuermann and Althoff, "Methods for order reduction of zonotopes",
     2017). Which are the least is as in Girard, "Reachability of uncertain linear systems using zonotopes", 2005.
+    Each box widens the set, so that sets are left as they are until they have twice the generators that are kept.
     """
     _, width, many = states.generators.shape
     kept = max(_GENERATORS, 4 * width)
-    if many <= kept + width:
+    if many <= 2 * kept:
         return states
     scale = states.radius[:, :, None] + 1e-300
     part = states.generators / scale

@@ -52,6 +52,40 @@ def test_the_hold_agent_stays_for_ever() -> None:
     assert prove(near, read_network(folder / "hold-agent.onnx")).is_whole
 
 
+HOLD = ROOT / "examples/proofs/hold-agent"
+
+
+def test_prover_and_checker_keep_a_set_narrow_for_120_periods() -> None:
+    """A cell of hold, with 4 cm/s at its end: did a part of the set become a box every period, less were left."""
+    pytest.importorskip("flint")
+    from rans_proof.check import Loop
+    from rans_proof.check_problem import problem_table
+
+    problem = read_problem(HOLD.with_suffix(".toml"))
+    network = read_network(HOLD.with_suffix(".onnx"))
+    low, high = [0.0, -200.0, 0.0, -0.1, -0.1, -0.1], [37.5, -140.0, 37.5, 0.1, 0.1, 0.1]
+    loop = ClosedLoop(problem, network, torch.device("cpu"))
+    margins, _ = loop.margins(np.array([low]), np.array([high]))
+    checker = Loop(problem_table(problem.text), HOLD.with_suffix(".onnx").read_bytes())
+    for margin in (margins[0], checker.margin(list(zip(low, high, strict=True)))):
+        assert 0.035 < margin <= 0.04
+
+
+@pytest.mark.slow
+def test_the_checker_accepts_cells_of_hold() -> None:
+    problem = read_problem(HOLD.with_suffix(".toml"))
+    proof = prove(problem, read_network(HOLD.with_suffix(".onnx")))
+    assert proof.is_whole
+    pytest.importorskip("flint")
+    from rans_proof.certificate import table
+    from rans_proof.check import check
+
+    content = HOLD.with_suffix(".onnx").read_bytes()
+    # The first cells, the one of the least margin, and two others: all of them take six minutes.
+    some = [0, 1, int(proof.margins.argmin()), 200, 300]
+    assert check(json.dumps(table(proof, content)).encode(), content, some) > 0.0
+
+
 def test_what_is_false_ends_with_a_flight_that_breaks_it() -> None:
     problem = problem_of(DOCKING.replace("base = 0.2", "base = -0.01"))
     push = [Layer(np.zeros((2, 4)), np.array([5.0, 5.0]), "tanh")]
