@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from rans.model.fields import Heading
 from rans.scenario import scenarios
 from rans.show.pages.page import Page, Section
 from rans.show.pages.race import FRAMES, Race, Track, race
+from tests.support.browser import opened, served
 from tests.support.packages import needs
 from tests.support.played import Played
 from tests.support.random_flights import Random
@@ -120,3 +122,16 @@ def test_only_a_page_with_a_replay_has_a_script_and_its_data_is_no_markup(
         text = re.search(r'<script type="application/json">(.*?)</script>', html)
         assert text
         assert json.loads(text[1]) == replay.data
+
+
+@pytest.mark.slow
+def test_a_replay_plays_although_its_first_frame_began_before_it(tmp_path: Path) -> None:
+    """Browsers tell when a frame began, which may be before the script asked for it."""
+    replay = race(PLATFORM, [("x", [Track("a", flown(PLATFORM, 6), 1, 0.8)])], plays=True)
+    late = "<script>const was = performance.now.bind(performance); performance.now = () => was() + 500;"
+    mistakes = "onerror = text => { document.documentElement.dataset.mistake = text; };</script>"
+    html = late + mistakes + Page("x", [Section("s", race=replay)]).html()
+    with served({"/": html}) as (address, _):
+        shown = opened(f"{address}/", tmp_path)
+    assert "data-mistake" not in shown
+    assert 'class="cursor"' in shown
