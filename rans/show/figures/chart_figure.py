@@ -31,6 +31,8 @@ _PAGE: dict[Any, Any] = _PAPER | {"font.size": 13, "svg.fonttype": "none", "line
 """Sizes in CSS pixels of a page, where letters are the browser's."""
 _PAGE_INCHES = 10.0, 5.6
 """720 by 403 points, which are the pixels of the picture's own coordinates."""
+_PAGE_PADS = 12.0, 18.0
+"""Points between an axis and its name: on a telephone the numbers there are 21 pixels high."""
 _SVG = "{http://www.w3.org/2000/svg}"
 _LINK = "{http://www.w3.org/1999/xlink}href"
 """As files have it; the SVG of a page has href alone."""
@@ -69,7 +71,10 @@ def _page_figure(chart: Chart) -> Figure:
     """A chart without a legend, which is the page's own."""
     with rc_context(_PAGE):
         figure = Figure(figsize=_PAGE_INCHES, layout="constrained")
-        _draw(figure.subplots(), chart)
+        axes = figure.subplots()
+        _draw(axes, chart)
+        axes.xaxis.labelpad = _PAGE_PADS[0]
+        axes.yaxis.labelpad = _PAGE_PADS[1]
     return figure
 
 

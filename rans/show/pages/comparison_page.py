@@ -281,8 +281,8 @@ def _amount(estimate: Any, unit: str) -> str:
 
 _GALLERY = 5
 """Worst starts of the first contestant in the replay."""
-_RACERS = 4
-"""Contestants in the replay, the certified controls besides."""
+_RACERS = 8
+"""Most contestants in the replay, the certified controls besides: more than fly beside a craft by default."""
 
 
 def _race(comparison: Comparison) -> Race | None:
@@ -326,6 +326,11 @@ def _race(comparison: Comparison) -> Race | None:
         contest.craft,
         [(label(k), [*tracks(k)]) for k in chosen],
         (f"The median start of {first.name}, then its slowest. " if len(chosen) > 1 else "")
+        + (
+            f"Of {len(comparison.entries)} contestants the first {_RACERS} fly here. "
+            if len(comparison.entries) > _RACERS
+            else ""
+        )
         + "Strips have a row a thruster, filled while it "
         "is open; the clock is common to all. Untick a name to hide it."
         + ("" if contest.craft.dimension == 2 else " Drag to turn the view."),
