@@ -238,7 +238,10 @@ def _value(value: Any, factor: float = 1.0) -> str:
     if isinstance(value, tuple):
         is_range = len(value) == 2 and all(isinstance(x, float) for x in value)
         return (" to " if is_range else ", ").join(_value(x, factor) for x in value)
-    return _number(factor * value) if isinstance(value, float) else str(value)
+    if not isinstance(value, float):
+        return str(value)
+    # Radians in files are rounded, and would be degrees such as 0.5002.
+    return _number(value) if factor == 1.0 else f"{factor * value:.3g}"
 
 
 def _number(value: float) -> str:

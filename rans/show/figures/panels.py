@@ -5,6 +5,7 @@ Panels get flights as `rans.flight.Flight` has them: (T + 1, N) states in SI uni
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -18,7 +19,9 @@ from rans.show.figures.plotting import (
     FuncFormatter,
     LinearSegmentedColormap,
     LineCollection,
+    LogLocator,
     MaxNLocator,
+    NullLocator,
     SubFigure,
 )
 from rans.show.palette import (
@@ -145,12 +148,17 @@ def errors(every: Axes, summarised: Axes, flight: Flight, rank: int, letters: st
     quantity, error = list(flight.errors().items())[rank]
     factor, unit = QUANTITIES[quantity].display
     error = factor * error
-    floor = max(0.01, 0.5 * error.min())  # a logarithmic axis has no place for 0
+    bound = flight.task.tolerances().get(quantity)
+    # A logarithmic axis has no place for 0; the tolerance is always within it.
+    floor = max(0.01, 0.5 * min(error.min(), math.inf if bound is None else factor * bound))
+    top = 1.6 * max(0.1, error.max(), 0.0 if bound is None else factor * bound)
     _lines(every, np.broadcast_to(flight.times[:, None], error.shape), np.maximum(error, floor))
-    every.set(xlim=(0.0, flight.times[-1]), ylim=(floor, 1.6 * max(0.1, error.max())), yscale="log")
+    every.set(xlim=(0.0, flight.times[-1]), ylim=(floor, top), yscale="log")
+    numbers = (1.0,) if top > 200.0 * floor else (1.0, 2.0, 5.0)
+    every.yaxis.set_major_locator(LogLocator(subs=numbers, numticks=20))
+    every.yaxis.set_minor_locator(NullLocator())
     every.yaxis.set_major_formatter(PLAIN)
     summary(summarised, flight.times, error, best=np.argmin, worst=np.argmax)
-    bound = flight.task.tolerances().get(quantity)
     for axes, letter, what in zip(
         (every, summarised), letters, ("every episode", "summary"), strict=True
     ):
