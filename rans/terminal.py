@@ -362,29 +362,54 @@ _LINE_EVERY = 10.0
 """Time between two lines of a stage in a log, s."""
 
 
+_SILENT = 180.0
+"""Longest time without a line of a stage that goes on in a log, s."""
+
+
 def _in_log(name: str, total: int | None, /) -> Step:
     """A stage as lines on standard error, from some seconds after its begin on, with the time left.
 
-    Its name alone is the first line where no unit is done by then.
+    Its name alone is the first line where no unit is done by then. A unit that takes long has lines without a time
+    left: what the others took says nothing of it.
     """
     done = 0
-    begun = last = time.monotonic()
-    first = threading.Timer(_LINE_EVERY, lambda: Terminal(stderr=True).say(f"{name} ..."))
-    first.daemon = True
-    first.start()
+    begun = last = ended = time.monotonic()
+    of = f" of {total:,}" if total else ""
+    timers: list[threading.Timer] = []
+
+    def arm(seconds: float) -> None:
+        timers[:] = [threading.Timer(seconds, wait)]
+        timers[0].daemon = True
+        timers[0].start()
+
+    def wait() -> None:
+        """Say that the stage goes on, if it does and nothing else has said it."""
+        nonlocal last
+        if total and done >= total:
+            return
+        now = time.monotonic()
+        if not done:
+            Terminal(stderr=True).say(f"{name} ...")
+            arm(_SILENT)
+            return
+        if now - last >= _SILENT:
+            silent = timedelta(seconds=round(now - ended))
+            Terminal(stderr=True).say(f"{name}: {done:,}{of}, {silent} without another")
+            last = now
+        arm(last + _SILENT - now)
 
     def advance(count: int, /) -> None:
-        nonlocal done, last
-        first.cancel()
+        nonlocal done, last, ended
         done += count
-        now = time.monotonic()
+        now = ended = time.monotonic()
         if now - last >= _LINE_EVERY:
             last = now
-            of = f" of {total:,}" if total else ""
             left = _left(now - begun, done, total)
             Terminal(stderr=True).say(", ".join(filter(None, (f"{name}: {done:,}{of}", left))))
 
-    weakref.finalize(advance, first.cancel)  # a stage that ended without a unit, as by an error
+    arm(_LINE_EVERY)
+    # A stage that ended without all units, as by an error.
+    weakref.finalize(advance, lambda: [timer.cancel() for timer in timers])
     return advance
 
 

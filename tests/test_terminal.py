@@ -191,6 +191,26 @@ def test_a_stage_names_itself_in_a_log_before_its_first_unit(
     assert capsys.readouterr().err == said
 
 
+def test_a_unit_that_takes_long_has_lines_without_a_time_left(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The time left that its first unit has said may be long over; with the last one the lines end."""
+    monkeypatch.setattr("rans.terminal._LINE_EVERY", 0.1)
+    monkeypatch.setattr("rans.terminal._SILENT", 0.3)
+    step = stages(progress())("certified bounds", 4)
+    time.sleep(0.2)
+    step(2)
+    assert "left" in capsys.readouterr().err
+    time.sleep(0.7)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines
+    assert set(lines) <= {f"certified bounds: 2 of 4, 0:00:0{k} without another" for k in (0, 1)}
+    step(2)
+    capsys.readouterr()
+    time.sleep(0.7)
+    assert capsys.readouterr().err == ""
+
+
 def test_what_is_done_within_a_second_is_no_line(capsys: pytest.CaptureFixture[str]) -> None:
     with doing("writing"):
         pass
