@@ -48,6 +48,9 @@ def check_options(name: str, command: type, words: Sequence[str]) -> None:
             raise ConfigError(
                 f"{flag} must be {' or '.join(flags[flag])}, got {brief(value)}{meant(value, flags[flag])}."
             )
+        second = next(iter(words[k + 2 : k + 3]), "")
+        if flag in flags and second in flags[flag] and word == flag:
+            raise ConfigError(f"{flag} takes one value, got {value} and {second}: run it for each.")
         if not flag.startswith("--") or flag in flags or flag.startswith("--tyro-"):
             continue
         hint = _hint(name, flag.removeprefix("--"), value, flags)

@@ -77,6 +77,7 @@ from tests.support.packages import needs_command
         ("train --resume . --total-timesteps many", "1e6"),
         ("export x --format torchscript", "sb3 or rans or onnx or numpy or c or c8 or c4 or fmu"),
         ("export x --onnx", "--format onnx"),
+        ("export x --format c onnx", "--format takes one value, got c and onnx: run it for each"),
         ("assure x --below 1e-3", "--failure-below"),
         ("evaluate x --n-eval-episodes 9", "--episodes"),
         ("list --tasks", "rans list TASKS"),
