@@ -383,7 +383,7 @@ def exported(
     if format == "rans" and not is_foreign and _comes_with_rans(source):
         raise ConfigError(f"{source.name} comes with RANS in this format already, in {source}.")
     # Of 64 flights, 62 that hold show a probability above 0.9 (one-sided, 95 %); fewer show little.
-    margins = count // 4 if count >= 256 else 0
+    margins = count // 4 if count >= WITH_MARGINS else 0
     # Before minutes of flights.
     write_policy = EXPORTERS[name.kind] if is_foreign else None
     if format in _PACKAGES:
@@ -399,6 +399,8 @@ def exported(
     return folder, write_export(source, folder, format, count, margins=margins)
 
 
+WITH_MARGINS = 256
+"""Fewest evaluation flights of an export whose contract has margins."""
 _PACKAGES = {"onnx": "onnx", "sb3": "stable_baselines3"}
 """Modules that formats need beside the core."""
 

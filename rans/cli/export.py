@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 from tyro.conf import arg
 
-from rans.api.pages import export, exported, is_craft_alone
+from rans.api.pages import WITH_MARGINS, export, exported, is_craft_alone
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.deploy.forms import forms
@@ -59,6 +59,11 @@ class Export(Options):
         stated = read_json(output / "contract.json")["conditions"]["margins"]
         for line in [] if stated is None else margin_lines(stated, is_user_policy(self.agent)):
             Terminal().say(line)
+        if stated is None and self.episodes < WITH_MARGINS:
+            Terminal().say(
+                "contract.json has no conditions.margins, what the agent tolerates: that takes "
+                f"--episodes {WITH_MARGINS} or more."
+            )
         if self.format == "numpy":
             Terminal().suggest(f"cd {shlex.quote(str(output))} && python agent.py")
         elif self.format == "onnx":

@@ -281,4 +281,6 @@ def test_the_folder_of_an_agent_for_any_craft_names_its_craft(
         ("spheres", Path("runs/exports/any-craft-3d-spheres")),
         ("astrobee-iss", Path("runs/exports/any-craft-3d-astrobee-iss")),
     ]
-    assert "any-craft-3d-spheres has the agent" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "any-craft-3d-spheres has the agent" in printed
+    assert "no conditions.margins, what the agent tolerates: that takes --episodes 256" in printed
