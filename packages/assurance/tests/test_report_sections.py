@@ -90,10 +90,10 @@ def test_the_first_screen_says_how_sure(run: Path) -> None:
         ("0.0146", "17 of 2,000 flights failed\n99 % confidence")
     ]
     (run / "assurance-lab.json").unlink()
-    assert of("failure probability") == [("not yet", f"rans assure {run}")]
+    assert of("failure probability") == [("not here", f"rans assure {run} writes it here")]
     assert of("comparison") == []
     (run / "compare.json").unlink()
-    assert of("comparison") == [("not yet", f"rans compare {run}")]
+    assert of("comparison") == [("not here", f"rans compare {run} writes it here")]
 
 
 def test_a_stress_test_alone_begins_with_the_worst_conditions(tmp_path: Path) -> None:

@@ -149,11 +149,13 @@ def _first_screen(
     agent = _contestant(run, evaluations)
     is_agent = bool(measured or compared or trained)
     if trained and not measured and not compared:
-        missing.append(Tile("evaluation", "not yet", f"rans evaluate {agent}"))
+        missing.append(Tile("evaluation", "not here", f"rans evaluate {agent} writes it here"))
     if is_agent and not compared:
-        missing.append(Tile("comparison", "not yet", f"rans compare {agent}"))
+        missing.append(Tile("comparison", "not here", f"rans compare {agent} writes it here"))
     if is_agent and not sure and (run / "config.json").is_file():
-        missing.append(Tile("failure probability", "not yet", f"rans assure {agent}"))
+        missing.append(
+            Tile("failure probability", "not here", f"rans assure {agent} writes it here")
+        )
     sure = sure[:1]
     return hero, [*tiles[: _ROW - len(sure) - len(missing)], *sure, *missing]
 

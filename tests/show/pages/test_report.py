@@ -208,8 +208,9 @@ def test_a_training_alone_says_what_has_not_been_judged(tmp_path: Path) -> None:
     (tmp_path / "metrics.jsonl").write_text("\n".join(map(json.dumps, rows)))
     page = report_from_run(tmp_path)
     assert "75.0% of its last episodes in training, after 2,000 steps" in page.hero
-    assert [(tile.value, tile.note) for tile in page.tiles if tile.value == "not yet"] == [
-        ("not yet", f"rans {command} {tmp_path}") for command in ("evaluate", "compare", "assure")
+    assert [(tile.value, tile.note) for tile in page.tiles if tile.value == "not here"] == [
+        ("not here", f"rans {command} {tmp_path} writes it here")
+        for command in ("evaluate", "compare", "assure")
     ]
 
 
