@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -240,6 +240,11 @@ class Evaluate(Options):
         with one_at_a_time(folder):
             before = read_json(file) if file.exists() else {}
             if not isinstance(before, dict) or before.get("conditions") != conditions:
+                if lost := _lost(before, results):
+                    Terminal().say(
+                        f"This replaces {lost} in {file}: one file keeps both engines of the same options, "
+                        "episodes and seed included."
+                    )
                 before = {}
             write_json(file, before | results | {"conditions": conditions, "about": _about()})
         save_episodes(flight, folder / f"episodes{suffix}.npz", self.trajectories)
@@ -319,6 +324,16 @@ class Evaluate(Options):
         if run.conditions is None:
             return options
         return options | {"conditions": asdict(run.conditions)}
+
+
+def _lost(before: Any, results: Mapping[str, Any]) -> str:
+    """Flights of engines in a file's content, maybe of a stranger, that new results do not have, in words."""
+    kept = before if isinstance(before, dict) else {}
+    others = [engine for engine in get_args(EngineName) if engine in kept and engine not in results]
+    conditions = kept.get("conditions")
+    episodes = conditions.get("episodes") if isinstance(conditions, dict) else None
+    count = f"the {episodes:,} flights" if isinstance(episodes, int) else "the flights"
+    return " and ".join(f"{count} of the {engine} engine" for engine in others)
 
 
 def _about() -> dict[str, Any]:

@@ -127,8 +127,8 @@ def test_a_multi_task_agent_is_judged_task_by_task(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_the_seed_decides(run_folder: Path) -> None:
-    """And results of the other engine stay only beside those of the same episodes."""
+def test_the_seed_decides(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And results of the other engine stay only beside those of the same episodes, and are said to be lost."""
     file = run_folder / "evaluation.json"
     results = []
     for seed, kept in (("1", False), ("1", True), ("2", False)):
@@ -137,6 +137,8 @@ def test_the_seed_decides(run_folder: Path) -> None:
         assert ("drake" in written) is kept
         results.append(written["fast"])
         file.write_text(json.dumps(written | {"drake": "what it found"}))
+        lost = f"This replaces the 6 flights of the drake engine in {file}: "
+        assert (lost in capsys.readouterr().out) is (seed == "2")
     assert results[0] == results[1] != results[2]
 
 
