@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rans.model.spacecraft import Spacecraft
 
 Answer = TypeVar("Answer")
-_KINDS: dict[str, type] = {
+KINDS: dict[str, type] = {
     **dict.fromkeys(("dimension", "counts"), int),
     **dict.fromkeys(("mass", "least", "most", "radius"), float),
     **dict.fromkeys(("name", "actuators", "thrust_sharing"), str),
@@ -35,7 +35,7 @@ _KINDS: dict[str, type] = {
 
 @command_of(
     init_spacecraft,
-    without=("name", *_KINDS),
+    without=("name", *KINDS),
     base=Annotated[str | None, arg(name="from", metavar="SPACECRAFT")],
     thrusters=Annotated[
         UseAppendAction[tuple[str, ...]], arg(name="thruster", metavar="POSITION;DIRECTION;FORCE")
@@ -91,18 +91,18 @@ class Init(Options):
         return 0
 
     def _given(self) -> dict[str, Any]:
-        """Values of --set by their keys, of the kinds of `_KINDS`; a wrong one is refused (`ConfigError`)."""
+        """Values of --set by their keys, of the kinds of `KINDS`; a wrong one is refused (`ConfigError`)."""
         from rans.model.spacecraft_draft import numbers_of_text
 
         values: dict[str, Any] = {}
         for change in self.set:
             key, _, text = change.partition("=")
-            if key not in _KINDS or key in values or not text:
+            if key not in KINDS or key in values or not text:
                 raise ConfigError(
-                    f"--set takes KEY=VALUE once for each of {', '.join(_KINDS)}, got {brief(change)}"
-                    f"{meant(key, _KINDS)}."
+                    f"--set takes KEY=VALUE once for each of {', '.join(KINDS)}, got {brief(change)}"
+                    f"{meant(key, KINDS)}."
                 )
-            kind = _KINDS[key]
+            kind = KINDS[key]
             if kind is list:
                 values[key] = numbers_of_text(text, key, (1, 3) if key == "inertia" else (2, 3))
                 continue
@@ -233,7 +233,7 @@ class Init(Options):
 _MEANINGS = argument_texts(init_spacecraft)
 Init.texts["set"] = (
     "A value of the data sheet, as in `--set mass=12` or `--set size=0.4,0.4`; may be repeated. Keys: "
-    + ", ".join(f"{key} ({text.rstrip('.')})" for key, text in _MEANINGS.items() if key in _KINDS)
+    + ", ".join(f"{key} ({text.rstrip('.')})" for key, text in _MEANINGS.items() if key in KINDS)
     + "."
 )
 

@@ -229,9 +229,18 @@ def _hint(command: str, flag: str, value: str, options: Mapping[str, tuple[str, 
     """What to write in its place, as the middle of a sentence; empty if that is not known."""
     if flag in ("task", "env", "env-id") and command in ("train", "sweep", "optimal"):
         return f": {_TASK.format(command=command)}"
-    if "--set" in options and (setting := _setting(flag.replace("-", "_"))):
-        value = value if value and not value.startswith("-") else "VALUE"
-        return f": it is a setting, --set {setting}={value}"
+    key = flag.replace("-", "_")
+    given = value if value and not value.startswith("--") else "VALUE"
+    if command == "init":
+        from rans.cli.init import KINDS
+
+        if key in KINDS:
+            return f": write --set {key}={given}"
+    elif "--set" in options and (setting := _setting(key)):
+        own = f"--{setting}".replace("_", "-")
+        if own in options:
+            return f": it is {own} {given}"
+        return f": it is a setting, --set {setting}={given}"
     for option, choices in options.items():
         if flag in choices:
             return f" (did you mean {option} {flag}?)"
