@@ -103,6 +103,7 @@ _TAKE_A_TASK = {
     "train": "--spacecraft {}",
     "sweep": "--set spacecraft={}",
     "optimal": "--spacecraft {}",
+    "improve": "--spacecraft {}",
 }
 """Commands whose word is a task, with their option for the spacecraft."""
 

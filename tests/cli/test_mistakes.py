@@ -85,6 +85,7 @@ from tests.support.packages import needs_command
         ("evaluat runs/x", "did you mean evaluate?"),
         ("--train", "did you mean train?"),
         ("init slider", "slider.toml"),
+        packages.of("missions", "improve mission:dock-3d a.csv", "write rans improve dock"),
         ("init x.toml --mass 12", "write --set mass=12"),
         ("report runs/nowhere", "there is no such folder"),
         ("optimal go-to-pose --start 3,1", "such as 3 1 40deg"),
