@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 import sys
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -190,7 +190,7 @@ class Init(Options):
             )
         if start is None and foreign is None and not self.wheels:
             print("Reaction wheels: axis; torque (N m); momentum (N m s); inertia (kg m^2)")
-            answers["wheels"] = _ask_each("Wheel", wheel_of, 0)
+            answers["wheels"] = _ask_each("Wheel", lambda text: wheel_of(text, dimension), 0)
         return self._drafted(answers)
 
     def _show(self, draft: Draft, picture: Path) -> None:
@@ -238,21 +238,33 @@ Init.texts["set"] = (
 )
 
 
-def _ask_actuators(number: Callable[[str], float], given: Collection[str]) -> dict[str, Any]:
+def _ask_actuators(number: Callable[[str], float], given: Mapping[str, Any]) -> dict[str, Any]:
     """Ask for the kind of valves or engines, and for its numbers that are not given."""
     from rans.model.actuators import KINDS
+    from rans.model.spacecraft_draft import actuators_of
+
+    def counts(text: str) -> int:
+        if (value := number(text)) != int(value):
+            raise ConfigError(f"this must be a whole number, got {brief(text)}.")
+        actuators_of(kind, int(value), None, None)
+        return int(value)
+
+    def least(text: str) -> float:
+        value = number(text)
+        actuators_of(kind, answers.get("counts", given.get("counts")), value, given.get("most"))
+        return value
 
     kind = ask(f"Actuators: {', '.join(KINDS)}", _member(KINDS), "on-off")
     answers: dict[str, Any] = {"actuators": kind}
     if kind == "pulsed" and "counts" not in given:
         answers["counts"] = ask(
             "Into how many steps do valves divide a control period",
-            lambda text: int(number(text)),
+            counts,
             "100",
         )
-        answers["least"] = ask("Shortest pulse, in these steps", number, "1")
+        answers["least"] = ask("Shortest pulse, in these steps", least, "1")
     if kind == "throttle" and "least" not in given:
-        answers["least"] = ask("Least level, a share of full force", number, "0")
+        answers["least"] = ask("Least level, a share of full force", least, "0")
     return answers
 
 
@@ -373,7 +385,12 @@ def _ask_inertia(dimension: int, start: Spacecraft | None) -> dict[str, Any]:
     def read(text: str) -> tuple[float, ...] | None:
         if text == "box":
             return None
-        return _positive(numbers_of_text(text, "the inertia", counts), "the inertia")
+        moments = _positive(numbers_of_text(text, "the inertia", counts), "the inertia")
+        if len(moments) == 3 and 2.0 * max(moments) > sum(moments) * (1.0 + 1e-9):
+            raise ConfigError(
+                f"no moment of inertia of a rigid body exceeds the sum of the other two, got {brief(text)}."
+            )
+        return moments
 
     if start is not None:
         unchanged = "as it is"
@@ -396,8 +413,10 @@ def _ask_inertia(dimension: int, start: Spacecraft | None) -> dict[str, Any]:
 
 
 def _positive(values: tuple[float, ...], what: str) -> tuple[float, ...]:
-    if min(values) < 1e-9:
-        raise ConfigError(f"{what} must be at least 1e-09, got {min(values):g}.")
+    from rans.model.spacecraft_draft import LEAST
+
+    if min(values) < LEAST:
+        raise ConfigError(f"{what} must be at least {LEAST:g}, got {min(values):g}.")
     return values
 
 

@@ -14,6 +14,9 @@ from rans.model.spacecraft import Spacecraft, Thruster
 _MOST = 1e6
 """Largest accepted number; larger ones are in a wrong unit."""
 
+LEAST = 1e-9
+"""Smallest accepted mass, moment of inertia, side, force or number of a wheel, SI."""
+
 
 def numbers_of_text(text: str, what: str, counts: Sequence[int]) -> tuple[float, ...]:
     """Numbers of a text, separated by commas or spaces.
@@ -40,11 +43,19 @@ def numbers_of_text(text: str, what: str, counts: Sequence[int]) -> tuple[float,
     return result
 
 
+def positive_number(text: str, what: str) -> float:
+    """The number of a text, at least `LEAST`; raises as `numbers_of_text`."""
+    (value,) = numbers_of_text(text, what, (1,))
+    if value < LEAST:
+        raise ConfigError(f"{what} must be at least {LEAST:g}, got {value:g}.")
+    return value
+
+
 def thruster_of(text: str, dimension: int) -> Thruster:
     """A thruster from "POSITION; DIRECTION; FORCE", such as "0.2, 0.1; 1, 0; 1.5" in the plane.
 
     Raises:
-        ConfigError: there are not three parts, a part is wrong, or the direction is zero.
+        ConfigError: there are not three parts, a part is wrong, the direction is zero, or the force not positive.
     """
     parts = text.split(";")
     if len(parts) != 3:
@@ -56,15 +67,16 @@ def thruster_of(text: str, dimension: int) -> Thruster:
     direction = _unit(
         _triple(numbers_of_text(parts[1], "the direction of a thruster", (dimension,))), text
     )
-    (force,) = numbers_of_text(parts[2], "the force of a thruster", (1,))
+    force = positive_number(parts[2], "the force of a thruster")
     return Thruster(position, direction, force)
 
 
-def wheel_of(text: str) -> Wheel:
+def wheel_of(text: str, dimension: int = 3) -> Wheel:
     """A reaction wheel from "AXIS; TORQUE; MOMENTUM; INERTIA", such as "0, 0, 1; 0.1; 0.7; 0.001".
 
     Raises:
-        ConfigError: there are not four parts, a part is wrong, or the axis is zero.
+        ConfigError: there are not four parts, a part is wrong or not positive, the axis is zero, or, in the plane,
+            not upright.
     """
     parts = text.split(";")
     if len(parts) != 4:
@@ -73,8 +85,12 @@ def wheel_of(text: str) -> Wheel:
             f'(kg m^2), between semicolons, such as "0, 0, 1; 0.1; 0.7; 0.001", got {brief(text)}.'
         )
     x, y, z = numbers_of_text(parts[0], "the axis of a wheel", (3,))
+    if dimension == 2 and (x or y):
+        raise ConfigError(
+            f"the axis of a wheel in the plane is 0, 0, 1 or 0, 0, -1, got {brief(text)}."
+        )
     values = [
-        numbers_of_text(part, f"the {name} of a wheel", (1,))[0]
+        positive_number(part, f"the {name} of a wheel")
         for part, name in zip(parts[1:], ("torque", "momentum", "inertia"), strict=True)
     ]
     return Wheel(_unit((x, y, z), text), *values)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from rans.cli import main
+from rans.cli.init import _ask_inertia
 from rans.evaluation.fly.agent import LoadedRun
 from rans.model.actuators import OnOff, Pulsed, Wheel
 from rans.model.spacecraft_file import load_spacecraft
@@ -165,11 +166,17 @@ def test_asked_one_thing_after_the_other(
         "0.4 0.4",
         "",  # the centre of mass: the origin
         "pulsed",
+        "0",  # no counts
+        "49.5",
         "50",
+        "60",  # more than there are
         "2",
         "0.2, 0.1",  # a thruster without direction and force
+        "0.2, 0.1; 1, 0; -1.5",  # no force
         *SQUARE,
         "",
+        "1, 0, 0; 0.1; 0.7; 0.001",  # no axis in the plane
+        "0, 0, 1; 0; 0.7; 0.001",  # no torque
         "0, 0, 1; 0.1; 0.7; 0.001",
         "",
     )
@@ -186,6 +193,11 @@ def test_asked_one_thing_after_the_other(
         "got -3.",
     ):
         assert part in said
+
+
+def test_moments_of_no_rigid_body_are_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    typed(monkeypatch, "1 1 5", "1 1 2")
+    assert _ask_inertia(3, None) == {"inertia": (1.0, 1.0, 2.0)}
 
 
 def test_asked_from_a_spacecraft(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -228,7 +240,7 @@ def test_an_interrupt_writes_nothing(
         (f"{BOX} --thruster=1;2", "is its position (m), the direction of its force"),
         (f"{BOX} --thruster=1,2,3;1,0;1", "the position of a thruster must be 2 numbers"),
         (f"{BOX} --thruster=0,0;0,0;1", "must not be zero"),
-        (f"{BOX} --thruster=0,0;1,0;-1", "force must be a number from 1e-09"),
+        (f"{BOX} --thruster=0,0;1,0;-1", "force of a thruster must be at least 1e-09"),
         (f"{BOX} --thruster=0,0;1,0;1 --wheel=1,0,0;1", "a wheel is its axis"),
         ("--from atmos --set dimension=3", "atmos has dimension 2"),
         ("--from atmoss", "no spacecraft named 'atmoss'"),
