@@ -78,7 +78,7 @@ def meant_file(name: str | Path) -> str:
     """
     path = Path(name)
     try:
-        neighbours = sorted(os.listdir(path.parent))
+        neighbours = [name for name in sorted(os.listdir(path.parent)) if name != path.name]
     except (OSError, ValueError):
         return ""
     if f"{path.name}.toml" in neighbours:

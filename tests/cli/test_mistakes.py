@@ -167,6 +167,7 @@ def test_a_file_that_is_near(tmp_path: Path) -> None:
     assert meant_file(tmp_path / "flights.csv") == f" (did you mean {tmp_path / 'flight.csv'}?)"
     assert meant_file(tmp_path / "slider6.tml") == f" (did you mean {tmp_path / 'slider6.toml'}?)"
     assert meant_file(tmp_path / "flights.toml") == ""
+    assert meant_file(tmp_path / "flight.csv") == ""  # which is there, and not what was asked for
     assert meant_file(tmp_path / "nowhere" / "x") == ""
 
 
