@@ -376,6 +376,7 @@ def _in_log(name: str, total: int | None, /) -> Step:
     begun = last = ended = time.monotonic()
     of = f" of {total:,}" if total else ""
     timers: list[threading.Timer] = []
+    is_over = False
 
     def arm(seconds: float) -> None:
         timers[:] = [threading.Timer(seconds, wait)]
@@ -385,7 +386,7 @@ def _in_log(name: str, total: int | None, /) -> Step:
     def wait() -> None:
         """Say that the stage goes on, if it does and nothing else has said it."""
         nonlocal last
-        if total and done >= total:
+        if is_over or (total and done >= total):
             return
         now = time.monotonic()
         if not done:
@@ -407,9 +408,14 @@ def _in_log(name: str, total: int | None, /) -> Step:
             left = _left(now - begun, done, total)
             Terminal(stderr=True).say(", ".join(filter(None, (f"{name}: {done:,}{of}", left))))
 
+    def end() -> None:
+        """End a stage without all units, as after an error; a timer may be at work, and begin another."""
+        nonlocal is_over
+        is_over = True
+        timers[0].cancel()
+
     arm(_LINE_EVERY)
-    # A stage that ended without all units, as by an error.
-    weakref.finalize(advance, lambda: [timer.cancel() for timer in timers])
+    weakref.finalize(advance, end)
     return advance
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import time
+from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -166,49 +167,102 @@ def test_a_long_stage_is_lines_in_a_log(
 ) -> None:
     """Clock readings are 0 s at the begin, then 4, 12 and 13 s: one line, at 12 s, of 25 units a second."""
     readings = iter([0.0, 4.0, 12.0, 13.0])
-    monkeypatch.setattr("rans.terminal.time.monotonic", lambda: next(readings))
+    clock = SimpleNamespace(monotonic=readings.__next__)
+    monkeypatch.setattr("rans.terminal.time", clock)
     step = stages(progress())("flying LQR", 1000)
     for count in (100, 200, 50):
         step(count)
     assert capsys.readouterr().err == "flying LQR: 300 of 1,000, 0:00:28 left\n"
 
 
+class Clock:
+    """Stands in for clock and timers of `rans.terminal`: time passes when a test says so."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.timers: list[Timer] = []
+
+    def passes(self, seconds: float) -> None:
+        """Timers whose time is over by then call one after the other."""
+        end = self.now + seconds
+        while due := [timer for timer in self.timers if timer.at <= end]:
+            first = min(due, key=lambda timer: timer.at)
+            self.timers.remove(first)
+            self.now = first.at
+            first.call()
+        self.now = end
+
+
+class Timer:
+    """As `threading.Timer`, on such a clock."""
+
+    def __init__(self, clock: Clock, seconds: float, call: Callable[[], object]) -> None:
+        self.clock = clock
+        self.seconds = seconds
+        self.call = call
+
+    def start(self) -> None:
+        self.at = self.clock.now + self.seconds
+        self.clock.timers.append(self)
+
+    def cancel(self) -> None:
+        if self in self.clock.timers:
+            self.clock.timers.remove(self)
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    made = Clock()
+    monkeypatch.setattr("rans.terminal.time", SimpleNamespace(monotonic=lambda: made.now))
+    timer = SimpleNamespace(Timer=lambda *given: Timer(made, *given))
+    monkeypatch.setattr("rans.terminal.threading", timer)
+    return made
+
+
 @pytest.mark.parametrize(("units", "said"), [(None, ""), (0, "certified bounds ...\n"), (1, "")])
 def test_a_stage_names_itself_in_a_log_before_its_first_unit(
-    units: int | None,
-    said: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    units: int | None, said: str, clock: Clock, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Not where a unit was done in time, nor where the stage has ended without one (None)."""
-    monkeypatch.setattr("rans.terminal._LINE_EVERY", 0.2)
     steps = [stages(progress())("certified bounds", 4)]
     if units:
         steps[0](units)
     if units is None:
         steps.clear()
-    time.sleep(0.6)
+    clock.passes(30.0)
     assert capsys.readouterr().err == said
 
 
 def test_a_unit_that_takes_long_has_lines_without_a_time_left(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    clock: Clock, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The time left that its first unit has said may be long over; with the last one the lines end."""
-    monkeypatch.setattr("rans.terminal._LINE_EVERY", 0.1)
-    monkeypatch.setattr("rans.terminal._SILENT", 0.3)
     step = stages(progress())("certified bounds", 4)
-    time.sleep(0.2)
+    clock.passes(20.0)
     step(2)
-    assert "left" in capsys.readouterr().err
-    time.sleep(0.7)
+    assert capsys.readouterr().err.endswith("certified bounds: 2 of 4, 0:00:20 left\n")
+    clock.passes(400.0)
     lines = capsys.readouterr().err.splitlines()
-    assert lines
-    assert set(lines) <= {f"certified bounds: 2 of 4, 0:00:0{k} without another" for k in (0, 1)}
+    assert lines == [f"certified bounds: 2 of 4, 0:0{k}:00 without another" for k in (3, 6)]
     step(2)
     capsys.readouterr()
-    time.sleep(0.7)
+    clock.passes(1000.0)
     assert capsys.readouterr().err == ""
+
+
+def test_a_stage_that_ends_while_its_line_is_printed_says_no_more(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    steps = [stages(progress())("certified bounds", 4)]
+    say = Terminal.say
+
+    def last(terminal: Terminal, text: str) -> None:
+        say(terminal, text)
+        steps.clear()
+
+    monkeypatch.setattr(Terminal, "say", last)
+    clock.passes(1000.0)
+    assert capsys.readouterr().err == "certified bounds ...\n"
 
 
 def test_what_is_done_within_a_second_is_no_line(capsys: pytest.CaptureFixture[str]) -> None:
