@@ -202,7 +202,7 @@ def _pulses(tokens: Tokens, authority: tuple[float, ...]) -> Pulses:
     period, *ways = authority
     square = period * period
     units = min(ways[:4]) * square, min(ways[4:]) * square
-    return pulses_of(chosen.opened, chosen.twist, thrust, units)
+    return pulses_of(chosen.opened, chosen.twist, thrust, units, period)
 
 
 @lru_cache(maxsize=64)

@@ -116,7 +116,7 @@ function shares(demand, columns) {
 // Thrusters that hold a pose: shut ones, or the pulse of least thrust for each period inside the tolerances; undefined: they are the network's.
 // rans.policy.holding, number by number.
 function holding([x, y, vx, vy, turn, spin], pulses) {
-  const {kept, ahead, least, none, ...size} = DATA.allocation.hold, [period] = authority, units = [7, 8].map(k => authority[k] * period ** 2);
+  const {kept, periods, seconds, least, none, ...size} = DATA.allocation.hold, [period] = authority, ahead = Math.max(periods, seconds / period), units = [7, 8].map(k => authority[k] * period ** 2);
   const radius = size.distance / units[0], angle = size.angle / units[1];
   [x, y, turn] = [x / units[0], y / units[0], turn / units[1]];
   const inside = (x, y, turn, part) => x * x + y * y < (part * radius) ** 2 && Math.abs(turn) < part * angle;
