@@ -12,6 +12,7 @@ from rans.cli.overview import named, or_why_not
 from rans.errors import ConfigError, legible
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import number, read_text
+from rans.model.pace import misfits
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.pretrained import RECIPE_FOLDER, pretrained_card, pretrained_folder
@@ -100,16 +101,19 @@ def _spacecraft_details(name: str) -> Iterable[str | Table]:
 
 
 def prospects(craft: Spacecraft) -> Iterator[str]:
-    """Whether a craft can come to rest within the tolerances of go-to-pose, and which thrusters it can lose."""
-    from rans.policy.prospects import Prospect, doubt, spared
+    """Whether a craft can come to rest at a pose, which thrusters it can lose, and which may be mistaken."""
+    from rans.policy.prospects import Prospect, doubt, slips, spared
     from rans.policy.timing import timing_for
 
     try:
         period = timing_for(craft, Timing()).control_period
         yield Prospect.of(craft, period).text(period)
-        yield doubt(craft, period) or spared(craft, period)
+        # Nothing is promised where the sizes of the file are doubted.
+        if sentence := doubt(craft, period) or ("" if misfits(craft) else spared(craft, period)):
+            yield sentence
     except ConfigError as error:
         yield f"Nothing brings it to rest at a pose: {error}"
+    yield from slips(craft)
 
 
 def _task_details(name: str) -> Iterable[str | Table]:

@@ -199,6 +199,7 @@ class Init(Options):
         from rans.cli.details import prospects
         from rans.cli.next_commands import training
         from rans.model.spacecraft import is_steerable
+        from rans.policy.prospects import slips
         from rans.pretrained import FOR_ANY_CRAFT
         from rans.table import Table
 
@@ -213,9 +214,8 @@ class Init(Options):
             )
         )
         steerable = is_steerable(craft)
-        if steerable:
-            for sentence in prospects(craft):
-                console.say(sentence)
+        for sentence in prospects(craft) if steerable else slips(craft):
+            console.say(sentence)
         console.say(f"Written: {self.file} and {picture}")
         # What the agent for any craft makes of it, and the next commands.
         agent = _fly(console, craft, FOR_ANY_CRAFT[craft.dimension])

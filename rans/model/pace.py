@@ -17,6 +17,9 @@ it."""
 _LIGHTEST = 0.01
 """kg/m^3 of a ball through the outermost thruster. Solar sails have about 0.1 (IKAROS: 310 kg, 7 m to a tip), the
 space station 0.6; a file in mm has a billionth of what is meant, one in cm a millionth."""
+_STRONGEST = 30.0, 100.0
+"""Accelerations, m/s^2 and rad/s^2, beyond which thrusters are too strong: of real craft they reach 8.7 (a Mars
+lander), and 8 in the training of the agents for any craft."""
 
 
 def seconds_for_a_metre(craft: Spacecraft) -> float:
@@ -96,5 +99,12 @@ def misfits(craft: Spacecraft) -> list[str]:
         result.append(
             f"a thruster is {arm:.3g} m from the centre of a mass of {craft.mass:g} kg, farther than on any solar "
             "sail: the usual cause are positions in mm or cm, or a mass in t"
+        )
+    push = 4.0 / seconds_for_a_metre(craft) ** 2
+    turn = 4.0 * math.pi / seconds_for_half_a_turn(craft) ** 2
+    if push > _STRONGEST[0] or turn > _STRONGEST[1]:
+        result.append(
+            f"its thrusters accelerate it by {push:.3g} m/s^2 and {turn:.3g} rad/s^2: the usual cause is a force "
+            "in mN, or a mass or an inertia in other units"
         )
     return result

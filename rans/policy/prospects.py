@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from rans.errors import ConfigError, RansWarning
+from rans.model.actuators import Pulsed
 from rans.model.spacecraft import Spacecraft
 from rans.model.twists import authority_margin
 from rans.policy.any_craft import MARGIN, authority, columns_of, without
@@ -18,6 +20,9 @@ _SURE = 0.375
 """Authority margin from which at least 91 % of 32 flights of each of 35 random layouts of four to eight on/off
 thrusters settled; 53 to 100 % of 12 between `MARGIN` and here, 0 to 53 % of nine below (docs/any_craft.md)."""
 _DISTANCE, _ANGLE = GoToPose.position_tolerance, GoToPose.attitude_tolerance
+_REVERSED = 1.5
+"""Factor by which a thruster that is turned round raises the margin from which its sign is doubted: of craft that
+come with RANS at most 1.43 (apollo-csm), of 81 of 300 random layouts more."""
 
 
 class Prospect(NamedTuple):
@@ -29,6 +34,8 @@ class Prospect(NamedTuple):
     """Largest distance, m, that one thruster moves the craft in a control period after it was open for one."""
     turn: float
     """Largest angle, rad, that one thruster turns the craft in a control period after it was open for one."""
+    shortest: float
+    """Shortest pulse over the control period; 0 of throttled thrusters."""
     sure: float
     """Authority margin from which all flights are expected to settle."""
 
@@ -47,11 +54,17 @@ class Prospect(NamedTuple):
         is_coarse = craft.dimension == 2 and not craft.is_continuous
         margin = authority_margin(columns)
         sure = _SURE if is_coarse else MARGIN.low
-        return cls(margin, float(shifts.max()), float(turns.max()), sure)
+        valves = craft.actuators
+        shortest = float(not valves.is_continuous)
+        if isinstance(valves, Pulsed):
+            shortest = max(1, valves.least) / valves.counts
+        return cls(margin, float(shifts.max()), float(turns.max()), shortest, sure)
 
     @property
     def reason(self) -> str:
         """Why flights will not settle, for a sentence; "" if all are expected to."""
+        if self.shortest * self.shift > _DISTANCE or self.shortest * self.turn > _ANGLE:
+            return "its shortest pulse moves or turns it farther in a period than the tolerances"
         if self.margin < MARGIN.low:
             return f"its authority margin is {self.margin:.2g}, and hardly a craft below {MARGIN.low:g} settles"
         if self.margin < self.sure:
@@ -63,10 +76,13 @@ class Prospect(NamedTuple):
 
     def text(self, period: float) -> str:
         """The numbers, for a user."""
+        valve = ""
+        if 0.0 < self.shortest < 1.0:
+            valve = f" The shortest pulse has {1000.0 * self.shortest * period:.3g} ms."
         return (
             f"At {period:g} s a pulse of one thruster moves it {100.0 * self.shift:.3g} cm and turns it "
             f"{math.degrees(self.turn):.3g} degrees in a period; the tolerances are {100.0 * _DISTANCE:g} cm and "
-            f"{math.degrees(_ANGLE):g} degrees. Its authority margin is {self.margin:.2g}."
+            f"{math.degrees(_ANGLE):g} degrees.{valve} Its authority margin is {self.margin:.2g}."
         )
 
 
@@ -108,3 +124,40 @@ def _without(craft: Spacecraft, number: int, period: float) -> str:
     except ConfigError:
         return "cannot be steered"
     return f"margin {left.margin:.2g}" if left.reason else ""
+
+
+def slips(craft: Spacecraft) -> Iterator[str]:
+    """Questions about thrusters that a file may have wrong: reversed, copied, or alone at a supply."""
+    if craft.actuators.low > 0.0:  # such engines are not meant to push every way
+        return
+    columns = columns_of(craft)
+    margin = authority_margin(columns)
+    needed = max(_REVERSED * margin, MARGIN.low)
+    turned = []
+    for k in range(craft.thruster_count):
+        other = columns.copy()
+        other[k] *= -1.0
+        turned.append(authority_margin(other, needed))
+    best = max(turned, default=0.0)
+    if best > needed:
+        numbers = [str(k) for k, one in enumerate(turned) if one > best * (1.0 - 1e-9)]
+        yield (
+            f"With the force of thruster {' or '.join(numbers)} reversed the margin would be {best:.2g} in place "
+            f"of {margin:.2g}: is its sign right? `direction` is that of the force on the craft, opposite to the "
+            "exhaust."
+        )
+    # Copies of one table.
+    alike: dict[tuple[object, ...], list[str]] = {}
+    for k, one in enumerate(craft.thrusters):
+        alike.setdefault((one.position, one.direction), []).append(str(k))
+    for numbers in alike.values():
+        if len(numbers) > 1:
+            yield f"Thrusters {' and '.join(numbers)} have one position and direction: is one a copy by mistake?"
+    # Supplies that others share.
+    largest = max(map(len, craft.supplies), default=0)
+    for fed in craft.supplies:
+        if len(fed) == 1 < largest:
+            yield (
+                f"Thruster {fed[0]} alone has supply {craft.thrusters[fed[0]].supply}, so that no other reduces "
+                "its thrust: is that meant?"
+            )

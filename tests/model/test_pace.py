@@ -20,6 +20,8 @@ from tests.support.engines import PLATFORM
         ({"inertia": ((20.0, 0.0, 0.0), (0.0, 20.0, 0.0), (0.0, 0.0, 20.0))}, 1),
         ({"centre_of_mass": (0.35, 0.0, 0.0)}, 1),
         ({"mass": 1000.0 * PLATFORM.mass}, 1),
+        # Forces in mN: 532 m/s^2.
+        ({"thrusters": tuple(replace(t, force=1000.0) for t in PLATFORM.thrusters)}, 1),
     ],
 )
 def test_a_body_fits_its_radius(changes: dict[str, Any], expected: int) -> None:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from rans.errors import ConfigError
+from rans.model.actuators import Pulsed, Throttle
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
-from rans.policy.prospects import Prospect, doubt, spared
+from rans.policy.prospects import Prospect, doubt, slips, spared
 
 PLATFORM = load_spacecraft("floating-platform")
 
@@ -64,3 +66,44 @@ def test_only_thrusters_whose_loss_leaves_a_margin_are_spared() -> None:
     assert "4 (cannot be steered)" in sentence or "4 (margin" in sentence
     with pytest.raises(ConfigError):
         Prospect.of(replace(craft, thrusters=craft.thrusters[:4]), 0.2)
+
+
+def test_a_pulse_beyond_the_tolerances_is_doubted() -> None:
+    """400 N on 5 kg for 0.1 s: 80 cm a period. A valve that opens for a hundredth of it gives 0.8 cm."""
+    inertia = tuple(map(tuple, 0.2 * np.eye(3)))
+    thrusters = tuple(replace(one, force=400.0) for one in three_pairs(0.001).thrusters)
+    strong = replace(three_pairs(0.001), mass=5.0, inertia=inertia, thrusters=thrusters)
+    sentence = doubt(strong, 0.1)
+    assert (
+        "its shortest pulse moves or turns it farther in a period than the tolerances" in sentence
+    )
+    assert "pulse moves" not in doubt(replace(strong, actuators=Throttle()), 0.1)
+    assert "pulse moves" not in doubt(replace(strong, actuators=Pulsed(1000, 10)), 0.1)
+    assert "pulse moves" in doubt(replace(strong, actuators=Pulsed(1000, 100)), 0.1)
+
+
+def test_the_shortest_pulse_is_printed() -> None:
+    """Three of forty steps of 0.1 s."""
+    valves = replace(PLATFORM, actuators=Pulsed(40, 3))
+    assert "The shortest pulse has 7.5 ms." in Prospect.of(valves, 0.1).text(0.1)
+    assert "The shortest pulse" not in Prospect.of(PLATFORM, 0.1).text(0.1)
+
+
+def changed(number: int, **changes: Any) -> Spacecraft:
+    """The platform with other values of one thruster."""
+    thrusters = list(PLATFORM.thrusters)
+    thrusters[number] = replace(thrusters[number], **changes)
+    return replace(PLATFORM, thrusters=tuple(thrusters))
+
+
+def test_reversed_copied_and_lonely_thrusters_are_asked_about() -> None:
+    assert list(slips(PLATFORM)) == []
+    x, y, z = PLATFORM.thrusters[5].direction
+    # Thrusters 4 and 5 push against each other at one corner: now either may be the wrong one.
+    reversed_, _ = slips(changed(5, direction=(-x, -y, z)))
+    assert "force of thruster 4 or 5 reversed the margin would be 2 in place of 1" in reversed_
+    first = PLATFORM.thrusters[0]
+    (copied,) = slips(changed(3, position=first.position, direction=first.direction))
+    assert "Thrusters 0 and 3 have one position and direction" in copied
+    (lonely,) = slips(changed(6, supply=1))
+    assert "Thruster 6 alone has supply 1" in lonely
