@@ -384,8 +384,10 @@ def test_the_spacecraft_page_has_a_spacecraft_and_all_its_keys() -> None:
     craft = parse_spacecraft(
         toml, page.name
     )  # warns, which is an error here, if it cannot be controlled
-    # Thruster 0 pushes along x at y = 0.2 m: a torque of -0.2 N m, wherever along x the centre is.
-    assert craft.wrench_map[0] == pytest.approx((1.0, 0.0, -0.2), abs=1e-15)
+    # Thruster 0 pushes along -x at y = 0.2 m: a torque of 0.2 N m, wherever along x the centre is.
+    assert craft.wrench_map[0] == pytest.approx((-1.0, 0.0, 0.2), abs=1e-15)
+    # No exhaust crosses the plate: forces point inwards.
+    assert all(np.dot(one.position, one.direction) < 0.0 for one in craft.thrusters)
     keys = {key for row in rows(page, "key") for key in re.findall(r"`([a-z_]+)`", row[0])}
     several = {  # a table each
         "thrusters": "thruster",
