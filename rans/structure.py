@@ -62,7 +62,18 @@ def read_toml(text: str) -> dict[str, Any]:
         repr(table)  # fails on an integer with too many digits to print
         return table
     except (ValueError, RecursionError) as error:
-        raise ConfigError(f"this is not valid TOML: {error}.") from error
+        raise ConfigError(f"this is not valid TOML: {error}{_slip(text, str(error))}.") from error
+
+
+def _slip(text: str, error: str) -> str:
+    """What is wrong in the line that an error of Python's reader names, as the end of its sentence, or ""."""
+    place = re.search(r"at line (\d+)", error)
+    line = text.split("\n")[int(place[1]) - 1] if place else ""
+    if "Cannot overwrite" in error and (key := re.match(r"\s*([\w-]+)\s*=", line)):
+        return f": the key {brief(key[1])} is there twice"
+    if number := re.search(r"=\s*[-+]?(\d{1,15}),(\d{1,15})", line):
+        return f": use a point, as in {brief(float(f'{number[1]}.{number[2]}'))}"
+    return ""
 
 
 _TELLING = {

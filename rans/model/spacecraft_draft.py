@@ -8,7 +8,7 @@ from dataclasses import fields
 from typing import Any
 
 from rans.errors import ConfigError, brief
-from rans.model.actuators import KINDS, Actuators, Pulsed, Throttle, Wheel
+from rans.model.actuators import KINDS, WHOLE_PERIODS, Actuators, Pulsed, Throttle, Wheel
 from rans.model.spacecraft import Spacecraft, Thruster
 
 _MOST = 1e6
@@ -122,7 +122,8 @@ def actuators_of(
     limits: dict[str, Any] = {"counts": counts, "least": least, "most": largest}
     for name, value in limits.items():
         if value is not None and name not in names:
-            raise ConfigError(f"{kind} actuators have no {name}: leave out {name} {value:g}.")
+            why = f" ({WHOLE_PERIODS})" if kind == "on-off" else ""
+            raise ConfigError(f"{kind} actuators have no {name}: leave out {name} {value:g}{why}.")
     if kind == "pulsed":
         if counts is None:
             raise ConfigError(

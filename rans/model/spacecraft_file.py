@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from rans.errors import ConfigError, RansWarning, brief, meant, meant_file, text_of_name
 from rans.files import distinct, first_line, read_text
-from rans.model.actuators import KINDS, Actuators, Propellant, Wheel
+from rans.model.actuators import KINDS, WHOLE_PERIODS, Actuators, OnOff, Propellant, Wheel
 from rans.model.foreign import FORMATS
 from rans.model.pace import misfits
 from rans.model.solids import Solid, with_meshes
@@ -411,6 +411,9 @@ def _actuators(table: Any, key: str) -> Actuators:
         )
     settings = dataclasses.fields(kind)
     where = f"actuators of the kind {brief(table['kind'])}"
+    further = [key for key in table if key != "kind"]
+    if kind is OnOff and further:
+        raise ConfigError(f"unknown key {brief(further[0])} in {where}: {WHOLE_PERIODS}.")
     needed = [field.name for field in settings if field.default is dataclasses.MISSING]
     _check_keys(table, needed, ["kind", *(field.name for field in settings)], where, f"{where}: ")
     return kind(**{key: value for key, value in table.items() if key != "kind"})

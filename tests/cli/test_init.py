@@ -252,7 +252,7 @@ def test_an_interrupt_writes_nothing(
         ),
         (
             "--from atmos --set actuators=on-off --set counts=5",
-            "have no counts",
+            "have no counts: leave out counts 5 (they are open or shut for whole control periods",
         ),
         ("--from atmos --set colour=red", "--set takes KEY=VALUE once"),
         (

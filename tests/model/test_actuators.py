@@ -160,6 +160,10 @@ def test_files_say_which() -> None:
             "unknown key 'counts' in actuators of the kind",
         ),
         (
+            '[actuators]\nkind = "on-off"\nmin_pulse = 0.015',
+            r"unknown key 'min_pulse' .*`least_on` in \[thrusters\] of conditions",
+        ),
+        (
             '[actuators]\nkind = "pulsed"\ncounts = 0',
             "counts .* whole number from 1 to 1,048,576, got 0",
         ),
