@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import contextlib
+import errno
 import glob
 import hashlib
 import json
@@ -76,13 +77,27 @@ def replace_file(file: Path, write: Callable[[Path], object]) -> None:
             f"cannot write {file}: {error.filename} is a file, not a folder."
         ) from error
     except (OSError, RuntimeError) as error:  # torch reports a full disk as a RuntimeError
-        reason = getattr(error, "strerror", None) or error
-        raise ConfigError(
-            f"cannot write {file}: {reason}; is the disk full or read-only?"
-        ) from error
+        raise ConfigError(f"cannot write {file}: {why_unwritten(error)}.") from error
     finally:
         with contextlib.suppress(OSError):
             draft.unlink()
+
+
+_KNOWN_REASONS = {
+    errno.ENOSPC: "the disk is full",
+    errno.EDQUOT: "the disk is full",
+    errno.EROFS: "the disk is read-only",
+    errno.ELOOP: "a symbolic link is in the way",
+}
+"""What a system's error of writing means, where that is certain."""
+
+
+def why_unwritten(error: Exception) -> str:
+    """Why a file could not be written, as the end of a sentence without its period."""
+    if reason := _KNOWN_REASONS.get(getattr(error, "errno", None) or 0):
+        return reason
+    reason = getattr(error, "strerror", None) or str(error).rstrip(".")
+    return f"{reason} (is the disk full or read-only?)"
 
 
 _written: deque[str] = deque(maxlen=1)
@@ -131,10 +146,7 @@ def append_text(file: Path, text: str) -> None:
             stream.write(text)
         _written.append(file.name)
     except OSError as error:
-        raise ConfigError(
-            f"cannot write {file}: {error.strerror or error}; is the disk full, or the file a "
-            "symbolic link?"
-        ) from error
+        raise ConfigError(f"cannot write {file}: {why_unwritten(error)}.") from error
 
 
 def inside(folder: Path, *parts: str) -> Path:
@@ -193,10 +205,7 @@ class Lock:
         try:
             self._held = system.open_safely(self._file, os.O_RDWR | os.O_CREAT)
         except OSError as error:
-            raise ConfigError(
-                f"cannot write {self._file}: {error.strerror or error}; is the disk full or "
-                "read-only, or the file a symbolic link?"
-            ) from error
+            raise ConfigError(f"cannot write {self._file}: {why_unwritten(error)}.") from error
         try:
             system.lock(self._held, wait=False)
         except BlockingIOError:

@@ -31,7 +31,7 @@ from rans.errors import (
     where_raised,
 )
 from rans.executors import jobs_sent, run_on, without_executor
-from rans.files import first_line, has_written
+from rans.files import first_line, has_written, why_unwritten
 from rans.registry import trust_files
 
 STARTED = time.monotonic()
@@ -115,7 +115,7 @@ def _of_system(error: OSError) -> str:
     """What the system refused and why; an error of writing on to an open file does not name it."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         what = error.filename or "the output, or a file that was being written"
-        return f"cannot write {what}: the disk is full"
+        return f"cannot write {what}: {why_unwritten(error)}"
     reason = error.strerror or str(error)
     return f"the system refuses {error.filename}: {reason}" if error.filename else reason
 

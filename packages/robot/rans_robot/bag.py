@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rans.extend import ConfigError, first_line
-from rans.files import open_regular, replace_file
+from rans.files import open_regular, replace_file, why_unwritten
 from rans_robot.messages import definition
 
 LARGEST_BAG = 2**31
@@ -59,9 +59,7 @@ class BagWriter:
             self._writer = Writer(self._stream, use_chunking=False)
             self._writer.start(profile="ros2", library="rans")
         except OSError as error:
-            raise ConfigError(
-                f"cannot write {file}: {error.strerror or error}; is the disk full or read-only?"
-            ) from error
+            raise ConfigError(f"cannot write {file}: {why_unwritten(error)}.") from error
         self._channels: dict[str, int] = {}
         self._count = 0
 
