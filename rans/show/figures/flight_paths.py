@@ -20,6 +20,10 @@ _SHOWN = 3
 """Largest number of flights with a panel of their own."""
 _MARGIN = 0.08
 """Part of the width of all paths that is left free around them."""
+_HIGHEST = 4.2
+"""Height of a figure at most, inches."""
+_AROUND = 0.8
+"""Inches of a figure above and below its panels."""
 _LEAST_HEIGHT = 0.45
 """Least height of a panel, as a part of its width: a flat path needs room for its ball."""
 
@@ -58,7 +62,7 @@ def paths_figure(flight: Flight) -> Figure:
     views = _views(flight)
     groups = _groups(flight)
     panels = [(view, group) for group in groups for view in views]
-    figure = Figure(figsize=(min(4.6 * len(panels), 11.0), 4.2), layout="constrained")
+    figure = Figure(figsize=(min(4.6 * len(panels), 11.0), _HIGHEST), layout="constrained")
     grid = figure.subplots(1, len(panels), squeeze=False)[0]
     broken = flight.violated() if flight.margins else np.zeros(positions.shape[1], dtype=bool)
     for axes, (view, group) in zip(grid, panels, strict=True):
@@ -75,6 +79,10 @@ def paths_figure(flight: Flight) -> Figure:
         _scenery(axes, view, flight, group[0])
         name = f"episode {group[0]}" if len(groups) > 1 else ""
         label(axes, name, view.x, view.y)
+    # No higher than the highest panel needs, with its labels, title and legend.
+    room = figure.get_figwidth() / len(panels)
+    tallest = max(np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim()) for axes in grid)
+    figure.set_figheight(min(_HIGHEST, tallest * room + _AROUND))
     grid[0].plot([], [], "o", color=INK, markersize=3, label="start")
     grid[0].plot([], [], "+", color=GREY, markersize=6, label="end")
     entries = grid[0].get_legend_handles_labels()
@@ -151,9 +159,11 @@ def _scenery(axes: Axes, view: _View, flight: Flight, episode: int) -> None:
     begun = _shapes(flight, episode, 0)
     ended = _shapes(flight, episode, last)
     named = set()
-    moments = [(ended, "-", "")]
-    if begun != ended:
-        moments = [(begun, ":", " at the start"), (ended, "-", " at the end")]
+    moments = [
+        ([shape for shape in begun if shape not in ended], ":", " at the start"),
+        ([shape for shape in ended if shape not in begun], "-", " at the end"),
+        ([shape for shape in ended if shape in begun], "-", ""),
+    ]
     for shapes, line, when in moments:
         for shape in shapes:
             keep_out = isinstance(shape, Ball)
