@@ -78,7 +78,7 @@ _GRADUAL = 1.25
 same for all starts, while this is larger for farther ones, so that all arrive at about the same time."""
 _BENT = 0.9
 """Part of it that grows with the square of the distance, over what it leaves of the mean one. Without, the platform
-takes 2 % more impulse at 1.2, and one flight of 400 is late."""
+takes 2 % more impulse at 1.2, and one flight of 250 is late."""
 _BEGUN = 0.5
 """Part of the mean distance that a bound begins with: a larger one changes no speed of frugal weights."""
 _STRAGGLES = {False: 2.5, True: 1.65}
