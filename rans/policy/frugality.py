@@ -118,7 +118,7 @@ class Leisure(NamedTuple):
 
         Args:
             value: frugality, 0 to 1.
-            distance: mean distance of the starts, m.
+            distance: mean distance of the starts, m; 0: only the value counts.
             seconds: length of the flight, s; infinite: only the value counts.
             acceleration: least linear one of the craft, m/s^2.
             margin: authority margin of the craft (`rans.model.twists.authority_margin`).
@@ -126,7 +126,7 @@ class Leisure(NamedTuple):
             has_pulses: whether thrusters are on/off or pulsed; throttled craft of small margin need no longer with
                 the weights of a value.
         """
-        if value <= _EVEN or math.isinf(seconds):
+        if value <= _EVEN or math.isinf(seconds) or not distance:
             return cls(value)
         quick = 2.0 * math.sqrt(distance / acceleration)
         even, slowest = _SLOWEST[dimension]

@@ -165,6 +165,10 @@ def test_a_longer_flight_has_slower_ways(
     assert speeds[1] <= speeds[0]
 
 
+def test_the_length_of_a_flight_that_starts_at_its_goal_counts_nothing() -> None:
+    assert Leisure.of_flight(0.8, 0.0, 25.0, 0.4, 1.0) == Leisure(0.8)
+
+
 def test_the_length_of_a_flight_bounds_speed_at_1_and_nothing_up_to_the_middle() -> None:
     network = contestant("any-craft-2d").network
     for value in (0.0, 0.2, 0.5, 0.7):
