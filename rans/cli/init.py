@@ -179,7 +179,7 @@ class Init(Options):
             )
         # Effectors.
         if start is None and "actuators" not in given:
-            answers |= _ask_actuators(number, given)
+            answers |= _ask_actuators(number, given, dimension)
         if foreign is not None and foreign.nozzles and not self.thrusters:
             answers["thrusters"] = _ask_nozzles(foreign, dimension)
         elif start is None and not self.thrusters:
@@ -238,10 +238,15 @@ Init.texts["set"] = (
 )
 
 
-def _ask_actuators(number: Callable[[str], float], given: Mapping[str, Any]) -> dict[str, Any]:
+def _ask_actuators(
+    number: Callable[[str], float], given: Mapping[str, Any], dimension: int
+) -> dict[str, Any]:
     """Ask for the kind of valves or engines, and for its numbers that are not given."""
     from rans.model.actuators import KINDS
     from rans.model.spacecraft_draft import actuators_of
+    from rans.policy.timing import PERIODS, PERIODS_IN_SPACE
+
+    last = f" to {PERIODS_IN_SPACE[-1]:g}" if dimension == 3 else ""
 
     def counts(text: str) -> int:
         if (value := number(text)) != int(value):
@@ -258,7 +263,7 @@ def _ask_actuators(number: Callable[[str], float], given: Mapping[str, Any]) -> 
     answers: dict[str, Any] = {"actuators": kind}
     if kind == "pulsed" and "counts" not in given:
         answers["counts"] = ask(
-            "Into how many steps do valves divide a control period",
+            f"Into how many steps do valves divide a control period of {PERIODS[0]:g}{last} s",
             counts,
             "100",
         )

@@ -28,7 +28,7 @@ _LARGEST_PULSE = 0.03
 
 Of a craft with nine thrusters and 0.07 rad 41 % of 64 flights settle at 0.2 s and all at 0.1 s; with twelve times
 the mass and 0.006 rad all and 16 %."""
-_PERIODS_IN_SPACE = 0.1, 0.2, 0.5, 1.0
+PERIODS_IN_SPACE = 0.1, 0.2, 0.5, 1.0
 """Control periods of craft in space with continuous effectors, s: those that shipped craft are flown at."""
 _GENTLE_TURN = 0.2
 """Largest change of the spin of such a craft in a control period by its least angular authority, rad/s."""
@@ -96,7 +96,7 @@ def _period(craft: Spacecraft, own: Authority) -> float:
     # Slow craft need not be commanded often, and their episodes are long.
     gentle = [
         x
-        for x in _PERIODS_IN_SPACE
+        for x in PERIODS_IN_SPACE
         if own.least_angular * x <= _GENTLE_TURN and kick * x**2 <= _LARGEST_COMMAND
     ]
     return max(gentle, default=short)

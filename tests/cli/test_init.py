@@ -25,14 +25,18 @@ SQUARE = [
     "0, -0.2; 0, 2; 1",
     "0, 0.2; 0, -2; 1",
 ]
+asked: list[str] = []
+"""Questions since `typed`."""
 BOX = "--set dimension=2 --set mass=12 --set size=0.4,0.4"
 
 
 def typed(monkeypatch: pytest.MonkeyPatch, *lines: str | type[BaseException]) -> Iterator[object]:
     """Somebody at a terminal who types these lines, or ends with an interrupt."""
     answers = iter(lines)
+    asked.clear()
 
-    def answer(_: str) -> str:
+    def answer(question: str) -> str:
+        asked.append(question)
         line = next(answers)
         if isinstance(line, str):
             return line
@@ -184,6 +188,7 @@ def test_asked_one_thing_after_the_other(
     assert list(left) == []
     craft = load_spacecraft("mine.toml")
     assert craft.actuators == Pulsed(50, 2)
+    assert "Into how many steps do valves divide a control period of 0.1 s [100]: " in asked
     assert (len(craft.thrusters), len(craft.wheels)) == (6, 1)
     said = capsys.readouterr().out
     for part in (
