@@ -12,7 +12,7 @@ from rans_robot.bus import open_bus, opened_bus
 from rans_robot.interfaces import interface
 
 from rans.errors import ConfigError
-from tests.support.processes import wait_until
+from tests.support.processes import free_port, wait_until
 from tests.support.robots import AWAY
 
 pytest.importorskip("rosbags")
@@ -41,8 +41,8 @@ def _buses(name: str) -> tuple[Any, Any]:
         return open_bus("udp", 37), open_bus("udp", 37)
     if name == "zenoh":
         pytest.importorskip("zenoh")
-        first = open_bus("zenoh", 0, "listen/tcp/127.0.0.1:17491")
-        return first, open_bus("zenoh", 0, "tcp/127.0.0.1:17491")
+        locator = f"tcp/127.0.0.1:{free_port()}"
+        return open_bus("zenoh", 0, f"listen/{locator}"), open_bus("zenoh", 0, locator)
     pytest.importorskip("cyclonedds")
     os.environ.setdefault(
         "CYCLONEDDS_URI",
