@@ -19,7 +19,7 @@ from tyro.conf import arg
 
 from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import named_numbers
-from rans.extend import ConfigError, Terminal, is_installed, progress, read_bytes, require
+from rans.extend import ConfigError, Terminal, brief, is_installed, progress, read_bytes, require
 
 if TYPE_CHECKING:
     from rans_proof.prove import Proof
@@ -117,6 +117,11 @@ class Prove(Options):
         if self.agent is None:
             raise ConfigError("name an agent, or the file of a network that ends in .onnx.")
         if not self.agent.endswith(".onnx"):
+            if self.problem is not None or Path(self.agent).is_file():
+                raise ConfigError(
+                    "a network is a file that ends in .onnx, and an agent is a run folder or pretrained:NAME "
+                    f"without a --problem, got {brief(self.agent)}."
+                )
             return (
                 self._check_trap(self.agent, self.check) if self.check else self._trap(self.agent)
             )
@@ -140,7 +145,7 @@ class Prove(Options):
             raise ConfigError(
                 f"{agent} flies {task}, and no proof is known for that: rans prove proves on/off agents that track "
                 "velocities in the plane, such as track-velocity-2d, or go to a pose by units of one column, "
-                " and networks in ONNX files with a --problem."
+                "and networks in ONNX files with a --problem."
             )
         run = load_policy(folder)
         files = _files(folder)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -267,3 +268,9 @@ def test_states_that_follow_from_exact_ones_need_no_shorter_steps() -> None:
     # x_k is t^(5 - k) / (5 - k)!
     expected = [1e-5 / 120, 1e-4 / 24, 1e-3 / 6, 1e-2 / 2, 0.1]
     np.testing.assert_allclose([float(x.mid()) for x in end[0].entries()], expected, rtol=1e-9)
+
+
+def test_a_file_of_another_kind_is_neither_network_nor_agent(refused: Any, tmp_path: Path) -> None:
+    (tmp_path / "flight.csv").write_text("time\n0\n")
+    for typed in (f"{tmp_path}/flight.csv", "track-velocity-2d --problem docking.toml"):
+        assert "a network is a file that ends in .onnx" in refused(f"prove {typed}")
