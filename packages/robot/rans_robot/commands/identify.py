@@ -38,7 +38,12 @@ class Identify(Options):
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        return ("rans validate FOLDER/spacecraft.toml --quick",)
+        return (shlex.join(["rans", "validate", str(self._folder / "spacecraft.toml"), "--quick"]),)
+
+    @property
+    def _folder(self) -> Path:
+        """Folder of the results."""
+        return self.output or Path("excitation" if self.excite else "identified")
 
     def run(self) -> int:
         """Print what was identified and what the logs do not determine."""
@@ -90,7 +95,7 @@ class Identify(Options):
             )
         for sentence in result.notes():
             console.say(sentence)
-        folder = result.write(self.output or Path("identified"))
+        folder = result.write(self._folder)
         console.say(f"Written to {folder}. Train for it:")
         spacecraft = ["--spacecraft", str(folder / "spacecraft.toml")]
         conditions = ["--conditions", str(folder / "conditions.toml")]
@@ -112,7 +117,7 @@ class Identify(Options):
             box = float(side)
         except ValueError:
             raise ConfigError(f"--excite CRAFT,box=SIDE takes a side in m, got {side!r}.") from None
-        folder = excite(craft, self.output or Path("excitation"), box)
+        folder = excite(craft, self._folder, box)
         console = Terminal()
         console.say(
             f"Written to {folder}: 60 s of commands that keep {craft} in a box of {box:g} m. Fly them "
