@@ -235,6 +235,7 @@ def margin_lines(margins: dict[str, Any], is_foreign: bool = False) -> list[str]
     ):
         if not margins[name] >= margins["wanted_share"]:
             lines.append(f"Warning: it solves only {margins[name]:.1%} of flights {where}.")
+            break  # what it has not learnt, its training did not leave out
     return lines
 
 

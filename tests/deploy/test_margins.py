@@ -68,6 +68,10 @@ def test_margins_are_around_the_training_and_leave_a_hole_out() -> None:
     assert "0.025 to 0.1 s" in text
     assert "33.0%" in text
     assert text.count("Warning") == 1
+    # What it has not learnt, its training has not left out.
+    text = " ".join(margin_lines(margins | {"training": 0.2}))
+    assert "only 20.0% of flights under the conditions of its own training" in text
+    assert text.count("Warning") == 1
 
 
 @pytest.mark.slow
