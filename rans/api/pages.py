@@ -348,6 +348,7 @@ def exported(
     from rans.deploy.export import EXPORTERS, write_export
     from rans.deploy.forms import FORMATS, Form, forms
     from rans.evaluation.fly.contestant_name import ContestantName
+    from rans.evaluation.fly.exported import is_exported
 
     count = whole("episodes", episodes)
     one_of("format", format, forms())
@@ -380,6 +381,8 @@ def exported(
             "an agent is exported as a whole, with its trade-off and all its tasks as observations: name "
             f"it without #{part}."
         )
+    if not is_foreign and is_exported(source):
+        raise ConfigError(f"{source} is an export already: export the run that it was made of.")
     if format == "rans" and not is_foreign and _comes_with_rans(source):
         raise ConfigError(f"{source.name} comes with RANS in this format already, in {source}.")
     # Of 64 flights, 62 that hold show a probability above 0.9 (one-sided, 95 %); fewer show little.

@@ -129,6 +129,11 @@ def test_what_comes_with_the_package_is_exported_already(refused: Any) -> None:
         assert "go-to-pose-2d comes with RANS in this format already" in printed
 
 
+def test_an_export_is_not_exported_again(refused: Any, tmp_path: Path) -> None:
+    (tmp_path / "contract.json").write_text("{}")
+    assert f"{tmp_path} is an export already: export the run" in refused(f"export {tmp_path}")
+
+
 def test_without_its_critic_it_is_the_same_agent_in_half(
     run: Path, shipped: Path, tmp_path: Path
 ) -> None:
