@@ -27,6 +27,7 @@ CONTROLLERS = {
     "hold": "guidance",
     "rendezvous": "guidance",
     "inspect": "circumnavigation",
+    "final-approach": "corridor",
 }
 """Who flies a task that no agent of RANS is for."""
 PATHS = "#0b61a4"
@@ -45,15 +46,22 @@ def contestant(task: str) -> str:
 
 
 def save_task_picture(task: str, file: Path) -> str:
-    """Draw a task in W into an SVG; what the picture shows, for its caption, "" for a task of several tasks."""
+    """Draw a task in W into an SVG; what the picture shows, for its caption, "" where it would show nothing.
+
+    That is a task of several tasks, and one without places that nobody flies.
+    """
     if len(load_task(task).parts()) > 1:
         return ""
+    to_place = "position" in load_task(task).tolerances()
     side = SIDES.get(task, 1)
     who = contestant(task)
     figure = Figure(figsize=(5.0, 4.2), layout="constrained")
     axes = figure.add_subplot()
-    caption = f"Starts (dots) and goals of {task} from {'above' if side == 1 else 'the side'}"
+    shown = "Starts (dots) and goals" if to_place else "Starts (dots)"
+    caption = f"{shown} of {task} from {'above' if side == 1 else 'the side'}"
     flight = _flown(who) if who else None
+    if flight is None and not to_place:
+        return ""
     if flight is None:
         _draw_scenarios(axes, task)
     else:
