@@ -67,6 +67,8 @@ def save_task_picture(task: str, file: Path) -> str:
     else:
         _draw_flight(axes, flight, side)
         caption += f", with {FLIGHTS} flights of {flight.controller}"
+        if axes.patches:
+            caption += "; zones and cones are those of the first flight as it ends"
     axes.set_aspect("equal", "datalim")
     axes.set_xlabel("x, m")
     axes.set_ylabel(f"{'xyz'[side]}, m")
