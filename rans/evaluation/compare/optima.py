@@ -177,7 +177,8 @@ def episode(
 
     The length is that of the timing, the control period that of the trajectory. Fields of the scenario are floats.
     Thrust is constant over each period, as in the optimization, even if the craft's valves give it in pulses.
-    Margins of constraints are those at the ends of control periods, between which they are not checked.
+    Margins of constraints are those at the ends of control periods, between which they are not checked. After a
+    success states and commands remain those of the trajectory, with which they are compared.
     """
     from rans.reference.flight import replay
 
@@ -206,7 +207,18 @@ def episode(
         )
     after = map_leaves(lambda x: x[1:], states)
     then = map_leaves(lambda x: x[1:] if x.ndim == 2 else x, goals)
-    margins = task.constraints(after, then)
+    margins = {
+        name: np.broadcast_to(margin, (steps, 1))
+        for name, margin in task.constraints(after, then).items()
+    }
+    done = task.done(after, then)
+    won = lengths = None
+    if done is not None:
+        ever = np.broadcast_to(done, (steps, 1))
+        won = ever.any(axis=0)
+        lengths = np.where(won, ever.argmax(axis=0) + 1, steps)
+        over = np.arange(steps)[:, None] >= lengths
+        margins = {name: np.where(over, np.inf, margin) for name, margin in margins.items()}
     return Flight(
         craft,
         task,
@@ -216,7 +228,9 @@ def episode(
         commands[:, None],
         trajectory.objective,
         "drake",
-        {name: np.broadcast_to(margin, (steps, 1)) for name, margin in margins.items()},
+        margins,
+        won,
+        lengths,
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from rans.evaluation.compare import optima
+from rans.evaluation.measure.metrics import settling_times
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.fields import map_leaves
 from rans.model.spacecraft_file import load_spacecraft
@@ -20,6 +21,7 @@ from rans.optimal.trajectory.transcription import Trajectory
 from rans.reference.flight import replay
 from rans.scenario import Scenario, each, scenarios
 from rans.tasks import GoToPose
+from tests.support.missions import Pass
 
 PLATFORM = load_spacecraft("floating-platform")
 TASK = GoToPose().for_evaluation()
@@ -135,6 +137,19 @@ def test_a_flight_lasts_an_episode(count: int, period: float, steps: int) -> Non
     assert flight.commands.shape == (steps, 1, 8)
     assert len(flight.states.p.x) == steps + 1
     assert flight.engine == "drake"
+
+
+def test_a_mission_is_won_by_a_trajectory() -> None:
+    """From x = -1 m at 0.8 m/s it is within 0.1 m of the origin after 6 periods, and beyond the wall later."""
+    task = Pass()
+    [scenario] = each(scenarios(task, PLATFORM, 5, 1))
+    flight = optima.episode(
+        PLATFORM, task, Timing(0.2, episode_steps=25), scenario, made_up(25, 0.2)
+    )
+    assert settling_times(flight) == pytest.approx([1.2])
+    assert not flight.violated().any()
+    far = optima.episode(PLATFORM, task, Timing(0.2, episode_steps=5), scenario, made_up(5, 0.2))
+    assert settling_times(far) == [math.inf]
 
 
 def test_a_row_of_numbers() -> None:
