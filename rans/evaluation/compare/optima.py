@@ -212,10 +212,11 @@ def episode(
         for name, margin in task.constraints(after, then).items()
     }
     done = task.done(after, then)
-    won = lengths = None
+    won: np.ndarray | None = None
+    lengths: np.ndarray | None = None
     if done is not None:
         ever = np.broadcast_to(done, (steps, 1))
-        won = ever.any(axis=0)
+        won = np.asarray(ever.any(axis=0))
         lengths = np.where(won, ever.argmax(axis=0) + 1, steps)
         over = np.arange(steps)[:, None] >= lengths
         margins = {name: np.where(over, np.inf, margin) for name, margin in margins.items()}
