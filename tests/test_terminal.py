@@ -265,10 +265,14 @@ def test_a_stage_that_ends_while_its_line_is_printed_says_no_more(
     assert capsys.readouterr().err == "certified bounds ...\n"
 
 
-def test_what_is_done_within_a_second_is_no_line(capsys: pytest.CaptureFixture[str]) -> None:
-    with doing("writing"):
-        pass
-    assert capsys.readouterr().err == ""
+def test_only_what_is_not_done_within_a_second_is_a_line(
+    clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for seconds, said in ((0.5, ""), (1.5, "writing ...\n")):
+        with doing("writing"):
+            clock.passes(seconds)
+        clock.passes(5.0)
+        assert capsys.readouterr().err == said
 
 
 def test_units_of_minutes_tell_the_time_left_from_the_first_on(

@@ -2,9 +2,8 @@
 
 A value from 0 (the agent as it was trained) to 1 (frugal) becomes nine numbers. They change the distance and the
 angle to the goal and the accelerations that the network is given, the price of thrust in the allocation, far away
-and near, and the time for which a craft coasts near the goal, and whether pulses hold its
-pose. Above 0.5 the value is that of what the length of a
-flight allows.
+and near, the time for which a craft coasts near the goal, and whether pulses hold its pose there. Above 0.5 the
+value is that of what the length of a flight allows.
 """
 
 from __future__ import annotations
