@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, Any, get_origin
 
 from rans.display import meanings
@@ -45,4 +45,6 @@ def option_name(field: str, hint: Any) -> str:
 
 def texts_of(described: type) -> dict[str, str]:
     """Texts of the options of a command by name: those of its function, and those of its own fields."""
-    return meanings(described) | getattr(described, "texts", {})
+    own = {field.name for field in fields(described)}
+    texts = {name: text for name, text in meanings(described).items() if name in own}
+    return texts | getattr(described, "texts", {})
