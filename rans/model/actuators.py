@@ -41,6 +41,11 @@ class Actuators:
         """Largest command of a thruster: the largest share of its full force."""
         return 1.0
 
+    @property
+    def shortest(self) -> float:
+        """Shortest time for which a thruster is open, over the control period; 0 of throttled thrusters."""
+        return float(not self.is_continuous)
+
     def levels(self, command: Command) -> Command:
         """Shares of full force under commands that are held: the commands themselves."""
         return command
@@ -175,6 +180,11 @@ class Pulsed(Actuators):
                     f"{key} of pulsed actuators must be a whole number from {low} to {high:,}, "
                     f"got {value!r}."
                 )
+
+    @property
+    def shortest(self) -> float:
+        """Shortest pulse of a valve over the control period."""
+        return max(1, self.least) / self.counts
 
     def opened(self, command: Command) -> Command:
         """Share of a control period for which each thruster is open."""

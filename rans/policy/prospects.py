@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from rans.errors import ConfigError, RansWarning
-from rans.model.actuators import Pulsed
 from rans.model.spacecraft import Spacecraft
 from rans.model.twists import authority_margin
 from rans.policy.any_craft import MARGIN, authority, columns_of, without
@@ -54,11 +53,7 @@ class Prospect(NamedTuple):
         is_coarse = craft.dimension == 2 and not craft.is_continuous
         margin = authority_margin(columns)
         sure = _SURE if is_coarse else MARGIN.low
-        valves = craft.actuators
-        shortest = float(not valves.is_continuous)
-        if isinstance(valves, Pulsed):
-            shortest = max(1, valves.least) / valves.counts
-        return cls(margin, float(shifts.max()), float(turns.max()), shortest, sure)
+        return cls(margin, float(shifts.max()), float(turns.max()), craft.actuators.shortest, sure)
 
     @property
     def reason(self) -> str:
