@@ -102,7 +102,8 @@ def misfits(craft: Spacecraft) -> list[str]:
         )
     push = 4.0 / seconds_for_a_metre(craft) ** 2
     turn = 4.0 * math.pi / seconds_for_half_a_turn(craft) ** 2
-    if push > _STRONGEST[0] or turn > _STRONGEST[1]:
+    # Other doubts explain the accelerations.
+    if not result and (push > _STRONGEST[0] or turn > _STRONGEST[1]):
         result.append(
             f"its thrusters accelerate it by {push:.3g} m/s^2 and {turn:.3g} rad/s^2: the usual cause is a force "
             "in mN, or a mass or an inertia in other units"
