@@ -31,6 +31,7 @@ extensions = [
     "repository_links",
     "mathml",
     "captions",
+    "tables_of_names",
     "reference",
     "live_pages",
     "search_words",
