@@ -21,7 +21,7 @@ from rans.deploy.c.compiler import FLAGS
 from rans.deploy.c.files import write_c
 from rans.deploy.numpy_file import printed
 from rans.deploy.program import Ports
-from rans.errors import ConfigError
+from rans.errors import ConfigError, RansWarning
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.exports import exported
@@ -306,9 +306,11 @@ def test_whole_numbers_are_not_divided_and_columns_of_tables_not_chosen(tmp_path
 def test_the_folder_flies_as_its_contract_says(tmp_path: Path) -> None:
     spec = f"onnx:{TRAINERS / 'agents/sb3-sac.onnx'}:go-to-pose-2d@{THROTTLED}"
     folder = tmp_path / "sac"
-    card = write_foreign_export(spec, folder, "numpy", episodes=16, margins=0)
+    with pytest.warns(RansWarning, match=r"flown every 0\.1 s"):
+        card = write_foreign_export(spec, folder, "numpy", episodes=16, margins=0)
     assert card["training"] is None
     about = json.loads((folder / "contract.json").read_text("utf-8"))
+    assert about["control_period"] == 0.1
     assert about["task"] == "go-to-pose"
     assert "not known" in about["conditions"]["summary"]
     names = exported(folder)
