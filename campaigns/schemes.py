@@ -83,9 +83,8 @@ def _way(axes: Axes, first: Sequence[Any], second: Sequence[Any], text: str) -> 
     arrow(axes, begin, end)
     middle = 0.5 * (begin + end)
     level = abs(along[1]) < 1e-9
-    slope = np.sign(
-        along[0] * along[1]
-    )  # the text is right of an arrow, above one that falls, below one that rises
+    # The text is right of an arrow: above one that falls, below one that rises.
+    slope = np.sign(along[0] * along[1])
     axes.text(
         middle[0] + (0.0 if level else 0.08),
         middle[1] + (0.1 if level else 0.0),

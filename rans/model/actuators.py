@@ -226,7 +226,7 @@ WHOLE_PERIODS = (
     "they are open or shut for whole control periods, the shortest opening is `least_on` in [thrusters] of "
     "conditions, and shorter pulses are those of the kind pulsed"
 )
-"""What a user is told who gives on/off valves a pulse, as the end of a sentence."""
+"""Why on/off valves take no length of a pulse, and where to give it, as the end of a sentence."""
 
 KINDS: dict[str, type[Actuators]] = {kind.kind: kind for kind in (OnOff, Pulsed, Throttle)}
 

@@ -135,10 +135,11 @@ def _adapting(
 def _tell_whereabouts(program: Program, architecture: Architecture, row: str) -> None:
     """Add rows `AWAY` and `POSE` for a policy that needs them, from its columns."""
     symbols = inputs("column", architecture.column_count)
-    for name, told in (AWAY, architecture.away(symbols)), (POSE, architecture.pose(symbols)):
-        if told:
+    rows = {AWAY: architecture.away(symbols), POSE: architecture.pose(symbols)}
+    for name, numbers in rows.items():
+        if numbers:
             names = dict(zip(symbols, program.single(row, len(symbols)), strict=True))
-            program.joined(*program.lowered(told, names), name=name)
+            program.joined(*program.lowered(numbers, names), name=name)
 
 
 class ProgramRows(Rows[str]):

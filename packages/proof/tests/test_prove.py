@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,7 @@ import torch
 from rans_proof.flights import lowest_margins
 from rans_proof.network import Layer, read_network
 from rans_proof.problem import SpeedLimit, Within, problem_of, read_problem
-from rans_proof.prove import ClosedLoop, broken_start, prove
+from rans_proof.prove import ClosedLoop, Proof, broken_start, prove
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -55,6 +57,23 @@ def test_the_hold_agent_stays_for_ever() -> None:
 HOLD = ROOT / "examples/proofs/hold-agent"
 
 
+def proved(stem: Path) -> Proof:
+    """The whole proof of a network and the problem beside it."""
+    proof = prove(read_problem(stem.with_suffix(".toml")), read_network(stem.with_suffix(".onnx")))
+    assert proof.is_whole
+    return proof
+
+
+def check_some(proof: Proof, stem: Path, cells: Sequence[int]) -> None:
+    """The independent checker accepts some cells of a proof's certificate."""
+    pytest.importorskip("flint")
+    from rans_proof.certificate import table
+    from rans_proof.check import check
+
+    content = stem.with_suffix(".onnx").read_bytes()
+    assert check(json.dumps(table(proof, content)).encode(), content, cells) > 0.0
+
+
 def test_prover_and_checker_keep_a_set_narrow_for_120_periods() -> None:
     """A cell of hold, with 4 cm/s at its end: did a part of the set become a box every period, less were left."""
     pytest.importorskip("flint")
@@ -73,17 +92,9 @@ def test_prover_and_checker_keep_a_set_narrow_for_120_periods() -> None:
 
 @pytest.mark.slow
 def test_the_checker_accepts_cells_of_hold() -> None:
-    problem = read_problem(HOLD.with_suffix(".toml"))
-    proof = prove(problem, read_network(HOLD.with_suffix(".onnx")))
-    assert proof.is_whole
-    pytest.importorskip("flint")
-    from rans_proof.certificate import table
-    from rans_proof.check import check
-
-    content = HOLD.with_suffix(".onnx").read_bytes()
+    proof = proved(HOLD)
     # The first cells, the one of the least margin, and two others: all of them take six minutes.
-    some = [0, 1, int(proof.margins.argmin()), 200, 300]
-    assert check(json.dumps(table(proof, content)).encode(), content, some) > 0.0
+    check_some(proof, HOLD, [0, 1, int(proof.margins.argmin()), 200, 300])
 
 
 def test_what_is_false_ends_with_a_flight_that_breaks_it() -> None:
@@ -242,17 +253,9 @@ def test_the_free_flyer_stays_for_ever() -> None:
 
 @pytest.mark.slow
 def test_the_free_flyer_is_proved() -> None:
-    problem = read_problem(FREE_FLYER.with_suffix(".toml"))
-    proof = prove(problem, read_network(FREE_FLYER.with_suffix(".onnx")))
-    assert proof.is_whole
-    pytest.importorskip("flint")
-    from rans_proof.certificate import table
-    from rans_proof.check import check
-
-    content = FREE_FLYER.with_suffix(".onnx").read_bytes()
+    proof = proved(FREE_FLYER)
     # One cell of four: all of them take another six seconds.
-    some = range(0, len(proof.low), 4)
-    assert check(json.dumps(table(proof, content)).encode(), content, some) > 0.0
+    check_some(proof, FREE_FLYER, range(0, len(proof.low), 4))
 
 
 @pytest.mark.slow

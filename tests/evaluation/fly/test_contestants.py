@@ -58,7 +58,7 @@ def test_a_run_folder_is_itself(run: Path) -> None:
 
 
 def test_a_policy_of_others_is_told_its_period_on_the_craft_of_a_file(tmp_path: Path) -> None:
-    """That file's craft is commanded every 0.1 s, and the task's environments every 0.2 s."""
+    """A craft of a file that turns quickly is commanded every 0.1 s, in environments of its task every 0.2 s."""
     (tmp_path / "mine.toml").write_text(to_toml(load_spacecraft("floating-platform")))
     named = "python:tests.support.policies:idle:go-to-pose-2d@"
     with pytest.warns(RansWarning, match=r"flown every 0\.1 s.* environments .* 0\.2 s"):
