@@ -19,7 +19,6 @@ from rans_missions.tasks import Dock, TargetOrbit
 from rans_missions.two_body import TwoBodyMover, relative_motion
 
 from campaigns.missions import of_first, row, row_of
-from campaigns.satellites import directions
 from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import Flight, fly
 from rans.model.drift import ClohessyWiltshire, Drift
@@ -142,6 +141,12 @@ def gaps(
         away = np.linalg.norm(np.stack(end.columns(), axis=1) - truth, axis=1)
         found[name] = [float(np.median(away)), float(away.max())]
     return found
+
+
+def directions(random: np.random.Generator, count: int) -> np.ndarray:
+    """Uniform unit vectors (count, 3)."""
+    vectors = random.normal(size=(count, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def orbit_of(eccentricity: float) -> TargetOrbit:

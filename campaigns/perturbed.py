@@ -19,8 +19,7 @@ from rans_missions.tasks import TargetOrbit
 from rans_missions.tasks.hold import Hold
 from rans_missions.two_body import Perturbations, TwoBodyMover, perturbed_motion
 
-from campaigns.elliptic import gaps
-from campaigns.satellites import directions
+from campaigns.elliptic import directions, gaps
 from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import fly
 from rans.model.drift import ClohessyWiltshire, Drift

@@ -47,8 +47,6 @@ def identify(
     """Identify forces, inertia, centre of mass, delays and disturbances of a spacecraft from logs of its flights.
 
     Motion determines forces and inertia only in proportion to the mass: the mass of ``spacecraft`` must be right.
-    Of a satellite that reaction wheels alone turn it determines moments of inertia and wheels only in proportion to
-    one another: the sum of the moments stays that of the file.
 
     >>> with tempfile.NamedTemporaryFile("w", suffix=".csv") as log:
     ...     print("time,x,y,heading", *(f"u{k}" for k in range(8)), sep=",", file=log)
@@ -62,17 +60,16 @@ def identify(
     Args:
         logs: bags (.mcap, .db3) of `rans fly` or ROS 2, folders of `ros2 bag record`, ULog files (.ulg) of PX4, or
             CSV files with the columns time, x, y, heading (in space x, y, z, qw, qx, qy, qz), u0, u1, ... and
-            perhaps velocities. Of a satellite with wheels alone: CSV files with time, qw, qx, qy, qz, wx, wy, wz,
-            s0, s1, ..., or folders of InnoCube's telemetry.
+            perhaps velocities.
         spacecraft: data sheet from which to begin: a name, or a TOML file.
         robot: kind of robot whose topics a bag has; by default the bag says it, or ros.
         window: the log is predicted over windows of this length, s; None: of 5 s, doubled while the model explains
-            the readings. Of a satellite without thrusters there are none.
+            the readings.
         namespace: name before the topics of the robot in a bag, such as robot1 for /robot1/pose.
 
     Raises:
-        ConfigError: a log cannot be read or is not of this spacecraft, or the spacecraft has propellant or
-            effectors of other kinds.
+        ConfigError: a log cannot be read or is not of this spacecraft, or the spacecraft has no thruster,
+            propellant, or effectors of other kinds.
     """
     from rans_robot.identify.fit import fit
     from rans_robot.identify.log import FlightLog
@@ -370,13 +367,10 @@ def replay(bag: str | Path, folder: str | Path | None = None) -> BagReplay:
 def _read(log: str | Path, craft: Spacecraft, robot: RobotName | None, namespace: str) -> FlightLog:
     """A log from a file or folder by its ending, in SI units and RANS's frames; `ConfigError` for others."""
     from rans_robot.identify.log import read_csv
-    from rans_robot.identify.telemetry import is_telemetry, read_telemetry
 
     file = Path(log)
     if file.suffix == ".csv":
         return read_csv(file, craft)
-    if file.is_dir() and is_telemetry(file):
-        return read_telemetry(file, craft)
     if file.suffix in (".mcap", ".db3") or file.is_dir():
         from rans_robot.logs import read_bag
 

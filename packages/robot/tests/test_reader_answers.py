@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from rans_robot.bag import BagMessage
 from rans_robot.identify.log import checked_log, read_csv
-from rans_robot.identify.telemetry import read_telemetry
 from rans_robot.interfaces import interface
 from rans_robot.logs import read_bag
 from rans_robot.ulog import read_ulog
@@ -58,20 +57,6 @@ def bag(messages: Sequence[BagMessage]) -> Any:
     return plant
 
 
-def telemetry(
-    header: str = "q0,q1,q2,q3", rates: str = "2025-12-13 11:28:46,1 °/s,2 °/s,3 °/s"
-) -> Any:
-    """A satellite's folder: its quaternions have this header, and its rates this row; empty: none."""
-
-    def plant(folder: Path) -> Callable[[], object]:
-        (folder / "attitude.csv").write_text(f"Time,{header}\n", "utf-8")
-        if rates:
-            (folder / "rates.csv").write_text(f"Time,X,Y,Z\n{rates}\n", "utf-8")
-        return lambda: read_telemetry(folder, load_spacecraft("innocube"))
-
-    return plant
-
-
 def commands(robot: Any) -> list[BagMessage]:
     return [BagMessage(0, *one) for one in interface(robot, 8, 8).command([0.0] * 8, 0)]
 
@@ -96,17 +81,6 @@ ANSWERS: Answers = {
         ),
         "sizes": "messages of no bytes are refused (test_ulog.py)",
         "evidence": Answer(ulog(b"no log"), "ULog"),
-    },
-    "read_telemetry": {
-        "units": Answer(
-            telemetry(rates="2025-12-13 11:28:46,1 rad/s,2 rad/s,3 rad/s"), "must be °/s"
-        ),
-        "frames": "attitudes are compared with rates (identify/test_telemetry.py turns them round)",
-        "times": Answer(telemetry(rates="yesterday,1 °/s,2 °/s,3 °/s"), "a time and numbers"),
-        "order": Answer(telemetry("q1,q2,q3,q0"), "must have the columns Time, q0"),
-        "dropped": Answer(telemetry(rates="2025-12-13 11:28:46,1 °/s,2 °/s"), "3 finite numbers"),
-        "sizes": "its files are read by read_text, which is bounded",
-        "evidence": Answer(telemetry(rates=""), "must have one file Rates"),
     },
     "read_bag": {
         "units": "ROS 2 and PX4 define those of each message",

@@ -19,10 +19,9 @@ from rans_robot.functions import identify
 class Identify(Options):
     """Identify forces, inertia, centre of mass, delays and disturbances from logs of flights.
 
-    Motion determines forces and inertia only in proportion to the mass, so weigh the spacecraft first. Of a
-    satellite that wheels alone turn, attitude, rates and speeds of the wheels give inertia and wheels in
-    proportion. Writes spacecraft.toml, conditions.toml with the intervals, and identified.json. With --excite it
-    writes an agent that flies the most informative commands, instead.
+    Motion determines forces and inertia only in proportion to the mass, so weigh the spacecraft first. Writes
+    spacecraft.toml, conditions.toml with the intervals, and identified.json. With --excite it writes an agent that
+    flies the most informative commands, instead.
     """
 
     group = "Deploy"
@@ -82,25 +81,22 @@ class Identify(Options):
             [channel.name, f"{channel.before:.4g}", f"{channel.after:.4g}", UNITS[channel.name]]
             for channel in result.channels()
         ]
-        window = result.fit.window
         console.show(
-            "Error of predictions" + ("" if window is None else f" over {window:g} s") + ", rms",
+            f"Error of predictions over {result.fit.window:g} s, rms",
             ("reading", "data sheet", "identified", "unit"),
             predictions,
         )
-        if result.delay is not None:
-            console.say(
-                f"The force follows a command {1e3 * result.delay:.1f} ms later in the mean (95 %: "
-                f"+-{1.96e3 * result.delay_deviation:.1f} ms)."
-            )
+        console.say(
+            f"The force follows a command {1e3 * result.delay:.1f} ms later in the mean (95 %: "
+            f"+-{1.96e3 * result.delay_deviation:.1f} ms)."
+        )
         for sentence in result.notes():
             console.say(sentence)
         folder = result.write(self._folder)
         console.say(f"Written to {folder}. Train for it:")
         spacecraft = ["--spacecraft", str(folder / "spacecraft.toml")]
         conditions = ["--conditions", str(folder / "conditions.toml")]
-        task = "go-to-pose" if result.fit.craft.thrusters else "go-to-attitude"
-        console.command(shlex.join(["rans", "train", task, *spacecraft, *conditions]))
+        console.command(shlex.join(["rans", "train", "go-to-pose", *spacecraft, *conditions]))
         return 0
 
     def _excite(self) -> int:

@@ -1,8 +1,5 @@
 """Least-squares fit of forces, inertia, disturbances and delays to a log, with intervals.
 
-Of a satellite that wheels alone turn, `momentum.py` fits inertia, wheels and delays; the rest of this text is of
-craft with thrusters.
-
 The log is divided into windows, each with a start of its own that is fitted too, so that what the model lacks does
 not add up over the flight; they are as long as the model explains the readings. The cost is that of Gaussian errors
 of the readings, whose standard deviations are estimated from the residuals and their degrees of freedom, and of a
@@ -20,8 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rans.extend import Body, ConfigError, Spacecraft, Vec2, Vec3, Wrench
-from rans_robot.identify.log import FlightLog, checked_log, checked_satellite_log
-from rans_robot.identify.momentum import MomentumFit, fit_momentum
+from rans_robot.identify.log import FlightLog, checked_log
 from rans_robot.identify.motion import (
     Physics,
     Thrust,
@@ -55,9 +51,6 @@ _LATENCY_PRIOR = 0.2
 """s: standard deviation of the prior of the latency."""
 _RISE_PRIOR = 0.03
 """s: standard deviation of the prior of the rise time, about which readings say little beside the latency."""
-_DELAY_PRIOR = 0.5
-"""s: standard deviation of the prior of the time by which readings of a satellite are older than its rates."""
-_DELAYED = ("wheel speeds", "attitudes")
 _FORCE_PRIOR = 0.5
 """Standard deviation of the prior of a disturbance force, as a part of the strongest thruster's force."""
 _ITERATIONS = 40
@@ -111,13 +104,11 @@ class Fit:
     nominal_residuals: tuple[np.ndarray, ...]
     """Readings minus the prediction of the data sheet, of each log, from the same starts of windows."""
     logs: tuple[FlightLog, ...]
-    window: float | None
-    """Length of the windows, s; None: there are none, as of a satellite (`momentum`)."""
+    window: float
+    """Length of the windows, s."""
     coasting: dict[str, float]
     """Standard deviation that each channel would have if nothing acted on the craft: round a straight line of each
     window for poses, and a constant for rates. Of channels whose windows have too few readings there is none."""
-    momentum: MomentumFit | None = None
-    """What else was fitted of a satellite without thrusters."""
 
     @property
     def deviations(self) -> np.ndarray:
@@ -135,8 +126,6 @@ class Fit:
         """
         columns = channel_columns(self.craft)[channel]
         rows = [part[:, columns] for part in self.residuals]
-        if self.momentum is not None:  # their errors grow with the acceleration of the wheels
-            rows = list(self.momentum.white)
         pairs = [(part[:-1].ravel(), part[1:].ravel()) for part in rows]
         first, second = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
         both = np.isfinite(first) & np.isfinite(second)
@@ -188,9 +177,6 @@ def parameters_of(craft: Spacecraft) -> tuple[Parameter, ...]:
         )
         for k, wheel in enumerate(craft.wheels)
     ]
-    if not forces:
-        late = [Parameter(f"delay of {what}", "s", 0.0, _DELAY_PRIOR) for what in _DELAYED]
-        return (*result, *rotors, *late)
     strongest = max(forces)
     result += [Parameter(f"centre {axis}", "m", 0.0, _CENTRE_PRIOR) for axis in axes]
     result += [
@@ -404,12 +390,6 @@ def fit(craft: Spacecraft, logs: Sequence[FlightLog], window: float | None = Non
     check_identifiable(craft)
     if not logs:
         raise ConfigError("at least one log is needed.")
-    if not craft.thrusters:
-        if window is not None:
-            raise ConfigError(
-                f"window= is the length of predictions from thrust, and {craft.name!r} has no thruster."
-            )
-        return _by_momentum(craft, [checked_satellite_log(log, craft) for log in logs])
     logs = [checked_log(log, craft) for log in logs]
     first = WINDOW if window is None else window
     for log in logs:
@@ -444,45 +424,6 @@ def fit(craft: Spacecraft, logs: Sequence[FlightLog], window: float | None = Non
     near.solve()
     fitted = _fitted(craft, logs, first, near.values, near.noise)
     return fitted if window is not None else _longest(fitted)
-
-
-def _by_momentum(craft: Spacecraft, logs: Sequence[FlightLog]) -> Fit:
-    """Fit of a satellite that wheels alone turn (`momentum.py`), in the form of all fits.
-
-    Other channels are NaN.
-    """
-    parameters = parameters_of(craft)
-    found = fit_momentum(
-        craft,
-        logs,
-        np.array([parameter.nominal for parameter in parameters]),
-        np.array([parameter.prior for parameter in parameters]),
-    )
-    spin = channel_columns(craft)["spin"]
-
-    def rows(parts: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
-        result = []
-        for part in parts:
-            full = np.full((len(part), 12 + craft.wheel_count), np.nan)
-            full[:, spin] = part
-            result.append(full)
-        return tuple(result)
-
-    left = np.concatenate(found.residuals)
-    rates = [log.spin - np.nanmean(log.spin, axis=0) for log in logs]
-    return Fit(
-        craft,
-        parameters,
-        found.values,
-        found.covariance,
-        {"spin": float(np.sqrt(np.nanmean(left**2)))},
-        rows(found.residuals),
-        rows(found.nominal_residuals),
-        tuple(logs),
-        None,
-        {"spin": float(np.sqrt(np.nanmean(np.concatenate(rates) ** 2)))},
-        found,
-    )
 
 
 def _steady_note(log: FlightLog) -> str:
@@ -528,7 +469,7 @@ def _longest(fitted: Fit) -> Fit:
     windows of half the length by more than the deviations of these (Hausman, Econometrica 46, 1978).
     """
     longest = max(log.duration for log in fitted.logs)
-    while (window := fitted.window or np.inf) < min(longest, _LONGEST) and fitted.is_white():
+    while (window := fitted.window) < min(longest, _LONGEST) and fitted.is_white():
         longer = _fitted(fitted.craft, fitted.logs, 2.0 * window, fitted.values, fitted.noise)
         moved = np.abs(longer.values - fitted.values) / fitted.deviations
         if moved.max() > UNLIKELY or not longer.is_white():

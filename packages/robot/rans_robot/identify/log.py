@@ -22,8 +22,7 @@ LARGEST_LOG = 2**28
 _FEWEST_READINGS = 20
 """Readings of a log: fewer leave no residuals to judge a fit of a dozen parameters by."""
 _FEWEST_TOGETHER = 10
-"""Rows of a satellite's log with everything: each has three equations, and a log has some ten unknowns of its
-own."""
+"""Rows with attitude and rates from which their turns are compared."""
 MOST_READINGS = 2**19
 """Readings of a log: an hour at 100 Hz has 360,000, and a fit takes some kilobytes for each."""
 _LONGEST_LOG = 7200.0
@@ -47,9 +46,7 @@ POSE_COLUMNS = {2: ("x", "y", "heading"), 3: ("x", "y", "z", "qw", "qx", "qy", "
 RATE_COLUMNS = {2: ("vx", "vy", "spin"), 3: ("vx", "vy", "vz", "wx", "wy", "wz")}
 """Columns of a CSV file with the velocity in the world, m/s, and the angular velocity in the body, rad/s."""
 
-FIELD_COLUMNS = ("bx", "by", "bz")
-"""Columns of a CSV file with the magnetic field in the body, T."""
-_UNITS = ("", "s", "m", "rad", "m/s", "rad/s", "t")
+_UNITS = ("", "s", "m", "rad", "m/s", "rad/s")
 """Units in parentheses that headings may have."""
 
 
@@ -84,11 +81,6 @@ class FlightLog:
     steady_times: np.ndarray | None = None
     """(T,), s: when commands were given if they left at a steady rate, where the log has only when they came; None:
     `command_times` are right. The fit takes what explains the readings better."""
-    frames: np.ndarray | None = None
-    """(M,), number of the inertial frame that attitudes are in, which rises where a satellite that reads its
-    attitude relative to its goal is given another one; None: all are in one."""
-    field: np.ndarray | None = None
-    """(M, 3), T: magnetic field in the body frame; None: not measured."""
 
     @property
     def duration(self) -> float:
@@ -184,95 +176,8 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
     if craft.dimension == 3:
         together = np.isfinite(np.column_stack([result.attitude, result.spin])).all(axis=1)
         if together.sum() >= _FEWEST_TOGETHER:
-            _check_turns(what, result, together, is_sure=False)
+            _check_turns(what, result, together)
     return result
-
-
-def checked_satellite_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
-    """The log, if it can be of this satellite without thrusters: attitudes, rates and speeds of all wheels.
-
-    Raises:
-        ConfigError: there are too few rows with all of them, times do not ascend or cannot be seconds, numbers are
-            beyond all measure, or attitudes and rates are not of one motion in the same order and units.
-    """
-    what = f"the log {log.source}"
-    speeds = log.wheel_speeds
-    if speeds is None or speeds.shape[1] != craft.wheel_count:
-        raise ConfigError(
-            f"{what} has speeds of {0 if speeds is None else speeds.shape[1]} wheels, but {craft.name!r} has "
-            f"{craft.wheel_count}, and without thrusters all of them are needed."
-        )
-    _check_times(what, "readings", log.times)
-    parts = {
-        "times": log.times,
-        "position": log.position,
-        "attitude": log.attitude,
-        "velocity": log.velocity,
-        "spin": log.spin,
-        "wheel_speeds": speeds,
-    }
-    together = np.all(np.isfinite(np.column_stack([log.attitude, log.spin, speeds])), axis=1)
-    if together.sum() < _FEWEST_TOGETHER:
-        raise ConfigError(
-            f"{what} has {counted(int(together.sum()), 'row')} with attitude, rates and speeds of all wheels; at "
-            f"least {_FEWEST_TOGETHER} are needed."
-        )
-    _check_bounds(what, parts)
-    if len(log.times) > MOST_READINGS:
-        raise ConfigError(
-            f"{what} has {len(log.times):,} readings; at most {MOST_READINGS:,} are fitted: cut it, or thin it out."
-        )
-    if not np.ptp(speeds[together], axis=0).any():
-        raise ConfigError(
-            f"{what}: the speeds of its wheels never change, and only where wheels turn the craft its inertia "
-            "shows; is it a log of a satellite at rest?"
-        )
-    _check_turns(what, log, together)
-    if log.frames is not None:
-        return log
-    # Jumps of the attitude begin new inertial axes.
-    frames = _frames(log, together)
-    if not frames.any():
-        return log
-    if log.field is not None:
-        raise ConfigError(
-            f"{what}: the attitude jumps {counted(int(frames[-1]), 'time')} by more than the rates say, as "
-            "one does that is relative to a goal, so that positions and fields cannot be compared with it: leave "
-            "out the columns bx, by and bz."
-        )
-    note = (
-        f"{log.source}: the attitude jumps {counted(int(frames[-1]), 'time')} by more than the rates say, so it is "
-        "read as relative to a goal, and each jump as another goal."
-    )
-    return replace(log, frames=frames, notes=(*log.notes, note))
-
-
-_JUMP = np.deg2rad(60.0)
-"""Turn between two rows, beyond that of the rates, from which on an attitude is relative to another goal. Rates and
-gaps in the rows of InnoCube leave up to 25 degrees; new goals are 107 degrees away and more."""
-
-
-def _frames(log: FlightLog, together: np.ndarray) -> np.ndarray:
-    """Number of the frame (M,) of each attitude, which rises where the attitude jumps.
-
-    Attitudes of different frames are never compared; `momentum` turns them to the first one.
-    """
-    rows = np.flatnonzero(together)
-    R = rotations(log.attitude[rows])
-    mean = 0.5 * (log.spin[rows][1:] + log.spin[rows][:-1])
-    turns = turn(mean * np.diff(log.times[rows])[:, None])
-    trace = np.einsum("nij,njk,nik->n", R[:-1], turns, R[1:])
-    jumps = np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0)) > _JUMP
-    result = np.zeros(len(log.times), int)
-    result[rows[1:]] = jumps
-    return np.cumsum(result)
-
-
-def turn(vectors: np.ndarray) -> np.ndarray:
-    """Rotation matrices (M, 3, 3) of rotation vectors (M, 3), rad."""
-    angle = np.linalg.norm(vectors, axis=1, keepdims=True)
-    sine = 0.5 * np.sinc(0.5 * angle / np.pi)
-    return rotations(np.concatenate([np.cos(0.5 * angle), sine * vectors], axis=1))
 
 
 def _check_times(what: str, name: str, times: np.ndarray) -> None:
@@ -403,16 +308,11 @@ _TURNING = 0.5
 motion."""
 _BETTER = 0.5
 """Part of the difference as read, below which another reading is meant."""
-_APART = 1.2
-"""Difference from which no reading is meant: stamps of whole seconds, a second apart, and noise leave 0.8, and
-unrelated turns 1.4."""
-_ROWS = (4, 8, 16)
-"""Numbers of rows over which a slow turn is compared."""
 _SMALL_TURN = 2.0
 """rad: turns between two rows above it are not compared, since one of more than half a turn seems a smaller one."""
 
 
-def _check_turns(what: str, log: FlightLog, together: Any, is_sure: bool = True) -> None:
+def _check_turns(what: str, log: FlightLog, together: Any) -> None:
     """Refuse attitudes and rates that are not of one motion, and say which reading of them would be.
 
     Between two rows the attitude turns by the mean of the rates, whatever drives the craft.
@@ -421,7 +321,6 @@ def _check_turns(what: str, log: FlightLog, together: Any, is_sure: bool = True)
         what: the log, for messages.
         log: attitudes as quaternions, and rates.
         together: (M,), which rows have both.
-        is_sure: refuse what no other reading explains, too; a fit by commands judges that itself.
     """
     step = np.diff(log.times[together])
     spin = log.spin[together]
@@ -429,15 +328,15 @@ def _check_turns(what: str, log: FlightLog, together: Any, is_sure: bool = True)
     gone = np.concatenate([np.zeros((1, 3)), 0.5 * (spin[1:] + spin[:-1]) * step[:, None]])
     gone = np.cumsum(gone, axis=0)
 
-    def difference(order: tuple[int, ...], back: float, factor: float, rows: int = 1) -> float:
+    def difference(order: tuple[int, ...], back: float, factor: float) -> float:
         """Median difference between turns of attitude and of rates, as a part of the median turn; NaN: too few.
 
-        ``order`` says which columns are (w, x, y, z), ``back`` is -1 for conjugates, ``factor`` scales the rates,
-        and every ``rows``-th row is compared.
+        ``order`` says which columns are (w, x, y, z), ``back`` is -1 for conjugates, and ``factor`` scales the
+        rates.
         """
-        q = attitude[::rows, order] * [1.0, back, back, back]
+        q = attitude[:, order] * [1.0, back, back, back]
         turned = _turns(q)
-        expected = factor * np.diff(gone[::rows], axis=0)
+        expected = factor * np.diff(gone, axis=0)
         angle = np.linalg.norm(expected, axis=1)
         compared = (angle < _SMALL_TURN) & (angle > 0.0)
         compared &= angle >= np.median(angle[compared]) if compared.any() else False
@@ -463,30 +362,8 @@ def _check_turns(what: str, log: FlightLog, together: Any, is_sure: bool = True)
         for text, value in differences.items()
         if value < _TURNING and (np.isnan(own) or value < _BETTER * own)
     ]
-    if not near and not (is_sure and own > _APART):
-        return
-    # A slow turn is lost in errors of attitudes and of whole seconds between two rows, and seen over more.
-    slow = (difference(first, 1.0, 1.0, rows) for rows in _ROWS)
-    if not near and any(value < _TURNING for value in slow):
-        return
-    raise ConfigError(
-        f"{what}: its attitudes do not turn as its rates say: "
-        f"{near[0] if near else 'is one of them in another order, frame or unit, or the time'}?"
-    )
-
-
-def rotations(attitude: np.ndarray) -> np.ndarray:
-    """Rotation matrices (M, 3, 3) of quaternions (M, 4), from body to world.
-
-    `_frames` and `momentum` rely on the direction: a transposed matrix raises nothing.
-    """
-    w, x, y, z = (attitude / np.linalg.norm(attitude, axis=1, keepdims=True)).T
-    rows = (
-        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
-        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
-        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
-    )
-    return np.moveaxis(np.array(rows), -1, 0)
+    if near:
+        raise ConfigError(f"{what}: its attitudes do not turn as its rates say: {near[0]}?")
 
 
 def _turns(attitude: np.ndarray) -> np.ndarray:
@@ -533,15 +410,11 @@ def _column(cell: str, what: str) -> str:
 def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     """Log of a CSV file whose first line names its columns.
 
-    Of a satellite without thrusters ``time`` (s), the attitude, the angular velocity in the body and the speeds of
-    all wheels are needed; with ``x``, ``y``, ``z`` from the Earth's centre and the magnetic field in the body
-    (`FIELD_COLUMNS`), torques are separated.
-
-    Of other craft ``time`` is needed, the pose (`POSE_COLUMNS`), and ``u0`` to ``u<C-1>``,
-    the commands from this row on; the velocities (`RATE_COLUMNS`) and the speeds of wheels, ``s0`` and so on
-    (rad/s), may be missing. An empty cell is a value that was not measured, or the last command; an empty line
-    counts as none. The file that `rans.flight.Flight.to_csv` writes is such a file: units in parentheses and
-    underscores are left out, and ``t`` and ``w`` are ``time`` and ``spin``. Columns of other names are not read.
+    ``time`` (s) is needed, the pose (`POSE_COLUMNS`), and ``u0`` to ``u<C-1>``, the commands from this row on; the
+    velocities (`RATE_COLUMNS`) and the speeds of wheels, ``s0`` and so on (rad/s), may be missing. An empty cell is
+    a value that was not measured, or the last command; an empty line counts as none. The file that
+    `rans.flight.Flight.to_csv` writes is such a file: units in parentheses and underscores are left out, and ``t``
+    and ``w`` are ``time`` and ``spin``. Columns of other names are not read.
 
     Raises:
         ConfigError: the file cannot be read, a column is missing or there twice, or a cell is no number.
@@ -567,11 +440,6 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     d = craft.dimension
     needed = ["time", *POSE_COLUMNS[d], *inputs]
     read = {*needed, *RATE_COLUMNS[d], *wheels}
-    is_satellite = not craft.thrusters and d == 3
-    if is_satellite:
-        read |= {*FIELD_COLUMNS}
-        # What turns a satellite with wheels is their speeds; it needs no position and no command.
-        needed = ["time", *POSE_COLUMNS[d][d:], *RATE_COLUMNS[d][d:], *wheels]
     if missing := [name for name in needed if name not in header]:
         raise ConfigError(
             f"{what} has no {', '.join(missing)} among its columns, {brief(', '.join(names))}; "
@@ -613,14 +481,11 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     pose = columns(POSE_COLUMNS[d])
     rates = columns(RATE_COLUMNS[d])
     speeds = columns(wheels) if wheels else None
-    field = columns(FIELD_COLUMNS) if is_satellite and {*FIELD_COLUMNS} <= {*header} else None
     commands = columns(inputs)
     has_command = ~np.isnan(commands).any(axis=1)
     measured = ~np.isnan(pose).all(axis=1) | ~np.isnan(rates).all(axis=1)
     if speeds is not None:
         measured |= ~np.isnan(speeds).all(axis=1)
-    if field is not None:
-        measured |= ~np.isnan(field).all(axis=1)
     given = np.flatnonzero(has_command)
     taken = np.flatnonzero(measured)
     early = {"command": unstamped(time[given]), "reading": unstamped(time[taken])}
@@ -644,5 +509,4 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
         rates[taken, 2] if d == 2 else rates[taken, 3:],
         None if speeds is None else speeds[taken],
         tuple(notes),
-        field=None if field is None else field[taken],
     )

@@ -216,11 +216,11 @@ def check_identifiable(craft: Spacecraft) -> None:
     """Refuse craft whose motion this module does not predict.
 
     Raises:
-        ConfigError: the craft has no thruster and is no satellite with reaction wheels, burns propellant, has a
-            mass that moves in it, or effectors of other kinds.
+        ConfigError: the craft has no thruster, burns propellant, has a mass that moves in it, or effectors of
+            other kinds.
     """
     reasons = {
-        "has no thruster": not craft.thrusters and not (craft.wheels and craft.dimension == 3),
+        "has no thruster": not craft.thrusters,
         "burns propellant": craft.propellant is not None,
         "has a mass that moves in it": not craft.is_rigid,
         "has effectors of other kinds": bool(craft.further_effectors),
@@ -228,8 +228,8 @@ def check_identifiable(craft: Spacecraft) -> None:
     for reason, holds in reasons.items():
         if holds:
             raise ConfigError(
-                f"{craft.name!r} {reason}, and only spacecraft with thrusters, or in space with reaction wheels, "
-                "can be identified from a log."
+                f"{craft.name!r} {reason}, and only rigid spacecraft with thrusters of constant mass, and perhaps "
+                "reaction wheels, can be identified from a log."
             )
 
 

@@ -6,7 +6,6 @@ written.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from rans.extend import (
     ConfigError,
     Spacecraft,
     conditions_text,
-    counted,
     ready_folder,
     to_toml,
     write_json,
@@ -33,8 +31,6 @@ from rans.randomization.conditions import (
     ThrusterConditions,
 )
 from rans_robot.identify.fit import CHANNELS, Fit, channel_columns
-from rans_robot.identify.momentum import MomentumFit
-from rans_robot.identify.orbit_torques import AIR, DIPOLE
 
 _EXPLAINED = 0.9
 """Noise of a channel as a part of what a coast leaves, up to which the model explains something of it."""
@@ -42,11 +38,6 @@ _PERFECT = 1e-5
 """Noise (SI) below which nothing is left to explain: ten times the least that a fit assumes."""
 _LARGEST_ANGLE = 0.5
 """rad: noise of an attitude, above which it is none; angles that say nothing have 1.8 rad."""
-_OUTSIDE = 0.3
-"""External torque as a part of that of the wheels (rms) above which the wheels do not explain the motion."""
-_ALIKE = 3.0
-"""Readings of which one counts, from which on the wheels do not explain the motion: 1.6 in InnoCube's worst log,
-3.4 and more where the order of its wheels is exchanged."""
 _AT_LIMIT = 0.99
 """Part of a wheel's largest speed from which it counts as at its limit."""
 _LARGEST_FACTOR = 4.0
@@ -117,8 +108,6 @@ class Identification:
         craft = self.fit.craft
         count = craft.thruster_count
         values = [float(x) for x in self.fit.values]
-        if self.fit.momentum is not None:
-            return self._satellite()
         thrusters = tuple(
             replace(thruster, force=force)
             for thruster, force in zip(craft.thrusters, values[:count], strict=True)
@@ -149,39 +138,6 @@ class Identification:
             centre_of_mass=tuple(map(float, centre)),  # pyrefly: ignore[bad-argument-type]
         )
 
-    def _satellite(self) -> Spacecraft:
-        """The satellite with the identified inertia and wheels, which accelerate as those of the file do."""
-        craft = self.fit.craft
-        xx, xy, xz, yy, yz, zz = (float(x) for x in self.fit.values[:6])
-        wheels = []
-        for k, wheel in enumerate(craft.wheels):
-            rotor = self.fit.value(f"rotor of wheel {k}")
-            torque = wheel.max_torque * rotor / wheel.inertia
-            wheels.append(replace(wheel, inertia=rotor, max_torque=torque))
-        return replace(
-            craft,
-            name=f"{craft.name}-identified",
-            inertia=((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)),
-            wheels=tuple(wheels),
-        )
-
-    def _satellite_conditions(self, momentum: MomentumFit) -> Conditions:
-        """Conditions of a satellite.
-
-        Ranges of inertia, external torque (N m) and noise, each an interval of the fit.
-        """
-        low, high = self._relative([0, 3, 5])
-        sizes = np.concatenate([np.linalg.norm(one.torque, axis=1) for one in momentum.torques])
-        return Conditions(
-            body=BodyConditions(inertia=(low, high)),
-            disturbances=DisturbanceConditions(torque=(float(sizes.min()), float(sizes.max()))),
-            sensors=SensorsConditions(
-                attitude=SensorConditions(noise=round(momentum.spreads["attitude"], 6)),
-                spin=SensorConditions(noise=round(momentum.spreads["spin"], 6)),
-            ),
-            description=f"identified from {len(self.fit.logs)} log(s) of {self.fit.craft.name}",
-        )
-
     def _relative(self, rows: list[int]) -> tuple[float, float]:
         """Range of the factor on quantities of these numbers that the largest of their intervals has."""
         part = SPREAD * float(np.max(self.fit.deviations[rows] / self.fit.values[rows]))
@@ -197,8 +153,6 @@ class Identification:
             ConfigError: a channel is not explained (`check`).
         """
         self.check()
-        if self.fit.momentum is not None:
-            return self._satellite_conditions(self.fit.momentum)
         rows = {row.name: row for row in self.rows()}
         craft = self.fit.craft
         count = craft.thruster_count
@@ -241,18 +195,14 @@ class Identification:
         )
 
     @property
-    def delay(self) -> float | None:
-        """Mean delay of the force after a command, s: latency plus half of the rise; None without thrusters."""
-        if self.fit.momentum is not None:
-            return None
+    def delay(self) -> float:
+        """Mean delay of the force after a command, s: latency plus half of the rise."""
         return self.fit.value("latency") + 0.5 * self.fit.value("rise")
 
     @property
     def delay_deviation(self) -> float:
         """Standard deviation of `delay`, s: of the latency plus half of the rise."""
         names = [parameter.name for parameter in self.fit.parameters]
-        if "latency" not in names:
-            return 0.0
         weights = np.zeros(len(names))
         weights[names.index("latency")] = 1.0
         weights[names.index("rise")] = 0.5
@@ -270,7 +220,7 @@ class Identification:
         Tables, `identified.json` and the conditions of the next training read them.
         """
         identifiable = self.fit.is_identifiable()
-        fitted = [
+        return [
             Identified(
                 parameter.name,
                 parameter.unit,
@@ -284,36 +234,6 @@ class Identification:
                 self.fit.parameters, self.fit.values, self.fit.deviations, identifiable, strict=True
             )
         ]
-        return [*fitted, *self._fixed_in_body()]
-
-    def _fixed_in_body(self) -> Iterator[Identified]:
-        """Components of a satellite's dipole, and of the lever times the force of the air, from all logs.
-
-        Logs are independent, so that their informations add up.
-        """
-        sources = () if self.fit.momentum is None else self.fit.momentum.sources
-        for name, title, unit, prior in (
-            ("magnetic dipole", "dipole", "A m^2", DIPOLE),
-            ("air", "lever times force of the air", "N m", AIR),
-        ):
-            own = [one for one in sources if one.name == name]
-            if not own:
-                continue
-            information = [np.linalg.inv(one.covariance) for one in own]
-            covariance = np.linalg.inv(sum(information[1:], information[0]))
-            weighed = [part @ one.values for part, one in zip(information, own, strict=True)]
-            values = covariance @ sum(weighed[1:], weighed[0])
-            deviations = np.sqrt(np.diag(covariance))
-            for axis, value, deviation in zip("xyz", values, deviations, strict=True):
-                yield Identified(
-                    f"{title} {axis}",
-                    unit,
-                    0.0,
-                    float(value),
-                    float(value - SPREAD * deviation),
-                    float(value + SPREAD * deviation),
-                    bool(deviation < 0.5 * prior),
-                )
 
     def channels(self) -> list[Channel]:
         """How well each measured quantity is predicted, before and after.
@@ -344,19 +264,6 @@ class Identification:
         Raises:
             ConfigError: the model predicts a channel no better than a coast does, and leaves more than noise.
         """
-        if self.fit.momentum is not None and self.fit.momentum.inflation > _ALIKE:
-            raise ConfigError(
-                f"successive residuals of {self.fit.craft.name!r} are alike, as if only one of "
-                f"{self.fit.momentum.inflation:.0f} readings counted: its wheels do not explain the motion, and "
-                "nothing is written. The usual cause is wheels in another order, or another spacecraft."
-            )
-        if self.fit.momentum is not None and self.fit.momentum.outside > _OUTSIDE:
-            raise ConfigError(
-                f"the momentum of {self.fit.craft.name!r} with its wheels changes by "
-                f"{100.0 * self.fit.momentum.outside:.0f} % of what the wheels exchange, and {100.0 * _OUTSIDE:g} "
-                "% is the most that external torques are: nothing is written. The usual cause is wheels in another "
-                "order, thrusters or torquers that fired, or another spacecraft."
-            )
         self._check_wheels()
         wrong = [channel for channel in self.channels() if not channel.is_explained]
         if wrong:
@@ -388,8 +295,6 @@ class Identification:
         Terminal and `identified.json` have them as they are.
         """
         craft = self.fit.craft
-        if self.fit.momentum is not None:
-            return self._satellite_notes(self.fit.momentum)
         result = [
             f"Motion determines forces and inertia only in proportion to the mass: the mass is {craft.mass:g} kg, "
             "as in the file. Weigh the spacecraft."
@@ -436,53 +341,6 @@ class Identification:
             )
         return [*result, *(note for log in self.fit.logs for note in log.notes)]
 
-    def _satellite_notes(self, momentum: MomentumFit) -> list[str]:
-        """Sentences on scale, torque (N m) and rows that were left out, for terminal and JSON."""
-        total = float(np.trace(np.array(self.fit.craft.inertia)))
-        result = [
-            "Wheels determine moments of inertia and their own only in proportion: the sum of the moments is "
-            f"{total:g} kg m^2, as in the file. Measure one of them, and scale all with it."
-        ]
-        size = np.concatenate([np.linalg.norm(one.torque, axis=1) for one in momentum.torques])
-        spread = np.concatenate([np.linalg.norm(one.deviation, axis=1) for one in momentum.torques])
-        least, most = int(np.argmin(size)), int(np.argmax(size))
-        result.append(
-            f"The external torque along the logs is {size[least]:.2g} (95 %: +-{SPREAD * spread[least]:.1g}) to "
-            f"{size[most]:.2g} N m (+-{SPREAD * spread[most]:.1g}); identified.json has its course."
-        )
-        result += self._parts_of_torque(momentum)
-        silent = [row.name for row in self.rows() if not row.is_identifiable]
-        if silent:
-            result.append(
-                f"The logs do not determine: {', '.join(silent)}. Their intervals are those assumed before; turn "
-                "the satellite about every axis, fast and with all wheels."
-            )
-        if momentum.outliers:
-            result.append(
-                f"{counted(momentum.outliers, 'row')} that no error of reading explains were left out."
-            )
-        if momentum.inflation > 1.0:
-            result.append(
-                f"Successive residuals are alike, so that intervals are {np.sqrt(momentum.inflation):.2f} times as "
-                "wide as those of independent ones."
-            )
-        return [*result, *(note for log in self.fit.logs for note in log.notes)]
-
-    def _parts_of_torque(self, momentum: MomentumFit) -> list[str]:
-        """Sentences on what the external torque comes from, with root mean squares and intervals in N m."""
-        if not momentum.sources:
-            return [
-                "What part of it is of gravity, of a dipole and of the air, only positions from the centre of the "
-                "Earth (x, y, z) and the magnetic field in the body (bx, by, bz) say, which a CSV file may have."
-            ]
-        parts = []
-        for name in dict.fromkeys(one.name for one in momentum.sources):
-            own = [one.torque for one in momentum.sources if one.name == name]
-            size = _rms([one.torque for one in own])
-            off = SPREAD * _rms([one.deviation for one in own])
-            parts.append(f"{name} {np.sqrt(3.0) * size:.2g} (+-{np.sqrt(3.0) * off:.1g})")
-        return [f"Its parts, root mean squares in N m and 95 %: {', '.join(parts)}."]
-
     def _wheels_at_limit(self) -> list[int]:
         """Numbers of the wheels whose measured speeds came to the largest."""
         result = []
@@ -511,39 +369,15 @@ class Identification:
 
         The content of identified.json, whose keys are an interface.
         """
-        result: dict[str, Any] = {
+        return {
             "logs": [log.source for log in self.fit.logs],
             "seconds": sum(log.duration for log in self.fit.logs),
             "quantities": [vars(row) for row in self.rows()],
             "prediction": [vars(channel) for channel in self.channels()],
             "notes": self.notes(),
+            "window, s": self.fit.window,
+            "mean delay, s": [self.delay, SPREAD * self.delay_deviation],
         }
-        momentum = self.fit.momentum
-        if momentum is None:
-            result["window, s"] = self.fit.window
-            result["mean delay, s"] = [self.delay, SPREAD * self.delay_deviation]
-            return result
-        result["covariance"] = self.fit.covariance.tolist()
-        result["external torque"] = [
-            {
-                "log": one.source,
-                "ends of stretches, s": one.times.tolist(),
-                "N m in the axes of the first attitudes": one.torque.tolist(),
-                "half of the interval of 95 %, N m": (SPREAD * one.deviation).tolist(),
-            }
-            for one in momentum.torques
-        ]
-        result["parts of the external torque"] = [
-            {
-                "log": one.torque.source,
-                "part": one.name,
-                "ends of stretches, s": one.torque.times.tolist(),
-                "N m in the axes of the attitudes": one.torque.torque.tolist(),
-                "half of the interval of 95 %, N m": (SPREAD * one.torque.deviation).tolist(),
-            }
-            for one in momentum.sources
-        ]
-        return result
 
 
 def _positive(low: float, high: float) -> tuple[float, float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -112,17 +111,7 @@ def test_columns_that_are_not_read_are_named_and_need_no_numbers(tmp_path: Path)
         read_csv(csv_file(tmp_path, [f"{row},0" for row in still(float)], HEADER + ",x"), PLATFORM)
 
 
-def test_a_craft_without_thrusters_is_refused_in_a_sentence(tmp_path: Path) -> None:
-    with warnings.catch_warnings(action="ignore"):  # it cannot push
-        craft = replace(load_spacecraft("pingu"), thrusters=())
-    header = "time,x,y,heading,u0"
-    rows = [f"{0.2 * k},0,0,0,0" for k in range(60)]
-    with pytest.raises(ConfigError, match="has no thruster"):
-        rans.identify(csv_file(tmp_path, rows, header), craft)
-
-
 def test_a_log_without_positions_is_refused_in_a_sentence() -> None:
-    """Attitudes alone, as a satellite has them."""
     times = 0.2 * np.arange(60)
     unknown = np.full((60, 3), np.nan)
     level = np.tile([1.0, 0.0, 0.0, 0.0], (60, 1))

@@ -164,6 +164,8 @@ def test_other_craft_and_other_files_are_refused(flight: FlightLog, tmp_path: Pa
         rans.identify(flight, "free-flyer")
     with pytest.raises(ConfigError, match="burns propellant"):
         rans.identify(flight, "mars-lander-steered")
+    with pytest.raises(ConfigError, match="has no thruster"):
+        rans.identify(flight, "innocube")
     with pytest.raises(ConfigError, match="a bag"):
         rans.identify(tmp_path / "flight.txt", PLATFORM)
 
