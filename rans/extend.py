@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rans.api.names import load_spacecraft as load_spacecraft
     from rans.choices import EngineName as EngineName
     from rans.cli import check_count as check_count
+    from rans.csv_file import read_csv as read_csv
     from rans.episode import Setup as Setup
     from rans.episode import World as World
     from rans.episode import step as step

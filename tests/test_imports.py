@@ -39,6 +39,7 @@ LAYERS: list[set[str]] = [
         "rans.table",
     },
     {"rans.files"},
+    {"rans.csv_file"},
     {"rans.lazy", "rans.registry", "rans.structure", "rans.archives"},
     {"rans.abilities"},
     {"rans.executors"},

@@ -18,11 +18,15 @@ from tests.support.reader_questions import (
 
 ANSWERS: Answers = {
     "read_path": {
-        "units": Answer(written("path.csv", "0,0\n6000,0\n", read_path), "in metres"),
+        "units": Answer(
+            written("path.csv", "x (cm),y (cm)\n0,0\n9,0\n", read_path), "must be in m"
+        ),
         "frames": "a path has the world's axes, and no file names others",
         "times": "a path has none: the speed is an option",
-        "order": Answer(written("path.csv", "0,0\n1,0,0\n", read_path), "as in the first point"),
-        "dropped": Answer(written("path.csv", "x,y\nx,y\n0,0\n", read_path), "expected a number"),
+        "order": Answer(written("path.csv", "0,0\n1,0,0\n", read_path), "3 cells instead of 2"),
+        "dropped": Answer(
+            written("path.csv", "t,x,y\n0,0,0\n1,1,1\n", read_path), "not read", is_warning=True
+        ),
         "sizes": Answer(
             written("path.csv", "#" + "x" * 2**20, read_path), "larger than field limit"
         ),

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rans.csv_file import CsvFile, read_csv
 from rans.effectors.commands import check_commands, per_velocity
 from rans.episode import Setup
-from rans.errors import ConfigError, brief, counted
-from rans.files import read_text
+from rans.errors import ConfigError, counted
 from rans.model.fields import Heading, Quat
 
 _LARGEST = 2**26
@@ -29,7 +26,8 @@ class FlightsFile:
     ``time`` the beginning of a control period, s. The others are one ``command.k`` for each command k of the
     spacecraft, from 0 to 1 (signed for wheels), held for this period; or ``dv.x``, ``dv.y`` and ``dv.z``, a change
     of velocity in W, m/s, that is spread evenly over it. Periods without a row, or without commands in it, are
-    coasts. Other columns are ignored: the file optimal.csv of `rans optimal` is such a file.
+    coasts. A unit may stand behind a name in parentheses. Other columns are ignored: the file optimal.csv of
+    `rans optimal` is such a file.
 
     Args:
         file: the file.
@@ -50,21 +48,25 @@ class FlightsFile:
         self._step = 0
         craft, timing = setup.craft, setup.timing
         # Header: what the rows hold.
-        rows = list(csv.reader(io.StringIO(read_text(Path(file), _LARGEST, "the flights "))))
-        if not rows:
-            raise ConfigError(f"{file} is empty; it begins with a header such as start,time,dv.x.")
-        header = [cell.strip() for cell in rows[0]]
+        table = read_csv(Path(file), _LARGEST, "the flights ")
         axes = [f"dv.{axis}" for axis in "xyz"[: craft.dimension]]
         commands = [f"command.{k}" for k in range(craft.command_count)]
-        holds_changes = set(axes) <= set(header)
+        units = {
+            "start": (),
+            "time": ("s",),
+            **dict.fromkeys(axes, ("m/s",)),
+            **dict.fromkeys(commands, ()),
+        }
+        places = table.columns(units)
+        holds_changes = set(axes) <= set(places)
         columns = ["start", "time", *(axes if holds_changes else commands)]
-        if missing := [name for name in columns if name not in header]:
+        if missing := [name for name in columns if name not in places]:
             raise ConfigError(
                 f"{file} has no column {missing[0]}; it needs start and time, and either "
                 f"{commands[0]} to {commands[-1]} or {', '.join(axes)}."
             )
         # Flights: values by start and control period; a period without a row is a coast.
-        flights = self._flights(file, header, columns, rows[1:])
+        flights = self._flights(table, {name: places[name] for name in columns})
         numbers = sorted(flights)
         if numbers != list(range(len(numbers))) or not numbers:
             raise ConfigError(
@@ -80,30 +82,24 @@ class FlightsFile:
         )
         self._check()
 
-    def _flights(
-        self,
-        file: str | Path,
-        header: Sequence[str],
-        columns: Sequence[str],
-        rows: Iterable[Sequence[str]],
-    ) -> dict[int, dict[int, np.ndarray]]:
+    def _flights(self, table: CsvFile, places: dict[str, int]) -> dict[int, dict[int, np.ndarray]]:
         """Commands (n,) or changes of velocity (d,), m/s, by the number of the start and of the control period.
 
         A period that is named twice for one start is refused; one that is not named is a coast.
         """
         flights: dict[int, dict[int, np.ndarray]] = {}
-        for line, row in enumerate(rows, start=2):
-            if not any(map(str.strip, row)):
+        for line, row in table.rows:
+            where = f"{table.what}, line {line}"
+            cells = {name: row[place].strip() for name, place in places.items()}
+            start, time = (table.number(line, name, cells.pop(name)) for name in ("start", "time"))
+            step = self._step_of(where, start, time)
+            steps = flights.setdefault(int(start), {})
+            if not any(cells.values()):
                 continue
-            where = f"{file}, line {line}"
-            start, step, values = self._row(where, dict(zip(header, row, strict=False)), columns)
-            steps = flights.setdefault(start, {})
-            if values is None:
-                continue
+            self._check_step(where, step, time)
             if step in steps:
-                time = step * self._setup.timing.control_period
-                raise ConfigError(f"{where}: start {start} has two rows for {time:g} s.")
-            steps[step] = values
+                raise ConfigError(f"{where}: start {start:g} has two rows for {time:g} s.")
+            steps[step] = np.array([table.number(line, *cell) for cell in cells.items()])
         return flights
 
     @property
@@ -139,30 +135,24 @@ class FlightsFile:
         in_body = np.stack(np.broadcast_arrays(*change.columns()), axis=1)
         return np.clip(in_body @ self._levers.T, 0.0, 1.0)
 
-    def _row(
-        self, where: str, cells: Mapping[str, str], columns: Sequence[str]
-    ) -> tuple[int, int, np.ndarray | None]:
-        """Number of the start, control period, and commands or changes of velocity of a row; None: a coast."""
-        start = _number(where, "start", cells.get("start", ""))
-        time = _number(where, "time", cells.get("time", ""))
-        timing = self._setup.timing
-        step = round(time / timing.control_period)
+    def _step_of(self, where: str, start: float, time: float) -> int:
+        """Number of the control period that begins at a time, s, of a flight from a start."""
+        period = self._setup.timing.control_period
+        step = round(time / period)
         if start < 0 or start != round(start):
             raise ConfigError(f"{where}: start must be a whole number >= 0, got {start:g}.")
-        texts = [cells.get(name, "").strip() for name in columns[2:]]
-        values = None
-        if any(texts):
-            pairs = zip(columns[2:], texts, strict=True)
-            values = np.array([_number(where, name, text) for name, text in pairs])
-        if abs(time / timing.control_period - step) > _ROUNDING:
+        if abs(time / period - step) > _ROUNDING:
             raise ConfigError(
-                f"{where}: time must be a multiple of the control period of {timing.control_period:g} s, got "
-                f"{time:g} s."
+                f"{where}: time must be a multiple of the control period of {period:g} s, got {time:g} s."
             )
-        if values is not None and not 0 <= step < timing.episode_steps:
+        return step
+
+    def _check_step(self, where: str, step: int, time: float) -> None:
+        """Refuse (`ConfigError`) commands outside the episode; a coast may stand there."""
+        timing = self._setup.timing
+        if not 0 <= step < timing.episode_steps:
             last = (timing.episode_steps - 1) * timing.control_period
             raise ConfigError(f"{where}: time must be 0 to {last:g} s, got {time:g} s.")
-        return int(start), step, values
 
     def _check(self) -> None:
         """Refuse (`ConfigError`) what the spacecraft cannot give in a period; rounds on/off commands in place."""
@@ -185,14 +175,3 @@ class FlightsFile:
                 f"control period of {period:g} s, and start {start} asks for {largest[step, start]:.4g} m/s at "
                 f"{step * period:g} s; divide it among several periods."
             )
-
-
-def _number(where: str, name: str, text: str) -> float:
-    """A finite number in a cell, or a `ConfigError` of where it stands."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise ConfigError(f"{where}: {name} must be a finite number, got {brief(text.strip())}.")
-    return value

@@ -5,8 +5,8 @@ Positions are (d,) in W, m; files of users are checked line by line.
 
 from __future__ import annotations
 
-import csv
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
@@ -14,9 +14,8 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from rans.errors import meant
-from rans.extend import ConfigError, brief, distinct, read_bytes
-from rans.files import LARGEST_TEXT
+from rans.errors import RansWarning, meant
+from rans.extend import ConfigError, brief, distinct, read_csv
 
 SPACING = 0.005
 """Largest distance along a path between neighbouring points, m: a fiftieth of the paper's look-ahead. A
@@ -171,29 +170,50 @@ def find_path(name: str) -> Path:
 
 
 def read_path(file: FilePath) -> Path:
-    """A path from a CSV file: one point x,y or x,y,z (m) a line, with or without a header line.
+    """A path from a CSV file: one point a line, m, joined by straight lines.
 
-    Points are joined by straight lines. The path is closed if its last point repeats its first.
+    The first line may name the columns: ``x``, ``y`` and, in space, ``z``, in any order and with ``(m)`` behind
+    them; others are not read, which a warning says. Without names a line is x,y or x,y,z. The path is closed if
+    its last point repeats its first.
 
     Raises:
         ConfigError: the file cannot be read or holds no path; the message names the line.
     """
-    try:
-        rows = list(csv.reader(read_bytes(file, LARGEST_TEXT).decode("utf-8-sig").splitlines()))
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"cannot read {file}: it is not text in UTF-8.") from error
-    except csv.Error as error:
-        raise ConfigError(f"cannot read {file}: {error}.") from error
-    # Points of lines that are not empty, after a header; a point that repeats the one before is left out.
-    numbered = [(line, row) for line, row in enumerate(rows, start=1) if any(map(str.strip, row))]
-    if numbered and not any(_is_number(cell) for cell in numbered[0][1]):
-        del numbered[0]
-    points = [
-        p for p, _ in groupby(_point(file, line, row, numbered[0][1]) for line, row in numbered)
-    ]
+    table = read_csv(file, what="the path ")
+    rows = [*table.rows]
+    # Axes by their places: of names, or of a first line that is a point.
+    if any(map(_is_number, table.header)):
+        rows.insert(0, (1, [*table.header]))
+        usual = len(table.header) in (2, 3)
+        axes = {axis: k for k, axis in enumerate("xyz"[: len(table.header)])} if usual else {}
+    else:
+        axes = table.columns(dict.fromkeys("xyz", ("m",)))
+    if not {"x", "y"} <= set(axes):
+        raise ConfigError(
+            f"{table.what} must hold points x,y or x,y,z (m), or name these columns in its first line, got "
+            f"{brief(', '.join(table.header))}."
+        )
+    if len(axes) < len(table.header):
+        unread = [cell for k, cell in enumerate(table.header) if k not in axes.values()]
+        warnings.warn(
+            f"{table.what} has columns that are not read: {brief(', '.join(unread))}.",
+            RansWarning,
+            stacklevel=2,
+        )
+    # Points in the order of the axes; one that repeats the point before is left out.
+    read = []
+    for line, row in rows:
+        point = tuple(table.number(line, axis, row[axes[axis]]) for axis in sorted(axes))
+        if max(map(abs, point)) > _FARTHEST:
+            raise ConfigError(
+                f"{table.what}, line {line}: coordinates must be within +-{_FARTHEST:g} m, got {brief(point)}; "
+                "are they in metres?"
+            )
+        read.append(point)
+    points = [point for point, _ in groupby(read)]
     if len(points) < 2:
         raise ConfigError(
-            f"{file} must hold at least two different points, one x,y or x,y,z (m) a line, got "
+            f"{table.what} must hold at least two different points, one x,y or x,y,z (m) a line, got "
             f"{len(points)}."
         )
     # A closed path, whose last point is its first.
@@ -201,25 +221,10 @@ def read_path(file: FilePath) -> Path:
     length = sum(math.dist(a, b) for a, b in pairwise(points))
     if not _SHORTEST <= length <= _LONGEST:
         raise ConfigError(
-            f"{file}: a path must be {_SHORTEST:g} to {_LONGEST:g} m long, got "
+            f"{table.what}: a path must be {_SHORTEST:g} to {_LONGEST:g} m long, got "
             f"{length:g} m; are the coordinates in metres?"
         )
     return Path.through(file.stem, np.array(points[:-1] if closed else points), closed)
-
-
-def _point(file: FilePath, line: int, row: list[str], first: list[str]) -> tuple[float, ...]:
-    """The two or three coordinates (m) of one line, as many as in the first (`ConfigError` with file and line)."""
-    if len(row) not in (2, 3) or len(row) != len(first):
-        usual = len(first) in (2, 3)
-        form = f"{len(first)} values, as in the first point" if usual else "x,y or x,y,z"
-        raise ConfigError(f"{file}, line {line}: expected {form}, got {len(row)}.")
-    for cell in row:
-        if not _is_number(cell) or not abs(float(cell)) <= _FARTHEST:
-            raise ConfigError(
-                f"{file}, line {line}: expected a number within +-{_FARTHEST:g} m, got "
-                f"{cell.strip()!r}."
-            )
-    return tuple(map(float, row))
 
 
 def _is_number(text: str) -> bool:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import math
 import re
 from dataclasses import replace
 from pathlib import Path
 
-from rans.extend import ConfigError, read_text
+from rans.extend import ConfigError, read_csv
 from rans_missions.judges import jeod
 from rans_missions.judges.jeod import RUNS, Motion, Run, Turning
 from validation.judges.judge import Row
@@ -92,40 +89,33 @@ def logged(folder: Path) -> tuple[dict[str, tuple[Run, str]], list[str]]:
 
 def _rows(file: Path) -> tuple[dict[int, Motion], dict[int, Turning]]:
     """Motion and rotation of a log by time (whole s), in SI units as JEOD writes them; times must rise."""
-    lines = csv.reader(io.StringIO(read_text(file, _LARGEST, "the log ")))
-    header = [name.strip() for name in next(lines, [])]
+    table = read_csv(file, _LARGEST, "the log ")
+    header = [*table.header]
     missing = [
         name
         for name in (TIME, *(c for names in COLUMNS.values() for c in names))
-        if name not in header
+        if header.count(name) != 1
     ]
     if missing:
         raise ConfigError(
-            f"{file} has no column {missing[0]!r}: a log of JEOD's SIM_dyncomp names it with this unit."
+            f"{file} has {header.count(missing[0])} columns {missing[0]!r}: a log of JEOD's SIM_dyncomp has one of "
+            "this name and unit."
         )
     # Columns by name, then rows with finite numbers.
     places = {key: [header.index(name) for name in names] for key, names in COLUMNS.items()}
     at = header.index(TIME)
     motion: dict[int, Motion] = {}
     turning: dict[int, Turning] = {}
-    for number, line in enumerate(lines, 2):
-        if not line:
-            continue
-        if len(line) != len(header):
-            raise ConfigError(
-                f"{file}, line {number}: it has {len(line)} cells, and the header has {len(header)}."
-            )
-        try:
-            time = float(line[at])
-            read = {key: tuple(float(line[k]) for k in ks) for key, ks in places.items()}
-        except ValueError as error:
-            raise ConfigError(f"{file}, line {number}: {error}.") from error
-        numbers = (time, *(x for values in read.values() for x in values))
+    for number, row in table.rows:
+        time = table.number(number, TIME, row[at])
+        read = {
+            key: tuple(table.number(number, header[k], row[k]) for k in ks)
+            for key, ks in places.items()
+        }
         last = next(reversed(motion), -1)
-        if not all(map(math.isfinite, numbers)) or time != round(time) or time <= last:
+        if time != round(time) or time <= last:
             raise ConfigError(
-                f"{file}, line {number}: the time {time!r} s must be a whole number above {last}, and all numbers "
-                "finite."
+                f"{file}, line {number}: the time {time!r} s must be a whole number above {last}."
             )
         motion[int(time)] = read["position"], read["velocity"]  # type: ignore[assignment]
         turning[int(time)] = read["spin"], read["attitude"]  # type: ignore[assignment]

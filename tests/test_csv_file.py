@@ -1,0 +1,87 @@
+"""Tables of others: every reader of CSV files refuses the same damage (`rans.csv_file`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rans_assurance.follow.paths import read_path
+from rans_missions.judges import logs
+from rans_robot.identify.log import read_csv as read_log
+
+import rans
+from rans.csv_file import read_csv
+from rans.episode import Setup
+from rans.errors import ConfigError
+from rans.evaluation.fly.flights_file import FlightsFile
+from rans.model.actuators import Throttle
+from rans.model.timing import Timing
+
+PLATFORM = rans.load_spacecraft("floating-platform")
+THROTTLED = replace(PLATFORM, actuators=Throttle())
+SETUP = Setup(THROTTLED, rans.GoToPose(), Timing(control_period=0.2, episode_steps=5))
+
+COMMANDS = [f"command.{k}" for k in range(8)]
+INPUTS = [f"u{k}" for k in range(8)]
+POSE = ["x", "y", "heading"]
+READERS: dict[str, tuple[Callable[[Path], object], list[str], list[str]]] = {
+    "path": (read_path, ["x", "y"], ["0", "0"]),
+    "flights": (
+        lambda file: FlightsFile(file, SETUP),
+        ["start", "time", *COMMANDS],
+        ["0", "0", *["1"] * 8],
+    ),
+    "log": (
+        lambda file: read_log(file, PLATFORM),
+        ["time", *POSE, *INPUTS],
+        ["0", "0", "0", "0", *["1"] * 8],
+    ),
+    "JEOD": (
+        logs._rows,
+        [logs.TIME, *(name for names in logs.COLUMNS.values() for name in names)],
+        ["0"] * 14,
+    ),
+}
+"""Each reader with a header and a first row that it takes."""
+
+
+@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize(
+    ("damage", "sentence"),
+    [
+        (lambda head, row: (head, [f"{row[0]},5", *row[1:]]), "decimal comma|cells instead of"),
+        (lambda head, row: (head, row[:-1]), "cells instead of"),
+        (lambda head, row: ([*head, head[-1]], [*row, row[-1]]), "twice|has 2 columns"),
+        (lambda head, row: (head, ["1" * 200_000, *row[1:]]), "field limit"),
+        (lambda head, row: (head, ["one", *row[1:]]), "number"),
+    ],
+    ids=["decimal comma", "short row", "doubled column", "endless cell", "word"],
+)
+def test_every_reader_refuses(name: str, damage: Callable, sentence: str, tmp_path: Path) -> None:
+    read, head, row = READERS[name]
+    file = tmp_path / "table.csv"
+    file.write_text("\n".join(map(",".join, damage(head, row))) + "\n")
+    with pytest.raises(ConfigError, match=sentence):
+        read(file)
+
+
+@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_every_reader_names_another_separator(name: str, separator: str, tmp_path: Path) -> None:
+    read, head, row = READERS[name]
+    file = tmp_path / "table.csv"
+    file.write_text(f"{separator.join(head)}\n{separator.join(row)}\n")
+    with pytest.raises(ConfigError, match="write commas"):
+        read(file)
+
+
+def test_columns_stand_in_any_order_with_their_units(tmp_path: Path) -> None:
+    file = tmp_path / "table.csv"
+    file.write_text("Y (m), note, x\n2,a,1\n\n4,b,3\n")
+    table = read_csv(file)
+    assert table.columns({"x": ("m",), "y": ("m",)}) == {"y": 0, "x": 2}
+    assert [line for line, _ in table.rows] == [2, 4]
+    with pytest.raises(ConfigError, match="must be in cm"):
+        table.columns({"y": ("cm",)})
