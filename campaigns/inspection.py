@@ -1,6 +1,6 @@
 """Impulse against time of inspections, beside their lower bound: ``python -m campaigns inspect``.
 
-Circumnavigation for several times, the controller `visiting` and the agent behind the safety filter fly from the
+Circumnavigation for several times and the agent behind the safety filter fly from the
 same held-out starts.
 """
 
@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from rans_missions.control.circumnavigation import Circumnavigation
-from rans_missions.control.visiting import Visiting
 from rans_missions.convex.inspection import inspection_bound
 from rans_missions.guard import safety_filter
 from rans_missions.tasks.inspect import Inspect
@@ -36,7 +35,7 @@ class Inspection:
     episodes: int = 64
     """Held-out starts."""
     only: str = ""
-    """Fly one contestant alone, such as visiting; rows of others stay as they are in the evidence."""
+    """Fly one contestant alone; rows of others stay as they are in the evidence."""
     seed: int = EVALUATION_SEED
     """Seed of the starts."""
     workers: int | None = None
@@ -55,7 +54,6 @@ def _circumnavigation(within: float) -> Callable[[Setup], tuple[Controller, Guar
 
 CONTESTANTS: dict[str, Callable[[Setup], tuple[Controller, Guard | None]]] = {
     **{f"circumnavigation, {within:,.0f} s": _circumnavigation(within) for within in _WITHIN},
-    "visiting": lambda setup: (Visiting(setup.craft, setup.task), None),
     "inspect-3d, filtered": lambda setup: (
         contestant("pretrained:inspect-3d").controller,
         safety_filter(setup),

@@ -10,7 +10,6 @@ import numpy as np
 from rans_missions.control.circumnavigation import Circumnavigation
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.control.passive_approach import PassiveApproach
-from rans_missions.control.passive_entry import PassiveEntry
 from rans_missions.passive_flights import passive_safety
 
 from campaigns.parts import in_parts
@@ -33,9 +32,7 @@ CONTESTANTS: dict[str, tuple[str, Callable[..., Controller], int]] = {
     "hold, mission": ("hold", MissionGuidance, _AT_ONCE),
     "hold, passive": ("hold", PassiveApproach, _PLANNED),
     "dock, mission": ("dock", MissionGuidance, _AT_ONCE),
-    "dock, passive-entry": ("dock", PassiveEntry, _PLANNED),
     "rendezvous, mission": ("rendezvous", MissionGuidance, _AT_ONCE),
-    "rendezvous, passive-entry": ("rendezvous", PassiveEntry, _PLANNED),
     "inspect, circumnavigation": ("inspect", Circumnavigation, _PLANNED),
     "inspect, circumnavigation, safe coasts": ("inspect", _safe_circumnavigation, _PLANNED),
 }

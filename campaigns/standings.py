@@ -58,7 +58,7 @@ MISSIONS = {
     "dock": Mission(
         "1,000 s",
         _ORBITAL,
-        (("mission guidance", "dock, mission"), (_SAFE, "dock, passive-entry")),
+        (("mission guidance", "dock, mission"),),
     ),
     "hold": Mission(
         "1,900 s",
@@ -68,7 +68,7 @@ MISSIONS = {
     "rendezvous": Mission(
         "5,000 s",
         _ORBITAL,
-        (("mission guidance", "rendezvous, mission"), (_SAFE, "rendezvous, passive-entry")),
+        (("mission guidance", "rendezvous, mission"),),
     ),
     "land": Mission(
         "",
@@ -82,7 +82,6 @@ MISSIONS = {
         "",
         (
             (_GUIDANCE, "circumnavigation, 12,240 s"),
-            (_GUIDANCE, "visiting"),
             (_AGENT, "inspect-3d, filtered"),
         ),
         (

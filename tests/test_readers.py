@@ -86,7 +86,6 @@ ALLOWED = {
         "rans_proof.network",
         "InferenceSession",
     ): "of bytes that the reader of the module has accepted",
-    ("rans_missions.afrl", "InferenceSession"): "of bytes that rans.files has read",
     ("rans.evaluation.fly.foreign_policy", "load_from_zip_file"): "a pickle, with --trust only",
     (
         "rans.evaluation.fly.foreign_policy",

@@ -68,8 +68,8 @@ API = {
         "SensorsConditions load_conditions"
     ),
     "Controllers": (
-        "LQR Switching MPC VelocityToGain MissionGuidance ConvexGuidance LandingGuidance Visiting Corridor "
-        "Circumnavigation PassiveApproach PassiveEntry Pilot"
+        "LQR Switching MPC VelocityToGain MissionGuidance ConvexGuidance LandingGuidance Corridor "
+        "Circumnavigation PassiveApproach Pilot"
     ),
     "Flights": "Timing fly passive_safety write_ccsds read_opm relative_state trust_files run_on",
     "Engine and learner": "Engine PPO PPOSettings SB3VecEnv SpacecraftEnv SpacecraftVectorEnv",

@@ -81,7 +81,7 @@ class Evaluate(Options):
 
     trajectories: bool = False
     """Also write all states and commands into episodes.npz; for a mission on an orbit also the first 16 flights as
-    CCSDS messages into a folder ccsds: OEM of craft and target, AEM of the craft (docs/missions/ccsds.md)."""
+    CCSDS messages into a folder ccsds: OEM of craft and target (docs/missions/ccsds.md)."""
     full: bool = False
     """Print all metrics, not only the most important ones. evaluation.json always has all."""
     trust: Trust = False

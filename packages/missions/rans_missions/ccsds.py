@@ -1,11 +1,9 @@
 """Flights near a target on an orbit as messages of the Consultative Committee for Space Data Systems (CCSDS).
 
-An Orbit Ephemeris Message (OEM) has positions and velocities, an Attitude Ephemeris Message (AEM) attitudes, and
-an Orbit Parameter Message (OPM) one state. They are in the keyword notation (KVN), in km and km/s in an inertial
-frame; missions fly in the target's Hill frame.
+An Orbit Ephemeris Message (OEM) has positions and velocities, and an Orbit Parameter Message (OPM) one state. They
+are in the keyword notation (KVN), in km and km/s in an inertial frame; missions fly in the target's Hill frame.
 
-Sources: CCSDS 502.0-B-3, "Orbit Data Messages", 2023, and CCSDS 504.0-B-1, "Attitude Data Messages", 2008,
-whose version 1 of AEM more programs read than version 2.
+Source: CCSDS 502.0-B-3, "Orbit Data Messages", 2023.
 """
 
 from __future__ import annotations
@@ -24,12 +22,10 @@ from rans.errors import RansWarning
 from rans.extend import (
     ConfigError,
     Flight,
-    Quat,
     Task,
     brief,
     checked,
     counted,
-    map_leaves,
     read_text,
     write_text,
 )
@@ -42,7 +38,7 @@ _ECCENTRICITY = 0.01
 """Eccentricity above which an orbit does not count as circular: Clohessy-Wiltshire's equations are then as wrong as
 at a distance of a hundredth of the radius."""
 _MESSAGES = 16
-"""Largest number of flights that ``rans evaluate --trajectories`` writes, three files each."""
+"""Largest number of flights that ``rans evaluate --trajectories`` writes, two files each."""
 _STATE = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
 
 
@@ -74,15 +70,6 @@ class Orbit(NamedTuple):
         axes[:, 0, 1] = -np.sin(angle)
         axes[:, 2, 2] = 1.0
         return plane @ axes
-
-    def attitude(self, times: np.ndarray) -> Quat:
-        """Attitude of the Hill frame in the inertial one, of arrays (T,)."""
-        zero = np.zeros(len(times))
-        angle = 0.5 * (self.latitude + self.mean_motion * np.asarray(times, dtype=float))
-        node, inclination = zero + 0.5 * self.node, zero + 0.5 * self.inclination
-        about_node = Quat(np.cos(node), zero, zero, np.sin(node))
-        about_line = Quat(np.cos(inclination), np.sin(inclination), zero, zero)
-        return about_node.times(about_line).times(Quat(np.cos(angle), zero, zero, np.sin(angle)))
 
     @property
     def radius(self) -> float:
@@ -162,11 +149,10 @@ def write_ccsds(
     inclination: float = 0.0,
     node: float = 0.0,
     latitude: float = 0.0,
-) -> tuple[Path, Path, Path]:
-    """Write one episode as CCSDS messages: OEM of the craft and of its target, and AEM of the craft.
+) -> tuple[Path, Path]:
+    """Write one episode as CCSDS messages: OEM of the craft and of its target.
 
     The missions have a circular orbit with a radius, but no orientation and no epoch, so these are arguments.
-    Attitudes are those relative to the Hill frame, which turns with the target.
 
     >>> import tempfile
     >>> starts = rans.scenario.scenarios(rans.Hold(), rans.load_spacecraft("vbar-chaser"), 7, 1)
@@ -174,7 +160,7 @@ def write_ccsds(
     >>> controller = rans.MissionGuidance("vbar-chaser", "hold")
     >>> flight = rans.fly("vbar-chaser", "hold", controller, starts, timing)
     >>> [file.name for file in rans.write_ccsds(flight, tempfile.mkdtemp(), inclination=51.6)]
-    ['episode-0.oem', 'episode-0-target.oem', 'episode-0.aem']
+    ['episode-0.oem', 'episode-0-target.oem']
 
     Args:
         flight: flights of a mission on an orbit, in space.
@@ -208,8 +194,7 @@ def write_ccsds(
     target = np.zeros((len(times), 3))
     # Ephemerides of craft and target in the inertial frame, km and km/s.
     folder = Path(folder)
-    names = (f"episode-{episode}{suffix}" for suffix in (".oem", "-target.oem", ".aem"))
-    of_craft, of_target, of_attitude = (folder / name for name in names)
+    of_craft, of_target = (folder / f"episode-{episode}{end}" for end in (".oem", "-target.oem"))
     for file, name, motion in (
         (of_craft, flight.craft.name, (states[:, :3], states[:, 3:])),
         (of_target, f"target of {flight.craft.name}", (target, target)),
@@ -219,28 +204,25 @@ def write_ccsds(
             f"{instant} {' '.join(f'{x:.9f}' for x in 1e-3 * a)} {' '.join(f'{x:.12f}' for x in 1e-3 * b)}"
             for instant, a, b in zip(instants, p, v, strict=True)
         ]
-        meta = {"CENTER_NAME": "EARTH", "REF_FRAME": FRAME, "TIME_SYSTEM": "UTC"}
-        write_text(file, _message("CCSDS_OEM_VERS", "3.0", name, meta, instants, rows))
-    # Attitude: that of the Hill frame, then that of the craft in it; the scalar is last.
-    attitude = orbit.attitude(times).times(
-        map_leaves(lambda x: x[: steps + 1, episode], flight.states.attitude)
-    )
-    quaternions = np.stack([attitude.x, attitude.y, attitude.z, attitude.w], axis=1)
-    rows = [
-        f"{instant} {' '.join(f'{x:.12f}' for x in q)}"
-        for instant, q in zip(instants, quaternions, strict=True)
-    ]
-    meta = {
-        "CENTER_NAME": "EARTH",
-        "REF_FRAME_A": FRAME,
-        "REF_FRAME_B": "SC_BODY_1",
-        "ATTITUDE_DIR": "A2B",
-        "TIME_SYSTEM": "UTC",
-    }
-    last = {"ATTITUDE_TYPE": "QUATERNION", "QUATERNION_TYPE": "LAST"}
-    text = _message("CCSDS_AEM_VERS", "1.0", flight.craft.name, meta, instants, rows, last)
-    write_text(of_attitude, text)
-    return of_craft, of_target, of_attitude
+        lines = [
+            "CCSDS_OEM_VERS = 3.0",
+            f"CREATION_DATE = {_text(datetime.now(UTC))}",
+            "ORIGINATOR = RANS",
+            "",
+            "META_START",
+            f"OBJECT_NAME = {name}",
+            "OBJECT_ID = UNKNOWN",
+            "CENTER_NAME = EARTH",
+            f"REF_FRAME = {FRAME}",
+            "TIME_SYSTEM = UTC",
+            f"START_TIME = {instants[0]}",
+            f"STOP_TIME = {instants[-1]}",
+            "META_STOP",
+            "",
+            *rows,
+        ]
+        write_text(file, "\n".join(lines) + "\n")
+    return of_craft, of_target
 
 
 def read_opm(file: str | Path) -> OrbitState:
@@ -478,34 +460,6 @@ def relative_state(target: OrbitState, craft: OrbitState) -> tuple[float, np.nda
     semi_major = 1.0 / (2.0 / radius - v @ v / EARTH)
     n = math.sqrt(EARTH / semi_major**3)
     return n, axes @ offset, axes @ (craft.v - v - np.cross(rate, offset))
-
-
-def _message(
-    key: str,
-    version: str,
-    name: str,
-    meta: dict[str, str],
-    instants: list[str],
-    rows: list[str],
-    last: dict[str, str] | None = None,
-) -> str:
-    """An ephemeris message with one segment.
-
-    ``last`` are further keywords of the metadata, which AEM of version 1 has.
-    """
-    header = {key: version, "CREATION_DATE": _text(datetime.now(UTC)), "ORIGINATOR": "RANS"}
-    segment = {
-        "OBJECT_NAME": name,
-        "OBJECT_ID": "UNKNOWN",
-        **meta,
-        "START_TIME": instants[0],
-        "STOP_TIME": instants[-1],
-        **(last or {}),
-    }
-    data = ["DATA_START", *rows, "DATA_STOP"] if last else rows
-    lines = [f"{k} = {v}" for k, v in header.items()]
-    lines += ["", "META_START", *(f"{k} = {v}" for k, v in segment.items()), "META_STOP", "", *data]
-    return "\n".join(lines) + "\n"
 
 
 _INSTANT = re.compile(

@@ -164,7 +164,7 @@ LANDING = Problem(
     bounded, mission_bounds, steps_of, ("landing", "optimal"), landings, pictures_of_landings
 )
 """The least propellant of a landing."""
-INSPECTION = Problem(bounded, mission_bounds, steps_of, ("circumnavigation", "visiting", "optimal"))
+INSPECTION = Problem(bounded, mission_bounds, steps_of, ("circumnavigation", "optimal"))
 """A lower bound of the impulse of an inspection; no optimum is known."""
 APPROACH = Problem(bounded, mission_bounds, steps_of, ("corridor", "optimal"), approaches)
 """The least impulse of a flight through the corridor of a port."""

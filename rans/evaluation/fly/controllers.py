@@ -42,8 +42,6 @@ CONTROLLERS: Registry[Maker] = Registry(
             "landing",
             "mission",
             "passive",
-            "passive-entry",
-            "visiting",
         ),
         "missions",
     ),

@@ -28,8 +28,6 @@ CONTROLLERS_OF_POSES = sorted(
         "landing",
         "mission",
         "passive",
-        "passive-entry",
-        "visiting",
     }
 )
 

@@ -38,7 +38,7 @@ class VelocityGuidance(ABC, Generic[Mission]):
     mission: ClassVar[Any]
     """Class of the missions that the law flies."""
     purpose: ClassVar[str]
-    """Beginning of the message for other tasks, such as "visiting flies inspections"."""
+    """Beginning of the message for other tasks, such as "circumnavigation flies inspections"."""
     observes: ClassVar[bool] = False
     """Whether it reads observations (`rans.flight.Controller`)."""
 

@@ -11,7 +11,6 @@ from rans_missions.control.circumnavigation import Circumnavigation
 from rans_missions.control.corridor import Corridor
 from rans_missions.control.passive_approach import PassiveApproach
 from rans_missions.control.velocity_guidance import VelocityGuidance, closed_ellipse, weaker
-from rans_missions.control.visiting import Visiting
 from rans_missions.tasks import Hold
 from scipy.spatial.transform import Rotation
 
@@ -78,7 +77,6 @@ def test_time_begins_with_the_reset() -> None:
         (Circumnavigation, "flies inspections, and GoToPose is not one"),
         (Corridor, "flies final approaches, and GoToPose is not one"),
         (PassiveApproach, "flies to hold points, and GoToPose is not one"),
-        (Visiting, "flies inspections, and GoToPose is not one"),
     ],
 )
 def test_another_task_is_refused_by_the_purpose(guidance: Any, sentence: str) -> None:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_missions.control.mission_guidance import MissionGuidance
-from rans_missions.control.passive_entry import PassiveEntry
 from rans_missions.orbits.earth import EARTH
 from rans_missions.tasks import Dock
 from rans_missions.tasks.orbital import TargetOrbit
@@ -105,7 +104,6 @@ def test_an_observation_says_where_the_target_is() -> None:
             lambda: LQR(DEPUTY, TASK),
             "LQR .* changes along the orbit; fly a circular orbit, or mission",
         ),
-        (lambda: PassiveEntry(DEPUTY, TASK), "passive entry .* changes along the orbit"),
         (lambda: TargetOrbit(eccentricity=1.0), r"from 0 to 0\.9, got 1\.0"),
         (lambda: TargetOrbit(0.3, 7000.0), "4900 km from the Earth's centre, inside the Earth"),
         # The mission's mean motion of 0.001027 rad/s is that of 7,230 km.

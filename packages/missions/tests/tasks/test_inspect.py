@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rans_missions.control.visiting import Visiting
 from rans_missions.script import Script
 from rans_missions.tasks import Inspect
 from rans_missions.tasks.inspect import Inspected
@@ -24,7 +22,6 @@ from rans.model.fields import Quat, Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
-from tests.support.clohessy_wiltshire import transition
 
 DEPUTY = load_spacecraft("afrl-deputy")
 STILL = Vec3(0.0, 0.0, 0.0)
@@ -155,52 +152,6 @@ def test_drake_and_the_engine_see_the_same_points() -> None:
         engine.step(torch.zeros(4, 6))
     found = task.unseen(engine.goal)
     assert np.allclose(np.asarray(found)[:3], ours[-1], atol=1e-6)
-
-
-def test_visiting_flies_towards_what_is_lit_and_unseen() -> None:
-    """At rest 40 m from the target along x, with the sun along y, it must go round towards y."""
-    task = Inspect()
-    pilot = Visiting(DEPUTY, task)
-    pilot.reset(1)
-    state = map_leaves(np.atleast_1d, at(40.0, 0.0, 0.0))
-    there = map_leaves(np.atleast_1d, goal(task, math.pi / 2))
-    command = pilot.act(state, there, np.zeros((1, 1)))[0]
-    assert command[2] > 0.0  # thrusters are +x, -x, +y, -y, +z, -z
-    assert command[3] == 0.0
-    assert command[4:].max() < 0.05 * command[2]
-
-
-def test_a_change_of_velocity_leads_round_the_target_to_the_view(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Where craft are by a matrix exponential after the coast, for views that are worked by hand.
-
-    The first should go 90 degrees round, and goes 0.9 rad: at 40 m a chord of 80 sin 0.45 = 34.797 m, at 0.06 m/s.
-    The second comes to 40 m from 60 m, 0.5 rad round: sqrt(60^2 + 40^2 - 4,800 cos 0.5) = 31.426 m. The third is
-    at its view but for 0.5 m, for which it takes two periods; nothing is lit, and unseen points lie along z.
-    """
-    task = Inspect()
-    pilot = Visiting(DEPUTY, task)
-    position = np.array([[40.0, 0.0, 0.0], [0.0, -60.0, 0.0], [0.0, 0.0, 40.5]]).T
-    velocity = np.array([[0.01, 0.0, -0.02], [0.0, 0.03, 0.0], [0.0, 0.0, 0.0]]).T
-    unseen = Vec3(*np.array([[-0.3, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.2]]).T)
-    lit = Vec3(*np.array([[0.0, 0.3, 0.0], [0.0, -np.cos(0.5), np.sin(0.5)], [1e-9, 0.0, 0.0]]).T)
-    monkeypatch.setattr(Inspect, "directions", lambda *_: (unseen, lit))
-    state: Any = SimpleNamespace(p=Vec3(*position), v=Vec3(*velocity))
-    after = velocity + pilot._change_to_next_view(state, None)
-    views = 40.0 * np.array(
-        [
-            [math.cos(0.9), math.sin(0.9), 0.0],
-            [0.0, -math.cos(0.5), math.sin(0.5)],
-            [0.0, 0.0, 1.0],
-        ]
-    )
-    times = [34.797 / 0.06, 31.426 / 0.06, 2.0 * task.timing.control_period]
-    for k, (view, time) in enumerate(zip(views, times, strict=True)):
-        moved = transition(task.mean_motion, time)[:3, :6]
-        end = moved @ np.append(position[:, k], after[:, k])
-        # Times are rounded to 10 ms, in which it flies a millimetre.
-        np.testing.assert_allclose(end, view, atol=2e-3)
 
 
 def test_settings_that_make_no_sense_are_refused() -> None:
