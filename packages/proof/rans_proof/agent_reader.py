@@ -47,19 +47,16 @@ _FREE = {"thrusters", "layers", "activation", "layout", "privileged", "nominal",
 """Entries that are compared elsewhere here, or are not of what flies: the critic's, and a contract's."""
 _SAME = {"OwnAttitude": "OwnRotation", "Spin": "AngularVelocity", "Turn": "RelativeRotation"}
 """Names of an observation's blocks in older files, and the ones of today."""
-_FIRST = [
+_LAYOUT = [
     ("OwnRotation", 2),
     ("VectorInW", 2),
     ("AngularVelocity", 1),
     ("Scalar", 1),
     ("VectorInW", 2),
+    ("RelativeRotation", 2),
 ]
-"""Blocks of every task in the plane: rotation, velocity, spin, the task's flag, and what it is to gain."""
-LAYOUTS = {
-    "track-velocity": [*_FIRST, ("Scalar", 1), ("Scalar", 1)],
-    "go-to-pose": [*_FIRST, ("RelativeRotation", 2)],
-}
-"""Observations of the tasks that are proved, block by block with their widths."""
+"""Observation of go-to-pose in the plane, block by block with the widths: rotation, velocity, spin, the task's
+flag, and the way and the turn to the goal."""
 COLUMNS = 8
 """Columns of a network in the plane: an observation in the body frame, without the craft's own rotation."""
 
@@ -79,12 +76,11 @@ class AgentWeights(NamedTuple):
     """(8,) of the columns."""
 
 
-def read_agent(content: bytes, task: str, thrusters: int) -> AgentWeights:
-    """Weights of an agent's file.
+def read_agent(content: bytes, thrusters: int) -> AgentWeights:
+    """Weights of the file of an agent that goes to a pose in the plane.
 
     Args:
         content: content of ``agent.safetensors``.
-        task: task whose observation the network must take, a key of `LAYOUTS`.
         thrusters: number of thrusters that it must command.
 
     Raises:
@@ -110,10 +106,7 @@ def read_agent(content: bytes, task: str, thrusters: int) -> AgentWeights:
         )
     need("head" in network or "continuous" in network, "its network does not say what it commands")
     need(network.get("thrusters") == thrusters, "it is of another number of thrusters")
-    need(
-        task in LAYOUTS and _blocks(network.get("layout")) == LAYOUTS[task],
-        "it observes another task",
-    )
+    need(_blocks(network.get("layout")) == _LAYOUT, "it observes another task")
     # The weights, each by the path at which the table refers to it.
     weights = table.get("weights")
     if not isinstance(weights, dict):
@@ -155,7 +148,7 @@ def _is_unused(name: str) -> bool:
 
 
 def _blocks(rows: Any) -> list[tuple[str, int]]:
-    """Names and widths of an observation's blocks in order, to compare with `LAYOUTS`; else `Refused`."""
+    """Names and widths of an observation's blocks in order, to compare with `_LAYOUT`; else `Refused`."""
     need(isinstance(rows, list), "its observation")
     result = []
     for row in rows:

@@ -301,9 +301,9 @@ class Loop:
     """
 
     def __init__(self, table: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
-        self.period = read_period(files["config.json"], "go-to-pose")
+        self.period = read_period(files["config.json"])
         self._design(read_craft(files["spacecraft.toml"]))
-        agent = read_agent(files["agent.safetensors"], "go-to-pose", len(self.along))
+        agent = read_agent(files["agent.safetensors"], len(self.along))
         self.network = Network(agent)
         self.off = table["uncertainty"]
         low = (1.0 - self.off["thrust"]) / (1.0 + self.off["mass"]) - _SLACK

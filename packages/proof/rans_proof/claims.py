@@ -88,12 +88,6 @@ def entries(
     return table
 
 
-def keys(what: str, table: Any, needed: str, optional: str = "") -> None:
-    """Refuse what is no table of these keys, which are words of a text; values are read elsewhere."""
-    kinds = (dict.fromkeys(names.split(), ANYTHING) for names in (needed, optional))
-    entries(what, table, *kinds)
-
-
 def json_of(content: bytes | str, largest: int) -> Any:
     """A JSON document of at most so many bytes, no table of which has a key twice.
 

@@ -6,13 +6,12 @@ it is claimed.
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import shlex
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from tyro.conf import arg
@@ -23,12 +22,9 @@ from rans.extend import ConfigError, Terminal, brief, is_installed, progress, re
 
 if TYPE_CHECKING:
     from rans_proof.prove import Proof
-    from rans_proof.verdicts import Verdict
 
 _CHUNK = 4
 """Cells that a process checks between two reports, some seconds."""
-_SAMPLE = 16
-"""Cells of an agent's certificate that are checked at once when it is proved, in about a second."""
 _CELLS = 4
 """Cells along each state to begin with, for up to four states, 256 cells; with more states it is 1."""
 _SMALLEST = 1.0 / 512
@@ -49,18 +45,16 @@ def prove(
     """Prove that an agent or a network keeps a property from every start; returns whether that is proved.
 
     Args:
-        agent: an on/off agent that tracks velocities in the plane, whose goal is at rest: a run folder or
-            pretrained:NAME; or FILE.onnx, a network that takes the state and gives the commands.
-        property: limits that every flight of the agent keeps for ever: of one that goes to a pose, position and
-            heading.
-        start: starts of the agent: every state up to this speed and this spin; for one that goes to a pose also
-            position (m) and heading (degrees), and those beyond its limits, at rest, come into them.
-        off: how far mass (with the inertia), thrust, and the readings of velocity and spin may be off, and the
-            delay of all thrusters, which is one constant, the same to open and to shut; by default 0. Of an agent
-            that goes to a pose mass, thrust, the readings of position, velocity, heading (rad) and spin, and
-            opening and shutting (s): how much later each valve does either, by itself and each time anew.
-        resolution: how much finer cells are along each coordinate: those of an agent, and the smallest ones of a
-            network, which are 1/512 of the range of a start by default.
+        agent: an on/off agent that goes to a pose in the plane: a run folder; or FILE.onnx, a network that takes
+            the state and gives the commands.
+        property: position (m) and heading (degrees) that every flight of the agent stays within for ever.
+        start: starts of the agent: every state up to this position, heading, speed (m/s) and spin (rad/s); those
+            beyond its limits, at rest, come into them.
+        off: how far mass (with the inertia), thrust, and the readings of position, velocity, heading (rad) and
+            spin of the agent may be off, and how much later than commanded each valve opens and shuts (s), by
+            itself and each time anew; by default 0.
+        resolution: how much finer than 1/512 of the range of a start the smallest cells of a network are along
+            each state.
         problem: plant, starts and property, a TOML file (docs/proof/proofs.md); with --check the certificate must
             fit it.
         output: certificate to write; by default NAME.certificate.json, or proof.json in a run folder for
@@ -79,9 +73,9 @@ _FILE = Annotated[Path | None, arg(metavar="FILE")]
 @command_of(
     prove,
     agent=word("AGENT", str | None),
-    property=Annotated[str | None, arg(metavar="speed=M/S,spin=RAD/S or position=M,heading=DEG")],
-    start=Annotated[str | None, arg(name="from", metavar="speed=M/S,spin=RAD/S,...")],
-    off=Annotated[str, arg(metavar="mass=PART,thrust=PART,velocity=M/S,spin=RAD/S,delay=S,...")],
+    property=Annotated[str | None, arg(metavar="position=M,heading=DEG")],
+    start=Annotated[str | None, arg(name="from", metavar="position=M,heading=DEG,...")],
+    off=Annotated[str, arg(metavar="mass=PART,thrust=PART,position=M,opening=S,...")],
     problem=_FILE,
     output=_FILE,
     check=Annotated[Path | None, arg(metavar="CERTIFICATE")],
@@ -98,7 +92,7 @@ class Prove(Options):
     guide = "docs/proof/proofs.md"
     divides_work = True
     examples = (
-        "rans prove pretrained:track-velocity-2d --property speed=0.16,spin=1.52 --from speed=0.14,spin=0.15",
+        "rans prove pulse-agent --property position=0.05,heading=5 --from position=0.02,heading=1.5",
         "rans prove network.onnx --problem docking.toml",
         "rans prove network.onnx --check docking.certificate.json",
     )
@@ -122,107 +116,11 @@ class Prove(Options):
                     "a network is a file that ends in .onnx, and an agent is a run folder or pretrained:NAME "
                     f"without a --problem, got {brief(self.agent)}."
                 )
-            return (
-                self._check_trap(self.agent, self.check) if self.check else self._trap(self.agent)
-            )
+            return self._check_pose(self.agent) if self.check else self._prove_pose(self.agent)
         if self.problem is None and self.check is None:
             raise ConfigError("name a --problem to prove, or a certificate to --check.")
         network = Path(self.agent)
         return self._check(self.check, network) if self.check is not None else self._prove(network)
-
-    def _trap(self, agent: str) -> int:
-        """Prove a trapping set of velocities, write its certificate and judge it; the exit code."""
-        from rans.extend import ContestantName, RunFolder, load_policy
-        from rans_proof import trap as traps
-        from rans_proof.trap_certificate import LARGEST
-
-        # Which agents can be proved is said before anything is asked for.
-        folder = ContestantName.parse(agent).folder
-        task = RunFolder(folder).config().task
-        if task == "go-to-pose":
-            return self._pose(agent, folder)
-        if task != "track-velocity":
-            raise ConfigError(
-                f"{agent} flies {task}, and no proof is known for that: rans prove proves on/off agents that track "
-                "velocities in the plane, such as track-velocity-2d, or go to a pose by units of one column, "
-                "and networks in ONNX files with a --problem."
-            )
-        run = load_policy(folder)
-        files = _files(folder)
-        loop = traps.velocity_loop(run.network, run.craft, run.timing.control_period)
-        # Property, starts and errors.
-        if self.property is None or self.start is None:
-            raise ConfigError(
-                "name the --property to keep and the starts, --from, of an agent, as in "
-                "--property speed=0.16,spin=1.52 --from speed=0.14,spin=0.15."
-            )
-        keep = named_numbers(self.property, ("speed", "spin"), "--property", are_all_needed=True)
-        start = named_numbers(self.start, ("speed", "spin"), "--from", are_all_needed=True)
-        off = named_numbers(self.off, ("mass", "thrust", "velocity", "spin", "delay"), "--off")
-        for key, limit in keep.items():
-            if not 0.0 < limit <= 10.0:
-                raise ConfigError(
-                    f"--property {key} must be above 0 and at most 10, got {limit:g}."
-                )
-            if not 0.0 <= start[key] <= limit:
-                raise ConfigError(
-                    f"--from {key} must be from 0 to the {limit:g} of --property, got {start[key]:g}."
-                )
-        begun = time.monotonic()
-        terminal = Terminal()
-        limits = keep["speed"], keep["spin"]
-        begin = start["speed"], start["spin"]
-        uncertainty = traps.Uncertainty(**off)
-        # A flight that breaks the property is found sooner than a proof.
-        broken = traps.broken_flight(loop, limits, begin, uncertainty)
-        if broken is not None:
-            state, speed, spin = broken
-            flown = "" if any(off.values()) else _flown(agent, state)
-            terminal.say(
-                f"False: the flight from {np.round(state[:2], 5).tolist()} m/s in the body frame and the spin "
-                f"{state[2]:.5f} rad/s reaches {speed:.4g} m/s and {spin:.4g} rad/s.{flown}"
-            )
-            return 1
-        # The largest set of cells that no flight leaves; the property is proved if all starts lie in it.
-        with progress() as bars:
-            task = bars.add_task("proving", total=None)
-            trap = traps.trapping_set(
-                loop,
-                *limits,
-                uncertainty,
-                traps.GRID.finer(self.resolution),
-                report=lambda done, left: bars.update(task, completed=done, total=done + left),
-            )
-        seconds = time.monotonic() - begun
-        if not trap.contains(loop, *begin):
-            largest = traps.largest_start(trap, loop, start["spin"])
-            terminal.say(
-                f"Open: neither proved nor refuted, after {seconds:.1f} s. With this spin starts up to "
-                f"{largest:.4g} m/s are proved. A finer --resolution, or wider limits, may prove it."
-            )
-            return 1
-        output = self.output or self._file(agent)
-        certificate = traps.write_trap(trap, keep["spin"], begin, files, output)
-        # A part of the check, which finds an agent that prover and checker take for different ones.
-        how = "not checked"
-        if is_installed("flint"):
-            count = min(_SAMPLE, len(trap.cells))
-            some = np.random.default_rng(0).choice(len(trap.cells), count, replace=False)
-            content = read_bytes(output, LARGEST)
-            _, refusal = _trapped(None, content, files, some.tolist(), is_flown=True)
-            if refusal:
-                terminal.say(
-                    f"Not proved: the checker refuses {output}: {refusal} Please report it."
-                )
-                return 1
-            how = f"{count} of them checked"
-        _record(read_bytes(output, LARGEST), "proved")
-        terminal.say(
-            f"Proved: {folder.name} on {run.craft.name}, {certificate.theorem}. {len(trap.cells):,} cells, "
-            f"{how}, {seconds:.1f} s. The certificate is {output} (SHA-256 {certificate.sha256[:16]})."
-        )
-        terminal.suggest(shlex.join(["rans", "prove", agent, "--check", str(output)]))
-        return 0
 
     @staticmethod
     def _file(agent: str) -> Path:
@@ -234,20 +132,23 @@ class Prove(Options):
             return Path(f"{contestant.folder.name}.certificate.json")
         return contestant.folder / "proof.json"
 
-    def _pose(self, agent: str, folder: Path) -> int:
-        """Prove a trapping set of poses, write its certificate and judge it; the exit code."""
+    def _prove_pose(self, agent: str) -> int:
+        """Search a trapping set of poses, write its certificate and let the checker judge it; the exit code."""
         require("flint")
-        from rans.extend import load_policy
+        from rans.extend import ContestantName, RunFolder, load_policy
         from rans_proof import pose_trap as poses
-        from rans_proof.trap_certificate import LARGEST
+        from rans_proof.proved import LARGEST, agent_files
 
+        # Which agents can be proved is said before anything is asked for.
+        folder = ContestantName.parse(agent).folder
+        task = RunFolder(folder).config().task
         run = load_policy(folder)
         network = run.network.architecture
-        if network.activation != "relu" or len(network.layers) != 2:
+        if task != "go-to-pose" or network.activation != "relu" or len(network.layers) != 2:
             raise ConfigError(
-                f"{agent} flies go-to-pose, and no proof is known for its network: rans prove proves on/off "
-                "agents that track velocities in the plane, such as track-velocity-2d, agents of go-to-pose with "
-                "two layers of ReLU whose first units take one column each, and ONNX files with a --problem."
+                f"{agent} flies {task}, and no proof is known for its network: rans prove proves on/off agents of "
+                "go-to-pose with two layers of ReLU whose first units take one column each, such as that of "
+                "examples/proofs/pulse_agent.py, and networks in ONNX files with a --problem."
             )
         if self.property is None or self.start is None:
             raise ConfigError(
@@ -274,7 +175,7 @@ class Prove(Options):
             )
         # Search, then the independent check of what was found.
         begun = time.monotonic()
-        files = _files(folder)
+        files = agent_files(folder)
         terminal = Terminal()
         # A search proposes cells, and the checker judges all of them.
         radians = limits[0], math.radians(limits[1])
@@ -292,7 +193,7 @@ class Prove(Options):
         if refusal:
             terminal.say(f"Open: the checker refuses {output}: {refusal}")
             return 1
-        _record(content, "checked")
+        _record(content)
         terminal.say(
             f"Proved: {folder.name} on {run.craft.name}, {theorem}. {int(trap.place.sum()):,} and "
             f"{int(trap.heading.sum()):,} cells, all checked, {time.monotonic() - begun:.1f} s. The certificate is "
@@ -301,37 +202,22 @@ class Prove(Options):
         terminal.suggest(shlex.join(["rans", "prove", agent, "--check", str(output)]))
         return 0
 
-    def _check_trap(self, agent: str, certificate: Path) -> int:
+    def _check_pose(self, agent: str) -> int:
         """Check the certificate of a trapping set against the agent's files; 0 if it is accepted, else 1."""
         require("flint")
         from rans.extend import ContestantName
-        from rans_proof.proved import is_of_poses
-        from rans_proof.trap_certificate import LARGEST, read_certificate
+        from rans_proof.proved import LARGEST, agent_files
 
-        # The certificate, the agent and the cover, before other processes begin with the cells.
+        assert self.check is not None
         folder = ContestantName.parse(agent).folder
-        content, files = read_bytes(certificate, LARGEST), _files(folder)
-        if is_of_poses(content):
-            theorem, refusal = _posed(content, files)
-            if refusal:
-                Terminal().say(f"Refused: {refusal}")
-                return 1
-            Terminal().say(f"Accepted. Proved: {folder.name}, {theorem}.")
-            _record(content, "checked")
-            return 0
-        _, refusal = _trapped(None, content, files, [], is_flown=True)
+        content = read_bytes(self.check, LARGEST)
+        theorem, refusal = _posed(content, agent_files(folder))
         if refusal:
             Terminal().say(f"Refused: {refusal}")
             return 1
-        table = read_certificate(content, certificate)
-        count = len(table.cells)
-        chunks = [range(k, min(k + 64, count)) for k in range(0, count, 64)]
-        jobs = [(content, files, list(chunk)) for chunk in chunks]
-        statement = f" Proved: {folder.name}, {table.theorem}."
-        code = self._judged(_trapped, jobs, count, 64, statement)
-        if code == 0:
-            _record(content, "checked")
-        return code
+        Terminal().say(f"Accepted. Proved: {folder.name}, {theorem}.")
+        _record(content)
+        return 0
 
     def _prove(self, network: Path) -> int:
         """Prove a property of a network with the plant of a problem's file."""
@@ -384,6 +270,8 @@ class Prove(Options):
         """Check the certificate of a network, in parallel over its cells; 0 if it is accepted, else 1."""
         require("onnx")
         require("flint")
+        from rans.extend import Workers
+        from rans.processes import nothing
         from rans_proof.balls import Refused
         from rans_proof.certificate import LARGEST
         from rans_proof.check_problem import claim_of, difference, problem_table, statement
@@ -420,46 +308,22 @@ class Prove(Options):
         # Cells are divided among processes.
         count = len(claim.cells)
         chunks = [range(k, min(k + _CHUNK, count)) for k in range(0, count, _CHUNK)]
-        return self._judged(
-            _checked,
-            [(*contents, list(chunk)) for chunk in chunks],
-            count,
-            _CHUNK,
-            f"\nProved of {network} (SHA-256 {claim.network[:16]}): {claim.problem['name']}.\n"
-            + statement(claim.problem),
-        )
-
-    def _judged(
-        self,
-        judge: Callable[..., Any],
-        jobs: list[Any],
-        count: int,
-        chunk: int,
-        statement: str = "",
-    ) -> int:
-        """Judge cells in several processes, and print the result, with the statement that is proved.
-
-        One refusal ends it. Cells are divided among processes, and all of them must have been judged for
-        "Accepted".
-        """
-        from rans.extend import Workers
-        from rans.processes import nothing
-
+        jobs = [(*contents, list(chunk)) for chunk in chunks]
         begun = time.monotonic()
         least = math.inf
         with progress() as bars:
             task = bars.add_task("checking", total=count)
             answers = Workers(nothing, (), None, "checked a certificate")
-            for _, (margin, refusal) in answers.finished(judge, jobs):
+            for _, (margin, refusal) in answers.finished(_checked, jobs):
                 if refusal:
                     Terminal().say(f"Refused: {refusal}")
                     return 1
                 least = min(least, margin)
-                bars.advance(task, chunk)
-        margins = f", and the least margin is {least:.3g}" if np.isfinite(least) else ""
+                bars.advance(task, _CHUNK)
         Terminal().say(
-            f"Accepted: {count:,} cells cover the starts{margins}, in ball arithmetic; "
-            f"{time.monotonic() - begun:.1f} s.{statement}"
+            f"Accepted: {count:,} cells cover the starts, and the least margin is {least:.3g}, in ball arithmetic; "
+            f"{time.monotonic() - begun:.1f} s.\nProved of {network} (SHA-256 {claim.network[:16]}): "
+            f"{claim.problem['name']}.\n{statement(claim.problem)}"
         )
         return 0
 
@@ -493,67 +357,16 @@ def _refuted(proof: Proof, content: bytes, network: Path, output: Path, seconds:
     return 1
 
 
-def _flown(agent: str, start: np.ndarray) -> str:
-    """What a flight from a velocity and a spin reaches in the fast engine, and in Drake if it is installed.
-
-    The start is (3,): velocity, m/s, and spin, rad/s.
-    """
-    from rans.api.agent import load_agent
-    from rans.api.limits import state
-
-    pilot = load_agent(agent)
-    at_rest = state((0.0, 0.0))
-    first = state((0.0, 0.0), 0.0, start[:2].tolist(), float(start[2]))
-    results = ""
-    for name in ("fast", "drake") if importlib.util.find_spec("pydrake") else ("fast",):
-        states = pilot.fly(engine=name, start=first, goal=at_rest).states
-        speed = np.hypot(states.v.x, states.v.y).max()
-        spin = np.abs(states.w).max()
-        engine = "Drake" if name == "drake" else "the fast engine"
-        results += f" In {engine} it reaches {speed:.4g} m/s and {spin:.4g} rad/s."
-    return results
-
-
-def _files(folder: Path) -> dict[str, bytes]:
-    """Files of an agent that a certificate is about."""
-    from rans_proof.trap_certificate import FILES
-
-    return {name: read_bytes(folder / name, 2**28) for name in FILES}
-
-
-def _record(certificate: bytes, verdict: Verdict) -> None:
-    """Keep a verdict for pages and contracts, and say so if that is impossible."""
+def _record(certificate: bytes) -> None:
+    """Keep the verdict that a certificate is checked for pages and contracts, and say so if that is impossible."""
     from rans_proof.proved import stated
     from rans_proof.verdicts import record
 
-    if not record(stated(certificate, "the certificate"), verdict):
+    if not record(stated(certificate, "the certificate")):
         Terminal().say(
             "The verdict cannot be written below XDG_STATE_HOME, or ~/.local/state: reports will call the "
             "certificate a claim."
         )
-
-
-def _trapped(
-    _: None,
-    certificate: bytes,
-    files: dict[str, bytes],
-    cells: list[int],
-    is_flown: bool = False,
-) -> tuple[float, str]:
-    """Infinity, as a trapping set has no margins, and why its certificate is refused, or "".
-
-    Only these cells are checked.
-    """
-    from rans_proof.check_trap import check_trap
-    from rans_proof.flown import check_as_flown
-
-    def judge() -> float:
-        check_trap(certificate, files, cells)
-        if is_flown:
-            check_as_flown(certificate, files)
-        return math.inf
-
-    return _verdict(judge)
 
 
 def _posed(certificate: bytes, files: dict[str, bytes]) -> tuple[str, str]:

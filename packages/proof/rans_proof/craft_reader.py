@@ -71,10 +71,10 @@ def check_digests(digests: Mapping[str, str], files: Mapping[str, bytes]) -> Non
         need(digests[name] == digest, f"it is of another agent: the SHA-256 of {name} differs.")
 
 
-def read_period(config: bytes, task: str) -> float:
-    """Control period, s, of a run's settings, whose task must be this one."""
+def read_period(config: bytes) -> float:
+    """Control period, s, of a run's settings, whose task must be go-to-pose."""
     table = json_of(config, _LARGEST)
-    need(table["task"] == task, f"its task is not {task}.")
+    need(table["task"] == "go-to-pose", "its task is not go-to-pose.")
     period = float(table["timing"]["control_period"])
     need(0.0 < period <= 10.0, "its control period is not from 0 to 10 s.")
     return period

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import math
+import tempfile
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rans.extend import (
+    ConfigError,
     GoToPose,
     Heading,
     LoadedRun,
@@ -19,10 +22,11 @@ from rans.extend import (
     Scenario,
     Vec2,
     fly,
+    load_policy,
     map_leaves,
 )
 from rans_proof.erring_flights import LateValves, Misread, erring_body
-from rans_proof.flown import read_run
+from rans_proof.verdicts import FILES
 
 if TYPE_CHECKING:
     from rans.extend import EngineName
@@ -31,6 +35,21 @@ _FLIGHTS = 500
 """Flights with which a certificate is compared with the agent as it flies."""
 _PERIODS = 30
 """Periods of each, in which most come to several pulses."""
+
+
+def read_run(files: Mapping[str, bytes]) -> LoadedRun:
+    """The run of an agent's files, as flights load it.
+
+    Raises:
+        ConfigError: a file is damaged, or they are not of one agent.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        for name in FILES:
+            (Path(folder) / name).write_bytes(files[name])
+        try:
+            return load_policy(Path(folder))
+        except ConfigError as error:  # the user has never heard of that folder
+            raise ConfigError(str(error).replace(f"{folder}/", "")) from error
 
 
 def check_pose_as_flown(certificate: bytes, files: Mapping[str, bytes]) -> None:

@@ -21,7 +21,7 @@ import torch
 
 from rans.extend import ConfigError, LoadedRun, Network, Spacecraft, write_text
 from rans.policy.heads import OnOff
-from rans_proof.trap_certificate import FILES
+from rans_proof.verdicts import FILES
 
 _PAD = 2e-4
 """Widening of a cell, m and m/s, rad and rad/s, at whose corners the network is asked."""

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from rans.extend import ConfigError, inside, read_bytes
-from rans_proof.trap_certificate import FILES, LARGEST, differing, read_certificate
-from rans_proof.verdicts import Stated, Verdict, recorded
+from rans.extend import ConfigError, inside, read_bytes, require
+from rans_proof.verdicts import FILES, Stated, Verdict, recorded
 
 FILE = "proof.json"
 """The certificate of a run folder, which `rans prove` writes."""
+LARGEST = 2**24
+"""Bytes of a certificate of poses that is read; 17,000 cells have some 10^4."""
 _LARGEST_AGENT = 2**28
 """Bytes of an agent's file that is read."""
 _HEADINGS: dict[Verdict, str] = {
     "checked": "Proved, checked here",
-    "proved": "Proved here, not every cell checked",
     "": "Claimed, not checked here",
 }
 """What a sentence begins with. "here" is the computer whose user reads it, as in `rans_proof.verdicts`."""
@@ -41,17 +42,17 @@ class Proved:
 
     @property
     def heading(self) -> str:
-        """Whether it is proved, checked or only claimed, in a few words."""
+        """Whether it is proved and checked or only claimed, in a few words."""
         return _HEADINGS[self.verdict]
 
     @property
     def sentence(self) -> str:
-        """What it states, and whether that is proved, checked or only claimed."""
+        """What it states, and whether that is checked or only claimed."""
         return f"{self.heading}: {self.theorem}."
 
 
 def stated(content: bytes, where: object) -> Stated:
-    """What a certificate of an agent states: a trapping set of velocities, or of poses.
+    """What the certificate of a trapping set of poses states.
 
     Args:
         content: content of its file.
@@ -59,10 +60,9 @@ def stated(content: bytes, where: object) -> Stated:
 
     Raises:
         ConfigError: it is none.
+        MissingPackage: the package flint is not installed, which the checker's reader needs.
     """
-    if not is_of_poses(content):
-        trap = read_certificate(content, where)
-        return Stated(trap.theorem, trap.errors, len(trap.cells), trap.sha256, trap.agent)
+    require("flint")
     # The checker's reader, which loads nothing of a prover.
     from rans_proof.balls import Refused
     from rans_proof.check_pose import read_pose_certificate
@@ -76,9 +76,13 @@ def stated(content: bytes, where: object) -> Stated:
     return Stated(pose.theorem, pose.errors, cells, digest, pose.table["agent"])
 
 
-def is_of_poses(content: bytes) -> bool:
-    """Whether a certificate, if it is one, is of a trapping set of poses; others have no reach."""
-    return b'"reach"' in content
+def agent_files(folder: Path) -> dict[str, bytes]:
+    """Contents of the files of an agent that a certificate is about, by their names.
+
+    Raises:
+        ConfigError: one of them cannot be read, or leads out of the folder.
+    """
+    return {name: read_bytes(inside(folder, name), _LARGEST_AGENT) for name in FILES}
 
 
 def proved(folder: Path) -> Proved:
@@ -89,12 +93,17 @@ def proved(folder: Path) -> Proved:
     """
     file = inside(folder, FILE)
     certificate = stated(read_bytes(file, LARGEST), file)
-    files = {name: read_bytes(inside(folder, name), _LARGEST_AGENT) for name in FILES}
     return Proved(
         certificate.theorem,
         certificate.errors,
         certificate.cells,
         certificate.sha256,
         recorded(certificate),
-        differing(certificate.agent, files),
+        _differing(certificate.agent, agent_files(folder)),
     )
+
+
+def _differing(agent: Mapping[str, str], files: Mapping[str, bytes]) -> str:
+    """Name of the first of an agent's files whose SHA-256 is another than a certificate's, or ""."""
+    digests = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
+    return next((name for name in FILES if agent[name] != digests[name]), "")

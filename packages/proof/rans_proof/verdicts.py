@@ -30,10 +30,11 @@ class Stated(NamedTuple):
     """SHA-256 of each of the agent's files, in hexadecimal."""
 
 
-Verdict = Literal["checked", "proved", ""]
-"""checked: the checker accepted every cell; proved: `rans prove` wrote it, and the checker has looked at a part;
-"": neither."""
-CHECKER = 1
+FILES = ("agent.safetensors", "config.json", "spacecraft.toml")
+"""Files of an agent that decide its flight, and whose SHA-256 a certificate has."""
+Verdict = Literal["checked", ""]
+"""checked: the checker accepted every cell; "": it did not."""
+CHECKER = 2
 """Version of the checker, raised when it refuses more: verdicts of others do not count."""
 
 
@@ -43,16 +44,14 @@ def folder() -> Path:
     return Path(state) / "rans" / "proofs"
 
 
-def record(certificate: Stated, verdict: Verdict) -> bool:
-    """Record a verdict, unless a certificate that was checked would count as proved only.
+def record(certificate: Stated) -> bool:
+    """Record that the checker accepted every cell of a certificate.
 
     Returns:
         Whether it could be written.
     """
-    if recorded(certificate) == "checked":
-        return True
     with contextlib.suppress(ConfigError, OSError, RuntimeError):  # there may be no home
-        write_json(_file(certificate), _table(certificate) | {"verdict": verdict})
+        write_json(_file(certificate), _table(certificate))
         return True
     return False
 
@@ -61,9 +60,8 @@ def recorded(certificate: Stated) -> Verdict:
     """The verdict about a certificate; of a damaged file none."""
     with contextlib.suppress(ConfigError, OSError, RuntimeError):
         table = read_json(_file(certificate)) if _file(certificate).exists() else None
-        for verdict in ("checked", "proved"):
-            if table == _table(certificate) | {"verdict": verdict}:
-                return verdict
+        if table == _table(certificate):
+            return "checked"
     return ""
 
 
@@ -78,4 +76,5 @@ def _table(certificate: Stated) -> dict[str, object]:
         "agent": certificate.agent,
         "theorem": certificate.theorem,
         "checker": CHECKER,
+        "verdict": "checked",
     }

@@ -16,7 +16,6 @@ from rans_proof.flights import lowest_margins
 from rans_proof.network import network_of
 from rans_proof.problem import problem_of, read_problem
 from rans_proof.prove import Proof
-from scipy.integrate import solve_ivp
 from scipy.io import savemat
 
 from tests.support.graphs import graph, step
@@ -39,16 +38,11 @@ def run() -> ModuleType:
     return script("run")
 
 
-@pytest.fixture(scope="module")
-def rendezvous() -> ModuleType:
-    return script("rendezvous")
-
-
 def test_prover_and_checker_read_every_problem(run: ModuleType) -> None:
     from rans_proof.check_problem import problem_table, statement
 
     files = {row.problem for row in run.ROWS.values()}
-    assert set(FOLDER.glob("*.toml")) - {FOLDER / "rendezvous.toml"} <= files  # that has no network
+    assert set(FOLDER.glob("*.toml")) <= files
     for file in files:
         problem = read_problem(file)
         assert f"to {problem.steps * problem.period:.10g} s" in statement(
@@ -117,41 +111,6 @@ def test_half_planes_of_navigation_are_outside_of_its_square() -> None:
         keep = read_problem(FOLDER / f"{name}.toml").keep
         assert keep is not None
         assert np.array_equal(keep.margins(states) > 0.0, is_outside)
-
-
-def test_the_unsafe_rendezvous_is_refuted(
-    rendezvous: ModuleType, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The flight in balls against an integration of the published rates; an abort at 240 min is safe."""
-    flight = rendezvous.refute()
-    assert flight.is_inside
-    tolerances = {"rtol": 1e-11, "atol": 1e-11, "method": "DOP853"}
-
-    def flown(rows: Any, state: Any, minutes: float, edge: Any = None) -> Any:
-        a = np.array(rows, dtype=float)
-        return solve_ivp(
-            lambda _, x: [x[2], x[3], a[0] @ x, a[1] @ x],
-            (0.0, minutes),
-            state,
-            events=edge,
-            **tolerances,
-        )
-
-    def edge(_: float, x: np.ndarray) -> float:
-        return x[0] + 100.0
-
-    edge.terminal = True  # type: ignore[attr-defined]
-    approach = flown(rendezvous.APPROACH, [*flight.start, 0.0, 0.0], 200.0, edge)
-    switch = approach.t[-1]
-    assert float(flight.switch.mid()) == pytest.approx(switch, abs=1e-6)
-    attempt = flown(rendezvous.ATTEMPT, approach.y[:, -1], 260.0 - switch)
-    x, y = flown(rendezvous.PASSIVE, attempt.y[:, -1], flight.coast).y[:2, -1]
-    assert [float(p.mid()) for p in flight.position] == pytest.approx([x, y], abs=1e-5)
-    assert max(abs(x), abs(y)) < 0.2
-    assert all(float(p.rad()) < 1e-9 for p in flight.position)
-    # 8 cm from the square when it is aborted 20 min earlier: SRA04.
-    monkeypatch.setattr(rendezvous, "ABORT", 240)
-    assert not rendezvous.refute().is_inside
 
 
 PROBLEM = """

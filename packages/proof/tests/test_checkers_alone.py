@@ -9,8 +9,8 @@ import pytest
 
 pytest.importorskip("onnx")
 pytest.importorskip("flint")
-CHECKERS = ("check", "check_trap", "check_pose", "check_hybrid")
-PROVERS = ("prove", "trap", "pose_trap", "hybrid")
+CHECKERS = ("check", "check_pose")
+PROVERS = ("prove", "pose_trap")
 
 
 def loaded(*modules: str) -> set[str]:
@@ -31,5 +31,5 @@ def test_checkers_load_no_module_of_rans() -> None:
 @pytest.mark.slow
 def test_no_module_is_of_a_checker_and_of_a_prover() -> None:
     of_provers = loaded(*PROVERS)
-    assert {"rans_proof.network", "rans_proof.trap_certificate", "torch"} < of_provers
+    assert {"rans_proof.network", "rans_proof.verdicts", "torch"} < of_provers
     assert not loaded(*CHECKERS) & of_provers

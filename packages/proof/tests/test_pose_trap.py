@@ -18,50 +18,16 @@ pytest.importorskip("flint")
 from rans_proof import check_late, check_pose
 from rans_proof.agent_reader import read_agent
 from rans_proof.balls import Refused
-from rans_proof.flown import read_run
 from rans_proof.pages import proof_entry, proof_section
-from rans_proof.pose_flights import check_pose_as_flown, leaving
-from rans_proof.pose_trap import PoseErrors, PoseStart, pose_trap, write_pose_trap
-from rans_proof.trap_certificate import FILES
+from rans_proof.pose_flights import check_pose_as_flown, leaving, read_run
+from rans_proof.verdicts import FILES
 
 from rans.cli import main
 from rans.extend import Section
-from tests.support.processes import ROOT
-from tests.support.scripts import module_of
 
 from .planted import ERRORS, Change, forge, planted_in
 
 MASS, INERTIA, PERIOD = 5.32, 0.2045008, 0.1
-OFF = {"mass": 0.02, "thrust": 0.02, "position": 0.001, "velocity": 0.001}
-OFF |= {"heading": 0.003, "spin": 0.005, "opening": 0.0005, "shutting": 0.0005}
-
-
-@pytest.fixture(scope="module")
-def example() -> ModuleType:
-    return module_of(ROOT / "examples/proofs/pulse_agent.py")
-
-
-@pytest.fixture(scope="module")
-def folder(example: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("agents") / "pulse-agent"
-    example.write_agent(folder)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def files(folder: Path) -> dict[str, bytes]:
-    return {name: (folder / name).read_bytes() for name in FILES}
-
-
-@pytest.fixture(scope="module")
-def certificate(files: dict[str, bytes], tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    keep, start, off = (0.05, 5.0), PoseStart(0.02, 1.5, 0.02, 0.05), PoseErrors(**OFF)
-    run = read_run(files)
-    near = start._replace(heading=math.radians(start.heading))
-    trap = pose_trap(run, (keep[0], math.radians(keep[1])), near, off)
-    file = tmp_path_factory.mktemp("certificates") / "pose.json"
-    write_pose_trap(trap, keep, start, off, files, PERIOD, file)
-    return file.read_bytes()
 
 
 @pytest.fixture
@@ -161,7 +127,7 @@ def test_log_odds_whose_rounding_would_count_are_refused(
     layer: str, files: dict[str, bytes]
 ) -> None:
     """Log-odds are widened by a thousandth; those of the agent are below 10^7."""
-    agent = read_agent(files["agent.safetensors"], "go-to-pose", 8)
+    agent = read_agent(files["agent.safetensors"], 8)
     check_pose.Network(agent)
     weight, bias = agent.head if layer == "head" else agent.layers[1]
     steep = 1e3 * weight, 1e3 * bias

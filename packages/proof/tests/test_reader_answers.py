@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rans_proof.flown import FILES, read_run
 from rans_proof.network import read_network
+from rans_proof.pose_flights import read_run
 from rans_proof.problem import read_problem
-from rans_proof.trap_certificate import read_certificate
+from rans_proof.proved import stated
+from rans_proof.verdicts import FILES
 
 from tests.support.graphs import forged
 from tests.support.processes import ROOT
@@ -23,7 +24,7 @@ from tests.support.reader_questions import (
     written,
 )
 
-PRETRAINED = ROOT / "rans/data/pretrained/track-velocity-2d"
+PRETRAINED = ROOT / "rans/data/pretrained/go-to-pose-2d"
 PROBLEM = """
 name = "a mass on a line"
 period = 0.5
@@ -54,7 +55,7 @@ def network(name: str) -> Any:
 
 
 def certificate(text: str) -> Any:
-    return written("it.json", text, lambda file: read_certificate(file.read_bytes(), file))
+    return written("it.json", text, lambda file: stated(file.read_bytes(), file))
 
 
 def run(name: str, content: bytes) -> Any:
@@ -88,19 +89,19 @@ ANSWERS: Answers = {
     "read_run": {
         "units": "columns of observations have those of their task",
         "frames": "the same",
-        "times": "the control period is that of its config, and `check_flown` compares it",
+        "times": "the control period is that of its config, which the checker reads, too",
         "order": "columns are named by the layout",
         "dropped": Answer(run("config.json", b'{"wings": 2}'), "wings|config"),
         "sizes": "each file is bounded by its reader",
         "evidence": Answer(run("agent.safetensors", b"no tensors"), "agent.safetensors"),
     },
-    "read_certificate": {
+    "stated": {
         "units": "each key has its unit, and none is written in the file",
-        "frames": "sets are of velocity in the body frame, and have no other",
+        "frames": "sets are of the goal's frame, and have no other",
         "times": "the control period is the agent's, whose hash is compared",
         "order": "each key has one meaning",
-        "dropped": "exactly the known keys are taken (test_trap.py)",
-        "sizes": "cells are bounded (test_trap.py)",
+        "dropped": "exactly the known keys are taken (test_pose_trap.py)",
+        "sizes": "cells are bounded (test_pose_trap.py)",
         "evidence": Answer(certificate("[]"), "no certificate"),
     },
 }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -11,35 +10,26 @@ import pytest
 from rans_proof import verdicts
 from rans_proof.pages import proof_entry
 from rans_proof.proved import proved, stated
-from rans_proof.trap_certificate import FILES, FORMAT, PROPERTY
-from rans_proof.verdicts import Stated, record, recorded
+from rans_proof.verdicts import FILES, Stated, record, recorded
 
 from rans.deploy.export import write_export
-from rans.pretrained import pretrained_folder
 from rans.show.pages.page import Finding
 from rans.show.pages.report import report_from_run
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Path:
-    """Folder of a shipped agent with a certificate that is false: one cell, far from rest, for all starts."""
-    folder = tmp_path / "run"
-    shutil.copytree(pretrained_folder("track-velocity-2d"), folder)
-    table = {
-        "format": FORMAT,
-        "property": PROPERTY,
-        "agent": {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in FILES},
-        "keep": {"speed": 0.0078125, "spin": 0.015625},
-        "start": {"speed": 0.0078125, "spin": 0.015625},
-        "grid": {"rings": 4, "sectors": 8, "layers": 1, "fine": 8},
-        "uncertainty": dict.fromkeys(("mass", "thrust", "velocity", "spin", "delay"), 0.0),
-        "cells": [[3, 4, 0, 1, 0, 1]],
-    }
-    (folder / "proof.json").write_text(json.dumps(table))
-    return folder
+def run(folder: Path, certificate: bytes, tmp_path: Path) -> Path:
+    """Folder of an agent with a certificate that is false: one cell, far from rest."""
+    run = tmp_path / "run"
+    shutil.copytree(folder, run)
+    table = json.loads(certificate)
+    table["cells"] = {"place": [[3, 4, 5]], "heading": [[3, 4, 5]]}
+    table["keep"]["position"] = 0.0078125
+    (run / "proof.json").write_text(json.dumps(table))
+    return run
 
 
-def certificate(run: Path) -> Stated:
+def stated_by(run: Path) -> Stated:
     return stated((run / "proof.json").read_bytes(), "it")
 
 
@@ -54,29 +44,20 @@ def test_a_certificate_that_nobody_checked_is_a_claim(run: Path) -> None:
     line = finding(run)
     assert line.passed is None
     assert line.text.startswith("Claimed, not checked here")
-    assert "0.0078125 m/s" in line.text
+    assert "0.0078125 m" in line.text
     assert proved(run).verdict == ""
 
 
-@pytest.mark.parametrize("verdict", ["checked", "proved"])
-def test_a_verdict_of_this_computer_counts(run: Path, verdict: verdicts.Verdict) -> None:
-    """Only a whole check makes a finding that is passed."""
-    assert record(certificate(run), verdict)
+def test_a_verdict_of_this_computer_counts(run: Path) -> None:
+    assert record(stated_by(run))
     line = finding(run)
-    assert line.passed is (True if verdict == "checked" else None)
+    assert line.passed
     assert line.text.startswith("Proved")
-
-
-def test_a_check_is_not_taken_back_by_a_proof(run: Path) -> None:
-    record(certificate(run), "proved")
-    record(certificate(run), "checked")
-    record(certificate(run), "proved")
-    assert recorded(certificate(run)) == "checked"
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_a_verdict_is_about_every_file_of_the_agent(run: Path, name: str) -> None:
-    record(certificate(run), "checked")
+    record(stated_by(run))
     (run / name).write_bytes((run / name).read_bytes() + b" ")
     line = finding(run)
     assert line.passed is False
@@ -84,14 +65,14 @@ def test_a_verdict_is_about_every_file_of_the_agent(run: Path, name: str) -> Non
 
 
 def test_a_verdict_is_about_the_whole_certificate(run: Path) -> None:
-    record(certificate(run), "checked")
+    record(stated_by(run))
     file = run / "proof.json"
     file.write_text(file.read_text().replace("0.0078125", "0.0078124"))
     assert finding(run).passed is None
 
 
 def test_a_run_folder_cannot_bring_its_verdict(run: Path, state: Path) -> None:
-    record(certificate(run), "checked")
+    record(stated_by(run))
     shutil.copytree(state, run / "state")
     for file in list(state.rglob("*.json")):
         shutil.copy(file, run)
@@ -102,23 +83,23 @@ def test_a_run_folder_cannot_bring_its_verdict(run: Path, state: Path) -> None:
 def test_a_verdict_of_an_earlier_checker_does_not_count(
     run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    record(certificate(run), "checked")
+    record(stated_by(run))
     monkeypatch.setattr(verdicts, "CHECKER", verdicts.CHECKER + 1)
-    assert recorded(certificate(run)) == ""
+    assert recorded(stated_by(run)) == ""
 
 
 @pytest.mark.parametrize("content", ["", "{}", "[1]", '{"verdict": "checked"}', "\x00"])
 def test_a_damaged_verdict_is_none(run: Path, state: Path, content: str) -> None:
-    record(certificate(run), "checked")
+    record(stated_by(run))
     (file,) = state.rglob("*.json")
     file.write_text(content)
-    assert recorded(certificate(run)) == ""
+    assert recorded(stated_by(run)) == ""
 
 
 def test_a_verdict_that_cannot_be_written_is_no_error(run: Path, state: Path) -> None:
     state.write_text("a file where a folder should be")
-    assert not record(certificate(run), "checked")
-    assert recorded(certificate(run)) == ""
+    assert not record(stated_by(run))
+    assert recorded(stated_by(run)) == ""
 
 
 def test_a_damaged_certificate_does_not_hide_the_report(run: Path) -> None:
@@ -128,11 +109,11 @@ def test_a_damaged_certificate_does_not_hide_the_report(run: Path) -> None:
 
 def test_a_contract_has_what_was_proved_here(run: Path) -> None:
     """And a claim by another name; nothing of another agent, and nothing without a certificate."""
-    digest = certificate(run).sha256
+    digest = stated_by(run).sha256
     entry = proof_entry(run)
     assert [*entry] == ["claimed"]
     assert entry["claimed"]["sha256"] == digest
-    record(certificate(run), "checked")
+    record(stated_by(run))
     entry = proof_entry(run)
     assert [*entry] == ["proved"]
     assert entry["proved"]["sha256"] == digest
