@@ -1,9 +1,9 @@
-"""Folders that `rans fly` flies as agents, with the most informative commands about a spacecraft."""
+"""Agents with the most informative commands about a spacecraft, as folders of numbers that `rans fly` flies."""
 
 from __future__ import annotations
 
-import inspect
 import json
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,74 +12,104 @@ import numpy as np
 from rans.extend import (
     ConfigError,
     Spacecraft,
+    inside,
     positive,
+    read_json,
     ready_folder,
     to_toml,
+    whole,
     write_json,
     write_text,
 )
-from rans.files import package_version, replace_file
-from rans_robot.identify import excite
+from rans.files import package_version
+from rans.model.spacecraft_file import read_spacecraft
+from rans.structure import structure
+from rans_robot.identify.excite import Excitation
 from rans_robot.identify.motion import check_identifiable
 
 _PAIRS = 32
 """Golden pairs: observations and commands by which a flight checks that the files belong together."""
 _OLDEST = 3.0
 """Age of a reading, in control periods, beyond which valves are shut."""
-
-_AGENT = '''
-
-FOLDER = Path(__file__).parent
+EXCITATION = "excitation.json"
+"""File with the numbers of the commands (`Numbers`)."""
 
 
-class Agent:
-    """Observations of RANS's task go-to-pose, whose goal is the middle of the box, to commands."""
+@dataclass(frozen=True)
+class Numbers:
+    """What decides the commands beside the spacecraft and the readings."""
 
-    def __init__(self, tables=FOLDER / "agent.npz"):
-        with np.load(tables, allow_pickle=False) as file:
-            self.tables = dict(file)
+    period: float
+    """Control period, s."""
+    side: float
+    """Side of the box, m."""
+    steps: int
+    """Control periods after which all valves stay shut."""
+    seed: int
+    """Of the random commands among which the best are chosen."""
+
+    def __post_init__(self) -> None:
+        """Reject (`ConfigError`) numbers out of their ranges."""
+        positive("box", self.side)
+        positive("period", self.period)
+        whole("steps", self.steps)
+        whole("seed", self.seed, 0)
+
+
+class Excited:
+    """Agent of a folder of `write_excitation`: observations of go-to-pose to the most informative commands.
+
+    The goal is the middle of the box.
+
+    Args:
+        folder: with spacecraft.toml and `EXCITATION`.
+
+    Raises:
+        ConfigError: a file is missing or damaged.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._craft = _excited_craft(read_spacecraft(inside(folder, "spacecraft.toml")))
+        file = inside(folder, EXCITATION)
+        self._numbers = structure(read_json(file), Numbers, str(file))
         self.reset()
 
-    def reset(self, count=1):
+    def reset(self) -> None:
         """Begin the commands from the first."""
-        t = self.tables
-        self.excitation = Excitation(
-            *(t[name] for name in ("wrenches", "mass", "inertia", "low", "period", "side")), int(t["seed"])
-        )
-        self.steps = 0
+        numbers = self._numbers
+        self._excitation = Excitation(self._craft, numbers.period, numbers.side, numbers.seed)
+        self._left = numbers.steps
         self.note = ""
 
-    def act(self, observation):
-        """Commands (thrusters,) to an observation, in float32; zeros once the time is up."""
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """Commands (thrusters,) to an observation (10,) or (22,), in float32; zeros once the time is up."""
         row = np.asarray(observation, dtype=float)
-        if self.steps >= int(self.tables["steps"]):
+        if not self._left:
             self.note = "the commands are over."
-            return np.zeros(len(self.tables["low"]), np.float32)
-        self.steps += 1
-        if self.excitation.d == 2:  # cosine and sine of the heading, velocity, spin, a flag, the way to the goal
+            return np.zeros(self._craft.command_count, np.float32)
+        self._left -= 1
+        if self._craft.dimension == 2:
+            # Cosine and sine of the heading, velocity, spin, a flag, and the way to the goal.
             c, s = row[:2]
             parts = -row[6:8], np.array([[c, -s], [s, c]]), row[2:4], row[4:5]
         else:
             x, y = row[:3], row[3:6]
             parts = -row[13:16], np.array([x, y, np.cross(x, y)]), row[6:9], row[9:12]
-        return self.excitation.choose(*parts).astype(np.float32)
+        return self._excitation.choose(*parts).astype(np.float32)
 
 
-def check(file=FOLDER / "golden.json"):
-    """How many of the golden pairs come out as they should, and how many there are."""
-    pairs, agent = json.loads(Path(file).read_text("utf-8")), Agent()
-    rows = zip(pairs["observation"], pairs["command"])
-    return sum(bool(np.array_equal(agent.act(row), command)) for row, command in rows), len(pairs["command"])
-'''
-"""What agent.py has beside the text of `rans_robot.identify.excite`."""
+def _excited_craft(craft: Spacecraft) -> Spacecraft:
+    """The craft, if commands can be chosen for it (else `ConfigError`)."""
+    check_identifiable(craft)
+    if craft.wheels:
+        raise ConfigError(f"{craft.name!r} has reaction wheels, for which no commands are chosen.")
+    return craft
 
 
 def write_excitation(
     craft: Spacecraft, folder: Path, side: float, seconds: float, period: float, seed: int
 ) -> Path:
     """Write an agent with the most informative commands about a spacecraft, and return its folder.
-
-    Names of tables are those that the text of `_AGENT` reads; `excite.py` is copied into agent.py as it stands.
 
     Args:
         craft: spacecraft as designed.
@@ -93,33 +123,14 @@ def write_excitation(
         ConfigError: the spacecraft cannot be identified (`check_identifiable`), a number is not above 0, the folder
             exists, or the disk refuses.
     """
-    check_identifiable(craft)
-    if craft.wheels:
-        raise ConfigError(f"{craft.name!r} has reaction wheels, for which no commands are chosen.")
-    for name, value in (("box", side), ("seconds", seconds), ("period", period)):
-        positive(name, value)
+    _excited_craft(craft)
+    positive("seconds", seconds)
+    positive("period", period)
+    numbers = Numbers(period, side, round(seconds / period), seed)
     if folder.exists():
         raise ConfigError(f"{folder} exists already: name another one with --output.")
     ready_folder(folder)
-    # agent.npz and agent.py: the craft's numbers, and the source of the law that reads them.
-    turns = 1 if craft.dimension == 2 else 3
-    tables: dict[str, Any] = {
-        "wrenches": craft.wrenches,
-        "mass": craft.mass,
-        "inertia": np.array(craft.inertia)[3 - turns :, 3 - turns :],
-        "low": np.array([command.low for command in craft.commands]),
-        "period": period,
-        "side": side,
-        "seed": seed,
-        "steps": round(seconds / period),
-    }
-    replace_file(folder / "agent.npz", lambda draft: _save(draft, tables))
-    title = f'"""The most informative commands about {craft.name} in {seconds:g} s, in a box of {side:g} m.\n\n'
-    source = inspect.getsource(excite).removeprefix('"""')
-    source = source.replace(
-        "import annotations\n", "import annotations\n\nimport json\nfrom pathlib import Path\n", 1
-    )
-    write_text(folder / "agent.py", title + source + _AGENT)
+    write_json(folder / EXCITATION, asdict(numbers))
     write_text(folder / "spacecraft.toml", to_toml(craft))
     # The files that every exported agent has.
     about = {
@@ -137,19 +148,9 @@ def write_excitation(
     return folder
 
 
-def _save(file: Path, tables: dict[str, Any]) -> None:
-    with file.open("wb") as stream:
-        np.savez(stream, allow_pickle=False, **tables)
-
-
 def _golden(folder: Path, craft: Spacecraft) -> dict[str, Any]:
-    """Golden pairs.
-
-    Commands of the folder's own code to readings around the middle of the box, with a fixed seed.
-    """
-    from rans.evaluation.fly.exported import code_of
-
-    agent = code_of(folder / "agent.py").Agent()
+    """Golden pairs: commands of the folder's agent to readings around the middle of the box, with a fixed seed."""
+    agent = Excited(folder)
     random = np.random.default_rng(0)
     width = 10 if craft.dimension == 2 else 22
     rows = random.normal(0.0, 0.1, (_PAIRS, width))
@@ -158,6 +159,8 @@ def _golden(folder: Path, craft: Spacecraft) -> dict[str, Any]:
         rows[:, :6] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
     rows = rows.astype(np.float32)
     return {
+        "begins": [k == 0 for k in range(_PAIRS)],
+        "tolerance": 0.0,
         "observation": rows.tolist(),
         "command": [agent.act(row).tolist() for row in rows],
     }

@@ -107,7 +107,7 @@ def excite(
 
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     sorted(file.name for file in rans.excite("floating-platform", f"{folder}/excitation").iterdir())
-    ['agent.npz', 'agent.py', 'contract.json', 'golden.json', 'spacecraft.toml']
+    ['contract.json', 'excitation.npz', 'golden.json', 'spacecraft.toml']
 
     Args:
         spacecraft: name, TOML file or `Spacecraft`: the data sheet.
@@ -142,8 +142,9 @@ def fly_on_robot(
     """Fly an agent on a robot over ROS 2, PX4 or Zenoh, and record the flight as an MCAP bag.
 
     Args:
-        agent: run folder, name of an agent of RANS, onnx:FILE:TASK-2d@SPACECRAFT (a network of another library), or
-            with --trust the folder of an export as numpy. #TASK selects one of the tasks of a multi-task agent.
+        agent: run folder, name of an agent of RANS, onnx:FILE:TASK-2d@SPACECRAFT (a network of another library),
+            the folder of an export as onnx or of `rans identify --excite`, or with --trust one as numpy. #TASK
+            selects one of the tasks of a multi-task agent.
         bus: transport: dds (ROS 2 and PX4), zenoh (rmw_zenoh) or udp (within this machine), in the domain
             ROS_DOMAIN_ID and for the distribution ROS_DISTRO. zenoh:LOCATOR connects to another router than ROS 2's
             on this machine, such as zenoh:tcp/192.168.0.2:7447; zenoh:listen/LOCATOR listens there.
@@ -165,15 +166,15 @@ def fly_on_robot(
         ConfigError: the flight cannot begin: nothing is written then.
     """
     from rans.api.states import read_state, read_zones
-    from rans.evaluation.fly.exported import read_contract
+    from rans.evaluation.fly.exported import is_exported, read_contract
     from rans.extend import ContestantName, RunFolder, contestant, doing
     from rans.fast.learn.config import to_table
     from rans.tasks import registered_name
     from rans_robot.bag import index_bag
     from rans_robot.bus import opened_bus, ros_domain
-    from rans_robot.foreign.export import export_foreign_for_flight
+    from rans_robot.foreign import export_foreign_for_flight
     from rans_robot.node import fly_over, planned_task
-    from rans_robot.pilot import AGENT_FILES, Plan, check_plan, export_for_flight
+    from rans_robot.pilot import Plan, check_plan, export_for_flight, runs_code
     from rans_robot.signals import stop_on_signals
 
     # Which agent, as an export or as a run folder, and its task.
@@ -199,8 +200,8 @@ def fly_on_robot(
             "name": registered_name(foreign.task) or name.setup.partition("@")[0],
             "settings": asdict(foreign.task),  # pyrefly: ignore[bad-argument-type]
         }
-    elif name.kind == "run folder" and all((source / file).exists() for file in AGENT_FILES):
-        if not trust:
+    elif name.kind == "run folder" and is_exported(source):
+        if runs_code(source) and not trust:
             raise ConfigError(
                 f"{source} is an export with code, agent.py: add --trust if you made it, or "
                 "name the run folder."
@@ -356,7 +357,7 @@ def replay(bag: str | Path, folder: str | Path | None = None) -> BagReplay:
         folder: folder of the exported agent; by default the one that flew.
 
     Raises:
-        ConfigError: the file is no bag of a flight, its agent is not there, or agent.py is not trusted
+        ConfigError: the file is no bag of a flight, its agent is not there, or is an agent.py that is not trusted
             (`rans.registry.trust_files`).
     """
     from rans_robot.node import replay_bag

@@ -29,7 +29,7 @@ from rans_robot.bus import Bus
 from rans_robot.frames import Motion
 from rans_robot.interfaces import WHEELS_TOPIC, Message
 from rans_robot.messages import TEXT, text_message, unpack
-from rans_robot.pilot import AGENT_TOPIC, NOTE_TOPIC, MessagePilot, Plan, craft_hash
+from rans_robot.pilot import AGENT_TOPIC, NOTE_TOPIC, MessagePilot, Plan, craft_hash, runs_code
 from rans_robot.validator import LARGEST_MESSAGE, announced
 
 FLIGHT_TOPIC = "rans/flight"
@@ -482,12 +482,12 @@ def replay_bag(bag: Path, folder: Path | None = None) -> BagReplay:
     first = next(stream, None)
     if first is None or first.topic != FLIGHT_TOPIC:
         raise ConfigError(f"{bag} is no bag of rans fly: it does not begin with {FLIGHT_TOPIC}.")
-    if not are_files_trusted():
-        raise ConfigError(
-            f"{bag} is replayed by the agent.py beside it, which is code: add --trust if the flight is "
-            "yours; from Python, call rans.trust_files() first."
-        )
     plan = _plan_of(bag, first, folder)
+    if runs_code(Path(plan.folder)) and not are_files_trusted():
+        raise ConfigError(
+            f"{bag} is replayed by the agent.py in {brief(plan.folder)}, which is code: add --trust if the flight "
+            "is yours; from Python, call rans.trust_files() first."
+        )
     pilot = MessagePilot(plan, planned_task(plan))
     outputs = pilot.interface.outputs
     decisions = 0

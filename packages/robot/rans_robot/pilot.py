@@ -19,7 +19,12 @@ import numpy as np
 from rans.deploy.contract import PAIRED, RecordedFlights, contract, flights_of_training, golden
 from rans.deploy.export import write_agent
 from rans.effectors.commands import command_bounds
-from rans.evaluation.fly.exported import code_of, failing_as_config_error, read_contract
+from rans.evaluation.fly.exported import (
+    code_of,
+    failing_as_config_error,
+    load_exported,
+    read_contract,
+)
 from rans.extend import (
     Ball,
     ConfigError,
@@ -35,10 +40,12 @@ from rans.extend import (
     Vec2,
     Vec3,
     World,
+    inside,
     is_finite,
     load_policy,
     map_leaves,
     positive,
+    read_json,
     read_text,
     scenario,
     write_json,
@@ -50,6 +57,7 @@ from rans.model.spacecraft_file import read_spacecraft
 from rans.safety_filters import safety_filter
 from rans.structure import LARGEST_TOML
 from rans.tasks.base import observation
+from rans_robot.excitation import EXCITATION, Excited
 from rans_robot.frames import Motion, heading_of, quaternion_of
 from rans_robot.interfaces import (
     WHEELS_TOPIC,
@@ -64,7 +72,8 @@ from rans_robot.messages import JOINTS, POSE, TEXT, text_message, unpack
 from rans_robot.validator import Validator, command, description, finite_vector, unit
 from rans_robot.velocity import VelocityFilter
 
-AGENT_FILES = ("agent.py", "agent.npz", "contract.json", "golden.json", "spacecraft.toml")
+_FOLDER_FILES = ("contract.json", "golden.json", "spacecraft.toml")
+"""Files of an exported agent beside the agent itself."""
 CRAFT_TOPIC = "rans/craft"
 """Topic on which a robot says which spacecraft it is, as JSON in a text."""
 AGENT_TOPIC = "rans/agent"
@@ -128,7 +137,7 @@ class Plan:
     """What a flight is: everything that decides its commands beside the messages."""
 
     folder: str
-    """Folder of the exported agent, with the files of `AGENT_FILES`."""
+    """Folder of the exported agent (`exported_agent`)."""
     task: dict[str, Any]
     """Settings of the task, with its name under "name"."""
     robot: RobotName = "ros"
@@ -375,9 +384,9 @@ class MessagePilot:
         row = observation(self._task, state, goal)
         try:
             given = command(self.agent.act(np.array(row, dtype=np.float32)), *self._limits)
-        except ValueError as error:
+        except (ValueError, ConfigError) as error:
             self._resting = True
-            return Decision(shut, f"the agent: {error}: valves shut.")
+            return Decision(shut, f"the agent: {str(error).rstrip('.')}: valves shut.")
         note = " ".join(troubles.values()) or self.agent.note
         if self._world is None:
             return Decision(given, note)
@@ -519,28 +528,75 @@ def motion_of(state: Any) -> Motion:
     )
 
 
+class _Network:
+    """An exported agent.onnx, asked for one spacecraft by ONNX Runtime."""
+
+    note = ""
+
+    def __init__(self, folder: Path) -> None:
+        self._policy = load_exported(folder).controller
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin an episode."""
+        self._memory: Any = None
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """Commands (n,) for an observation (width,), float32."""
+        commands, self._memory = self._policy.decide(observation[None], self._memory)
+        return commands[0]
+
+
+def runs_code(folder: Path) -> bool:
+    """Whether the agent of an exported folder is agent.py, whose code a flight runs."""
+    return not any((folder / name).exists() for name in ("agent.onnx", EXCITATION))
+
+
 def exported_agent(folder: Path) -> Any:
-    """The ``Agent`` of an exported agent.py, with a check of its golden pairs.
+    """The agent of an exported folder, whose golden pairs come out as they should.
+
+    It has ``reset()``, ``act(observation)`` and the sentence ``note``. It is the network agent.onnx, the commands
+    of `rans identify --excite`, or the code of agent.py (`runs_code`).
 
     Raises:
         ConfigError: files are missing, or some pairs do not come out as they should.
     """
-    missing = [name for name in AGENT_FILES if not (folder / name).exists()]
+    names = ("agent.py", "agent.npz", *_FOLDER_FILES) if runs_code(folder) else _FOLDER_FILES
+    missing = [name for name in names if not (folder / name).exists()]
     if missing:
         raise ConfigError(
             f"{folder} has no {' and no '.join(missing)}: write it with rans export --format numpy."
         )
-    file = folder / "agent.py"
-    module = code_of(file)
-    with failing_as_config_error(file):
-        right, count = module.check()
-        agent = module.Agent()
+    file = inside(folder, "agent.py")
+    if not runs_code(folder):
+        agent: Any = _Network(folder) if (folder / "agent.onnx").exists() else Excited(folder)
+        file = inside(folder, "golden.json")
+        with failing_as_config_error(file):
+            right, count = _right_pairs(agent, read_json(file))
+    else:
+        module = code_of(file)
+        with failing_as_config_error(file):
+            right, count = module.check()
+            agent = module.Agent()
     if right != count:
         raise ConfigError(
             f"{count - right} of {count} golden pairs of {folder} come out wrong: its files are of "
             "different agents, or damaged."
         )
+    agent.reset()
     return agent
+
+
+def _right_pairs(agent: Any, pairs: Any) -> tuple[int, int]:
+    """How many golden pairs (`rans.deploy.contract.golden`) an agent gives, and how many there are."""
+    right = 0
+    rows = zip(pairs["begins"], pairs["observation"], pairs["command"], strict=True)
+    for begins, row, expected in rows:
+        if begins:
+            agent.reset()
+        given = agent.act(np.array(row, np.float32))
+        right += bool(np.abs(given - np.array(expected)).max() <= pairs["tolerance"])
+    return right, len(pairs["begins"])
 
 
 def _with_trade_off(task: Task, trade_off: float | None) -> Task:

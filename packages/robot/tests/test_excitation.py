@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_robot.identify.excite import Excitation
-from rans_robot.pilot import MessagePilot
+from rans_robot.pilot import MessagePilot, exported_agent
 from rans_robot.twin import Craft, TwinPlan
 
 import rans
 from rans.cli import main
 from rans.errors import ConfigError
-from rans.evaluation.fly.exported import code_of
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks.go_to_pose import GoToPose
 from tests.support.robots import plan
@@ -53,9 +52,7 @@ def test_a_flight_stays_in_its_box_and_ends(name: str, tmp_path: Path) -> None:
 def information() -> float:
     """Logarithm of the determinant of the information about a platform that stands still."""
     craft = load_spacecraft("floating-platform")
-    columns = np.array(craft.wrench_map)
-    inertia = np.array([[craft.inertia[2][2]]])
-    make = Excitation(columns, craft.mass, inertia, np.zeros(8), 0.2, 3.0, 0)
+    make = Excitation(craft, 0.2, 3.0, 0)
     total = np.eye(make.size)
     for _ in range(100):
         command = make.choose(np.zeros(2), np.eye(2), np.zeros(2), np.zeros(1))
@@ -78,9 +75,17 @@ def test_the_command_says_how_to_fly(
     line = f"identify --excite atmos --output {folder}"
     assert main(line.split()) == 0
     said = capsys.readouterr()
-    assert "--trust --seconds 60" in " ".join((said.out + said.err).split())
-    right, count = code_of(folder / "agent.py").check()
-    assert (right, count) == (32, 32)
+    assert f"rans fly {folder} --seconds 60" in " ".join((said.out + said.err).split())
     assert "exists already" in refused(line)
     with pytest.raises(ConfigError, match="reaction wheels"):
         rans.excite("pingu", tmp_path / "pingu")
+
+
+def test_a_folder_has_no_code_and_its_files_belong_together(tmp_path: Path) -> None:
+    """A name that ends a docstring once stood in an agent.py, which the command ran."""
+    folder = rans.excite("floating-platform", tmp_path / "most")
+    assert not [*folder.glob("*.py")]
+    file = folder / "excitation.json"
+    file.write_text(file.read_text().replace('"seed": 0', '"seed": 1'))
+    with pytest.raises(ConfigError, match="golden pairs"):
+        exported_agent(folder)

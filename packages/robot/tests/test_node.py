@@ -24,7 +24,7 @@ from rans_missions.tasks import Avoid
 from rans_robot.bag import bag_entries
 from rans_robot.bus import UDPBus, open_bus
 from rans_robot.commands.fly import Fly
-from rans_robot.foreign.export import export_foreign_for_flight
+from rans_robot.foreign import export_foreign_for_flight
 from rans_robot.frames import Motion
 from rans_robot.interfaces import RobotName, interface
 from rans_robot.messages import FLOATS, TEXT, array, make, pack, unpack
@@ -346,11 +346,10 @@ def test_a_flight_and_its_bag(agent: Path, tmp_path: Path, robot: RobotName) -> 
 @pytest.fixture(scope="module")
 def foreign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A network of another library, as a node flies it."""
-    pytest.importorskip("onnx")
     pytest.importorskip("onnxruntime")
     folder = tmp_path_factory.mktemp("foreign") / "sb3-ppo"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rans_robot.foreign.export._FLIGHTS_FOR_A_FLIGHT", 16)
+        patch.setattr("rans_robot.foreign._FLIGHTS_FOR_A_FLIGHT", 16)
         export_foreign_for_flight(f"onnx:{FOREIGN}:go-to-pose-2d@{PLATFORM}", folder)
     return folder
 

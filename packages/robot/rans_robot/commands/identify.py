@@ -30,7 +30,7 @@ class Identify(Options):
 
     excite: str = ""
     """Instead of reading logs, write an agent that flies the most informative commands about this spacecraft (name
-    or TOML file) for a minute, by `rans fly --trust`. They keep it in a box of 3 m round the goal of the flight, or
+    or TOML file) for a minute, by `rans fly`. They keep it in a box of 3 m round the goal of the flight, or
     of another side (m), as in `--excite mine.toml,box=2`."""
     output: Path | None = None
     """Folder of the results; by default identified, or excitation with --excite."""
@@ -119,6 +119,6 @@ class Identify(Options):
             f"Written to {folder}: 60 s of commands that keep {craft} in a box of {box:g} m. Fly them "
             "from the middle of the box, and identify the spacecraft from the bag:"
         )
-        console.command(shlex.join(["rans", "fly", str(folder), "--trust", "--seconds", "60"]))
+        console.command(shlex.join(["rans", "fly", str(folder), "--seconds", "60"]))
         console.command(f"rans identify FLIGHT.mcap --spacecraft {shlex.quote(craft)}")
         return 0

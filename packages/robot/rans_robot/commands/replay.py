@@ -13,7 +13,7 @@ from rans_robot.functions import replay
 class Replay(Options):
     """Give the messages of a `rans fly` bag to its agent again, and compare every command bit for bit.
 
-    This runs the agent.py next to the bag, which may come from someone else: --trust allows it.
+    An agent of RANS is the agent.py next to the bag, code that may come from someone else: --trust runs it.
     """
 
     group = "Deploy"

@@ -5,13 +5,13 @@ inertia, centre of mass and disturbance. The information about these parameters 
 regressors, each divided by the noise of the readings. Of many random commands the one is given that increases the
 determinant of the information most (D-optimal design: Fedorov, Theory of Optimal Experiments, 1972), among those
 after which the spacecraft still stays in the box. Where none is, the calmest is given.
-
-The text of this module is a part of the agents that `rans identify --excite` writes: it needs NumPy only.
 """
 
 from __future__ import annotations
 
 import numpy as np
+
+from rans.extend import Spacecraft
 
 _CANDIDATES = 256
 """Random commands of which one is given."""
@@ -36,31 +36,19 @@ class Excitation:
     """Chooses commands, one after the other, for one flight.
 
     Args:
-        wrenches: (n, 3 or 6), force (N) and torque (N m) of each thruster in B at full command.
-        mass: kg.
-        inertia: (1, 1) or (3, 3), kg m^2.
-        low: (n,), least command of each thruster.
+        craft: spacecraft with thrusters alone.
         period: control period, s.
         side: side of the box, m, whose middle is the origin.
         seed: of the random commands.
     """
 
-    def __init__(
-        self,
-        wrenches: np.ndarray,
-        mass: float,
-        inertia: np.ndarray,
-        low: np.ndarray,
-        period: float,
-        side: float,
-        seed: int,
-    ) -> None:
-        self.wrenches = wrenches
-        self.inertia = inertia
-        self.low = low
+    def __init__(self, craft: Spacecraft, period: float, side: float, seed: int) -> None:
+        turns = 1 if craft.dimension == 2 else 3
+        self.wrenches = wrenches = craft.wrenches
+        self.inertia = inertia = np.array(craft.inertia)[3 - turns :, 3 - turns :]
+        self.low = low = np.array([command.low for command in craft.commands])
         self.period = period
         self.side = side
-        turns = len(inertia)
         self.d = wrenches.shape[1] - turns
         self.random = np.random.default_rng(seed)
         self.command = low.copy()
@@ -71,7 +59,7 @@ class Excitation:
         lever = float(np.max(np.linalg.norm(wrenches[:, self.d :], axis=1)))
         self.per_wrench = np.zeros((self.d + turns, self.d + turns))
         """Acceleration of a wrench in B."""
-        self.per_wrench[: self.d, : self.d] = np.eye(self.d) / mass
+        self.per_wrench[: self.d, : self.d] = np.eye(self.d) / craft.mass
         self.per_wrench[self.d :, self.d :] = np.linalg.inv(inertia)
         # Regressors that do not depend on the command: forces have one each, a disturbance one an axis.
         self.of_forces = _FACTOR * (self.per_wrench @ wrenches.T)

@@ -17,7 +17,7 @@ def test_regressors_are_derivatives_of_the_acceleration() -> None:
     columns = np.array(craft.wrench_map)
     inertia = np.array(craft.inertia)
     n = len(columns)
-    make = Excitation(columns, craft.mass, inertia, np.zeros(n), 0.2, 3.0, 0)
+    make = Excitation(craft, 0.2, 3.0, 0)
     random = np.random.default_rng(1)
     command = (random.random(n) < 0.3).astype(float)
     rotation = np.linalg.qr(random.normal(size=(3, 3)))[0]

@@ -1,0 +1,156 @@
+"""Policies of other libraries, as ONNX, with contract, golden pairs and card, as agents of RANS are exported."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rans.deploy.contract import (
+    FLIGHTS,
+    PAIRED,
+    RecordedFlights,
+    contract,
+    flights_of_policy,
+    golden_of_policy,
+)
+from rans.deploy.export import check_alone, evaluated
+from rans.deploy.margins import measure_margins
+from rans.evaluation.fly.protocols import fitting_protocols
+from rans.extend import (
+    EVALUATION_SEED,
+    ConfigError,
+    ContestantName,
+    LoadedRun,
+    Setup,
+    TrainConfig,
+    brief,
+    contestant,
+    map_leaves,
+    read_bytes,
+    to_toml,
+    write_json,
+    write_text,
+)
+from rans.files import replace_file
+from rans.tasks import registered_name
+from rans.tasks.derived import observation_width
+
+_LARGEST = 2**26
+"""Bytes of an ONNX file that is copied; networks in control have less than a thousandth of it."""
+_FLIGHTS_FOR_A_FLIGHT = 512
+"""Flights of which the ranges of a network are taken that is exported to be flown at once."""
+_SUMMARY = (
+    "not known: another library trained this policy. Ranges and margins are those of flights with everything as "
+    "designed"
+)
+
+
+class _Exported(NamedTuple):
+    """What the files of a policy are made of."""
+
+    run: LoadedRun
+    network: bytes
+    """Content of its ONNX file."""
+    pairs: str
+    """Golden pairs, as JSON."""
+    about: dict[str, Any]
+    """Its contract."""
+
+
+def write_foreign_export(
+    spec: str,
+    folder: Path,
+    form: str = "onnx",
+    episodes: int = 1024,
+    seed: int = EVALUATION_SEED,
+    margins: int = 256,
+) -> dict[str, Any]:
+    """Write a policy "onnx:FILE:TASK-2d@SPACECRAFT" into a folder of its own, and return its card.
+
+    The network is copied as it is: observations and commands are those that `rans evaluate` flies. Contract, golden
+    pairs and card are those of `rans.deploy.export.write_export`.
+
+    Args:
+        spec: the policy's text, with its task.
+        folder: folder to write, whose name becomes the policy's.
+        form: "onnx".
+        episodes: flights for the card under each protocol.
+        seed: of their starts.
+        margins: flights of each latency, mass and sensor noise; 0: none.
+
+    Raises:
+        ConfigError: it is no ONNX file, it has a memory, it does not fit the task and the spacecraft, or the disk
+            refuses.
+    """
+    if form != "onnx":
+        raise ConfigError(
+            f"{brief(spec)} is exported as onnx, with its contract, and not as {form}: other formats are printed "
+            "from the networks of agents that RANS trained."
+        )
+    exported = _exported(spec, folder.resolve().name, FLIGHTS, margins)
+    check_alone(folder, form, exported.pairs)
+    _write(exported, folder)
+    # The card, which says that nothing is known of the training.
+    run = exported.run
+    card = {
+        "name": exported.about["agent"],
+        "task": exported.about["task"],
+        "spacecraft": run.craft.name,
+        "training": None,
+        "source": Path(spec.removeprefix("onnx:")).name.partition(":")[0],
+    }
+    card |= evaluated(spec, fitting_protocols(run.craft), episodes, seed)
+    write_json(folder / "card.json", card)
+    return card
+
+
+def export_foreign_for_flight(spec: str, folder: Path) -> None:
+    """Write what a node flies of a policy of another library: network, contract and golden pairs, without a card.
+
+    Raises:
+        ConfigError: see `write_foreign_export`.
+    """
+    label = Path(spec).name.partition(":")[0]
+    _write(_exported(spec, label, _FLIGHTS_FOR_A_FLIGHT, margins=0), folder)
+
+
+def _exported(spec: str, label: str, count: int, margins: int) -> _Exported:
+    """Network, flights, golden pairs and contract of a policy."""
+    name = ContestantName.parse(spec)
+    run = contestant(spec)
+    file = name.policy_file
+    if file is None or not name.name.startswith("onnx:"):
+        raise ConfigError(
+            f"{brief(spec)} is no ONNX network, which alone is exported. Let its own library write ONNX, as "
+            "examples/trainers do by --save FILE, and export onnx:FILE:TASK-2d."
+        )
+    policy: Any = run.controller
+    width = observation_width(run.task, run.craft.dimension)
+    if policy.decide(np.zeros((1, width), np.float32), None)[1] is not None:
+        raise ConfigError(
+            f"{file} has a memory: exported is a network of one input, the observation."
+        )
+    # Flights with everything as designed: nothing is known of a training.
+    setup = Setup(run.craft, run.task, run.timing)
+    flights = flights_of_policy(run.controller, setup, count=count)
+    few = RecordedFlights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
+    pairs = golden_of_policy(run.controller, few, run.craft, run.task)
+    measured = measure_margins(run.controller, setup, margins) if margins else None
+    task = registered_name(run.task) or name.setup.partition("@")[0]
+    config = TrainConfig(task, run.task, run.craft.name, timing=run.timing)
+    text = to_toml(run.craft)
+    about = contract(label, config, run.craft, text, 0, flights.observations, measured)
+    about["conditions"]["summary"] = _SUMMARY
+    return _Exported(run, read_bytes(file, _LARGEST), json.dumps(pairs) + "\n", about)
+
+
+def _write(exported: _Exported, folder: Path) -> None:
+    """The network and what stands beside it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    replace_file(folder / "agent.onnx", lambda draft: draft.write_bytes(exported.network))
+    write_text(folder / "spacecraft.toml", to_toml(exported.run.craft))
+    write_json(folder / "contract.json", exported.about)
+    write_text(folder / "golden.json", exported.pairs)

@@ -1,1 +1,0 @@
-"""Policies of other libraries as exports of RANS: the network's operations, contract and golden pairs."""

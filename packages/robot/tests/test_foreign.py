@@ -1,0 +1,76 @@
+"""Networks of other trainers are exported as they are, with a contract by which they fly."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rans_robot.foreign import export_foreign_for_flight, write_foreign_export
+from rans_robot.pilot import exported_agent
+
+from rans.errors import ConfigError, RansWarning
+from tests.support.graphs import model_of, step
+
+onnxruntime = pytest.importorskip("onnxruntime")
+
+TRAINERS = Path(__file__).parents[3] / "examples" / "trainers"
+WIDTH = 10
+
+
+@pytest.mark.slow
+def test_the_folder_flies_as_its_contract_says(tmp_path: Path) -> None:
+    file = TRAINERS / "agents/sb3-sac.onnx"
+    spec = f"onnx:{file}:go-to-pose-2d@{TRAINERS / 'throttled-platform.toml'}"
+    folder = tmp_path / "sac"
+    with pytest.warns(RansWarning, match=r"flown every 0\.1 s"):
+        card = write_foreign_export(spec, folder, episodes=16, margins=0)
+    assert card["training"] is None
+    about = json.loads((folder / "contract.json").read_text("utf-8"))
+    assert about["control_period"] == 0.1
+    assert about["task"] == "go-to-pose"
+    assert "not known" in about["conditions"]["summary"]
+    assert (folder / "agent.onnx").read_bytes() == file.read_bytes()
+    # Golden pairs of another network are noticed.
+    exported_agent(folder)
+    (folder / "agent.onnx").write_bytes((TRAINERS / "agents/sb3-td3.onnx").read_bytes())
+    with pytest.raises(ConfigError, match="golden pairs"):
+        exported_agent(folder)
+    with pytest.raises(ConfigError, match="not as c"):
+        write_foreign_export(spec, tmp_path / "other", "c", episodes=16, margins=0)
+
+
+@pytest.mark.parametrize(
+    ("policy", "sentence"),
+    [
+        ("onnx:missing.onnx:go-to-pose-2d", "there is no file missing.onnx"),
+        ("python:mine:act:go-to-pose-2d", "is no ONNX file"),
+    ],
+)
+def test_a_policy_that_cannot_be_exported_is_a_sentence(
+    policy: str, sentence: str, refused: Any
+) -> None:
+    assert sentence in refused(f"export {policy} --format onnx")
+
+
+def test_a_network_with_states_is_not_exported(tmp_path: Path) -> None:
+    """As RSL-RL exports recurrent networks: the states go in beside the observation, and come out."""
+    nodes = [
+        step("Slice", "obs first last axis", "some"),
+        step("Add", "some h_in", "h_out"),
+        step("Sigmoid", "h_out", "duties"),
+        step("Round", "duties", "actions"),
+    ]
+    places: dict[str, Any] = {
+        name: np.array([k]) for name, k in (("first", 0), ("last", 8), ("axis", 1))
+    }
+    inputs = {"obs": ("N", WIDTH), "h_in": ("N", 8)}
+    outputs = {"actions": ("N", 8), "h_out": ("N", 8)}
+    file = tmp_path / "memory.onnx"
+    file.write_bytes(model_of(nodes, inputs, outputs, **places))
+    with pytest.raises(ConfigError, match="has a memory"):
+        export_foreign_for_flight(
+            f"onnx:{file}:go-to-pose-2d@floating-platform", tmp_path / "flown"
+        )
