@@ -8,7 +8,7 @@ RUN apt-get update \
 
 COPY . /rans
 RUN pip install --no-cache-dir -c /rans/constraints.txt torch --index-url https://download.pytorch.org/whl/cpu \
-    && pip install --no-cache-dir -c /rans/constraints.txt /rans /rans/agents /rans/packages/* '/rans[all]'
+    && pip install --no-cache-dir -c /rans/constraints.txt /rans/agents '/rans[all]'
 
 WORKDIR /work
 ENTRYPOINT ["rans"]

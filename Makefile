@@ -24,9 +24,6 @@ override PYTHON := $(shell command -v $(PYTHON) || echo $(PYTHON))
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-# Distributions of this repository, which ask for one another; rans itself first, or pip looks for it elsewhere.
-PARTS := -e . -e ./agents $(addprefix -e ./,$(wildcard packages/*))
-DECLARED := agents/pyproject.toml $(wildcard packages/*/pyproject.toml)
 
 .PHONY: help setup demo test test-slow test-all suite lint style types docs release clean
 
@@ -81,7 +78,7 @@ docs: .venv/installed-docs
 release: build/release/bin/twine build/bare/bin/pip
 	rm -rf dist
 	build/release/bin/python -m build --outdir dist .
-	for part in agents packages/*; do build/release/bin/python -m build --outdir dist $$part || exit 1; done
+	build/release/bin/python -m build --outdir dist agents
 	build/release/bin/twine check --strict dist/*
 	@size=$$(stat -c %s dist/rans-*.whl); echo "The wheel has $$((size / 1000000)) MB."; test $$size -le $(WHEEL_BYTES) || { \
 		echo "It may have $(WHEEL_BYTES) bytes: leave out what no user needs." >&2; exit 1; }
@@ -90,18 +87,18 @@ release: build/release/bin/twine build/bare/bin/pip
 	cd build/bare && bin/rans --version && bin/rans list && bin/rans evaluate pretrained:go-to-pose-2d --episodes 16 && \
 		rm -rf core && bin/rans train go-to-pose --total-timesteps 20000 --output core && bin/rans evaluate core --episodes 16
 	build/bare/bin/pip uninstall --quiet --yes rans-agents
-	cd build/bare && ! bin/rans evaluate pretrained:dock-port-2d --episodes 16 2>missing && grep -q "rans\[agents\]" missing
+	cd build/bare && ! bin/rans evaluate pretrained:dock-port-2d --episodes 16 2>missing && grep -q "pip install" missing
 	build/bare/bin/pip install --quiet --no-deps dist/rans_agents-*.whl
 	cd build/bare && bin/rans evaluate pretrained:dock-port-2d --episodes 16
 
 setup: .venv/installed
 
-.venv/installed: pyproject.toml $(DECLARED) constraints.txt | .venv/bin/pip
-	python -m pip install -c constraints.txt $(PARTS) -e '.[all]'
+.venv/installed: pyproject.toml agents/pyproject.toml constraints.txt | .venv/bin/pip
+	python -m pip install -c constraints.txt -e ./agents -e '.[all]'
 	@touch $@
 
-.venv/installed-dev: pyproject.toml $(DECLARED) constraints.txt | .venv/bin/pip
-	python -m pip install -c constraints.txt $(PARTS) -e '.[dev]'
+.venv/installed-dev: pyproject.toml agents/pyproject.toml constraints.txt | .venv/bin/pip
+	python -m pip install -c constraints.txt -e ./agents -e '.[dev]'
 	@touch .venv/installed $@
 
 build/release/bin/twine:
@@ -111,8 +108,8 @@ build/release/bin/twine:
 build/bare/bin/pip:
 	$(PYTHON) -m venv --clear build/bare
 
-.venv/installed-docs: pyproject.toml $(DECLARED) constraints.txt | .venv/bin/pip
-	python -m pip install -c constraints.txt $(PARTS) -e '.[docs]'
+.venv/installed-docs: pyproject.toml agents/pyproject.toml constraints.txt | .venv/bin/pip
+	python -m pip install -c constraints.txt -e ./agents -e '.[docs]'
 	@touch .venv/installed $@
 
 # Debian's Python has the module venv but, without the package python3-venv, no ensurepip. Ctrl-C waits for the

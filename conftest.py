@@ -17,7 +17,6 @@ from rans.errors import EXTRAS, MissingPackage
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import TASKS
-from tests.support import packages
 from tests.support.crafts import FREE_CRAFT, nasty_planar, nasty_spatial
 
 # The same examples in every run, and no deadline: the machine may be busy.
@@ -36,8 +35,6 @@ def pytest_collection_finish() -> None:
 
 READERS = {"ccsds_ndm", "distributed", "fmpy", "mcap_ros2"}
 """Libraries of the extra dev that only tests import."""
-
-packages.hide_absent()
 
 
 class Module(pytest.Module):
@@ -58,7 +55,7 @@ class Module(pytest.Module):
             else:
                 missing = cause.name if isinstance(cause, ModuleNotFoundError) else None
             # Not one of its modules, which would be misspelt.
-            if missing in {*EXTRAS, *READERS, *packages.MODULES}:
+            if missing in {*EXTRAS, *READERS}:
                 pytest.skip(f"needs {missing}", allow_module_level=True)
             raise
 

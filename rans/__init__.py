@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from rans import display
-from rans.abilities import PUBLIC, sentence_of_absent
+from rans.abilities import PUBLIC
 from rans.lazy import homes
 from rans.tasks import TASKS, gymnasium_ids
 
@@ -103,9 +103,7 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     if name in PUBLIC:
         return PUBLIC[name]
-    raise AttributeError(
-        sentence_of_absent(name, f"rans.{name}") or f"module {__name__!r} has no attribute {name!r}"
-    )
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

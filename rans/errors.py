@@ -10,10 +10,12 @@ import inspect
 import math
 import os
 import re
+import shlex
 import sys
 import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import is_dataclass
+from importlib import metadata
 from numbers import Integral
 from os import PathLike
 from pathlib import Path
@@ -328,13 +330,48 @@ EXTRAS = {
     "rans_agents": "agents",
 }
 """Modules that only some commands or agents need, and the extra of RANS that installs each."""
+CHECKOUT = Path(__file__).parents[1]
+"""Folder of the repository, where RANS runs from one; else that in which packages are installed."""
+
+
+def installing(extra: str) -> str:
+    """Command that installs the packages of an extra of RANS into this environment.
+
+    RANS is on no index, and anybody could take its name there: the command has the path of the checkout, or the
+    names of third parties alone.
+
+    >>> rans.errors.installing("fast").startswith("pip install ")
+    True
+
+    Args:
+        extra: name in ``pyproject.toml``, a value of `EXTRAS`.
+    """
+    if extra == "agents":
+        return installing_folder("agents", "the wheel rans_agents, which lies beside that of rans")
+    if (CHECKOUT / "pyproject.toml").is_file():
+        return shlex.join(["pip", "install", "-e", f"{CHECKOUT}[{extra}]"])
+    own = re.compile(rf"""(?:\band )?\bextra == ["']{extra}["']""")
+    needed = [line for line in metadata.requires("rans") or () if own.search(line)]
+    return shlex.join(["pip", "install", *(own.sub("", line).strip("; ") for line in needed)])
+
+
+def installing_folder(folder: str, elsewhere: str = "") -> str:
+    """Command that installs a distribution of the repository, or a sentence where there is no checkout.
+
+    Args:
+        folder: of the distribution, as a path in the repository.
+        elsewhere: what a user of wheels installs; empty: the folder of the repository.
+    """
+    if (CHECKOUT / folder).is_dir():
+        return shlex.join(["pip", "install", str(CHECKOUT / folder)])
+    return f"pip install {elsewhere or f'the folder {folder} of the repository of RANS'}"
 
 
 class MissingPackage(ConfigError, ImportError):
     """A package that only some commands need is not installed; the message has the command that installs it.
 
-    >>> print(rans.errors.MissingPackage("casadi"))
-    This needs the package casadi, which is not installed: pip install 'rans[optimal]'
+    >>> str(rans.errors.MissingPackage("casadi")).partition(": ")[0]
+    'This needs the package casadi, which is not installed'
 
     Args:
         module: name of the module, one of `EXTRAS`.
@@ -342,11 +379,8 @@ class MissingPackage(ConfigError, ImportError):
     """
 
     def __init__(self, module: str, user: str = "This") -> None:
-        command = f"pip install 'rans[{EXTRAS[module]}]'"
-        sentence = f"{user} needs the package {module}, which is not installed: {command}"
-        if module == "rans_agents":  # a distribution of its own, from the same place as this one
-            sentence += "; in a checkout pip install ./agents, with wheels pip install the one of rans_agents"
-        super().__init__(sentence)
+        command = installing(EXTRAS[module])
+        super().__init__(f"{user} needs the package {module}, which is not installed: {command}")
         self.module = module
         self.user = user
 

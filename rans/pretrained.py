@@ -1,7 +1,6 @@
 """Agents that come with RANS: run folders without the files that only training needs.
 
-Seven are in this package. The others are in the distribution ``rans-agents``, which the extra ``rans[agents]``
-installs.
+Seven are in this package. The others are in the distribution ``rans-agents``, the folder ``agents``.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ def agent_recipes() -> list[str]:
 
 
 def pretrained_names() -> list[str]:
-    """Names of the installed agents, sorted: those of this package and, with ``rans[agents]``, of ``rans-agents``.
+    """Names of the installed agents, sorted: those of this package and, if installed, of ``rans-agents``.
 
     >>> from rans.pretrained import pretrained_names
     >>> "go-to-pose-2d" in pretrained_names()

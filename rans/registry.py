@@ -27,6 +27,9 @@ from rans.files import first_line
 T = TypeVar("T")
 Given = TypeVar("Given")
 
+_RANS = "rans"
+"""Distribution whose names are those of RANS, also of its packages."""
+
 TRUST_VARIABLE = "RANS_TRUST"
 """Environment variable, inherited by child processes, that allows files to name code."""
 
@@ -83,14 +86,13 @@ class Registry(Mapping[str, T]):
     Args:
         kind: kind of the objects in messages, such as "task".
         group: group of the entry points.
-        built_in: "module:Name" of each built-in name, or "package:file.toml" for the text of a file. Packages
+        built_in: "module:Name" of each built-in name, or "package" for the text of its file NAME.toml. Packages
             cannot replace them.
         checked: converts and checks a loaded object; "module:name" of the function where it is loaded with the
             first object.
         or_else: other forms that a user may give, for messages.
         elsewhere: names by what such objects are called elsewhere, for messages.
         files: what to write for files of other software, by their suffixes, with {name} and {stem}.
-        extra_of: names that packages of RANS add, and the extra of RANS that installs the package of each.
 
     Raises:
         ConfigError: by ``registry[name]``: there is no such object, it is not valid (the message names its
@@ -106,16 +108,14 @@ class Registry(Mapping[str, T]):
         or_else: str = "",
         elsewhere: Mapping[str, str] = MappingProxyType({}),
         files: Mapping[str, str] = MappingProxyType({}),
-        extra_of: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self._kind = kind
-        self._group = group
+        self.group = group
         self.built_in = built_in
         self._check = checked
         self._or_else = or_else
         self._elsewhere = elsewhere
         self._files = files
-        self.extra_of = extra_of
         self._loaded: dict[str, T] = {}
         self._own: dict[str, T] = {}
         self.announce: Callable[[str], object] = lambda _: None
@@ -153,7 +153,7 @@ class Registry(Mapping[str, T]):
                 yield name, self[name]
             for entry in entries if len(entries) > 1 else ():
                 with self._of_package(name, entry.dist.name if entry.dist else "unknown"):
-                    found = self._checked(resolve(entry.value))
+                    found = self._checked(resolve(entry.value, name))
                 yield name, found
 
     def register(self, name: str) -> Callable[[T], T]:
@@ -206,22 +206,12 @@ class Registry(Mapping[str, T]):
     def package(self, name: str) -> str:
         """Installed package that provides a name; empty for names of RANS and of `register`."""
         offered = () if name in self.built_in else self._offered.get(name, ())
-        return " and ".join(entry.dist.name if entry.dist else "unknown" for entry in offered)
+        names = [entry.dist.name if entry.dist else "unknown" for entry in offered]
+        return "" if _RANS in names else " and ".join(names)
 
     def comes_with_rans(self, name: str) -> bool:
-        """Whether a name is built in, or of a package of RANS."""
-        extra = self.extra_of.get(name)
-        return name in self.built_in or (
-            extra is not None and self.package(name) == f"rans-{extra.replace('_', '-')}"
-        )
-
-    def check_installed(self, name: str) -> None:
-        """Reject (`ConfigError`) a name of a package of RANS that is not installed, and say how to install it."""
-        if name in self.extra_of and name not in self:
-            raise ConfigError(
-                f"the {self._kind} {name} needs a package that is not installed: pip install "
-                f"'rans[{self.extra_of[name]}]'"
-            )
+        """Whether a name is built in, or of a package in the distribution of RANS."""
+        return name in self.built_in or (name in self._offered and not self.package(name))
 
     def summary(self, name: str) -> str:
         """First line of an object's docstring, read from its module's text where that says it.
@@ -240,14 +230,16 @@ class Registry(Mapping[str, T]):
     @cached_property
     def _offered(self) -> dict[str, list[EntryPoint]]:
         result: dict[str, list[EntryPoint]] = {}
-        for entry in sorted(_entry_points(self._group)):
+        for entry in sorted(_entry_points(self.group)):
             result.setdefault(entry.name, []).append(entry)
-        return result
+        # As those built in, names of RANS's own packages cannot be replaced.
+        return {
+            name: [e for e in several if _is_own(e)] or several for name, several in result.items()
+        }
 
     def _load(self, name: str) -> T:
         """Import and check the object of a name; for an unknown one the error has the nearest names."""
         if name not in self and ":" not in name:
-            self.check_installed(name)
             near = self.meant(name) or (
                 _of_file(name, self._kind, self._files) if self._or_else else ""
             )
@@ -278,13 +270,18 @@ class Registry(Mapping[str, T]):
         A name that is none of the two others may run code: `typed` has allowed it.
         """
         if name in self.built_in:
-            return resolve(self.built_in[name])
+            return resolve(self.built_in[name], name)
         if name not in self._offered:
             return resolve_typed(name)
         first, *others = self._offered[name]
         if others:
             raise ConfigError("two packages have this name; uninstall one of them.")
-        return resolve(first.value)
+        return resolve(first.value, name)
+
+
+def _is_own(entry: EntryPoint) -> bool:
+    """Whether an entry point is of the distribution of RANS."""
+    return entry.dist is not None and entry.dist.name == _RANS
 
 
 def _docstring(reference: str) -> str:
@@ -366,8 +363,12 @@ def resolve_typed(reference: str) -> Any:
     return resolve(reference)
 
 
-def resolve(reference: str) -> Any:
-    """Object of "module:Name", or text of "package:file.toml".
+def resolve(reference: str, file: str = "") -> Any:
+    """Object of "module:Name", or text of a file of "package", as entry points name both.
+
+    Args:
+        reference: of the object, or of the package; folders in it follow points.
+        file: name of the file in the package, without .toml.
 
     Raises:
         ConfigError: there is no such object, it belongs to another imported module ("module:os.abort"), or its
@@ -375,8 +376,10 @@ def resolve(reference: str) -> Any:
     """
     module, _, name = reference.partition(":")
     try:
-        if name.endswith(".toml"):
-            return (resources.files(module) / name).read_text("utf-8")
+        if (file and not name) or name.endswith(
+            ".toml"
+        ):  # as hatchling, but not setuptools, takes it
+            return (resources.files(module) / (name or f"{file}.toml")).read_text("utf-8")
         result: Any = importlib.import_module(module)
         # Only objects that the module itself names: no module within it.
         for part in name.split("."):

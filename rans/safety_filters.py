@@ -13,7 +13,6 @@ FILTERS: Registry[Callable[[Setup, float | None, bool | float], Guard]] = Regist
     group="rans.safety_filters",
     built_in={},
     checked=lambda make: make,
-    extra_of={_NAME: "missions"},
 )
 """Functions that make safety filters; `safety_filter` asks that of constraints."""
 

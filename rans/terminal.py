@@ -33,8 +33,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from rans.abilities import EXTRA_OF
-from rans.errors import EXTRAS, is_installed, legible
+from rans.errors import EXTRAS, installing, is_installed, legible
 from rans.progress import Progress as Step
 from rans.progress import Stages
 from rans.table import Table, cell_text
@@ -72,10 +71,7 @@ def lacking(text: str) -> str:
         module = "pydrake"
     if "--engine drake" in text:
         module = "pydrake"
-    if module and not is_installed(module):
-        return EXTRAS[module]
-    extra = EXTRA_OF.get(name, "")  # a package of its own has the command
-    return extra if extra and not is_installed(f"rans_{extra}") else ""
+    return EXTRAS[module] if module and not is_installed(module) else ""
 
 
 class Terminal(Console):
@@ -118,7 +114,7 @@ class Terminal(Console):
         self.print("Next:")
         for text in commands:
             lacks = lacking(text)
-            self.command(f"{text}   # first: pip install 'rans[{lacks}]'" if lacks else text)
+            self.command(f"{text}   # first: {installing(lacks)}" if lacks else text)
 
     def table(self, table: Table) -> None:
         """Print a table; if its columns do not fit, every row is a block of lines."""

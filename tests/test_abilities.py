@@ -8,8 +8,6 @@ from pathlib import Path
 import pytest
 
 import rans
-from rans import abilities
-from rans.errors import ConfigError
 from tests.support.processes import ROOT, printed
 
 
@@ -68,16 +66,6 @@ def test_a_package_adds_a_command_and_a_public_name(site: Path) -> None:
     assert "docs/hover.md" in text
     code = "import rans; assert 'hover' in dir(rans); print(rans.hover())"
     assert ran(site, "-c", code) == "hovered\n"
-
-
-def test_what_is_absent_names_the_extra_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(abilities.EXTRA_OF, "levitate", "magnets")
-    with pytest.raises(AttributeError, match=r"pip install 'rans\[magnets\]'"):
-        _ = rans.levitate
-    from rans.cli import _parse
-
-    with pytest.raises(ConfigError, match=r"pip install 'rans\[magnets\]'"):
-        _parse(["levitate"])
 
 
 def test_a_name_that_nothing_has_is_an_attribute_error() -> None:

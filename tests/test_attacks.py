@@ -23,7 +23,6 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.files import Lock, replace_file, write_text
 from rans.model.spacecraft_file import spacecraft_text
 from rans.tasks import TASKS
-from tests.support import packages
 from tests.support.training import ignore, resumed
 
 ROOT = Path(__file__).parents[1]
@@ -146,7 +145,7 @@ def test_nothing_is_put_in_the_place_of_a_device(refused: Any) -> None:
     [
         "list odd.toml",
         "evaluate lqr:go-to-pose-2d@odd.toml",
-        packages.of("assurance", "follow lqr:track-velocity-2d odd.csv"),
+        "follow lqr:track-velocity-2d odd.csv",
         "train go-to-pose --spacecraft odd.toml",
         "train odd.json",
         "train go-to-pose --conditions odd.toml",

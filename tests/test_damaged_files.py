@@ -21,7 +21,6 @@ from rans.files import write_json
 from rans.pretrained import pretrained_folder
 from rans.show.pages.report import report_from_run
 from rans.tasks import GoToPose
-from tests.support import packages
 from tests.support.damage import COUNTS, check
 from tests.support.training import CONFIG
 from tests.support.written_files import RESULTS, TUNED, optimal_folder
@@ -66,9 +65,7 @@ def test_optimal_folders(tmp_path: Path, count: int) -> None:
 
 
 @COUNTS
-@pytest.mark.parametrize(
-    "name", [packages.of("assurance", x) if x == "stress.json" else x for x in RESULTS]
-)
+@pytest.mark.parametrize("name", RESULTS)
 def test_results(name: str, count: int, tmp_path: Path) -> None:
     write_json(tmp_path / name, RESULTS[name])
     write_json(tmp_path / "config.json", {"seed": 0, "about": {"command": "c"}})

@@ -23,7 +23,6 @@ from rans.files import write_json
 from rans.model.spacecraft_file import SPACECRAFT
 from rans.registry import trust_files
 from rans.tasks import TASKS, GoToPose
-from tests.support import packages
 from tests.support.processes import printed
 from tests.support.training import CONFIG
 
@@ -61,9 +60,9 @@ COMMANDS = [
     "evaluate run --episodes 2",
     "compare run --with lqr",
     "view run --save page.html",
-    packages.of("assurance", "stress run"),
-    packages.of("assurance", "assure run --episodes 2"),
-    packages.of("assurance", "follow run"),
+    "stress run",
+    "assure run --episodes 2",
+    "follow run",
     "export run --output out",
     "train --resume run",
     "train run/config.json",

@@ -8,7 +8,6 @@ import warnings
 import pytest
 
 import rans
-from tests.support.packages import needs
 from tests.support.processes import ROOT
 from tests.support.sources import sources
 
@@ -30,7 +29,6 @@ def test_every_warning_has_a_class_of_rans() -> None:
     assert count > 15  # or the search itself is broken
 
 
-@needs("missions")
 def test_warnings_of_rans_can_be_made_errors_and_those_of_others_left() -> None:
     craft = rans.load_spacecraft("floating-platform")
     with warnings.catch_warnings():

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rans.abilities import public
+from rans.abilities import PUBLIC
 from rans.api.agent_data import AgentData
 from rans.api.names import conditions_if_named, load_spacecraft, load_task
 from rans.errors import ConfigError, brief
@@ -187,11 +187,11 @@ class Agent(AgentData):
 
     def stress(self, *others: Any, **options: Any) -> Any:
         """Fly under one disturbance at a time, at increasing magnitude; options as for `rans.stress`."""
-        return public("stress")(self, *others, **options)
+        return PUBLIC["stress"](self, *others, **options)
 
     def assure(self, **options: Any) -> Any:
         """Bound the failure probability; options as for `rans.assure`."""
-        return public("assure")(self, **options)
+        return PUBLIC["assure"](self, **options)
 
     def view(self, *others: Any, **options: Any) -> Replay:
         """Fly, and return a page that replays the flights in three dimensions; options as for `rans.view`."""

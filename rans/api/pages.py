@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
 from rans.api.agent_data import AgentData
 from rans.api.judging import ConditionsLike, flown, own_endpoints
@@ -346,14 +346,12 @@ def exported(
 ) -> tuple[Path, dict[str, Any]]:
     """Write an export and return its folder and card; see `export`, whose arguments these are."""
     from rans.deploy.export import EXPORTERS, write_export
-    from rans.deploy.forms import FORMATS, Form, forms
+    from rans.deploy.forms import forms
     from rans.evaluation.fly.contestant_name import ContestantName
     from rans.evaluation.fly.exported import is_exported
 
     count = whole("episodes", episodes)
     one_of("format", format, forms())
-    if format not in get_args(Form):
-        FORMATS.check_installed(format)
     source: Any = agent.folder if isinstance(agent, AgentData) else agent
     if source is None:
         raise ConfigError(f"{agent!r} is no trained agent with a run folder.")

@@ -15,7 +15,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from rans.abilities import sentence_of_absent
 from rans.cli.commands import COMMANDS, divides_work
 from rans.cli.gpus import leave_sentence, on_gpus, without_gpus
 from rans.errors import (
@@ -241,9 +240,6 @@ def _parse(arguments: list[str]) -> Any:
         arguments = [*arguments[1:], "--help"]
     bare = arguments[0].removeprefix("--")
     if arguments[0] not in COMMANDS and (not arguments[0].startswith("-") or bare in COMMANDS):
-        absent = sentence_of_absent(bare, f"rans {bare}")
-        if absent:
-            raise ConfigError(absent)
         raise ConfigError(
             f"there is no command {brief(arguments[0])}{meant(bare, COMMANDS)}; commands are "
             f"{', '.join(COMMANDS)}."

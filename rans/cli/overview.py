@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from rans.errors import EXTRAS, ConfigError, counted
+from rans.errors import EXTRAS, ConfigError, counted, installing
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.model.spacecraft_file import SPACECRAFT
 from rans.pretrained import PACKAGE, missing_agents, pretrained_card, pretrained_names
@@ -104,7 +104,7 @@ def _all_agents() -> Iterable[str | Table]:
         "Agents (pretrained:NAME)",
     )
     if missing := missing_agents():
-        yield f"{counted(len(missing), 'more agent')}: pip install 'rans[{EXTRAS[PACKAGE]}]'"
+        yield f"{counted(len(missing), 'more agent')}: {installing(EXTRAS[PACKAGE])}"
 
 
 def _solved(card: dict[str, Any]) -> str:

@@ -89,7 +89,6 @@ EXPORTERS: Registry[Exporter] = Registry(
     group="rans.exporters",
     built_in={},
     checked=lambda exporter: exporter,
-    extra_of={"policy": "robot", "spacecraft": "robot"},
 )
 """What installed packages export beside agents of RANS: by `ContestantName.kind`, and spacecraft."""
 

@@ -39,11 +39,10 @@ FORMATS: Registry[ProgramWriter] = Registry(
     group="rans.export_formats",
     built_in={},
     checked=lambda write: write,
-    extra_of={"fmu": "robot"},
 )
 """Forms that installed packages add."""
 
 
 def forms() -> tuple[str, ...]:
     """Names of all forms, those of packages that are not installed too."""
-    return tuple(dict.fromkeys((*get_args(Form), *FORMATS.extra_of, *FORMATS)))
+    return tuple(dict.fromkeys((*get_args(Form), *FORMATS)))

@@ -1,6 +1,6 @@
 """Stable-Baselines3 classes of the network, and the ``policy.zip`` file that refers to them.
 
-This module needs the package stable-baselines3, which the extra ``rans[sb3]`` installs.
+This module needs the package stable-baselines3, which the extra ``sb3`` installs.
 """
 
 from __future__ import annotations

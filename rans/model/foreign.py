@@ -103,7 +103,6 @@ IMPORTERS: Registry[Importer] = Registry(
     group="rans.importers",
     built_in={},
     checked=lambda importer: importer,
-    extra_of=dict.fromkeys((suffix[1:] for suffix in FORMATS), "any_craft"),
 )
 
 
@@ -120,7 +119,6 @@ def read_foreign(file: Path) -> Foreign:
             package reads such files.
     """
     suffix = file.suffix.lower()
-    IMPORTERS.check_installed(suffix[1:])
     text = read_text(file, _LARGEST, "the spacecraft file ")
     try:
         draft = IMPORTERS[suffix[1:]](text, file.name)

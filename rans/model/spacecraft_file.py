@@ -80,7 +80,7 @@ SPACECRAFT = Registry(
     "spacecraft",
     "rans.spacecraft",
     {
-        name: f"rans:data/spacecraft/{name}.toml"
+        name: "rans.data.spacecraft"
         for name in sorted(
             file.name.removesuffix(".toml")
             for file in (resources.files("rans") / "data/spacecraft").iterdir()
@@ -94,7 +94,6 @@ SPACECRAFT = Registry(
         ),
         ".xml": "MJCF is not read; write it as URDF or SDF for `rans init FILE.toml --from FILE`",
     },
-    extra_of=dict.fromkeys(("arpod-chaser", "vbar-chaser"), "missions"),
 )
 """Spacecraft by name."""
 
@@ -111,9 +110,7 @@ def _effector_class(found: Any) -> Any:
     return found
 
 
-EFFECTORS: Registry[Any] = Registry(
-    "kind of effector", "rans.effector", {}, _effector_class, extra_of={"slosh": "missions"}
-)
+EFFECTORS: Registry[Any] = Registry("kind of effector", "rans.effector", {}, _effector_class)
 """Kinds of effectors, registered by packages: a table with the name of a kind is an effector of a craft, and an
 ``[[effector]]`` table has it as its ``kind``."""
 
@@ -275,9 +272,6 @@ def _lines(table: dict[str, Any]) -> str:
 def _build(table: dict[str, Any]) -> Spacecraft:
     # Tables with the name of a kind of effector.
     """The spacecraft of a table whose keys are known; every value is read by its own reader."""
-    for kind in EFFECTORS.extra_of:
-        if kind in table:
-            EFFECTORS.check_installed(kind)
     kinds = [kind for kind in EFFECTORS if kind in table]
     _check_keys(table, _REQUIRED, {*_OPTIONAL, *EFFECTORS}, "the file", "")
     lengths = (3,) if table["dimension"] == 3 else (2, 3)

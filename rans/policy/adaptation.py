@@ -113,7 +113,6 @@ ESTIMATORS: Registry[Callable[..., Adaptation]] = Registry(
     "rans.estimators",
     {},
     checked=lambda maker: maker,
-    extra_of={"adaptation": "any_craft"},
 )
 """Makers of estimators, from tokens and authority of a policy (`rans.policy.architecture.Architecture`), whether a
 thruster with half of its force stays in use, the filling of its wheels, and whether it checks its thrusters."""

@@ -58,14 +58,14 @@ def _inherited(table: dict[str, Any]) -> dict[str, Any]:
             f"base must be the name of conditions that come with RANS, one of {built_in_names}, got "
             f"{brief(base)}."
         )
-    return merged(_inherited(read_toml(resolve(CONDITIONS.built_in[base]))), table)
+    return merged(_inherited(read_toml(resolve(CONDITIONS.built_in[base], base))), table)
 
 
 CONDITIONS = Registry(
     "set of conditions",
     "rans.conditions",
     {
-        name: f"rans:data/conditions/{name}.toml"
+        name: "rans.data.conditions"
         for name in (
             "perfect",
             "lab",

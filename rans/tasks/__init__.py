@@ -48,10 +48,6 @@ TASKS: Registry[type[Any]] = Registry(
         "go-to-pose-priced": "rans.tasks.go_to_pose_priced:GoToPosePriced",
     },
     "rans.tasks.kind:checked",
-    extra_of=dict.fromkeys(
-        ("avoid", "dock", "dock-port", "final-approach", "hold", "inspect", "land", "rendezvous"),
-        "missions",
-    ),
 )
 """Class of every task by its name on the command line."""
 

@@ -13,7 +13,6 @@ from stable_baselines3 import A2C
 import rans
 from rans.cli import main
 from rans.errors import ConfigError
-from tests.support.packages import needs
 
 
 def shut(observation: np.ndarray) -> np.ndarray:
@@ -77,7 +76,6 @@ def test_an_object_flies_in_other_processes_and_in_drake() -> None:
     assert not flight.commands.any()
 
 
-@needs("assurance")
 def test_the_failure_of_an_assured_function_is_bounded_as_of_an_agent() -> None:
     found = rans.assure(rans.load_agent(shut, "go-to-pose"), episodes=50, worst=0)
     assert (found.campaign.flights, found.campaign.failures) == (50, 50)

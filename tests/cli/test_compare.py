@@ -23,7 +23,6 @@ from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import Objective
 from rans.tasks import GoToPose, GoToPosePriced
-from tests.support import packages
 from tests.support.training import CONFIG, tiny_trainer
 
 IDLE = "python:tests.support.policies:idle"
@@ -143,7 +142,7 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
             "front_seconds must be >= 0, got nan",
         ),
         ("lqr:go-to-pose-2d --front-seconds 9", "--front-seconds needs --front"),
-        packages.of("missions", "avoid-2d --guard-slack 0.1", "fly behind one, by --guard"),
+        ("avoid-2d --guard-slack 0.1", "fly behind one, by --guard"),
     ],
 )
 def test_mistakes_end_in_a_sentence(typed: str, sentence: str, refused: Any) -> None:

@@ -15,7 +15,6 @@ from rans.evaluation.fly.contestant_name import ContestantName
 from rans.model.spacecraft_file import load_spacecraft
 from rans.show.pages.report import report_from_run
 from rans.tasks.multi_task import MultiTask
-from tests.support.packages import needs
 from tests.support.torquer import Torquer
 from tests.support.training import CONFIG, tiny_trainer
 
@@ -189,7 +188,6 @@ def test_an_own_start_is_flown_once_and_has_files_of_its_own(run_folder: Path) -
     assert json.loads(named.read_text())["conditions"]["start"] == "1 -0.5 90deg v.x=0.1"
 
 
-@needs("missions")
 @pytest.mark.usefixtures("here", "undrawn")
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize("guard", [[], ["--guard"]])

@@ -12,7 +12,6 @@ import pytest
 from rans.cli import main
 from rans.fast.learn.config import to_table
 from rans.files import write_json
-from tests.support import packages
 from tests.support.training import CONFIG
 
 FLOWN = "--episodes", "2", "--seed", "1"
@@ -46,7 +45,7 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             for name in ("metrics.jsonl", "checkpoint.safetensors", ".lock")
         ),
         ("compare run --with --certified 0 --episodes 2", "compare-bounds.json"),
-        packages.of("assurance", "assure run --episodes 8", "assurance.json"),
+        ("assure run --episodes 8", "assurance.json"),
         ("export run --output shipped", "metrics.jsonl"),
         ("report run", "evaluation-of-a-stranger.json"),
         ("report run", "sweep.svg"),
@@ -77,7 +76,7 @@ def test_a_file_that_is_a_link_is_refused(
         ("sweep --resume sweep", "../sweep/batches/0"),
         ("sweep --resume sweep", "../sweep/batches/0/tensorboard"),
         ("sweep --resume sweep", "../sweep/best"),
-        packages.of("assurance", "stress run --episodes 2 --only latency", "stress"),
+        ("stress run --episodes 2 --only latency", "stress"),
     ],
 )
 def test_a_folder_that_is_a_link_is_refused(

@@ -26,7 +26,6 @@ from rans import cli
 from rans.cli import COMMANDS, main
 from rans.errors import ConfigError
 from rans.files import read_text, write_text
-from tests.support import packages
 from tests.support.command_codes import code_of
 
 MISSPELT = ["--sed", "--no-such-option", "-x", "--", "--seed=", "--=", "---"]
@@ -105,7 +104,7 @@ def test_letters_that_the_output_does_not_know() -> None:
     [
         ("train --seed", "a whole number"),
         ("sweep --seeds", "a whole number"),
-        packages.of("assurance", "assure x --failure-below", "a number"),
+        ("assure x --failure-below", "a number"),
         ("compare x --certified", "a whole number"),
     ],
 )

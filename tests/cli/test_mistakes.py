@@ -18,8 +18,6 @@ from rans.fast.learn.member import SOLVED_IN_A_ROW
 from rans.fast.learn.recipes import training
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.structure import structure
-from tests.support import packages
-from tests.support.packages import needs_command
 
 
 @pytest.mark.parametrize(
@@ -47,9 +45,7 @@ from tests.support.packages import needs_command
         ("evaluate anycraft2d@a.toml", "did you mean any-craft-2d?"),
         ("compare lqr:go-to-pose-2d optimum", "--with optimal"),
         ("compare lqr:go-to-pose-2d --with lqr,mpc", "write --with lqr mpc"),
-        packages.of(
-            "missions", "optimal lqr:dock-3d@a.toml", "rans optimal dock --spacecraft a.toml"
-        ),
+        ("optimal lqr:dock-3d@a.toml", "rans optimal dock --spacecraft a.toml"),
         ("optimal pretrained:go-to-pose-2d", "rans optimal go-to-pose"),
         ("evaluate lqr:go-to-pose-2d@nowhere.toml", "rans init nowhere.toml"),
         ("faults go-to-pose-3d-robust --picture a.png", "rans faults free-flyer --picture a.png"),
@@ -61,14 +57,10 @@ from tests.support.packages import needs_command
         ("twin go-to-pose-2d --seed 3", "rans twin floating-platform --seed 3"),
         ("identify --excite avoid-2d,box=2", "--excite floating-platform,box=2"),
         ("identify a.csv --spacecraft=land-3d", "--spacecraft=mars-lander-steered"),
-        packages.of(
-            "missions",
-            "train dock --spacecraft inspect-3d",
-            "rans train dock --spacecraft afrl-deputy",
-        ),
+        ("train dock --spacecraft inspect-3d", "rans train dock --spacecraft afrl-deputy"),
         ("tune go-to-pose-2d", "`rans tune lqr pretrained:NAME`"),
         ("tune pretrained:go-to-pose-2d", "`rans tune lqr pretrained:NAME`"),
-        packages.of("missions", "tune dock-3d", "as in lqr:dock-3d"),
+        ("tune dock-3d", "as in lqr:dock-3d"),
         ("benchmark go-to-pose-2d", "rans benchmark floating-platform"),
         ("train go-to-pose --set ppo.memory.history=8", "set ppo.memory.kind=history too"),
         ("train", "say what to train"),
@@ -85,7 +77,7 @@ from tests.support.packages import needs_command
         ("evaluat runs/x", "did you mean evaluate?"),
         ("--train", "did you mean train?"),
         ("init slider", "slider.toml"),
-        packages.of("missions", "improve mission:dock-3d a.csv", "write rans improve dock"),
+        ("improve mission:dock-3d a.csv", "write rans improve dock"),
         ("init x.toml --mass 12", "write --set mass=12"),
         ("report runs/nowhere", "there is no such folder"),
         ("optimal go-to-pose --start 3,1", "such as 3 1 40deg"),
@@ -103,7 +95,6 @@ from tests.support.packages import needs_command
 def test_leads_to_what_it_is_called_here(
     typed: str, answer: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    needs_command(typed)
     try:
         code = main(typed.split())
     except SystemExit as error:  # of tyro, for values that are no numbers

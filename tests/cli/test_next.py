@@ -152,6 +152,6 @@ def test_a_suggestion_says_what_is_not_installed(
     )
     lines = capsys.readouterr().out.splitlines()[1:]
     extras = ["", "optimal", "plots", "verify", "", "verify"]
-    assert [line.partition("rans[")[2].partition("]")[0] for line in lines] == extras
+    assert [line.partition("[")[2].partition("]")[0] for line in lines] == extras
     monkeypatch.setattr("rans.terminal.is_installed", lambda module: True)
     assert lacking("rans compare runs/a") == ""

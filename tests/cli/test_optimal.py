@@ -12,7 +12,6 @@ import pytest
 from rans.cli import main
 from rans.evaluation.compare.bounds import Bound
 from rans.optimal.certificate.problem import SearchEffort
-from tests.support import packages
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -113,13 +112,11 @@ def test_certify_bounds_craft_with_wheels_without_a_trajectory(
             "go-to-pose --objective reward --ending set",
             "the ending set is for fuel, time",
         ),
-        packages.of(
-            "missions",
+        (
             "land --objective time --limits speed=20 --certify",
             "--objective, --limits, --certify would change nothing for land",
         ),
-        packages.of(
-            "missions",
+        (
             "dock --ending set --zones 1,2,3,4 --start 3 0 0",
             "--ending, --start, --zones would change nothing for dock",
         ),

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 
 from rans.cli import _parse, main
-from tests.support.packages import needs_command
 
 
 @pytest.mark.parametrize("second", [["--certified", "4"], ["--certified=4"]])
@@ -29,7 +28,6 @@ def test_an_option_twice_is_told(
 
 @pytest.mark.parametrize("command", ["compare", "evaluate", "fly", "stress", "view"])
 def test_a_switch_has_one_meaning_and_its_number_an_option_beside_it(command: str) -> None:
-    needs_command(command)
     parsed = _parse([command, "avoid-2d", "--guard", "--guard-slack", "0.2"])
     assert (parsed.guard, parsed.guard_slack) == (True, 0.2)
     assert _parse([command, "avoid-2d", "--guard"]).guard_slack is None

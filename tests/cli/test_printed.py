@@ -27,7 +27,6 @@ from rans.show.progress import describe, describe_terms
 from rans.show.tables.layout_text import layout_text
 from rans.table import Table
 from rans.tasks import GoToPose
-from tests.support import packages
 from validation.study.checks import Check, Skipped, Study
 
 
@@ -304,7 +303,7 @@ def test_notes_of_a_comparison_are_printed(
         "view lqr:go-to-pose-2d --episodes",
         "compare lqr:go-to-pose-2d --episodes",
         "optimal go-to-pose --episodes",
-        packages.of("assurance", "follow lqr:track-velocity-2d --episodes"),
+        "follow lqr:track-velocity-2d --episodes",
         "export runs/x --output y --episodes",
     ],
 )
@@ -345,10 +344,7 @@ COMMANDS = {
 @pytest.mark.usefixtures("here", "undrawn")
 @pytest.mark.parametrize(
     "command",
-    [
-        packages.of("assurance", command) if command.startswith(("faults", "assure")) else command
-        for command in COMMANDS
-    ],
+    COMMANDS,
 )
 def test_it_fits(
     command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -14,7 +14,6 @@ from rans.deploy.contract import (
 from rans.fast.learn.run_folder import RunFolder
 from rans.pretrained import pretrained_folder
 from rans.tasks.derived import observation_width
-from tests.support.packages import needs
 
 
 def columns_and_wiring(name: str) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -28,7 +27,6 @@ def columns_and_wiring(name: str) -> tuple[dict[str, Any], dict[str, Any]]:
     return columns, wiring(config.settings, craft)
 
 
-@needs("missions")
 @pytest.mark.parametrize(
     "name", ["avoid-2d", "avoid-3d", "dock-port-2d", "dock-port-3d", "land-3d"]
 )
@@ -37,7 +35,6 @@ def test_every_column_of_a_mission_has_a_meaning(name: str) -> None:
     assert all(column["meaning"] for column in columns.values())
 
 
-@needs("missions")
 def test_columns_of_the_nearest_zone_are_what_their_meaning_says() -> None:
     """Worked out from the zones in the notes of the goal."""
     columns, pairs = columns_and_wiring("avoid-2d")

@@ -206,7 +206,7 @@ def test_a_missing_package_is_told_before_any_flight(
     monkeypatch.setattr("rans.deploy.export.write_export", flown)
     monkeypatch.setitem(sys.modules, module, None)
     output = tmp_path / "exported"
-    assert f"rans[{form}]" in refused(f"export go-to-pose-2d --format {form} --output {output}")
+    assert f"[{form}]" in refused(f"export go-to-pose-2d --format {form} --output {output}")
     assert not output.exists()
 
 

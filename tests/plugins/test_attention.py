@@ -160,6 +160,6 @@ def test_a_training_of_the_package_flies_and_needs_it(
     monkeypatch.setattr(BACKBONES, "_loaded", {})
     capsys.readouterr()
     assert main(train_it) == 2
-    assert "attention is a package of the repository: pip install" in capsys.readouterr().err
+    assert "attention is a plug-in: pip install" in capsys.readouterr().err
     assert main(["evaluate", folder, "--episodes", "8"]) == 2
-    assert "attention is a package of the repository: pip install" in capsys.readouterr().err
+    assert "attention is a plug-in: pip install" in capsys.readouterr().err

@@ -28,7 +28,6 @@ from rans.policy.program import Step
 from rans.policy.scalars import fields
 from rans.policy.timing import timing_for
 from rans.policy.traced import parameters, policy_program
-from tests.support.packages import needs
 from tests.support.pose_observations import observations
 
 AGENT = "pretrained:any-craft-2d"
@@ -335,7 +334,6 @@ def test_on_off_thrusters_in_space_whose_pulse_turns_far_have_a_short_period(
     assert timing.episode_steps * timing.control_period >= 25.0
 
 
-@needs("missions")
 def test_an_agent_flies_its_own_craft_with_slosh_and_no_other() -> None:
     run = contestant("pretrained:go-to-pose-2d")
     slosh = rans.Slosh(0.5, 0.06, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))

@@ -31,7 +31,6 @@ from rans.randomization.parameters import draw
 from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, draws, scenarios
 from rans.tasks import GoToPose
-from tests.support.packages import is_installed
 from tests.support.pair_oracle import Oracle, SwingingOracle
 from tests.support.played import Played
 from validation.study.sampling import Restless, gaps
@@ -64,8 +63,7 @@ _CONDITIONS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 """Ranges that a thruster of the craft below can balance, by effect."""
 _SCALED = ("force", "torque", "slow_force", "kick")
-_SLOSH = ("slosh",) if is_installed("missions") else ()
-EFFECTS = ("pulsed", "throttle", "wheels", "tank", *_SLOSH, "orbit", "gravity", *_CONDITIONS)
+EFFECTS = ("pulsed", "throttle", "wheels", "tank", "slosh", "orbit", "gravity", *_CONDITIONS)
 _APART = (
     {"pulsed", "throttle"},
     {"orbit", "gravity"},

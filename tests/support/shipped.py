@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from rans.pretrained import pretrained_names
-from tests.support.packages import needs
 
 ONE_OF_EACH_KIND = {
     "avoid-2d",  # constraints, and an observation of zones
@@ -21,10 +20,6 @@ ONE_OF_EACH_KIND = {
 }
 
 
-OF_MISSIONS = ("avoid", "dock", "hold", "inspect", "land", "rendezvous")
-"""Tasks of the package missions, with which names of agents begin."""
-
-
 def shipped_agents() -> list[Any]:
     """Names of all shipped agents, for ``parametrize`` or the parameters of a fixture."""
     names = pretrained_names()
@@ -32,15 +27,7 @@ def shipped_agents() -> list[Any]:
     return [
         pytest.param(
             name,
-            marks=[
-                *([] if name in ONE_OF_EACH_KIND else [pytest.mark.slow]),
-                *of_missions(name),
-            ],
+            marks=[] if name in ONE_OF_EACH_KIND else [pytest.mark.slow],
         )
         for name in names
     ]
-
-
-def of_missions(name: str) -> list[pytest.MarkDecorator]:
-    """The mark of an agent whose task is one of the package missions."""
-    return [needs("missions")] if name.startswith(OF_MISSIONS) else []

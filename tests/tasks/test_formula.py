@@ -14,7 +14,6 @@ from rans.show.tables.listing import task_listings
 from rans.tasks import Task
 from rans.tasks.formula import OF_STATE, reward_formulas
 from rans.tasks.rewards import Transition
-from tests.support.packages import needs
 from tests.support.switching import SwitchingGoToPose
 
 TASKS: list[Task] = [
@@ -72,7 +71,6 @@ def test_a_task_that_symbols_cannot_follow_has_no_formula() -> None:
     assert row[1] == "does more than arithmetic on fields: no formula, and no generated kernel"
 
 
-@needs("missions")
 def test_a_formula_that_would_fill_the_memory_is_not_written() -> None:
     """Guidance shares its terms so often that as a text the landing's reward would have no end."""
     formulas = reward_formulas(rans.Land(), 3)

@@ -32,8 +32,7 @@ def judged(folder: Path | None = None) -> Judged:
     """
     if folder is not None and not WITH_LOGS:
         raise ConfigError(
-            f"--judges {folder} takes JEOD's logs, and their judge is in a package that is not installed: pip "
-            "install 'rans[missions]'"
+            f"--judges {folder} takes logs of JEOD, and no installed package has their judge."
         )
     found = [judged_by(folder) for _, judged_by in WITH_LOGS.each()]
     own = chain(brick.rows(), contact.rows(), lvlh.rows())

@@ -72,19 +72,3 @@ def test_every_question_is_answered() -> None:
 @pytest.mark.parametrize(("reader", "question"), planted(ANSWERS))
 def test_a_file_that_means_something_else(reader: str, question: str, tmp_path: Path) -> None:
     check_said(ANSWERS, reader, question, tmp_path)
-
-
-@pytest.mark.parametrize("suffix", [".urdf", ".sdf", ".txt"])
-def test_without_the_package_its_extra_is_named(
-    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """In a core that has none of the entry points."""
-    from rans.model.foreign import IMPORTERS
-
-    absent: Callable[[], dict[str, list[object]]] = dict
-    monkeypatch.setattr(IMPORTERS, "_offered", absent())
-    monkeypatch.setattr(IMPORTERS, "_loaded", {})
-    file = tmp_path / f"craft{suffix}"
-    file.write_text("<robot/>")
-    with pytest.raises(rans.ConfigError, match=r"pip install 'rans\[any_craft\]'"):
-        read_foreign(file)

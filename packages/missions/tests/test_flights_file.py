@@ -13,14 +13,10 @@ from rans.errors import ConfigError
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.measure.metrics import impulses, won
-from tests.support import packages
 from tests.support.clohessy_wiltshire import transition
 
 MASS = 12.0
 """Mass of the craft afrl-deputy, kg; it has 1 N along each axis and a control period of 10 s."""
-
-
-pytestmark = packages.needs("missions")  # flights near a target, whose starts `mission` flies
 
 
 def short(steps: int, count: int = 1) -> Contest:

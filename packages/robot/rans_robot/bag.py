@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.extend import ConfigError, first_line
+from rans.extend import ConfigError, first_line, require
 from rans.files import open_regular, replace_file, why_unwritten
 from rans_robot.messages import definition
 
@@ -43,14 +43,14 @@ class BagWriter:
     """Writes messages as they come, without chunks, so that a bag ends where its process ended.
 
     Raises:
-        ConfigError: the package mcap is missing, the file exists already, or the disk refuses.
+        MissingPackage: the package mcap is not installed.
+        ConfigError: the file exists already, or the disk refuses.
     """
 
     def __init__(self, file: Path) -> None:
-        try:
-            from mcap.writer import Writer
-        except ImportError as error:
-            raise ConfigError("bags need the package mcap: pip install 'rans[robot]'.") from error
+        require("mcap")
+        from mcap.writer import Writer
+
         if file.exists():
             raise ConfigError(f"{file} exists already: a bag is never written over.")
         try:
@@ -238,17 +238,17 @@ def bag_entries(file: Path) -> Iterator[BagMessage]:
     that of a chunk before its messages come, that of all messages at the end.
 
     Raises:
-        ConfigError: the package mcap is missing, or the file is no bag, or damaged in its middle.
+        MissingPackage: the package mcap is not installed.
+        ConfigError: the file is no bag, or damaged in its middle.
     """
     if file.suffix == ".db3":
         yield from _database_entries(file)
         return
-    try:
-        from mcap.exceptions import EndOfFile
-        from mcap.records import Channel, Chunk, Message, Schema
-        from mcap.stream_reader import StreamReader, breakup_chunk
-    except ImportError as error:
-        raise ConfigError("bags need the package mcap: pip install 'rans[robot]'.") from error
+    require("mcap")
+    from mcap.exceptions import EndOfFile
+    from mcap.records import Channel, Chunk, Message, Schema
+    from mcap.stream_reader import StreamReader, breakup_chunk
+
     # MCAP, also one whose process was killed.
     schemas: dict[int, Any] = {}
     channels: dict[int, Any] = {}

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Literal, Protocol, cast, get_args
 
-from rans.extend import ConfigError, brief
+from rans.extend import ConfigError, brief, require
 from rans_robot.messages import types
 
 BusName = Literal["dds", "zenoh", "udp"]
@@ -155,16 +155,12 @@ class ZenohBus:
     rmw_zenoh_cpp/src/detail/{attachment_helpers,liveliness_utils}.cpp).
 
     Raises:
-        ConfigError: the package zenoh is missing, or neither a router nor a peer answers.
+        MissingPackage: the package zenoh is not installed.
+        ConfigError: neither a router nor a peer answers.
     """
 
     def __init__(self, domain: int = 0, address: str = "", ros: Distribution = "jazzy") -> None:
-        try:
-            import zenoh
-        except ImportError as error:
-            raise ConfigError(
-                "--bus zenoh needs the package eclipse-zenoh: pip install 'rans[robot]'."
-            ) from error
+        zenoh = require("zenoh")
         listens = address.startswith("listen/")
         locator = address.removeprefix("listen/") or ROUTER
         if "/" not in locator:
@@ -297,14 +293,10 @@ class DDSBus:
     """
 
     def __init__(self, domain: int = 0) -> None:
-        try:
-            from cyclonedds.core import Listener, Policy, Qos
-            from cyclonedds.domain import DomainParticipant
-        except ImportError as error:
-            raise ConfigError(
-                "--bus dds needs the package cyclonedds: pip install 'rans[robot]'. It has wheels for "
-                "Python 3.11 to 3.13; elsewhere use --bus zenoh."
-            ) from error
+        require("cyclonedds")
+        from cyclonedds.core import Listener, Policy, Qos
+        from cyclonedds.domain import DomainParticipant
+
         self._listener = Listener
         self._last = Policy.History.KeepLast(1)
         self._reads = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, self._last)

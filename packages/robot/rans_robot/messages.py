@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from rans.extend import ConfigError
+from rans.extend import require
 
 POSE = "geometry_msgs/msg/PoseStamped"
 TWIST = "geometry_msgs/msg/TwistStamped"
@@ -70,14 +70,11 @@ def types() -> Any:
     """Type store with ROS 2's common interfaces and PX4's messages. Loaded once a process.
 
     Raises:
-        ConfigError: the package rosbags is missing.
+        MissingPackage: the package rosbags is not installed.
     """
-    try:
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-    except ImportError as error:
-        raise ConfigError(
-            "messages of robots need the package rosbags: pip install 'rans[robot]'."
-        ) from error
+    require("rosbags")
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
     store = get_typestore(Stores.ROS2_HUMBLE)
     for kind, text in _PX4.items():
         store.register(get_types_from_msg(text, kind))

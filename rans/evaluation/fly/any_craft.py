@@ -16,7 +16,6 @@ from rans.files import read_json, ready_folder, replace_file, write_json, write_
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
-from rans.policy.adaptation import ESTIMATORS
 from rans.policy.any_craft import for_craft, is_for_any_craft
 from rans.policy.any_craft import frugal as at_value
 from rans.policy.network import Network
@@ -43,7 +42,6 @@ def adapting(run: LoadedRun) -> LoadedRun:
 def _adapting(network: Network) -> Network:
     if not is_for_any_craft(network.architecture):
         raise ConfigError(f"the agent flies its own spacecraft only: {_ADAPTS}.")
-    ESTIMATORS.check_installed("adaptation")
     return Network(replace(network.architecture, adapts=True), network.tensors, at=network.at)
 
 

@@ -104,7 +104,6 @@ class ContestantName:
             return cls(text, "policy", policy, setup)
         if is_flights_file(text):
             return cls(text, "flights", text)
-        CONTROLLERS.check_installed(text.partition(":")[0])
         if _is_bare_controller(text):
             return cls(text, "controller", text)
         if len(text) > _LONGEST_NAME:

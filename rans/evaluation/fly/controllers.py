@@ -33,18 +33,6 @@ CONTROLLERS: Registry[Maker] = Registry(
         "nmpc": "mpc",
         "bang-bang": "switching",
     },
-    extra_of=dict.fromkeys(
-        (
-            "circumnavigation",
-            "convex",
-            "corridor",
-            "guidance",
-            "landing",
-            "mission",
-            "passive",
-        ),
-        "missions",
-    ),
 )
 """Makers of controllers by name, with default settings; `controller` of the module `make_controller` makes one with
 tuned settings."""

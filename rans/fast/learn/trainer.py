@@ -16,7 +16,14 @@ from typing import Any
 import torch
 
 from rans.episode import Guard
-from rans.errors import ConfigError, NonFiniteState, RansWarning, WorkerLost, is_installed
+from rans.errors import (
+    ConfigError,
+    NonFiniteState,
+    RansWarning,
+    WorkerLost,
+    installing,
+    is_installed,
+)
 from rans.fast.agent_files.tensors import pack_tensors
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
@@ -85,7 +92,7 @@ class Trainer:
         if first.device == "cpu" and not is_installed("llvmlite"):
             warnings.warn(
                 "training on a processor is several times slower without the package llvmlite: "
-                "pip install 'rans[fast]'",
+                f"{installing('fast')}",
                 RansWarning,
                 stacklevel=2,
             )

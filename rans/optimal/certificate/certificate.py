@@ -15,7 +15,7 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, installing_folder
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate.flight import fuel
 from rans.optimal.certificate.problem import Found, Problem, SearchEffort
@@ -148,8 +148,8 @@ BOUNDERS: Registry[MakeBounder] = Registry(
 )
 """Functions that make bounders, by what their craft move in: "plane", and "space" where a package offers it."""
 _SPACE = (
-    "on/off certificates in space, for craft with equal principal moments of inertia, are a package of the "
-    "repository: pip install ./examples/plugins/space_certificates."
+    "on/off certificates in space, for craft with equal principal moments of inertia, are a plug-in: "
+    f"{installing_folder('examples/plugins/space_certificates')}."
 )
 
 

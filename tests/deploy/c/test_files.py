@@ -37,7 +37,6 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.any_craft import for_craft, without
 from rans.pretrained import pretrained_folder
-from tests.support import packages
 from tests.support.exports import FAST, exported, remembering, written
 from tests.support.processes import PATIENCE
 from validation.speed.exported import c_compilers
@@ -436,7 +435,6 @@ def test_the_agent_for_any_craft_fits_a_small_microcontroller(name: str, tmp_pat
     assert np.isclose(found, expected.numpy(), atol=1e-3).all(axis=1).mean() > 0.99
 
 
-@packages.needs("any_craft")
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*agent for any craft was trained")
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from rans.show.tables.comparison_tables import gap_rows, gaps, measures
 from rans.tasks import TASKS, GoToPose, TrackVelocity
 from tests.support.contests import CONTEST, IDLE
 from tests.support.evaluation_flights import flight_of
-from tests.support.packages import needs
 
 
 def test_half_certified_starts_are_left_out() -> None:
@@ -116,7 +115,6 @@ def test_horizons_scale_with_the_craft() -> None:
     assert one_period.horizons() == (0.2,)
 
 
-@needs("missions")
 def test_a_fifth_of_the_episode_stands_for_what_has_no_bound() -> None:
     """A motion with constraints has none."""
     moving = replace(CONTEST, timing=Timing(), task=TASKS["avoid"]())

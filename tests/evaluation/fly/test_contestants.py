@@ -24,7 +24,6 @@ from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosition, TrackVelocity
 from rans.tasks.multi_task import MultiTask
-from tests.support import packages
 from tests.support.training import CONFIG, tiny_trainer
 
 
@@ -118,8 +117,8 @@ def test_results_stay_inside_their_folder() -> None:
     [
         ("lqr:go-to-pose", "floating-platform"),
         ("lqr:go-to-pose@free-flyer", "free-flyer"),
-        packages.of("missions", "mission:dock", "afrl-deputy"),
-        packages.of("missions", "mission:dock-3d", "afrl-deputy"),
+        ("mission:dock", "afrl-deputy"),
+        ("mission:dock-3d", "afrl-deputy"),
         ("rans.optimal.control.lqr:LQR:go-to-pose", "floating-platform"),
     ],
 )
@@ -148,11 +147,11 @@ def test_the_number_of_dimensions_may_be_left_out(spec: str, spacecraft: str) ->
         ),
         ("nowhere_at_all:Idle", "there is no contestant 'nowhere_at_all:Idle'"),
         ("lqr:-2d", "no task named ''"),
-        packages.of("missions", "lqr:dock-2d", "asks for 2d, but afrl-deputy moves in 3"),
+        ("lqr:dock-2d", "asks for 2d, but afrl-deputy moves in 3"),
         ("nowhere", "there is no run folder 'nowhere'"),
         ("nowhere.toml", "there is no spacecraft file 'nowhere.toml'; `rans init nowhere.toml`"),
-        packages.of("missions", "dock", "dock is a task, .* type mission:dock"),
-        packages.of("missions", "avoid", "type avoid-2d or avoid-3d or lqr:avoid"),
+        ("dock", "dock is a task, .* type mission:dock"),
+        ("avoid", "type avoid-2d or avoid-3d or lqr:avoid"),
         (
             "go-to-pose-2",
             r"not a run folder, and no agent or controller \(did you mean go-to-pose-2d\?\)",

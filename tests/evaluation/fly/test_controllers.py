@@ -254,7 +254,7 @@ def test_what_cannot_be_loaded(spec: str, sentence: str) -> None:
 
 def test_onnx_needs_its_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(MissingPackage, match=r"onnxruntime.*pip install 'rans\[onnx\]'"):
+    with pytest.raises(MissingPackage, match=r"onnxruntime.*pip install .*\[onnx\]"):
         user_policy(f"onnx:{tmp_path / 'policy.onnx'}", CRAFT, GoToPose())
 
 

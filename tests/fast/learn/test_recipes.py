@@ -17,11 +17,9 @@ from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder, pretrained_names
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
 from rans.tasks import TASKS, GoToPose
-from tests.support.packages import is_installed
-from tests.support.shipped import OF_MISSIONS, of_missions
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=of_missions(name)) for name in RECIPES])
+@pytest.mark.parametrize("name", RECIPES)
 def test_a_recipe_trains_what_its_name_says(name: str) -> None:
     config = recipe(name, "cpu")
     dimension = load_spacecraft(config.spacecraft).dimension
@@ -74,8 +72,6 @@ def test_every_agent_that_comes_with_rans_has_its_recipe() -> None:
 
     for name in pretrained_names():
         if name in FOR_ANY_CRAFT.values():  # which rans_any_craft trains, on craft of its own
-            continue
-        if name.startswith(OF_MISSIONS) and not is_installed("missions"):
             continue
         config = to_table(read_config(pretrained_folder(name) / "config.json"))
         again = to_table(training(_CONTINUED.get(name, name), device=config["device"]))

@@ -31,7 +31,6 @@ from rans.model.timing import Timing
 from rans.randomization.conditions_file import load_conditions
 from rans.tasks import GoToPose
 from tests.support.engines import PLATFORM, SHORT
-from tests.support.packages import needs
 from tests.support.training import (
     CONFIG,
     EASY,
@@ -285,7 +284,6 @@ def test_nothing_moves_where_nothing_is_let_through(tmp_path: Path) -> None:
         assert torch.equal(error, before[name]), name
 
 
-@needs("missions")
 def test_what_cannot_be(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="needs a safety filter"):
         tiny_trainer(tmp_path / "none", GUARDED)

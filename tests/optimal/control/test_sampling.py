@@ -19,7 +19,6 @@ from rans.optimal.control.sampling import MPPI, Sampling
 from rans.optimal.control.switching import Switching
 from rans.scenario import Scenario, scenarios
 from rans.tasks import TASKS, GoToPose
-from tests.support.packages import needs
 
 PLATFORM = load_spacecraft("floating-platform")
 SHARED = load_spacecraft("floating-platform-shared")
@@ -73,7 +72,6 @@ def test_rests_at_the_goal_and_pushes_towards_it() -> None:
     assert both.any(axis=1).tolist() == [False, True]
 
 
-@needs("missions")
 def test_throttled_thrusters_give_parts_of_pulses() -> None:
     """A whole pulse of 10 s gives 0.83 m/s, and four metres from the goal docking allows 0.21 m/s."""
     task = TASKS["dock"]().for_evaluation()

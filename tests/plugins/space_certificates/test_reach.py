@@ -326,5 +326,5 @@ def test_what_is_no_number_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> No
     for name in ("rans.optimal.certificate.compiled", "rans_space_certificates.kernel"):
         monkeypatch.delitem(sys.modules, name, raising=False)
         monkeypatch.delattr(name, raising=False)
-    with pytest.raises(ConfigError, match=r"pip install 'rans\[optimal\]'"):
+    with pytest.raises(ConfigError, match=r"pip install .*\[optimal\]"):
         relaxed(start, goal)

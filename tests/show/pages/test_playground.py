@@ -44,7 +44,6 @@ from rans.registry import typed
 from rans.scenario import scenarios
 from rans.show.pages.interactive import InteractiveFlight, interactive_world
 from rans.show.pages.playground import _Traced, playground
-from tests.support import packages
 from tests.support.browser import opened, served
 from tests.support.layouts import sample_layout
 from tests.support.processes import PATIENCE
@@ -168,7 +167,7 @@ class Given:
         OF_ONE_CRAFT,
         pytest.param(
             "adaptive:any-craft-2d@floating-platform-shared",
-            marks=[pytest.mark.slow, packages.needs("any_craft")],
+            marks=[pytest.mark.slow],
         ),
     ],
 )

@@ -17,7 +17,6 @@ from rans.scenario import scenarios
 from rans.show.pages.page import Page, Section
 from rans.show.pages.race import FRAMES, Race, Track, race
 from tests.support.browser import opened, served
-from tests.support.packages import needs
 from tests.support.played import Played
 from tests.support.random_flights import Random
 
@@ -77,7 +76,6 @@ def test_long_flights_skip_instants_and_keep_mean_commands() -> None:
     assert [int(x) for x in track["u"][0]] == [round(9 * x) for x in mean]
 
 
-@needs("missions")
 def test_zones_move_as_those_of_the_flight_and_a_slope_is_given_once() -> None:
     task = rans.load_task("avoid")
     starts = scenarios(task, PLATFORM, seed=5, count=2)
@@ -100,7 +98,6 @@ def test_zones_move_as_those_of_the_flight_and_a_slope_is_given_once() -> None:
     assert slope[3:] == [0.0, 0.0, 1.0, pytest.approx(np.radians(4.0), abs=6e-4)]
 
 
-@needs("missions")
 def test_points_are_seen_from_the_instant_on_at_which_the_mission_counts_them() -> None:
     task = rans.load_task("inspect")
     craft = rans.load_spacecraft("afrl-deputy")

@@ -95,7 +95,7 @@ def test_what_cannot_become_a_film_is_a_sentence(tmp_path: Path, name: str, said
 
 def test_a_missing_encoder_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(ConfigError, match=r"pip install 'rans\[video\]'"):
+    with pytest.raises(ConfigError, match=r"pip install .*\[video\]"):
         check_video(tmp_path / "film.mp4")
 
 

@@ -26,7 +26,7 @@ from rans.model.actuators import Propellant, Wheel
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import EFFECTORS, parse_spacecraft, to_toml
+from rans.model.spacecraft_file import parse_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.optimal.certificate.goal_set import check_certifiable
 from rans.optimal.trajectory.allocation import check_relaxation
@@ -38,7 +38,6 @@ from rans.randomization.conditions import (
 from rans.randomization.conditions_file import conditions_text
 from rans.randomization.parameters import draw
 from rans.reference.plant import Plant
-from rans.registry import Registry
 from rans.scenario import draws
 from rans.show.tables.listing import conditions_listing
 from rans.structure import Range, read_toml, structure
@@ -305,17 +304,6 @@ def test_a_stress_sweep_leaves_inertia_to_the_craft_without_it() -> None:
         )
     )
     assert 0 < len(heavy["less inertia"].sizes) < len(usual["less inertia"].sizes)
-
-
-def test_its_file_needs_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file with [slosh] names the package where it is not installed; nothing else is refused for it."""
-    absent = Registry("kind of effector", "rans.none", {}, lambda x: x, extra_of=EFFECTORS.extra_of)
-    monkeypatch.setattr("rans.model.spacecraft_file.EFFECTORS", absent)
-    with pytest.raises(
-        ConfigError, match=r"slosh needs a package .* pip install 'rans\[missions\]'"
-    ):
-        parse_spacecraft(to_toml(replace(SLOSHING, further_effectors=())) + "[slosh]\n", "a file")
-    parse_spacecraft(to_toml(replace(SLOSHING, further_effectors=())), "a file")
 
 
 class Hidden(rans.Slosh):

@@ -159,7 +159,7 @@ def test_missing_numba_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delitem(sys.modules, f"rans.optimal.certificate.{name}", raising=False)
         monkeypatch.delattr(f"rans.optimal.certificate.{name}", raising=False)
     rest = planar()
-    with pytest.raises(ConfigError, match=r"pip install 'rans\[optimal\]'"):
+    with pytest.raises(ConfigError, match=r"pip install .*\[optimal\]"):
         Relaxation(Lattice(PLATFORM, PERIOD), rest, rest, GoalSet(), 3, None)
 
 
