@@ -22,6 +22,8 @@ from pathlib import Path
 from typing import Any, Self, TypeVar, get_type_hints
 
 T = TypeVar("T")
+_LINE = 100
+"""Largest number of characters of a name that is written into files."""
 
 
 def legible(text: str, longest: int = 2000) -> str:
@@ -222,6 +224,21 @@ def text_of_name(what: str, value: object, kind: type) -> str:
         if isinstance(value, str | PathLike)
         else checked(f"{what}, unless it is a name or a file,", value, kind)
     )
+
+
+def label(what: str, value: object) -> str:
+    """A name that goes into files and pages: one printable line of at most `_LINE` characters.
+
+    Raises:
+        ConfigError: it is not; the message begins with ``what``.
+    """
+    if not isinstance(value, str) or not value.strip():
+        raise ConfigError(f"{what} must be a non-empty text, got {brief(value)}.")
+    if len(value) > _LINE or not value.isprintable():
+        raise ConfigError(
+            f"{what} must be one line of at most {_LINE} printable characters, got {brief(value)}."
+        )
+    return value
 
 
 def where_raised(error: BaseException) -> str:

@@ -38,7 +38,7 @@ LAYERS: list[set[str]] = [
         "rans.system",
         "rans.table",
     },
-    {"rans.files"},
+    {"rans.files", "rans.languages"},
     {"rans.csv_file"},
     {"rans.lazy", "rans.registry", "rans.structure", "rans.archives"},
     {"rans.abilities"},

@@ -166,7 +166,7 @@ def init_spacecraft(
         raise ConfigError(f"dimension must be 2 (plane) or 3 (space), got {brief(dimension)}.")
     # The base: a spacecraft, or a file of other software whose values fill what is not given.
     start = begun(base)
-    origin = "Written by rans init."
+    origin = ["Written by rans init."]
     foreign: str | None = None
     if isinstance(start, Foreign):
         if dimension is None:
@@ -175,9 +175,9 @@ def init_spacecraft(
                 "as in --set dimension=3."
             )
         foreign = start.source
-        origin = f"Written by rans init, from {foreign}."
+        origin = [f"Written by rans init, from {foreign}."]
         for remark in start.remarks:
-            origin += f"\n# Of that file: {remark}."
+            origin.append(f"Of that file: {remark}.")
             warnings.warn(f"of {foreign}: {remark}.", RansWarning, stacklevel=2)
         mass = start.mass if mass is None else mass
         if start.inertia is not None and size is None:
@@ -190,7 +190,7 @@ def init_spacecraft(
         radius = start.radius if radius is None else radius
         start = None
     elif start is not None:
-        origin = f"Written by rans init, from {start.name}."
+        origin = [f"Written by rans init, from {start.name}."]
     if start is not None and dimension not in (None, start.dimension):
         raise ConfigError(
             f"{start.name} has dimension {start.dimension}: another one needs other thrusters; leave out "
@@ -286,7 +286,7 @@ def join_spacecraft(
     craft = joined(
         load_spacecraft(first), load_spacecraft(second), position, attitude, effectors, name
     )
-    text = commented(craft, "Written by rans.join_spacecraft.")
+    text = commented(craft, ["Written by rans.join_spacecraft."])
     return Draft(parse_spacecraft(text, craft.name), text)
 
 
@@ -325,7 +325,7 @@ def join_at_contact(
     craft, after = joined_at_contact(
         load_spacecraft(first), load_spacecraft(second), state, other, effectors, name
     )
-    text = commented(craft, "Written by rans.join_at_contact.")
+    text = commented(craft, ["Written by rans.join_at_contact."])
     return Draft(parse_spacecraft(text, craft.name), text), after
 
 

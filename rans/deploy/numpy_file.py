@@ -13,6 +13,7 @@ import numpy as np
 
 from rans.deploy.program import Ports
 from rans.files import replace_file, write_text
+from rans.languages import Python
 from rans.model.operations import NUMPY, of_row
 from rans.policy.program import Program, Step
 
@@ -38,22 +39,19 @@ _LINE = 110
 
 
 def write_numpy(folder: Path, program: Program, ports: Ports, title: str) -> None:
-    """Write agent.py, whose class ``Agent`` flies, and agent.npz; `ConfigError` where the disk refuses.
-
-    The title is code in the file: what strangers may have written is taken out of it.
-    """
+    """Write agent.py, whose class ``Agent`` flies, and agent.npz; `ConfigError` where the disk refuses."""
     frame = (resources.files("rans") / "data/export/agent.py.txt").read_text("utf-8")
     lines, tables = printed(program)
-    # The title has names that strangers may have given, and this is code.
     fillings = {
-        "TITLE": re.sub(r"[^\w .,:;()'-]", "?", title)[:_LINE],
+        "TITLE": Python.word(title)[:_LINE],
         "WIDTH": ports.observation,
         "MEMORY": ports.memory,
-        "AFTER": "memory_out" if ports.memory else "memory",
-        "STEPS": "\n".join(map(_broken, lines)).lstrip(),
+        "AFTER": Python("memory_out" if ports.memory else "memory"),
+        "STEPS": Python("\n".join(map(_broken, lines)).lstrip()),
     }
     write_text(
-        folder / "agent.py", re.sub(r"__([A-Z]+)__", lambda match: str(fillings[match[1]]), frame)
+        folder / "agent.py",
+        re.sub(r"__([A-Z]+)__", lambda match: Python.of(fillings[match[1]]), frame),
     )
 
     stored = {name: program.constants[name] for name in tables}

@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple, Protocol
 import numpy as np
 
 from rans.display import NotebookRepr
-from rans.errors import ConfigError, RansWarning, brief, checked, counted
+from rans.errors import ConfigError, RansWarning, brief, checked, counted, label
 from rans.model.actuators import ON_OFF, Actuators, Propellant, Wheel
 from rans.model.solids import MOST_SOLIDS, Solid
 
@@ -455,6 +455,7 @@ def check_spacecraft(craft: Spacecraft) -> None:
     Raises:
         ConfigError: a value is not physical; the message names the spacecraft, the key and the bound.
     """
+    label("the name of a spacecraft", craft.name)
     dimension = craft.dimension
     kinds = "OnOff(), Pulsed(counts, least) or Throttle()"
     for key, holds, bound in (
@@ -467,8 +468,6 @@ def check_spacecraft(craft: Spacecraft) -> None:
         ("centre_of_mass", _triple(craft.centre_of_mass), f"{_TRIPLE} m"),
     ):
         _require(holds, craft, key, getattr(craft, key), bound)
-    has_name = isinstance(craft.name, str) and bool(craft.name.strip())
-    _require(has_name, craft, "name", craft.name, "a non-empty text")
     # Parts and their numbers, then what they give together.
     for key in ("thrusters", "solids", "wheels", "further_effectors"):
         _require(isinstance(getattr(craft, key), tuple), craft, key, getattr(craft, key), "a tuple")
@@ -635,9 +634,13 @@ def _check_propellant(craft: Spacecraft) -> None:
 
 
 def _check_further(craft: Spacecraft) -> None:
-    """Refuse further effectors that cannot be on this craft, and two with a mass that moves in it."""
+    """Refuse further effectors that cannot be on this craft, or whose names are no names, and two moving masses."""
     for effector in craft.further_effectors:
         effector.check_craft(craft)
+        for text in (effector.label, *effector.factors):
+            label(f"spacecraft {craft.name!r}: the label of an effector", text)
+    for part in (*craft.commands, *craft.stores):
+        label(f"spacecraft {craft.name!r}: the name of a command or store", part.name)
     moving = [e.label for e in craft.further_effectors if e.moves_mass]
     if len(moving) > 1:
         raise ConfigError(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from typing import Any
 
 from rans.errors import ConfigError, brief
+from rans.languages import Toml
 from rans.model.actuators import KINDS, WHOLE_PERIODS, Actuators, Pulsed, Throttle, Wheel
 from rans.model.spacecraft import Spacecraft, Thruster
 
@@ -139,19 +139,19 @@ def actuators_of(
     return KINDS[kind]()
 
 
-def commented(craft: Spacecraft, origin: str) -> str:
+def commented(craft: Spacecraft, origin: Sequence[str]) -> str:
     """TOML text of a spacecraft with the unit and meaning of every number and a place for its source.
 
     Args:
         craft: spacecraft; `rans.model.spacecraft_file.parse_spacecraft` reads it back.
-        origin: one line that says how the file was made.
+        origin: lines that say how the file was made.
     """
     return "\n".join(_lines(craft, origin)) + "\n"
 
 
-def _lines(craft: Spacecraft, origin: str) -> Iterator[str]:
+def _lines(craft: Spacecraft, origin: Sequence[str]) -> Iterator[str]:
     """Lines of the file, each number with its unit and a place for its source."""
-    yield f"# {origin}"
+    yield from (f"# {Toml.word(line)}" for line in origin)
     yield "# G is any frame fixed to the body. Write the source of every number beside it, or that it is"
     yield "# estimated."
     yield from _body_lines(craft)
@@ -184,13 +184,13 @@ def _lines(craft: Spacecraft, origin: str) -> Iterator[str]:
         for field in fields(solid):
             value = getattr(solid, field.name)
             if value:
-                yield f"{field.name} = {json.dumps(value, ensure_ascii=False)}"
+                yield f"{field.name} = {Toml.value(value)}"
 
 
 def _body_lines(craft: Spacecraft) -> Iterator[str]:
     """Keys of the body: name, dimension, mass properties and what drawings need."""
     size = craft.dimension
-    yield f"name = {json.dumps(craft.name, ensure_ascii=False)}"
+    yield f"name = {Toml.value(craft.name)}"
     where = "x, y and heading" if size == 2 else "position and attitude"
     yield f"dimension = {size}          # {where}"
     yield f"mass = {craft.mass!r}  # kg; source:"
@@ -222,7 +222,7 @@ def _actuator_lines(actuators: Actuators) -> Iterator[str]:
     }
     yield f'kind = "{actuators.kind}"'
     for field in fields(actuators):
-        value = json.dumps(getattr(actuators, field.name))
+        value = Toml.value(getattr(actuators, field.name))
         yield f"{field.name} = {value}  # {meanings[field.name]}; source:"
 
 

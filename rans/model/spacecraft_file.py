@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import json
 import math
 import os
 import shlex
@@ -20,6 +19,7 @@ from typing import Any, NamedTuple
 
 from rans.errors import ConfigError, RansWarning, brief, meant, meant_file, text_of_name
 from rans.files import distinct, first_line, read_text
+from rans.languages import Toml
 from rans.model.actuators import KINDS, WHOLE_PERIODS, Actuators, OnOff, Propellant, Wheel
 from rans.model.foreign import FORMATS
 from rans.model.pace import misfits
@@ -263,10 +263,8 @@ def _effector_lines(effector: Any) -> str:
 
 
 def _lines(table: dict[str, Any]) -> str:
-    """TOML lines of a table of texts, numbers and lists, which TOML writes as JSON does."""
-    return "".join(
-        f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in table.items()
-    )
+    """TOML lines of a table of texts, numbers and lists."""
+    return "".join(f"{key} = {Toml.value(value)}\n" for key, value in table.items())
 
 
 def _build(table: dict[str, Any]) -> Spacecraft:

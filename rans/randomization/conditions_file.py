@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,6 +9,7 @@ from typing import Any, NamedTuple
 from rans.display import default
 from rans.errors import ConfigError, brief, text_of_name
 from rans.files import distinct, read_text
+from rans.languages import Toml
 from rans.randomization.conditions import Conditions
 from rans.registry import Registry, resolve
 from rans.structure import LARGEST_TOML, merged, read_toml, refuse_other_file, structure
@@ -160,5 +160,5 @@ def _inline(value: Any) -> str:
     if is_dataclass(value):
         return _inline(_changed(value))
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        return Toml.value(value)
     return repr(float(value)) if isinstance(value, float) else repr(value)

@@ -366,19 +366,6 @@ def test_the_file_says_what_it_is(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    "name", ['"""\nraise SystemExit(7)\n"""', "back\\slash__STEPS__", "x" * 10_000]
-)
-def test_names_of_strangers_are_no_code(name: str, tmp_path: Path) -> None:
-    """A spacecraft's name is in the title of a file that will be run."""
-    network, _ = shipped("go-to-pose-2d")
-    written(tmp_path, network, "numpy", title=name)
-    assert (
-        unequal(own_answers(network, random_batches(network)), numpy_answer(tmp_path)).commands == 0
-    )
-    assert len((tmp_path / "agent.py").read_text("utf-8").splitlines()[0]) < 120
-
-
 @pytest.mark.slow
 def test_without_its_package(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

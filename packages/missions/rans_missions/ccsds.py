@@ -204,13 +204,13 @@ def write_ccsds(
             f"{instant} {' '.join(f'{x:.9f}' for x in 1e-3 * a)} {' '.join(f'{x:.12f}' for x in 1e-3 * b)}"
             for instant, a, b in zip(instants, p, v, strict=True)
         ]
-        lines = [
+        lines = [  # of printable ASCII (CCSDS 502.0-B-3, section 7.4)
             "CCSDS_OEM_VERS = 3.0",
             f"CREATION_DATE = {_text(datetime.now(UTC))}",
             "ORIGINATOR = RANS",
             "",
             "META_START",
-            f"OBJECT_NAME = {name}",
+            f"OBJECT_NAME = {re.sub(r'[^ -~]', '_', name)}",
             "OBJECT_ID = UNKNOWN",
             "CENTER_NAME = EARTH",
             f"REF_FRAME = {FRAME}",

@@ -9,16 +9,17 @@ from __future__ import annotations
 import json
 import platform
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from rans.deploy.c.compiler import measured_stack
 from rans.deploy.c.printer import Printer
-from rans.deploy.c.text import literal, rows_of, words
+from rans.deploy.c.text import literal, rows_of
 from rans.deploy.program import Ports
 from rans.files import write_text
+from rans.languages import C
 from rans.policy.program import Program
 
 C_FILES = ("agent.h", "agent.c", "agent_check.c")
@@ -52,28 +53,24 @@ def write_c(
         patience = int(about["readings"]["oldest"] / about["control_period"] + 1e-6)
     remembers = ports.memory > 0
     names: dict[str, Any] = {
-        "TITLE": words(title),
+        "TITLE": title,
         "WIDTH": ports.observation,
         "COMMANDS": ports.command,
         "MEMORY": ports.memory,
         "KEPT": max(ports.memory, 1),
         "PATIENCE": patience,
         "PERIOD": f"{about.get('control_period', 0.0):g}",
-        "COLUMNS": "\n".join(
-            f" * {at:3d}  {words(column['name'])}, {words(column['unit'])}, frame {words(column['frame'])}: "
-            f"{words(column['meaning'])}"
-            for at, column in enumerate(columns)
-        )
-        or " * (see contract.json)",
-        "ORDER": "\n".join(
-            f" * {at:3d}  {words(command['name'])}, {words(command['kind'])}, "
-            f"{command['low']:g} to {command['high']:g}"
-            for at, command in enumerate(commands)
-        )
-        or " * (see contract.json)",
+        "COLUMNS": _noted(
+            f"{column['name']}, {column['unit']}, frame {column['frame']}: {column['meaning']}"
+            for column in columns
+        ),
+        "ORDER": _noted(
+            f"{command['name']}, {command['kind']}, {command['low']:g} to {command['high']:g}"
+            for command in commands
+        ),
         "RANGES": _ranges(columns, ports.observation),
-        "TABLES": "\n".join(printer.tables()),
-        "STEPS": "\n".join("    " + line for line in body),
+        "TABLES": C("\n".join(printer.tables())),
+        "STEPS": C("\n".join("    " + line for line in body)),
         "FORGET": remembers or "    (void)agent;",
         "CHECKBEFORE": remembers,
         "CHECKAFTER": remembers,
@@ -82,14 +79,14 @@ def write_c(
         "REMEMBERED": remembers or "NULL",
         "AFTER": remembers or "NULL",
         "SCRATCH": remembers,
-        "UNUSED": "" if remembers else "    (void)memory;\n    (void)after;\n",
-        "STACK": "/* Measure the stack that rans_agent_act needs by gcc -fstack-usage. */",
+        "UNUSED": C("" if remembers else "    (void)memory;\n    (void)after;\n"),
+        "STACK": C("/* Measure the stack that rans_agent_act needs by gcc -fstack-usage. */"),
     }
     for name in ("agent.h", "agent.c"):
         write_text(folder / name, filled(_template(name), names))
     # The stack is measured by compiling what was written; the header then states it.
     if stack := measured_stack(folder):
-        note = (
+        note = C(
             f"#define RANS_STACK {stack} /* bytes of stack for rans_agent_act, by the compiler's -O2 on "
             f"{platform.machine()};\n"
             "                          * those of tanhf and its like come on top. Measure yours by "
@@ -109,19 +106,25 @@ def filled(text: str, values: Mapping[str, Any]) -> str:
     """A file with the values of one agent in place of the samples.
 
     Where code differs, a sample stands between ``/*@NAME*/`` and ``/*@*/``; in a comment there is the name alone,
-    ``@NAME@``. True leaves a sample as it is, False leaves it out.
+    ``@NAME@``. True leaves a sample as it is, False leaves it out; a text that is no `C` is escaped.
     """
 
     def value(match: re.Match[str]) -> str:
         given = values[match[1] or match[3]]
         if isinstance(given, bool):
             return match[2] if given else ""
-        return str(given)
+        return C.of(given)
 
     return _PLACES.sub(value, text)
 
 
-def _ranges(columns: Sequence[Mapping[str, Any]], width: int) -> str:
+def _noted(sentences: Iterable[str]) -> C:
+    """Lines of a comment, numbered from 0."""
+    lines = [f" * {at:3d}  {C.word(sentence)}" for at, sentence in enumerate(sentences)]
+    return C("\n".join(lines) or " * (see contract.json)")
+
+
+def _ranges(columns: Sequence[Mapping[str, Any]], width: int) -> C:
     """C tables of the valid and refused ranges of ``width`` columns; valid ones get a slack of 1e-5 for float32.
 
     Firmware checks observations by them, in columns' order.
@@ -137,19 +140,19 @@ def _ranges(columns: Sequence[Mapping[str, Any]], width: int) -> str:
                 f"static const float {name}_{end}[RANS_OBSERVATION] = {{\n    "
                 f"{rows_of([literal(x) for x in numbers])}}};"
             )
-    return "\n".join(texts)
+    return C("\n".join(texts))
 
 
 def _checked(pairs: Mapping[str, Any]) -> dict[str, Any]:
     """Golden pairs (`rans.deploy.contract.golden`) as the names that agent_check.c has between its marks."""
 
-    def flat(rows: Sequence[Sequence[float]]) -> str:
-        return rows_of([literal(float(x)) for row in rows for x in row])
+    def flat(rows: Sequence[Sequence[float]]) -> C:
+        return C(rows_of([literal(float(x)) for row in rows for x in row]))
 
     return {
         "COUNT": len(pairs["begins"]),
-        "TOLERANCE": literal(float(pairs["tolerance"])),
-        "BEGINS": rows_of([str(int(x)) for x in pairs["begins"]]),
+        "TOLERANCE": C(literal(float(pairs["tolerance"]))),
+        "BEGINS": C(rows_of([str(int(x)) for x in pairs["begins"]])),
         "OBSERVATIONS": flat(pairs["observation"]),
         "EXPECTED": flat(pairs["command"]),
     }

@@ -1,4 +1,4 @@
-"""Numbers, names and words of strangers as C has them."""
+"""Numbers, tables and names of values as C has them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,6 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
-
-
-def words(text: str) -> str:
-    """A stranger's words, fit for a comment: without what ends or begins one, continues a line or is invisible."""
-    clean = re.sub(r"\*/|/\*|\\|\?\?/", "_", text)
-    return "".join(character if character.isprintable() else "_" for character in clean)[:200]
 
 
 def literal(value: float) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, RansError, brief, positive
+from rans.errors import ConfigError, RansError, brief, label, positive
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.user_policy import UserPolicy, answered, user_policy
 from rans.files import first_line, inside, read_json, read_text
@@ -52,6 +52,8 @@ def read_contract(folder: Path, for_flight: bool = False) -> dict[str, Any]:
                 f"{file} is damaged: {key} must be a {'name' if kind is str else 'table'}, got "
                 f"{brief(table.get(key))}."
             )
+    if for_flight:
+        label(f"agent in {file}", table["agent"])
     positive(f"control_period in {file}", table.get("control_period"))
     if for_flight:
         positive(f"readings.oldest in {file}", table["readings"].get("oldest"))

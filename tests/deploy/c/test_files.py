@@ -353,18 +353,6 @@ def test_wild_readings_are_taken_as_in_numpy(folder: Path, flags: tuple[str, ...
 
 
 @pytest.mark.slow
-def test_names_of_strangers_are_no_code_in_c(tmp_path: Path) -> None:
-    title = "*/ int main(void) { return 7; } /*??/\n#error ?\\/\u2028\u202e*\\/" + "/" * 300
-    network, _, seen = remembering()
-    craft = RunFolder(pretrained_folder("go-to-pose-2d-faults")).spacecraft()
-    program = agent_program(network, craft)
-    write_c(
-        tmp_path, program, Ports.of(network.architecture), title, pairs=golden(network, seen, craft)
-    )
-    assert "500 of 500" in compiled_check(tmp_path)
-
-
-@pytest.mark.slow
 def test_an_agent_leaves_as_c(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*FAST, "c", "--output", str(tmp_path / "mine")]) == 0
     said = " ".join(capsys.readouterr().out.split())

@@ -78,7 +78,7 @@ class StressReport:
         """Write stress.html, stress.json and a file of conditions for every scenario."""
         for level in self.stress.levels:
             if self._file(level):
-                text = f"# {level.effect}, {level.name}: see stress.html\n{conditions_text(level.conditions)}"
+                text = f"# {level.name}: see stress.html\n{conditions_text(level.conditions)}"
                 write_text(inside(self.folder, "stress") / f"{level.name}.toml", text)
         write_json(self.folder / "stress.json", self.to_json())
         self.page().write(self.folder / "stress.html")

@@ -36,6 +36,7 @@ from rans.extend import (
     to_toml,
     write_text,
 )
+from rans.languages import C
 from rans.model.fields import unflatten
 from rans.model.operations import C_DOUBLE
 from rans.model.trace import Symbol
@@ -250,7 +251,7 @@ def _header(setup: Setup, names: Sequence[str]) -> str:
     tank = "" if craft.propellant is None else f" - {craft.propellant.mass!r} + state[{rigid}]"
     ranges = _ranges(setup)
     lines = [
-        f"/* {craft.name}: what craft_unit.c knows of it. SI units. */",
+        f"/* {C.word(craft.name)}: what craft_unit.c knows of it. SI units. */",
         "#ifndef RANS_CRAFT_H",
         "#define RANS_CRAFT_H",
         '#include "craft_fmu.h"',
@@ -261,8 +262,10 @@ def _header(setup: Setup, names: Sequence[str]) -> str:
         table("double", "low", count, (repr(float(one.low)) for one in craft.commands)),
         table("double", "high", count, (repr(float(one.high)) for one in craft.commands)),
         table("int", "switches", count, (str(int(one.kind == "on-off")) for one in craft.commands)),
-        table("char *const", "effectors", count, (f'"{one.name}"' for one in craft.commands)),
-        table("char *const", "names", width, (f'"{name}"' for name in names)),
+        table(
+            "char *const", "effectors", count, (f'"{C.word(one.name)}"' for one in craft.commands)
+        ),
+        table("char *const", "names", width, (f'"{C.word(name)}"' for name in names)),
         table("double", "start", width, map(repr, _start(setup))),
         table("double", "least", width, (repr(low) for low, _ in ranges)),
         table("double", "most", width, (repr(high) for _, high in ranges)),

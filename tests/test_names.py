@@ -1,0 +1,179 @@
+"""Names of strangers in the languages that RANS writes: they come out as text, and nothing of them is run."""
+
+from __future__ import annotations
+
+import ast
+import json
+import shutil
+import subprocess
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rans
+from rans.cli.next_commands import training
+from rans.deploy.export import write_agent, write_export
+from rans.episode import Setup
+from rans.errors import ConfigError
+from rans.fast.agent_files.agent import SavedPolicy
+from rans.fast.learn.config import PPOSettings
+from rans.files import write_json
+from rans.flight import fly
+from rans.languages import C, Code, Python, Toml
+from rans.model.spacecraft import CommandRange, Spacecraft
+from rans.model.spacecraft_draft import commented
+from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
+from rans.model.timing import Timing
+from rans.pretrained import pretrained_folder
+from rans.scenario import scenarios
+from tests.support.exports import exported, shipped
+
+HOSTILE = {
+    "comment": "*/ int hostile(void) { return 7; } /*",
+    "assembly": '*/ __asm__(".incbin \\"secret\\""); /*',
+    "docstring": '"""\nraise SystemExit(7)\n"""',
+    "backslash": "ends in \\",
+    "trigraph": "*??/\n/ int hostile; ??/",
+    "line": "one\nMETA_STOP\nSTATE = 1\n[propellant]\n#define int float",
+    "script": "</script><script>hostile()</script>",
+    "shell": "$(touch ran) `touch ran`; touch ran '\"",
+    "invisible": "\u2028\u202e\x7f\x00\x1b[2J",
+    "long": "x" * 10_000,
+}
+"""Ends of comments, texts, lines, elements and words of the languages that we write, and what is no name."""
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
+each = pytest.mark.parametrize("name", HOSTILE.values(), ids=HOSTILE)
+REFUSED = [name for name in HOSTILE.values() if len(name) > 100 or not name.isprintable()]
+
+
+def planted(craft: Spacecraft, name: str) -> Spacecraft:
+    """A craft that has the name all the same, as if a door had been forgotten; its wheel's command has it too."""
+    craft = replace(craft, name="planted")
+    object.__setattr__(craft, "name", name)
+    *others, last = craft.commands
+    object.__setattr__(craft, "commands", (*others, CommandRange(name, *last[1:])))
+    return craft
+
+
+@pytest.mark.parametrize("name", [*REFUSED, "", " ", 3])
+def test_no_value_has_a_name_of_several_lines(name: Any, tmp_path: Path) -> None:
+    """A spacecraft, in Python and in a file, an effector, and an agent in its card and its contract."""
+    platform = load_spacecraft("floating-platform")
+    with pytest.raises(ConfigError, match="name"):
+        replace(platform, name=name)
+    with pytest.raises(ConfigError, match="name"):
+        parse_spacecraft(to_toml(planted(platform, name)), "a stranger's file")
+    if isinstance(name, str) and name.strip():
+        agent = tmp_path / "agent"
+        shutil.copytree(pretrained_folder("go-to-pose-2d"), agent)
+        card = json.loads((agent / "card.json").read_text("utf-8"))
+        write_json(agent / "card.json", card | {"name": name})
+        with pytest.raises(ConfigError, match="the name of an agent must be one line"):
+            write_export(agent, tmp_path / "out", "rans", episodes=1, margins=0)
+
+
+@each
+def test_toml_has_the_name_as_text(name: str) -> None:
+    craft = load_spacecraft("floating-platform")
+    hostile = planted(craft, name)
+    plain = to_toml(craft), commented(craft, ["from a craft"])
+    for safe, text in zip(plain, (to_toml(hostile), commented(hostile, [name])), strict=True):
+        assert tomllib.loads(text) == tomllib.loads(safe) | {"name": name}
+
+
+@each
+def test_python_has_the_name_as_text(name: str, tmp_path: Path) -> None:
+    saved = SavedPolicy(shipped("go-to-pose-2d")[0], {}, 0, {}, 0.0)
+    codes = []
+    for title in ("agent", name):
+        write_agent(tmp_path, "numpy", saved, PPOSettings(), title)
+        module = ast.parse((tmp_path / "agent.py").read_text("utf-8"))
+        codes.append(ast.dump(ast.Module(module.body[1:], [])))
+    assert codes[0] == codes[1]
+    assert exported(tmp_path)["Agent"]
+
+
+@needs_gcc
+@each
+def test_c_has_the_name_as_text(name: str, tmp_path: Path) -> None:
+    """As the title, and as names of columns and commands."""
+    saved = SavedPolicy(shipped("go-to-pose-2d")[0], {}, 0, {}, 0.0)
+    column = {"name": name, "unit": name, "frame": name, "meaning": name}
+    about = {
+        "observation": [column | {"valid": [0, 1], "refused": [0, 1]}] * 10,
+        "command": {"ranges": [{"name": name, "kind": name, "low": 0.0, "high": 1.0}] * 8},
+        "readings": {"oldest": 1.0},
+        "control_period": 0.2,
+    }
+    write_agent(tmp_path, "c", saved, PPOSettings(), name, json.dumps(about))
+    assert strangers_code(tmp_path / "agent.c") == []
+
+
+@needs_gcc
+@each
+def test_an_fmu_has_the_name_as_text(name: str, tmp_path: Path) -> None:
+    """In the comment and the texts of its header; XML has no form for what the door refuses."""
+    header = pytest.importorskip("rans_robot.fmu.craft")._header
+    setup = Setup(planted(load_spacecraft("floating-platform"), name), rans.GoToPose())
+    text = header(setup, [name] * 6).replace('#include "craft_fmu.h"', "")
+    (tmp_path / "craft.c").write_text(text, "utf-8")
+    left = strangers_code(tmp_path / "craft.c")
+    assert left == [] or all(f'"{C.word(name)}"' in text for _ in left)
+    fmpy = pytest.importorskip("fmpy")
+    if name not in REFUSED:
+        pytest.importorskip("rans_robot.fmu.craft").write_craft(tmp_path, setup)
+        assert fmpy.read_model_description(str(tmp_path / "craft.fmu")).modelName == name
+
+
+@each
+def test_an_ephemeris_has_the_name_as_text(name: str, tmp_path: Path) -> None:
+    """A foreign reader finds one object, and the states that were flown."""
+    write_ccsds = pytest.importorskip("rans_missions.ccsds").write_ccsds
+    ndm = pytest.importorskip("ccsds_ndm.ndm_io")
+    script = pytest.importorskip("rans_missions.script").Script(np.zeros((3, 1, 6)))
+    craft = load_spacecraft("vbar-chaser")
+    task = rans.Hold()
+    timing = Timing(control_period=100.0, episode_steps=3)
+    flight = fly(craft, task, script, scenarios(task, craft, 1, 1), timing)
+    object.__setattr__(flight, "craft", planted(craft, name))
+    of_craft, *_ = write_ccsds(flight, tmp_path, 0, "2026-02-03T04:05:06", 51.6, 30.0, 90.0)
+    segment = ndm.NdmIo().from_path(of_craft).body.segment[0]
+    assert segment.metadata.ref_frame == "EME2000"
+    assert len(segment.data.state_vector) == 4
+
+
+def test_a_shell_has_the_name_as_text(tmp_path: Path) -> None:
+    for name in HOSTILE.values():
+        if "\0" in name:  # no word of a command line has it
+            continue
+        (line,) = training(load_spacecraft("floating-platform"), name)
+        done = subprocess.run(
+            ["sh", "-c", line.replace("rans", "printf '%s\\n'", 1)],
+            capture_output=True,
+            text=True,
+            check=True,
+            cwd=tmp_path,
+        )
+        assert done.stdout == "\n".join(["train", "go-to-pose", "--spacecraft", name, ""])
+    assert not list(tmp_path.iterdir())
+
+
+def test_every_printer_asks_the_escaper() -> None:
+    """A text without a type is escaped, that of another language too."""
+    for language in (C, Python, Toml):
+        assert language.of(language("*/ \\ \n")) == "*/ \\ \n"
+        assert "\n" not in language.of("*/ \\ \n")
+        assert "\n" not in language.of(Code("\n"))
+
+
+def strangers_code(file: Path) -> list[str]:
+    """Words of a stranger that C99 reads as code, with trigraphs as it has them; the file must compile."""
+    compiled = ["gcc", "-std=c99", str(file)]
+    done = subprocess.run([*compiled, "-fsyntax-only"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    code = subprocess.run([*compiled, "-E"], capture_output=True, text=True, check=True).stdout
+    return [word for word in ("hostile", "incbin", "META_STOP", "xxxxxx") if word in code]
