@@ -316,6 +316,8 @@ class MessagePilot:
             name: value for name in Motion._fields if (value := getattr(reading, name)) is not None
         }
         if self._filter is not None:
+            if verdict.was_set:
+                self._filter.begin()
             motion = self._filter.update(
                 reading.measured, self._reading["position"], self._reading["attitude"]
             )

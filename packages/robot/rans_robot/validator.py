@@ -7,6 +7,7 @@ pilot shuts all valves on what is refused here, so a new check needs its flight 
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,10 +32,10 @@ _HIGHEST = 2.0
 """m above or below the plane of a planar craft, whose frame may begin at the floor or on the ceiling."""
 _OF_THE_WORLD = ("map", "odom", "world", "earth")
 """Names that ROS's REP 105 gives to frames which are none of a body."""
-_CLOCK_SET = 1.0
-"""s: a step of the time stamps back, or ahead of their arrival, above which the sender's clock was set."""
 _AGREEING = 3
 """Messages in a row that show that a clock was set: one alone is a stray."""
+_MOST_OF_RUN = 50
+"""Messages in a row by which it is judged whether they come as slowly as they were measured."""
 _DRIFT = 1e-3
 """s a second by which a sender's clock may run slow: crystals drift by 1e-4, NTP corrects by 5e-4 at most."""
 
@@ -58,6 +59,8 @@ class MessageVerdict(NamedTuple):
     moment: int | None
     """When it was measured, by the receiver's clock, ns; None: it has been received before."""
     note: str = ""
+    was_set: bool = False
+    """Whether the sender's clock was set: time stamps of before are not those of this clock."""
 
 
 # One message by itself
@@ -262,9 +265,12 @@ def frame_of_twist(frame: str, child: str) -> str:
 class _Clock:
     """Order and lateness of the time stamps of one topic, whose sender's clock need not agree with ours.
 
-    A message that came with the least delay so far gives the difference of the clocks; any other is later by what
-    its difference is larger, so that messages which wait anywhere, in a link or while this process is stopped, are
-    as old as they are.
+    Messages that came with the least delay so far give the difference of the clocks; any other is later by what its
+    difference is larger, so that messages which wait anywhere, in a link or while this process is stopped, are as
+    old as they are. One message alone changes nothing: the least of the last three counts that none of them is
+    below. Stamps that no delay explains are of another clock: those ahead of their arrival, and those that are late
+    and before the newest, since a link that is behind keeps the order. Such a clock counts when messages in a row
+    agree on it.
     """
 
     def __init__(self, oldest: float) -> None:
@@ -274,8 +280,10 @@ class _Clock:
         """When the newest came, ns."""
         self._difference = 0
         """Least arrival less time stamp, ns."""
-        self._step: list[tuple[int, int]] = []
-        """Time stamps and arrivals of messages in a row that agree that the clock was set."""
+        self._recent: deque[int] = deque(maxlen=_AGREEING)
+        """Differences of the last messages."""
+        self._other: deque[tuple[int, int]] = deque(maxlen=_MOST_OF_RUN)
+        """Time stamps and arrivals of messages in a row that agree on another clock."""
 
     def judge(self, stamp: int, now: int) -> MessageVerdict:
         """When a message with a time stamp, ns, that came at a time, ns, was measured by our clock.
@@ -286,56 +294,62 @@ class _Clock:
             raise ValueError(f"the time stamp is {stamp}: header.stamp is not set by its sender")
         if self._newest is None:
             return self._begin(stamp, now)
-        if stamp == self._newest:
-            return MessageVerdict(None)
-        # The least difference of both clocks is that of the fastest message; clocks drift apart in time.
+        # The least difference of both clocks is that of the fastest messages; clocks drift apart in time.
         difference = now - stamp
         least = self._difference + round(_DRIFT * (now - self._came))
+        late = (difference - least) * 1e-9
         back = (self._newest - stamp) * 1e-9
-        ahead = (least - difference) * 1e-9
-        if back > _CLOCK_SET or ahead > _CLOCK_SET:
-            by = (f"{back:.2f} s before the newest", f"{ahead:.2f} s in the future")[
-                ahead > _CLOCK_SET
-            ]
-            if not self._was_set(stamp, now):
-                raise ValueError(
-                    f"a time stamp is {by}: dropped; was its clock set, or do two send?"
+        is_other = late < -self._oldest or (late > self._oldest and back > 0.0)
+        if is_other or (late > self._oldest and self._other):
+            by = f"{back:.2f} s before the newest" if late > 0.0 else f"{-late:.2f} s in the future"
+            if self._was_set(stamp, now, is_other):
+                return self._begin(stamp, now)._replace(
+                    note=f"its clock was set: time stamps are {by}, and velocities begin anew",
+                    was_set=True,
                 )
-            return self._begin(stamp, now)._replace(
-                note=f"its clock was set: time stamps are {by}, and velocities begin anew"
-            )
+            raise ValueError(f"a time stamp is {by}: dropped; was its clock set, or do two send?")
         # Both clocks go on: what remains is the order and the delay of messages.
-        self._step.clear()
+        self._other.clear()
+        if back == 0.0:
+            return MessageVerdict(None)
         if back > 0.0:
             raise ValueError(f"a message is {back:.3f} s older than the newest: dropped")
-        late = (difference - least) * 1e-9
         if late > self._oldest:
             raise ValueError(
                 f"a message came {late:.2f} s later than it should by its time stamp: dropped; is the link "
                 "behind, or was a process stopped?"
             )
+        self._recent.append(difference)
         self._newest = stamp
         self._came = now
-        self._difference = min(difference, least)
-        return MessageVerdict(stamp + self._difference)
+        self._difference = min(least, max(self._recent))
+        return MessageVerdict(min(stamp + self._difference, now))
 
     def _begin(self, stamp: int, now: int) -> MessageVerdict:
         """The first message of a clock counts as measured when it came."""
         self._newest = stamp
         self._came = now
         self._difference = now - stamp
-        self._step.clear()
+        self._recent.clear()
+        self._recent.append(self._difference)
+        self._other.clear()
         return MessageVerdict(now)
 
-    def _was_set(self, stamp: int, now: int) -> bool:
-        """Whether the last messages agree on another clock: they go on as time does.
+    def _was_set(self, stamp: int, now: int, begins: bool) -> bool:
+        """Whether the last messages agree on another clock: they go on as time does, and come no faster.
 
-        Every call counts as a message, so that it must be called once for each.
+        Every call counts as a message, so that it must be called once for each. ``begins`` says whether this one
+        may be the first of a row: a message that is merely late is none.
         """
-        if self._step:
-            before, came = self._step[-1]
+        if self._other:
+            before, came = self._other[-1]
             passed = (now - came) - (stamp - before)
             if stamp <= before or abs(passed) * 1e-9 > self._oldest:
-                self._step.clear()
-        self._step.append((stamp, now))
-        return len(self._step) >= _AGREEING
+                self._other.clear()
+        if self._other or begins:
+            self._other.append((stamp, now))
+        if len(self._other) < _AGREEING:
+            return False
+        # Messages that waited come together, and are no clock.
+        first, came = self._other[0]
+        return now - came >= (stamp - first) // 2

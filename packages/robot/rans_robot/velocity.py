@@ -29,6 +29,10 @@ class VelocityFilter:
         self._time = 0
         self._motion: Motion | None = None
 
+    def begin(self) -> None:
+        """Forget what came before, as where times are those of another clock."""
+        self._motion = None
+
     def update(self, time: int, position: np.ndarray, attitude: np.ndarray) -> Motion:
         """Motion after a pose that was measured at a time, ns; attitude as a unit quaternion (w, x, y, z).
 
