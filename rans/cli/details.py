@@ -31,6 +31,7 @@ from rans.table import Table
 from rans.tasks import TASKS, Task, gymnasium_ids, observation_columns
 from rans.tasks.derived import dimensions
 from rans.tasks.formula import reward_formulas
+from rans.terminal import doing
 
 
 def kind_of_object(reference: str) -> str:
@@ -101,16 +102,21 @@ def _spacecraft_details(name: str) -> Iterable[str | Table]:
 
 
 def prospects(craft: Spacecraft) -> Iterator[str]:
-    """Whether a craft can come to rest at a pose, which thrusters it can lose, and which may be mistaken."""
-    from rans.policy.prospects import Prospect, doubt, slips, spared
-    from rans.policy.timing import timing_for
+    """How the agent for any craft flies a craft, which thrusters it can lose, and which may be mistaken."""
+    from rans.evaluation.fly.agent import load_policy
+    from rans.evaluation.fly.choice import chosen
+    from rans.policy.prospects import Prospect, slips, spared
+    from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder
 
+    agent = FOR_ANY_CRAFT[craft.dimension]
     try:
-        period = timing_for(craft, Timing()).control_period
-        yield Prospect.of(craft, period).text(period)
+        with doing(f"flying {craft.name} by {agent}"):
+            choice = chosen(load_policy(pretrained_folder(agent)), craft)
+        yield Prospect.of(craft, choice.period).text(choice.period)
+        yield choice.doubt(agent) or choice.text(agent)
         # Nothing is promised where the sizes of the file are doubted.
-        if sentence := doubt(craft, period) or ("" if misfits(craft) else spared(craft, period)):
-            yield sentence
+        if choice.is_enough and not misfits(craft):
+            yield spared(craft, choice.period)
     except ConfigError as error:
         yield f"Nothing brings it to rest at a pose: {error}"
     yield from slips(craft)

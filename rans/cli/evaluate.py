@@ -109,13 +109,8 @@ class Evaluate(Options):
         run = run.under(conditions_if_named(self.conditions))
         run = run.guarded(self.guard, self.guard_slack, self.guard_coasts)
         name = self.agent
-        if name.in_full:
-            Terminal().say(f"{name.in_full} flies {run.craft.name} without training.")
-        if name.craft:
-            from rans.policy.prospects import doubt
-
-            if sentence := doubt(run.craft, run.timing.control_period):
-                Terminal().say(sentence)
+        if remark := getattr(run.controller, "remark", ""):
+            Terminal().say(remark)
         ready_folder(name.output_folder)
         self._file(run)  # reject a symbolic link before the flights
         if self._many(run):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 import sys
 from collections.abc import Callable, Mapping
@@ -15,11 +14,10 @@ from tyro.conf import Positional, UseAppendAction, arg
 from rans.api.drafting import init_spacecraft
 from rans.cli.door import Options, argument_texts, command_of
 from rans.errors import ConfigError, brief, meant
-from rans.terminal import Terminal, doing
+from rans.terminal import Terminal
 
 if TYPE_CHECKING:
     from rans.api.drafting import Draft
-    from rans.evaluation.fly.agent import LoadedRun
     from rans.model.foreign import Foreign
     from rans.model.spacecraft import Spacecraft
 
@@ -217,12 +215,10 @@ class Init(Options):
         for sentence in prospects(craft) if steerable else slips(craft):
             console.say(sentence)
         console.say(f"Written: {self.file} and {picture}")
-        # What the agent for any craft makes of it, and the next commands.
-        agent = _fly(console, craft, FOR_ANY_CRAFT[craft.dimension])
         file = shlex.quote(str(self.file))
+        agent = FOR_ANY_CRAFT[craft.dimension]
         console.suggest(
-            *([f"rans compare {file}"] if agent else []),
-            *([f"rans view {agent}@{file}"] if agent else []),
+            *([f"rans compare {file}", f"rans view {agent}@{file}"] if steerable else []),
             f"rans list {file}",
             # What cannot be steered is not worth a training.
             *([f"rans validate {file} --quick"] if steerable else []),
@@ -271,57 +267,6 @@ def _ask_actuators(
     if kind == "throttle" and "least" not in given:
         answers["least"] = ask("Least level, a share of full force", least, "0")
     return answers
-
-
-_FLIGHTS = 32
-"""Flights of a new craft by the agent for any craft."""
-_ENOUGH = 95.0
-"""Settled flights, percent, below which the agent also flies at `_GENTLE`."""
-_GENTLE = 0.3
-"""Frugality at which slow craft in space settle that do not at once: 41, 69 and 66 % of 32 flights of three with
-twelve thrusters of 0.2 N and 22 kg, and 100 % of them at this."""
-
-
-def _fly(console: Terminal, craft: Spacecraft, agent: str) -> str:
-    """Fly a new craft with an agent for any craft and print how; returns which flies it best, "" if none can."""
-    from rans.evaluation.fly.any_craft import for_spacecraft, frugal
-    from rans.evaluation.fly.contestants import contestant
-
-    try:
-        run = for_spacecraft(contestant(f"pretrained:{agent}"), craft)
-    except ConfigError as error:
-        console.say(f"{agent} does not fly it: {error}")
-        return ""
-    solved, median = _settled(run, agent)
-    console.say(
-        f"{agent} flies it without training: {solved:.0f} % of {_FLIGHTS} flights from 3 to 4 m settle at the "
-        f"goal{median}."
-    )
-    if solved >= _ENOUGH:
-        return agent
-    gentle = f"{agent}#{_GENTLE:g}"
-    better, median = _settled(frugal(run, _GENTLE), gentle)
-    advice = (
-        ""
-        if better >= _ENOUGH
-        else " Other controllers (rans compare) or another control period (--period) may settle more."
-    )
-    console.say(f"{gentle}, which spends less thrust, settles in {better:.0f} %{median}.{advice}")
-    return gentle if better > solved else agent
-
-
-def _settled(run: LoadedRun, name: str) -> tuple[float, str]:
-    """Settled flights of a run, percent, and their median time as the end of a sentence."""
-    from rans.evaluation.fly.episodes import fly_episodes
-    from rans.evaluation.measure.aggregate import measure
-    from rans.scenario import EVALUATION_SEED
-
-    with doing(f"flying it from {_FLIGHTS} starts by {name}"):
-        flown = fly_episodes(run.controller, run.judged, EVALUATION_SEED, _FLIGHTS, workers=1)
-    rows = {row.name: row for row in measure(flown.flight).rows}
-    settling = rows["settling time"].value
-    median = f", the median after {settling:.1f} s" if math.isfinite(settling) else ""
-    return rows["solved"].value, median
 
 
 def ask(question: str, read: Callable[[str], Answer], default: str | None = None) -> Answer:

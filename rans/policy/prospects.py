@@ -81,21 +81,6 @@ class Prospect(NamedTuple):
         )
 
 
-def doubt(craft: Spacecraft, period: float) -> str:
-    """A sentence about flights that will not settle, with what may help; "" if all are expected to.
-
-    Raises:
-        ConfigError: see `rans.policy.any_craft.authority`.
-    """
-    reason = Prospect.of(craft, period).reason
-    if not reason:
-        return ""
-    return (
-        f"{craft.name} may not come to rest at its goal: {reason}. A shorter control period than {period:g} s "
-        "(--period) or thrusters that push and turn it more evenly may help."
-    )
-
-
 def spared(craft: Spacecraft, period: float) -> str:
     """Which of its thrusters the craft can lose and still settle, in a sentence; "" with a single one."""
     count = craft.thruster_count

@@ -91,7 +91,7 @@ def test_an_agent_keeps_its_name_in_a_folder_of_another(tmp_path: Path) -> None:
     craft = tmp_path / "mine.toml"
     craft.write_text(to_toml(replace(load_spacecraft("floating-platform"), name="mine")), "utf-8")
     agent = ContestantName.parse(f"any-craft-2d@{craft}")
-    source = write_for_spacecraft(agent.own_folder, load_spacecraft(str(craft)), tmp_path / "run")
+    source = write_for_spacecraft(agent.own_folder, contestant(agent), tmp_path / "run")
     card = write_export(source, tmp_path / "firmware", "c", episodes=2, margins=0)
     assert card["name"] == "any-craft-2d"
     assert "any-craft-2d: flies mine" in (tmp_path / "firmware/agent.h").read_text("utf-8")

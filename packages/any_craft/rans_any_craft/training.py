@@ -5,8 +5,7 @@ what becomes of its demand). Each craft of a batch has its own layout, scale, co
 thrusters that are neither shut nor open all the time follow the demand, and others the less the farther they are
 from that, so that the price of thrust has a gradient too. Planar craft fly in the plane z = 0 of space. Tensors are
 of n craft: vectors (n, 3) in W unless said otherwise, with unit quaternions (n, 4), w first.
-`rans_any_craft.agents` trains with it and `rans_any_craft.evolution` flies `one_period`; the shipped weights follow
-from the order of the random numbers.
+`rans_any_craft.agents` trains with it; the shipped weights follow from the order of the random numbers.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any, NamedTuple
@@ -372,45 +371,16 @@ class DemandNetwork(torch.nn.Module):
 
     def layers(self) -> list[tuple[Tensor, Tensor]]:
         """Weights (o, i) and biases (o,) of ordinary dense layers."""
-        stacked = self.stacked({name: x[None] for name, x in self.named_parameters()})
-        return [(weight[0], bias[0]) for weight, bias in stacked]
-
-    def stacked(self, weights: Mapping[str, Tensor]) -> list[tuple[Tensor, Tensor]]:
-        """Dense layers (n, o, i) and (n, o) of n networks with these parameters (n, ...); see `of_layers`.
-
-        Shipped files have these dense layers, in which the symmetry is no longer visible.
-        """
-        first, second, last = (weights[name] for name in ("first", "second", "last"))
-        units = self.sides * first.shape[1]
+        units = self.sides * len(self.first)
         # Unit (c, g) has its input as from the side g.
-        one = torch.einsum("nci,gij->ncgj", first, self._inputs).flatten(1, 2)
-        two = second[..., self._table].permute(0, 1, 3, 2, 4).reshape(-1, units, units)
-        three = torch.einsum("gij,njc->nicg", self._demands, last).flatten(2, 3)
+        one = torch.einsum("ci,gij->cgj", self.first, self._inputs).flatten(0, 1)
+        two = self.second[..., self._table].permute(0, 2, 1, 3).reshape(units, units)
+        three = torch.einsum("gij,jc->icg", self._demands, self.last).flatten(1)
         return [
-            (one, weights["first_bias"].repeat_interleave(self.sides, dim=1)),
-            (two, weights["second_bias"].repeat_interleave(self.sides, dim=1)),
-            (three, three.new_zeros(three.shape[:2])),
+            (one, self.first_bias.repeat_interleave(self.sides)),
+            (two, self.second_bias.repeat_interleave(self.sides)),
+            (three, three.new_zeros(len(three))),
         ]
-
-    @classmethod
-    def of_layers(cls, layers: Layers, dimension: int) -> DemandNetwork:
-        """The network whose dense layers (`layers`) these are.
-
-        Of every orbit of the group it reads the first row.
-        """
-        (first, first_bias), (second, second_bias), (last, _) = (
-            (weight.detach(), bias.detach()) for weight, bias in layers
-        )
-        sides = len(Cube(dimension).elements)
-        network = cls(len(first) // sides, torch.Generator(), dimension)
-        # The first unit of each channel has its input as from the side 0, the identity.
-        with torch.no_grad():
-            network.first.copy_(first[::sides])
-            network.first_bias.copy_(first_bias[::sides])
-            network.second.copy_(second[::sides].unflatten(1, (-1, sides)))
-            network.second_bias.copy_(second_bias[::sides])
-            network.last.copy_(last[:, ::sides])
-        return network
 
 
 Layers = list[tuple[Tensor, Tensor]]
@@ -1106,12 +1076,6 @@ def as_policy(network: DemandNetwork, craft: Spacecraft, task: Task, period: flo
     shapes = architecture.shapes()
     # There is no critic.
     return Network(architecture, {k: tensors.get(k, torch.zeros(s)) for k, s in shapes.items()})
-
-
-def with_weights(policy: Network, network: DemandNetwork) -> dict[str, Tensor]:
-    """Tensors of a policy of `as_policy` with the weights of another network."""
-    own = dict(policy.member(0))
-    return own | _tensors_of(policy.architecture, network)
 
 
 def _tensors_of(architecture: Architecture, network: DemandNetwork) -> dict[str, Tensor]:

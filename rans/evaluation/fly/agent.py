@@ -35,6 +35,8 @@ class Agent:
     def __init__(self, network: Network, name: str, craft: Spacecraft | None = None) -> None:
         self.name = name
         self.network = network
+        self.remark = ""
+        """What flights of the craft decided about an agent for any craft, in a line; empty: nothing."""
         self._craft = craft
         """Spacecraft whose commands the agent gives; None: all of its commands are from 0 to 1."""
         self._memory: torch.Tensor | None = None

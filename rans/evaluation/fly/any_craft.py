@@ -101,42 +101,23 @@ def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = No
     return run._replace(controller=agent, craft=craft, timing=timing)
 
 
-def write_for_spacecraft(
-    source: Path,
-    craft: Spacecraft | None,
-    folder: Path,
-    adapts: bool = False,
-    frugality: float | None = None,
-) -> Path:
-    """Write the agent of a run folder as a run folder, and return it.
+def write_for_spacecraft(source: Path, run: LoadedRun, folder: Path) -> Path:
+    """Write an agent for any craft, as it flies one, as a run folder, and return it.
 
     Args:
-        source: run folder of an agent for any craft.
-        craft: that the agent is to fly; None: its own.
+        source: run folder of the agent.
+        run: the agent with what it flies (`for_spacecraft`, `adapting`, `frugal`).
         folder: to be written.
-        adapts: see `adapting`.
-        frugality: see `frugal`.
 
     Raises:
-        ConfigError: see `for_spacecraft`, `adapting` and `frugal`; or the folder cannot be written.
+        ConfigError: the folder cannot be written.
     """
-    run = RunFolder(source)
-    saved = read_policy(run.agent_file)
-    config = run.config()
-    network = _adapting(saved.network) if adapts else saved.network
-    # Its own craft keeps its control period; another gets one that suits it.
-    timing = config.timing
-    if craft is None:
-        craft = run.spacecraft()
-    elif not _is_own_with_a_moving_mass(craft, run.spacecraft()):
-        timing = timing_for(craft, timing)
-        network = for_craft(network, craft, timing.control_period)
-    if frugality is not None:
-        network = _frugal(network, frugality, config.settings, timing)
+    steps = read_policy(RunFolder(source).agent_file).steps
+    config, craft, network = RunFolder(source).config(), run.craft, run.network
     ready_folder(folder)
-    content = actor_bytes(network.architecture, network.member(0), saved.steps)
+    content = actor_bytes(network.architecture, network.member(0), steps)
     replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))
-    table = to_table(replace(config, timing=timing)) | {"spacecraft": craft.name}
+    table = to_table(replace(config, timing=run.timing)) | {"spacecraft": craft.name}
     write_json(folder / "config.json", table)
     write_text(folder / "spacecraft.toml", to_toml(craft))
     # The agent stays the same one; the other figures of the card are those of another craft.

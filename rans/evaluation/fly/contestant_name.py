@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-from rans.errors import ConfigError, brief, meant, meant_file
+from rans.errors import ConfigError, RansWarning, brief, meant, meant_file
 from rans.evaluation.fly.controllers import CONTROLLERS, WRAPPERS
 from rans.evaluation.fly.policy_text import is_flights_file, is_user_policy, split_policy
 from rans.files import distinct
@@ -78,8 +79,8 @@ class ContestantName:
     part: str = ""
     """Task of a multi-task agent, or position of a trade-off input, after "#"; empty: none."""
     frugality: float | None = None
-    """How much time an agent for any craft takes to save thrust, from 0 to 1, after "#"; None: it flies as it was
-    trained."""
+    """How much time an agent for any craft takes to save thrust, from 0 to 1, after "#"; None: flights of the
+    craft decide (`rans.evaluation.fly.choice`)."""
     adapts: bool = False
     """Whether an agent for any craft estimates in flight what its file does not state ("adaptive:" before it)."""
     wrapper: str = ""
@@ -214,7 +215,8 @@ class ContestantName:
     @property
     def is_for_a_craft(self) -> bool:
         """Whether it asks an agent for any craft for more than what its folder has."""
-        return bool(self.craft or self.adapts or self.frugality is not None)
+        is_shipped = self.kind == "pretrained" and self.name in FOR_ANY_CRAFT.values()
+        return bool(self.craft or self.adapts or self.frugality is not None or is_shipped)
 
     @property
     def alone(self) -> ContestantName:
@@ -260,12 +262,23 @@ class ContestantName:
         source = self.own_folder
         if not self.is_for_a_craft:
             return source
+        from rans.evaluation.fly.agent import load_policy
         from rans.evaluation.fly.any_craft import write_for_spacecraft
+        from rans.evaluation.fly.choice import chosen
+        from rans.evaluation.fly.contestants import for_craft
 
-        craft = load_spacecraft(typed(self.craft)) if self.craft else None
-        return write_for_spacecraft(
-            source, craft, self.output_folder / "agent", self.adapts, self.frugality
-        )
+        own = load_policy(source)
+        run = for_craft(own, self)
+        if self.frugality is not None and own.network.at:
+            flown = chosen(own, run.craft if self.craft else None, None, self.frugality)
+            if not flown.is_enough:
+                warnings.warn(
+                    f"{flown.text(self.name)} {self.name} without a number is flown at the value that its own "
+                    "flights choose.",
+                    RansWarning,
+                    stacklevel=2,
+                )
+        return write_for_spacecraft(source, run, self.output_folder / "agent")
 
     @property
     def own_folder(self) -> Path:

@@ -138,21 +138,33 @@ def _controller(name: ContestantName, terms: Terms) -> LoadedRun:
     return LoadedRun(controller(typed(name.name), setup), *setup[:4])
 
 
-def _for_craft(run: LoadedRun, name: ContestantName, period: float | None) -> LoadedRun:
-    """The run of an agent for any craft as its name says: adapting, for a craft, frugal.
+def for_craft(run: LoadedRun, name: ContestantName, period: float | None = None) -> LoadedRun:
+    """The run of an agent for any craft as its name says: adapting, for a craft, at a value.
 
     The order counts: constants of the craft are computed for the network as it adapts, and frugality for the craft.
     """
     from rans.evaluation.fly.any_craft import adapting, for_spacecraft, frugal
+    from rans.evaluation.fly.choice import chosen
     from rans.policy.timing import timing_for
 
+    craft = load_spacecraft(typed(name.craft)) if name.craft else None
+    value = name.frugality
+    choice = None
+    if value is None and run.network.at:
+        choice = chosen(run, craft, period)
+        value, period = choice.value, choice.period
     if name.adapts:
         run = adapting(run)
-    if name.craft:
-        craft = load_spacecraft(typed(name.craft))
+    if craft is not None:
         timing = None if period is None else timing_for(craft, run.timing, period)
         run = for_spacecraft(run, craft, timing)
-    return run if name.frugality is None else frugal(run, name.frugality)
+    if value is not None:
+        run = frugal(run, value)
+    if choice is not None and isinstance(run.controller, Agent):
+        run.controller.remark = choice.text(name.name)
+        if doubt := choice.doubt(name.name):
+            warnings.warn(doubt, RansWarning, stacklevel=2)
+    return run
 
 
 def _agent(name: ContestantName, terms: Terms) -> LoadedRun:
@@ -160,7 +172,7 @@ def _agent(name: ContestantName, terms: Terms) -> LoadedRun:
     folder = name.own_folder
     run = load_exported(folder) if is_exported(folder) else load_policy(folder)
     if name.is_for_a_craft:
-        run = _for_craft(run, name, terms.period)
+        run = for_craft(run, name, terms.period)
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), name)
     return LoadedRun(run.controller, *under_protocol(terms.protocol, own)[:4])
 

@@ -1,0 +1,170 @@
+"""How an agent for any craft flies a craft: flights of the craft decide its value and control period, once.
+
+The decision is kept in the user's cache, by a hash of everything that it depends on.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import math
+import os
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+from rans.errors import ConfigError, RansWarning
+from rans.evaluation.fly.agent import LoadedRun
+from rans.evaluation.fly.any_craft import for_spacecraft, frugal
+from rans.files import read_json, write_json
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import to_toml
+from rans.policy.timing import PERIODS_IN_SPACE, timing_for
+from rans.scenario import CHOICE_SEED
+
+VALUES = (0.4, 0.3, 0.0)
+"""Values in the order in which they are tried: 0.4 is quicker and cheaper than LQR on nearly all craft, and smaller
+values settle craft whose flights are short or whose thrusters are coarse."""
+FLIGHTS = 32
+"""Number of flights of a candidate."""
+ENOUGH = 0.95
+"""Part of the flights below which an agent is not recommended."""
+_COARSE = 0.2
+"""Control period above which a shorter one is tried, s."""
+_VERSION = 1
+"""Of the rule; another one decides anew."""
+
+
+class Choice(NamedTuple):
+    """A value and a control period, and what flights of the craft gave."""
+
+    value: float
+    period: float
+    """s."""
+    solved: int
+    """Number of the `FLIGHTS` that were solved."""
+    time: float
+    """Median settling time, s; infinite if less than half settle."""
+    impulse: float
+    """Mean impulse, N s."""
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether so many flights are solved that the agent may be recommended."""
+        return self.solved >= ENOUGH * FLIGHTS
+
+    def text(self, agent: str) -> str:
+        """The choice in a line, with the name of the agent without a value."""
+        time = f"{self.time:.3g} s" if math.isfinite(self.time) else "no settling time"
+        line = f"{agent}#{self.value:g}: solved {self.solved} of {FLIGHTS}, {time}, {self.impulse:.3g} N s"
+        if self.is_enough:
+            return f"{line}."
+        return f"{line}, commanded every {self.period:g} s."
+
+    def doubt(self, agent: str) -> str:
+        """The line of an agent that is not recommended, with the usual cause; empty: it is."""
+        if self.is_enough:
+            return ""
+        return (
+            f"{self.text(agent)} No other value or control period solves more: the usual cause is a small force or "
+            "torque along one axis, or a mass, force or position in other units."
+        )
+
+
+def chosen(
+    own: LoadedRun,
+    craft: Spacecraft | None = None,
+    period: float | None = None,
+    value: float | None = None,
+) -> Choice:
+    """The value and the control period at which an agent for any craft flies a craft.
+
+    Args:
+        own: the agent with its own craft, as it was trained.
+        craft: what flies; None: the agent's own.
+        period: control period, s; None: chosen, too.
+        value: that of the agent; None: chosen.
+
+    Raises:
+        ConfigError: the agent cannot fly the craft.
+    """
+    file = _folder() / f"{_digest(own, craft, period, value)}.json"
+    with contextlib.suppress(ConfigError, OSError, TypeError, ValueError):
+        entries = map(float, read_json(file))
+        flown, seconds, solved, time, impulse = entries
+        return Choice(flown, seconds, int(solved), time, impulse)
+    best: Choice | None = None
+    with warnings.catch_warnings():
+        # What flies in the end says what is outside of its training.
+        warnings.simplefilter("ignore", RansWarning)
+        for each, run in _candidates(own, craft, period, value):
+            result = _flown(frugal(run, each), each)
+            if best is None or result.solved > best.solved:
+                best = result
+            if best.solved == FLIGHTS:
+                break
+    assert best is not None
+    with contextlib.suppress(ConfigError, OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_json(file, list(best))
+    return best
+
+
+def _candidates(
+    own: LoadedRun, craft: Spacecraft | None, period: float | None, value: float | None
+) -> Iterator[tuple[float, LoadedRun]]:
+    """Values and runs to be flown, in the order of preference."""
+
+    def at(seconds: float | None) -> LoadedRun:
+        if craft is None:
+            return own
+        timing = None if seconds is None else timing_for(craft, own.timing, seconds)
+        return for_spacecraft(own, craft, timing)
+
+    usual = at(period)
+    if value is not None:
+        yield value, usual
+        return
+    first, *others = VALUES
+    yield first, usual
+    seconds = usual.timing.control_period
+    if period is None and craft is not None and craft.dimension == 3 and seconds > _COARSE:
+        # Pulses that are long for their craft are the usual cause.
+        yield first, at(max(x for x in PERIODS_IN_SPACE if x < seconds))
+    for other in others:
+        yield other, usual
+
+
+def _flown(run: LoadedRun, value: float) -> Choice:
+    """Flights of a candidate."""
+    from rans.fast.flights import Flights
+
+    result = Flights(run.network, run.judged).fly(0, FLIGHTS, CHOICE_SEED)
+    period = run.timing.control_period
+    return Choice(
+        value,
+        period,
+        FLIGHTS - result.unsolved,
+        period * result.settling_step(),
+        result.sums["impulse"].mean,
+    )
+
+
+def _digest(
+    own: LoadedRun, craft: Spacecraft | None, period: float | None, value: float | None
+) -> str:
+    """Hash of what a choice depends on."""
+    content = hashlib.sha256(repr((_VERSION, VALUES, own.task, own.timing, period, value)).encode())
+    content.update(to_toml(replace(craft or own.craft, name="craft")).encode())
+    for node, weights in own.network.at.items():
+        content.update(repr(node).encode())
+        for x in weights.values():
+            content.update(x.numpy().tobytes())
+    return content.hexdigest()
+
+
+def _folder() -> Path:
+    """Where choices lie; any of them may be removed at any time."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rans" / "choices"

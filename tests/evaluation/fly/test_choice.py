@@ -1,0 +1,92 @@
+"""Flights of a craft choose how the agent for any craft flies it: in which order, once, and what is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rans.errors import RansWarning
+from rans.evaluation.fly import choice
+from rans.evaluation.fly.agent import LoadedRun, load_policy
+from rans.evaluation.fly.choice import FLIGHTS, Choice, chosen
+from rans.evaluation.fly.contestant_name import ContestantName
+from rans.evaluation.fly.contestants import contestant
+from rans.model.actuators import Wheel
+from rans.model.spacecraft_file import load_spacecraft, to_toml
+from rans.pretrained import pretrained_folder
+
+PLATFORM = load_spacecraft("floating-platform")
+OWN = load_policy(pretrained_folder("any-craft-2d"))
+
+
+@pytest.fixture
+def flown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[float, int]:
+    """Solved flights of each value, to be filled in by a test; without an entry none is."""
+    solved: dict[float, int] = {}
+
+    def result(run: LoadedRun, value: float) -> Choice:
+        return Choice(value, run.timing.control_period, solved.get(value, 0), 6.0, 17.0)
+
+    monkeypatch.setattr(choice, "_flown", result)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    return solved
+
+
+@pytest.mark.parametrize(
+    ("solved", "value"),
+    [
+        ({0.4: 32, 0.3: 32}, 0.4),
+        ({0.4: 31, 0.3: 32}, 0.3),
+        ({0.4: 9, 0.3: 31, 0.0: 30}, 0.3),
+        ({0.0: 32}, 0.0),
+    ],
+)
+def test_the_cheapest_value_that_loses_no_flight_is_taken(
+    solved: dict[float, int], value: float, flown: dict[float, int]
+) -> None:
+    flown.update(solved)
+    assert chosen(OWN, PLATFORM).value == value
+    assert chosen(OWN, PLATFORM, value=1.0).solved == 0
+
+
+def test_flights_are_flown_once_for_a_craft(flown: dict[float, int], tmp_path: Path) -> None:
+    flown[0.4] = FLIGHTS
+    assert chosen(OWN, PLATFORM).value == 0.4
+    flown.clear()
+    flown[0.0] = FLIGHTS
+    assert chosen(OWN, replace(PLATFORM, name="alike")).value == 0.4
+    assert chosen(OWN, replace(PLATFORM, mass=9.0)).value == 0.0
+    for file in tmp_path.rglob("*.json"):
+        file.write_text("[0.4, ")
+    assert chosen(OWN, PLATFORM).value == 0.0
+
+
+def test_a_craft_that_no_value_settles_is_doubted_wherever_it_is_loaded(
+    flown: dict[float, int], here: Path
+) -> None:
+    Path("mine.toml").write_text(to_toml(replace(PLATFORM, name="mine")))
+    flown[0.3] = 12
+    with pytest.warns(RansWarning, match=r"any-craft-2d#0\.3: solved 12 of 32"):
+        assert contestant("any-craft-2d@mine.toml").controller.name == "any-craft-2d#0.3"
+    with pytest.warns(RansWarning, match=r"any-craft-2d#1: solved 0 of 32"):
+        assert ContestantName.parse("any-craft-2d#1@mine.toml").folder.exists()
+
+
+@pytest.mark.slow
+def test_pulses_that_are_long_for_a_heavy_craft_are_flown_more_often(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A servicer with on/off thrusters of 5 N and wheels: at 1.0 s its pulses lose flights, at 0.5 s none."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    start = load_spacecraft("free-flyer")
+    thrusters = tuple(
+        replace(one, force=5.0, position=tuple(3.0 * x for x in one.position))
+        for one in start.thrusters
+    )
+    wheels = tuple(Wheel(axis, 0.5, 20.0, 0.1) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+    inertia = ((60.0, 0.0, 0.0), (0.0, 70.0, 0.0), (0.0, 0.0, 65.0))
+    craft = replace(start, mass=300.0, inertia=inertia, thrusters=thrusters, wheels=wheels)
+    result = chosen(load_policy(pretrained_folder("any-craft-3d")), craft)
+    assert (result.solved, result.period) == (FLIGHTS, 0.5)
