@@ -6,6 +6,7 @@ Times are nanoseconds since 1970; foreign readers of both formats are in the tes
 from __future__ import annotations
 
 import contextlib
+import io
 import queue
 import sqlite3
 import struct
@@ -15,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.extend import ConfigError, first_line, require
+from rans.extend import ConfigError, brief, first_line, require
 from rans.files import open_regular, replace_file, why_unwritten
 from rans_robot.messages import definition
 
@@ -279,36 +280,63 @@ def bag_entries(file: Path) -> Iterator[BagMessage]:
 def _database_entries(file: Path) -> Iterator[BagMessage]:
     """Messages of a database as rosbag2 writes it up to Humble by default: its tables topics and messages.
 
-    The file is opened for reading alone, so that what a recorder left beside it is not merged into it.
+    The file is opened for reading alone, so that what a recorder left beside it is not merged into it. A database
+    of a stranger computes nothing: topics and messages are tables of stored columns, and pages that are named more
+    than once give no more bytes than the file has.
     """
     with open_regular(file) as stream:  # refuses what is no file
         content = stream.read(len(_SQLITE))
+        left = stream.seek(0, io.SEEK_END)
     if content != _SQLITE:
         raise ConfigError(f"{file} is no database of SQLite, as a bag of rosbag2 (.db3) is.")
+    if left > LARGEST_BAG:
+        raise ConfigError(f"{file} has {left:,} bytes, and at most {LARGEST_BAG:,} are read.")
     try:
         with contextlib.closing(
             sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)
         ) as base:
+            base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LARGEST_RECORD)
+            base.execute("pragma trusted_schema = off")
+            for name in ("topics", "messages"):
+                query = "select type, sql like 'create table%' from sqlite_master where name = ?"
+                kinds = base.execute(query, (name,)).fetchall()
+                columns = base.execute(f"pragma table_xinfo({name})").fetchall()
+                if kinds != [("table", 1)] or any(hidden for *_, hidden in columns):
+                    raise ConfigError(
+                        f"{file} is no bag of rosbag2: {name} must be a table of stored columns."
+                    )
             topics: dict[int, tuple[str, str]] = {}
             columns = "select id, name, type, serialization_format from topics"
             for number, name, kind, form in base.execute(columns):
+                left -= _bounded(file, left, len(str(name)) + len(str(kind)))
                 if form != "cdr":
                     raise ConfigError(
-                        f"{file} has messages of {name} in the form {form!r}, and cdr is read."
+                        f"{file} has messages of {brief(name)} in the form {brief(form)}, and cdr is read."
                     )
                 topics[number] = str(name).removeprefix("/"), str(kind)
-            rows = "select topic_id, timestamp, data from messages order by timestamp, id"
-            for number, time, data in base.execute(rows):
+            # In the order in which they were written: to sort them would read all of them first.
+            for number, time, data in base.execute(
+                "select topic_id, timestamp, data from messages"
+            ):
                 if not isinstance(time, int) or not isinstance(data, bytes):
                     raise ConfigError(
                         f"{file} has a message whose time or data are of another type."
                     )
+                left -= _bounded(file, left, len(data))
                 topic, kind = topics[number]
                 yield BagMessage(time, topic, kind, data)
-    except (sqlite3.Error, KeyError) as error:
+    except (sqlite3.Error, UnicodeDecodeError, KeyError) as error:
         raise ConfigError(
             f"{file} is no bag of rosbag2, or damaged: {first_line(error)}."
         ) from error
+
+
+def _bounded(file: Path, left: int, size: int) -> int:
+    """Bytes that a row takes of those that are left of a file (`ConfigError` if it has no more)."""
+    size += 1  # its header
+    if size > left:
+        raise ConfigError(f"{file} is damaged: its rows have more bytes than the file.")
+    return size
 
 
 def _unpacked(chunk: Any) -> Any:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import sqlite3
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rans_robot.bag import BagMessage
+from rans_robot.bag import BagMessage, bag_entries
 from rans_robot.frames import Motion
 from rans_robot.interfaces import RobotName, interface
 from rans_robot.logs import read_bag
@@ -267,6 +268,15 @@ def test_the_folder_that_another_library_writes_is_read(storage: str, tmp_path: 
     assert log.position[:, 0] == pytest.approx(0.1 * np.arange(30))
 
 
+ENDLESS = """
+with recursive n(x) as (select 1 union all select x + 1 from n)
+select x as id, 1 as topic_id, x as timestamp, x'00' as data, 'a' as name, 'a' as type,
+    'cdr' as serialization_format
+from n
+"""
+"""Rows without an end, from a hundred bytes of a view."""
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -274,6 +284,19 @@ def test_the_folder_that_another_library_writes_is_read(storage: str, tmp_path: 
         ("update messages set timestamp = 'noon' where id = 3", "of another type"),
         ("update messages set topic_id = 99 where id = 3", "damaged"),
         ("drop table topics", "no bag of rosbag2"),
+        ("update topics set name = cast(x'ff' as text)", "damaged"),
+        ("update topics set name = zeroblob(200000000)", "damaged"),
+        (f"drop table messages; create view messages as {ENDLESS}", "stored columns"),
+        (f"alter table topics rename to t; create view topics as {ENDLESS}", "stored columns"),
+        (
+            "drop table messages; create virtual table messages using fts5(topic_id, timestamp, data)",
+            "stored columns",
+        ),
+        (
+            "alter table messages rename column data to d; "
+            "alter table messages add column data as (zeroblob(100000000))",
+            "stored columns",
+        ),
     ],
 )
 def test_a_database_that_means_something_else_is_refused(
@@ -289,13 +312,50 @@ def test_a_database_that_means_something_else_is_refused(
         base.executemany(
             "insert into messages values (?, 1, ?, x'00')", [(k, 10**9 * k) for k in range(5)]
         )
-        base.execute(change)
+        base.executescript(change)
         base.commit()
     with pytest.raises(ConfigError, match=words):
         read_bag(file, PLATFORM)
     file.write_bytes(b"SQLite 2 was another format")
     with pytest.raises(ConfigError, match="no database of SQLite"):
         read_bag(file, PLATFORM)
+
+
+def test_pages_that_are_named_more_than_once_end_in_a_sentence(tmp_path: Path) -> None:
+    """Ten pages, each of which names the next one thirty times: 30^10 leaves of one message each."""
+    file = tmp_path / "flight.db3"
+    with contextlib.closing(sqlite3.connect(file)) as base:
+        base.executescript(
+            "pragma page_size = 512;"
+            "create table topics (id integer, name text, type text, serialization_format text);"
+            "create table messages (topic_id integer, timestamp integer, data blob);"
+            "insert into topics values (1, '/pose', 'std_msgs/msg/Empty', 'cdr');"
+            "insert into messages values (1, 1000000000, x'00');"
+        )
+        ((root,),) = base.execute("select rootpage from sqlite_master where name = 'messages'")
+        assert [*bag_entries(file)]
+    content = bytearray(file.read_bytes())
+    count = len(content) // 512
+
+    def interior(child: int) -> bytes:
+        """A page of a table (https://www.sqlite.org/fileformat.html, 1.6) with cells of 5 bytes."""
+        page = bytearray(512)
+        starts = [512 - 5 * (k + 1) for k in range(30)]
+        struct.pack_into(">BHHHBI", page, 0, 5, 0, 30, starts[-1], 0, child)
+        for k, at in enumerate(starts):
+            struct.pack_into(">H", page, 12 + 2 * k, at)
+            struct.pack_into(">IB", page, at, child, k + 1)
+        return bytes(page)
+
+    at = slice(512 * (root - 1), 512 * root)
+    content += content[at]  # the leaf, as page count + 1
+    for k in range(9):
+        content += interior(count + 1 + k)
+    content[at] = interior(count + 10)
+    struct.pack_into(">I", content, 28, count + 10)
+    file.write_bytes(content)
+    with pytest.raises(ConfigError, match="more bytes than the file"):
+        [*bag_entries(file)]
 
 
 @pytest.mark.parametrize(
