@@ -63,7 +63,7 @@ def commands(robot: Any) -> list[BagMessage]:
 
 ANSWERS: Answers = {
     "read_csv": {
-        "units": Answer(table(header=HEADER.replace(",x,", ",x (mm),")), "units are"),
+        "units": Answer(table(header=HEADER.replace(",x,", ",x (mm),")), "must be in m"),
         "frames": "columns of the world have their own names, and docs say which axes they are of",
         "times": Answer(table(time=lambda k: 200.0 * k), "milliseconds"),
         "order": Answer(table(command="7"), "another order of columns"),

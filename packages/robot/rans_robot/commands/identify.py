@@ -57,7 +57,6 @@ class Identify(Options):
         if not self.spacecraft:
             raise ConfigError("name the data sheet with --spacecraft, a name or a TOML file.")
         console = Terminal()
-        # Identify; a result that explains nothing is shown, and not written.
         with doing("identifying: the flights are predicted for every candidate"):
             result = identify(self.logs, self.spacecraft, self.robot, namespace=self.namespace)
 

@@ -422,8 +422,29 @@ def fit(craft: Spacecraft, logs: Sequence[FlightLog], window: float | None = Non
             solvers.append((solver.evidence(), len(solvers), solver, dated))
     _, _, near, logs = min(solvers)
     near.solve()
+    if near.values[latency] <= 0.0:
+        _check_order(near, craft, logs, min(first, _SHORT))
     fitted = _fitted(craft, logs, first, near.values, near.noise)
     return fitted if window is not None else _longest(fitted)
+
+
+def _check_order(
+    near: _Solver, craft: Spacecraft, logs: Sequence[FlightLog], window: float
+) -> None:
+    """Refuse (`ConfigError`) commands that act before they are: a force has no latency below 0.
+
+    Where the latency ends at its bound, a fit with all commands a control period earlier decides, over windows of
+    the same length, s.
+    """
+    early = [replace(log, command_times=log.command_times - log.period) for log in logs]
+    solver = _Solver(_Problem(craft, early, window), near.values)
+    solver.solve()
+    if near.evidence() - solver.evidence() > UNLIKELY**2:
+        raise ConfigError(
+            f"the log {logs[0].source} explains its readings better if every command was given one control period, "
+            f"{logs[0].period:.4g} s, before its time: nothing is identified. The usual cause is a column of "
+            "what was applied until this row: write each command in the row from which on it holds."
+        )
 
 
 def _steady_note(log: FlightLog) -> str:

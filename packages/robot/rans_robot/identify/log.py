@@ -6,8 +6,6 @@ form.
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import ConfigError, Spacecraft, brief, counted, read_text
+import rans.csv_file
+from rans.extend import ConfigError, Spacecraft, brief, counted
 
 LARGEST_LOG = 2**28
 """Bytes of a CSV file: an hour of readings at 100 Hz has a quarter of it."""
@@ -46,8 +45,10 @@ POSE_COLUMNS = {2: ("x", "y", "heading"), 3: ("x", "y", "z", "qw", "qx", "qy", "
 RATE_COLUMNS = {2: ("vx", "vy", "spin"), 3: ("vx", "vy", "vz", "wx", "wy", "wz")}
 """Columns of a CSV file with the velocity in the world, m/s, and the angular velocity in the body, rad/s."""
 
-_UNITS = ("", "s", "m", "rad", "m/s", "rad/s")
-"""Units in parentheses that headings may have."""
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Units in parentheses that the heading of times may have, s."""
+_SPELLINGS = {"t": "time", "w": "spin"}
+"""Names of columns as `rans.flight.Flight.to_csv` writes them."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,9 @@ def unstamped_note(source: object, counts: dict[str, int]) -> tuple[str, ...]:
 
 
 def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
-    """The log without readings before its first command, if it can be of this spacecraft.
+    """The log without readings before its first command, if it can be of this spacecraft; times are from that on.
+
+    Times since 1970 have seven digits of a second: differences of such numbers would be those of rounding.
 
     Raises:
         ConfigError: there are too few or too many commands or readings, times do not ascend or cannot be seconds,
@@ -177,7 +180,13 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
         together = np.isfinite(np.column_stack([result.attitude, result.spin])).all(axis=1)
         if together.sum() >= _FEWEST_TOGETHER:
             _check_turns(what, result, together)
-    return result
+    begin = log.command_times[0]
+    return replace(
+        result,
+        command_times=log.command_times - begin,
+        times=result.times - begin,
+        steady_times=None if log.steady_times is None else log.steady_times - begin,
+    )
 
 
 def _check_times(what: str, name: str, times: np.ndarray) -> None:
@@ -394,17 +403,11 @@ def _guess(factor: float, pose: str) -> str:
     return (near[0] if near else "is one of them in other units, or the time") + "?"
 
 
-def _column(cell: str, what: str) -> str:
-    """Name of a column from a cell of the first line, which may have a unit in parentheses."""
-    name, _, unit = cell.strip().lower().partition("(")
-    unit = unit.rstrip(") ")
-    if unit not in _UNITS:
-        raise ConfigError(
-            f"{what} has the column {brief(cell.strip())}; units are {', '.join(_UNITS[1:])}, in which its numbers "
-            "must be."
-        )
+def _spelled(cell: str) -> str:
+    """A heading in the spelling of this reader; its unit in parentheses stays."""
+    name, opened, unit = cell.lower().partition("(")
     name = name.strip().replace("_", "")
-    return {"t": "time", "w": "spin"}.get(name, name)
+    return _SPELLINGS.get(name, name) + opened + unit
 
 
 def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
@@ -416,33 +419,32 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     `rans.flight.Flight.to_csv` writes is such a file: units in parentheses and underscores are left out, and ``t``
     and ``w`` are ``time`` and ``spin``. Columns of other names are not read.
 
+    Times are in s, or in the unit that stands in the heading, such as ``time (ms)``; they may begin anywhere.
+
     Raises:
-        ConfigError: the file cannot be read, a column is missing or there twice, or a cell is no number.
+        ConfigError: the file cannot be read, a column is missing, there twice or in another unit, or a cell is no
+            number.
     """
-    what = f"the log {file}"
-    reader = csv.reader(io.StringIO(read_text(file, LARGEST_LOG, "the log ")))
-    try:
-        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
-    except csv.Error as error:  # a cell of more characters than any number has, or a zero byte
-        raise ConfigError(
-            f"{what}, line {reader.line_num}, is no line of a table: {error}."
-        ) from error
-    if not rows:
-        raise ConfigError(f"{what} is empty.")
-    (_, names), *rows = rows
-    for name, character in (("semicolons", ";"), ("tabs", "\t")):
-        if len(names) == 1 and character in names[0]:
-            raise ConfigError(f"{what} has {name} between its columns: write commas.")
+    table = rans.csv_file.read_csv(file, LARGEST_LOG, "the log ")
+    what = table.what
     # The header names the columns, in any order.
-    header = [_column(cell, what) for cell in names]
+    header = tuple(_spelled(cell) for cell in table.header)
     inputs = [f"u{k}" for k in range(craft.command_count)]
     wheels = [f"s{k}" for k in range(craft.wheel_count)]
     d = craft.dimension
     needed = ["time", *POSE_COLUMNS[d], *inputs]
-    read = {*needed, *RATE_COLUMNS[d], *wheels}
-    if missing := [name for name in needed if name not in header]:
+    units = {
+        "time": tuple(_SECONDS),
+        **dict.fromkeys(POSE_COLUMNS[d][:d], ("m",)),
+        **dict.fromkeys(POSE_COLUMNS[d][d:], ("rad",) if d == 2 else ()),
+        **dict.fromkeys(RATE_COLUMNS[d][:d], ("m/s",)),
+        **dict.fromkeys((*RATE_COLUMNS[d][d:], *wheels), ("rad/s",)),
+        **dict.fromkeys(inputs, ()),
+    }
+    places = replace(table, header=header).columns(units)
+    if missing := [name for name in needed if name not in places]:
         raise ConfigError(
-            f"{what} has no {', '.join(missing)} among its columns, {brief(', '.join(names))}; "
+            f"{what} has no {', '.join(missing)} among its columns, {brief(', '.join(table.header))}; "
             f"{craft.name} has the commands {inputs[0]} to {inputs[-1]}"
             f"{f' and wheels of the speeds {wheels[0]} to {wheels[-1]}' if wheels else ''}."
         )
@@ -451,33 +453,21 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
             f"{what} has the commands {', '.join(more)} too, but those of {craft.name} are {inputs[0]} to "
             f"{inputs[-1]}; the usual cause is another spacecraft."
         )
-    if twice := [name for name in header if name in read and header.count(name) > 1]:
-        raise ConfigError(f"{what} has the column {twice[0]} twice.")
-    # Cells: an empty one is NaN, since commands and readings have lines of their own.
-    numbers = np.full((len(rows), len(header)), np.nan)
-    for k, (line, row) in enumerate(rows):
-        if len(row) != len(header):
-            raise ConfigError(
-                f"{what}, line {line}, has {len(row)} cells instead of {len(header)}."
-            )
-        for j, cell in enumerate(row):
-            if not cell.strip() or header[j] not in read:
-                continue
-            try:
-                numbers[k, j] = float(cell)
-            except ValueError as error:
-                raise ConfigError(
-                    f"{what}, line {line}, column {header[j]}: {brief(cell)} is no number."
-                ) from error
+    # Cells: an empty one is NaN, since commands and readings have lines of their own; tables of NumPy say nan.
+    numbers = {name: np.full(len(table.rows), np.nan) for name in units}
+    for name, place in places.items():
+        column = numbers[name]
+        for k, (line, row) in enumerate(table.rows):
+            cell = row[place].strip()
+            if cell and cell.lower() != "nan":
+                column[k] = table.number(line, f"column {name}", cell)
+    _, _, unit = header[places["time"]].partition("(")
+    time = numbers["time"] * _SECONDS[unit.rstrip(") ") or "s"]
 
     def columns(names: tuple[str, ...] | list[str]) -> np.ndarray:
-        empty = np.full(len(numbers), np.nan)
-        return np.column_stack(
-            [numbers[:, header.index(name)] if name in header else empty for name in names]
-        )
+        return np.column_stack([numbers[name] for name in names])
 
     # Lines with a command, and lines with a reading.
-    time = columns(["time"])[:, 0]
     pose = columns(POSE_COLUMNS[d])
     rates = columns(RATE_COLUMNS[d])
     speeds = columns(wheels) if wheels else None
@@ -496,7 +486,7 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
         "world, and angular velocities in the body in rad/s.",
         *unstamped_note(file, early),
     ]
-    if others := [name.strip() for name, key in zip(names, header, strict=True) if key not in read]:
+    if others := [cell for k, cell in enumerate(table.header) if k not in places.values()]:
         notes.append(f"{file}: columns that were not read: {brief(', '.join(others))}.")
     return FlightLog(
         str(file),

@@ -1,7 +1,6 @@
 """What was identified: a spacecraft, the conditions to train for, and how well they predict the log.
 
-Command, files and Python print what it says; a channel that the fit does not explain raises before anything is
-written.
+Command, files and Python print what it says; a fit that does not explain a channel is no result.
 """
 
 from __future__ import annotations
@@ -95,9 +94,28 @@ class Identified:
 
 @dataclass(frozen=True)
 class Identification:
-    """Spacecraft and conditions that logs of flights determine (`rans.identify`)."""
+    """Spacecraft and conditions that logs of flights determine (`rans.identify`).
+
+    Raises:
+        ConfigError: the fit leaves more than noise of a sensor, so that no number of it can be believed.
+    """
 
     fit: Fit
+
+    def __post_init__(self) -> None:
+        """Refuse a fit whose residuals are no noise of a sensor."""
+        self._check_wheels()
+        wrong = [channel for channel in self.channels() if not channel.is_explained]
+        if wrong:
+            names = ", ".join(
+                f"{channel.name} (error {channel.after:.3g} {UNITS[channel.name]})"
+                for channel in wrong
+            )
+            raise ConfigError(
+                f"the commands of the logs do not explain {names}: that is no noise of a sensor, and nothing is "
+                "identified. The usual cause is a column in other units, such as a heading in degrees, or in "
+                "another frame or order, a filter that lags, or another spacecraft."
+            )
 
     @property
     def spacecraft(self) -> Spacecraft:
@@ -148,11 +166,7 @@ class Identification:
         """Conditions whose ranges are the intervals of what was identified, for the identified spacecraft.
 
         Where the rise of the force could not be separated from the latency, the latency has half of it.
-
-        Raises:
-            ConfigError: a channel is not explained (`check`).
         """
-        self.check()
         rows = {row.name: row for row in self.rows()}
         craft = self.fit.craft
         count = craft.thruster_count
@@ -236,10 +250,7 @@ class Identification:
         ]
 
     def channels(self) -> list[Channel]:
-        """How well each measured quantity is predicted, before and after.
-
-        One that is not explained is refused before any file is written.
-        """
+        """How well each measured quantity is predicted, before and after."""
         columns = channel_columns(self.fit.craft)
         result = []
         for name in CHANNELS:
@@ -258,25 +269,6 @@ class Identification:
             result.append(Channel(name, _rms(before), _rms(after), correlation, bound, explained))
         return result
 
-    def check(self) -> None:
-        """Refuse a result whose residuals are no noise of a sensor.
-
-        Raises:
-            ConfigError: the model predicts a channel no better than a coast does, and leaves more than noise.
-        """
-        self._check_wheels()
-        wrong = [channel for channel in self.channels() if not channel.is_explained]
-        if wrong:
-            names = ", ".join(
-                f"{channel.name} (error {channel.after:.3g} {UNITS[channel.name]})"
-                for channel in wrong
-            )
-            raise ConfigError(
-                f"the commands of the logs do not explain {names}: that is no noise of a sensor, and nothing is "
-                "written. The usual cause is a column in other units, such as a heading in degrees, or in another "
-                "frame or order, a filter that lags, or another spacecraft."
-            )
-
     def _check_wheels(self) -> None:
         """Refuse (`ConfigError`) wheels whose rotors say that their speeds are in other units."""
         for k, wheel in enumerate(self.fit.craft.wheels):
@@ -285,7 +277,7 @@ class Identification:
                 continue
             raise ConfigError(
                 f"wheel {k} of {self.fit.craft.name!r} turns it as if it had {factor:.3g} times the inertia of the "
-                f"file, and {1.0 / _LARGEST_FACTOR:g} to {_LARGEST_FACTOR:g} times are read: nothing is written. "
+                f"file, and {1.0 / _LARGEST_FACTOR:g} to {_LARGEST_FACTOR:g} times are believed. "
                 "The usual cause is speeds in revolutions a minute or in degrees/s."
             )
 
@@ -355,9 +347,8 @@ class Identification:
         """Write spacecraft.toml, conditions.toml and identified.json, and return the folder.
 
         Raises:
-            ConfigError: a channel is not explained (`check`), or the folder cannot be made or written.
+            ConfigError: the folder cannot be made or written.
         """
-        self.check()
         folder = ready_folder(Path(folder))
         write_text(folder / "spacecraft.toml", to_toml(self.spacecraft))
         write_text(folder / "conditions.toml", conditions_text(self.conditions))

@@ -71,7 +71,6 @@ def test_times_that_cannot_be_seconds_are_refused_before_anything_is_as_long(
     ("row", "words"),
     [
         ("3.0,1e308,0,0", "position at 3 s is 1e.308 m"),
-        ("3.0,inf,0,0", "position at 3 s is inf m"),
         ("3.0,0,0,1e15", "attitude at 3 s is 1e.15 rad"),
     ],
 )
@@ -87,20 +86,8 @@ def test_blank_lines_are_skipped_and_lines_are_still_counted_from_the_top(tmp_pa
     whole = read_csv(csv_file(tmp_path, rows), PLATFORM)
     file = csv_file(tmp_path, [*rows[:10], "", "   ", *rows[10:], "", ""])
     assert read_csv(file, PLATFORM).times == pytest.approx(whole.times)
-    with pytest.raises(ConfigError, match="line 14, column x: 'one'"):
+    with pytest.raises(ConfigError, match=r"line 14: column x .* 'one'"):
         read_csv(csv_file(tmp_path, [*rows[:10], "", "", f"2.0,one,0,0{',0' * 8}"]), PLATFORM)
-
-
-def test_tabs_are_named(tmp_path: Path) -> None:
-    rows = [row.replace(",", "\t") for row in still(lambda k: 0.2 * k)]
-    with pytest.raises(ConfigError, match="tabs between its columns"):
-        read_csv(csv_file(tmp_path, rows, HEADER.replace(",", "\t")), PLATFORM)
-
-
-def test_a_cell_longer_than_any_number_is_a_sentence(tmp_path: Path) -> None:
-    file = csv_file(tmp_path, [f"0.{'0' * 131_073},0,0,0{',0' * 8}"])
-    with pytest.raises(ConfigError, match="line 2"):
-        read_csv(file, PLATFORM)
 
 
 def test_columns_that_are_not_read_are_named_and_need_no_numbers(tmp_path: Path) -> None:
