@@ -200,7 +200,7 @@ class _Judge(NamedTuple):
         run = run._replace(craft=craft, task=own.task, conditions=own.conditions)
         flight = fly_episodes(
             run.controller, run.judged, self.start_seed, count, workers=1, first=first
-        ).flight
+        )
         return Flights(solved(flight), settling_times(flight), impulses(flight))
 
 

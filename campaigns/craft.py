@@ -130,7 +130,7 @@ def agent_facts(name: str, episodes: int) -> dict[str, Any]:
     """Facts of the flights of one craft: its agent, how it flies, period, starts, and the starts' mean bound."""
     run = flown(name)
     flights = fly_episodes(run.controller, run.judged, EVALUATION_SEED, episodes, workers=1)
-    found = measure(flights.flight)
+    found = measure(flights)
     settled = found["settled"]
     return {
         "agent": f"{CRAFTS[name].agent}@{name}",
@@ -150,7 +150,7 @@ def drake_facts(name: str, episodes: int) -> dict[str, Any]:
     flights = fly_episodes(
         run.controller, run.judged, EVALUATION_SEED, episodes, "drake", workers=1
     )
-    found = measure(flights.flight)
+    found = measure(flights)
     return {
         "episodes": episodes,
         "settled": found["settled"].value,

@@ -28,7 +28,7 @@ def measured(name: str, episodes: int) -> dict[str, Any]:
     results = {}
     for kind, one in ({"agent": run.controller} | controllers).items():
         flights = fly_episodes(one, run.judged, EVALUATION_SEED, episodes, "fast", workers=1)
-        rows = {row.name: row for row in measure(flights.flight).rows}
+        rows = {row.name: row for row in measure(flights).rows}
         settled = rows["settled"]
         time = rows.get("settling time")
         results[kind] = {

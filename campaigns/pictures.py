@@ -63,7 +63,7 @@ _LONG = 60
 def flown(subject: _Subject) -> Flight:
     """Flights of a subject from the first held-out starts."""
     run = contestant(subject.who)
-    return fly_episodes(run.controller, run.judged, EVALUATION_SEED, subject.episodes).flight
+    return fly_episodes(run.controller, run.judged, EVALUATION_SEED, subject.episodes)
 
 
 def picture(figure: Figure) -> str:

@@ -63,14 +63,14 @@ class Sloshing:
     def _flown(self, who: str, share: float) -> dict[str, Any]:
         run = contestant(who)
         setup = run.judged._replace(craft=with_slosh(run.craft, share))
-        flight = fly_episodes(run.controller, setup, self.seed, self.episodes).flight
+        flight = fly_episodes(run.controller, setup, self.seed, self.episodes)
         successes = won(flight)
         times = settling_times(flight)[successes]
         drake = 0 if share < max(SHARES) else min(self.drake, self.episodes)
         there = float("nan")
         if drake:
             other = fly_episodes(run.controller, setup, self.seed, drake, "drake", workers=1)
-            there = float(won(other.flight).mean())
+            there = float(won(other).mean())
         return {
             "who": who.removeprefix("pretrained:"),
             "share": share,

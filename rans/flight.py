@@ -5,13 +5,17 @@ Engines, pages and tables read this form; (T + 1, N) states include the start, (
 
 from __future__ import annotations
 
+import copy
 import inspect
 import math
+import random
 import warnings
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
+from types import MethodType, SimpleNamespace
 from typing import Any, Protocol
 
 import numpy as np
@@ -48,6 +52,9 @@ factor it is beyond kicks of 5 m/s, above which conditions warn."""
 class Controller(Protocol):
     """Protocol of controllers, which compute commands from states: agents, LQR, MPC and others.
 
+    Every flight flies a copy of its own (`begin_flight`), so that flights in other threads change nothing, and what
+    a controller remembers is not in it after a flight.
+
     A controller that reads states alone may have an attribute ``observes`` that is False. Its observations then
     have no columns: those of a mission contain the recommended change of velocity, and cost as much as guidance.
 
@@ -78,6 +85,54 @@ class Controller(Protocol):
             observation: observations (N, width), float32, in the order of `rans.tasks.observation_columns`.
         """
         ...
+
+
+_COPIED_WHOLE = np.ndarray, np.random.Generator, random.Random
+"""Parts of a controller that a flight may change in place, and that hold no other parts."""
+
+
+def begin_flight(controller: Controller, count: int) -> Controller:
+    """A copy of a controller that begins ``count`` new episodes; the controller itself stays as it is.
+
+    Copied is what may remember: all parts with a ``reset``, and lists, dictionaries, sets, arrays and random
+    numbers in them. The copies share everything else, such as networks and solvers. A part that has a method
+    ``__copy__`` is copied by it.
+    """
+    own = _own(controller, {})
+    own.reset(count)
+    return own
+
+
+def _own(part: Any, copies: dict[int, Any]) -> Any:
+    """Copy of a part of a controller if it may remember, else the part; ``copies`` has earlier ones, by `id`."""
+    if id(part) in copies:
+        return copies[id(part)]
+    if isinstance(part, _COPIED_WHOLE):
+        result = copies[id(part)] = copy.deepcopy(part)
+    elif isinstance(part, tuple):
+        parts = [_own(x, copies) for x in part]
+        changed = any(x is not y for x, y in zip(parts, part, strict=True))
+        result = getattr(type(part), "_make", type(part))(parts) if changed else part
+    elif isinstance(part, MethodType):
+        owner = _own(part.__self__, copies)
+        result = part if owner is part.__self__ else MethodType(part.__func__, owner)
+    elif isinstance(part, list | dict | set | deque):
+        result = copies[id(part)] = copy.copy(part)
+        if isinstance(result, dict):
+            result.update({key: _own(x, copies) for key, x in part.items()})
+        elif not isinstance(result, set):
+            result.clear()
+            result.extend(_own(x, copies) for x in part)
+    elif not callable(getattr(part, "reset", None)) or isinstance(part, type):
+        result = part
+    elif hasattr(part, "__copy__") or not hasattr(part, "__dict__"):
+        result = copies[id(part)] = copy.copy(part)
+    else:
+        plain = isinstance(part, SimpleNamespace)
+        result = copies[id(part)] = copy.copy(part) if plain else object.__new__(type(part))
+        for name, x in vars(part).items():
+            object.__setattr__(result, name, _own(x, copies))
+    return result
 
 
 def informed(controller: Controller, conditions: Conditions | None) -> Controller:
@@ -125,6 +180,8 @@ class Flight(NotebookRepr):
     and its thrusters are shut. None: T for all."""
     guarded: np.ndarray | None = None
     """Whether a safety filter replaced the command, (T, N) bool; None: there was none."""
+    stopped: int = 0
+    """Number of times that the controller's solver found no solution; 0 without a solver."""
 
     def __repr__(self) -> str:
         duration = len(self.commands) * self.timing.control_period
@@ -341,7 +398,7 @@ def fly(
         now = replace(now, state=map_leaves(lambda x: np.broadcast_to(x, count), now.state))
     begun = now.state
     nowhere = map_leaves(lambda _: np.nan, begun)
-    controller.reset(count)
+    controller = begin_flight(controller, count)
     observes = getattr(controller, "observes", True)
     # History, of T + 1 states and goals, and of T commands and margins.
     states = [begun]
@@ -414,6 +471,7 @@ def fly(
         won,
         lengths,
         np.stack(guarded) if guarded else None,
+        getattr(controller, "failures", 0),
     )
     if move is None:
         for refusal in outran(flight, world.timing):

@@ -184,7 +184,7 @@ def flights(workers: int | None) -> tuple[list[np.ndarray], int]:
     setup = Setup(PLATFORM, task, Timing(episode_steps=10))
     controller = LQR(PLATFORM, task, setup.timing)
     flown = episodes.fly_episodes(controller, setup, 1, 3, "drake", workers)
-    return [np.asarray(leaf) for leaf in leaves(flown.flight.states)], flown.stopped
+    return [np.asarray(leaf) for leaf in leaves(flown.states)], flown.stopped
 
 
 @pytest.mark.slow

@@ -75,7 +75,6 @@ import gymnasium
 
 env = gymnasium.make("rans/GoToPose2D-v0")
 observation, _ = env.reset(seed=0)
-agent.reset()  # an agent with a memory forgets the last episode
 total = 0.0
 for _ in range(125):
     observation, reward, terminated, truncated, _ = env.step(

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from rans.api.pages import Replay
     from rans.deploy.export import Form
     from rans.evaluation.compare.run import Comparison
-    from rans.evaluation.fly.agent import LoadedRun
     from rans.evaluation.fly.episodes import EngineName
     from rans.evaluation.measure.aggregate import Metrics
     from rans.flight import Flight
@@ -51,10 +50,6 @@ class Agent(AgentData):
     `Agent` as well.
     """
 
-    def __init__(self, run: LoadedRun, spec: str = "") -> None:
-        super().__init__(run, spec)
-        self._memory: Any = None
-
     def under(self, conditions: str | Path | Conditions | None) -> Agent:
         """The same agent, to be evaluated under other conditions: a name, a file or a `Conditions`; None: its own.
 
@@ -63,12 +58,8 @@ class Agent(AgentData):
         """
         return Agent(self.run.under(conditions_if_named(conditions)), self.spec)
 
-    def reset(self) -> None:
-        """Clear the memory that `act` keeps; call it at the beginning of every episode."""
-        self._memory = None
-
     def act(self, observation: Any) -> np.ndarray:
-        """The deterministic action for an observation; an agent with a memory keeps it until `reset`.
+        """The deterministic action for an observation, of an agent without a memory.
 
         Args:
             observation: (width,) or (N, width), as the task's environments give it.
@@ -77,9 +68,15 @@ class Agent(AgentData):
             (commands,) or (N, commands), as the environment's action space takes it.
 
         Raises:
-            ConfigError: see `predict`.
+            ConfigError: the agent has a memory, which belongs to an episode; or see `predict`.
         """
-        action, self._memory = self.predict(observation, self._memory)
+        action, memory = self.predict(observation)
+        if memory is not None:
+            raise ConfigError(
+                f"{self.name} has a memory, which belongs to an episode: ask for action, memory = "
+                "agent.predict(observation, memory), with None at the beginning, or let rans.Pilot(agent, env) "
+                "fly it in a Gymnasium loop."
+            )
         return action
 
     @settled

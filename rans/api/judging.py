@@ -73,7 +73,7 @@ def flown(
         count = endpoints.episodes(count, run.conditions)
     with watched() as stage:
         step = stage(f"{run.controller.name}, {engine} engine", count)
-        flight, stopped = fly_episodes(
+        flight = fly_episodes(
             run.controller,
             run.judged,
             seed,
@@ -83,9 +83,9 @@ def flown(
             first=first,
             endpoints=endpoints,
         )
-    if stopped:
+    if flight.stopped:
         warnings.warn(
-            f"{run.controller.name}'s solver stopped {stopped} times; the previous plan was continued.",
+            f"{run.controller.name}'s solver stopped {flight.stopped} times; the previous plan was continued.",
             RansWarning,
             stacklevel=2,
         )

@@ -543,7 +543,7 @@ def _nominal_hole(trainer: Trainer) -> str:
         return ""
     # Of 256 flights one lost flight of a hundred is seen: it takes a second.
     run = load_policy(trainer.run.path).under(Conditions()).guarded(config.guard)
-    flight = fly_episodes(run.controller, run.judged, SELECTION_SEED, 256, workers=1).flight
+    flight = fly_episodes(run.controller, run.judged, SELECTION_SEED, 256, workers=1)
     solved_rate = float(solved(flight).mean())
     trained = trainer.members[0].rows[-1]["success"]
     # An agent that has not learnt its own conditions has another problem, which the summary names.

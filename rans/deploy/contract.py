@@ -29,7 +29,7 @@ from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.files import git_revision, package_version
-from rans.flight import Controller
+from rans.flight import Controller, begin_flight
 from rans.model.dynamics import State
 from rans.model.fields import Vec3, leaves, map_leaves
 from rans.model.rotation import exponential
@@ -87,9 +87,13 @@ class ActionRecorder:
         self._controller = controller
         self._met = list[tuple[np.ndarray, Any, Any]]()
 
+    def __copy__(self) -> Any:
+        """Itself: what it keeps is read after the flight."""
+        return self
+
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
-        self._controller.reset(count)
+        self._controller = begin_flight(self._controller, count)
         self._met.clear()
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
@@ -152,8 +156,8 @@ def _recorded(
     recorder = ActionRecorder(controller)
     timing = setup.timing
     short = replace(timing, episode_steps=min(timing.episode_steps, STEPS), substeps=None)
-    flown = fly_episodes(recorder, setup._replace(timing=short), seed, count)
-    return recorder.flights, flown.flight.failed()
+    flight = fly_episodes(recorder, setup._replace(timing=short), seed, count)
+    return recorder.flights, flight.failed()
 
 
 def contract(

@@ -345,7 +345,7 @@ def _judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict
     result = {}
     for judged in judged_separately(spec):
         run = contestant(judged, protocol)
-        rows = measure(fly_episodes(run.controller, run.judged, seed, episodes).flight).rows
+        rows = measure(fly_episodes(run.controller, run.judged, seed, episodes)).rows
         result[str(judged).removeprefix(spec).removeprefix("#")] = {
             r.name: [*(float(f"{x:.5g}") for x in (r.value, r.low, r.high)), r.unit] for r in rows
         }

@@ -39,7 +39,7 @@ def watch(run: Path, port: int) -> None:
         changed = file.stat().st_mtime_ns if file.exists() else 0
         if changed != latest:
             agent = load_policy(run)
-            flight = fly_episodes(agent.controller, agent.judged, EVALUATION_SEED, _EPISODES).flight
+            flight = fly_episodes(agent.controller, agent.judged, EVALUATION_SEED, _EPISODES)
             page = replay_page([flight], flight.controller)
             served.renew()
             latest = changed

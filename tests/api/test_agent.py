@@ -17,10 +17,10 @@ def open_loop(agent: rans.Agent, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Commands of an agent in a Gymnasium loop, and those of its own first flight of the same seed."""
     env = gymnasium.make("rans/GoToPose2D-v0", task=agent.task.for_evaluation())
     observation, _ = env.reset(seed=2023)
-    agent.reset()
+    memory = None
     given = []
     for _ in range(steps):
-        action = agent.act(observation)
+        action, memory = agent.predict(observation, memory)
         assert env.action_space.contains(action)
         given.append(action)
         observation, *_ = env.step(action)
@@ -28,18 +28,16 @@ def open_loop(agent: rans.Agent, steps: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_acting_in_a_loop_is_flying() -> None:
-    """The agent remembers its last observations and commands, which `act` must carry along."""
+    """The agent remembers its last observations and commands, which `predict` must carry along."""
     agent = rans.load_agent("go-to-pose-2d-faults").under("perfect")
     looped, flown = open_loop(agent, 40)
     np.testing.assert_array_equal(looped, flown)
 
 
-def test_memory_begins_anew_after_a_reset() -> None:
+def test_an_agent_with_a_memory_acts_where_its_memory_is() -> None:
     agent = rans.load_agent("go-to-pose-2d-robust")
-    seen = np.random.default_rng(1).normal(size=(6, agent_width(agent))).astype(np.float32)
-    first = [agent.act(row) for row in seen]
-    agent.reset()
-    np.testing.assert_array_equal(first, [agent.act(row) for row in seen])
+    with pytest.raises(ConfigError, match="predict"):
+        agent.act(np.zeros(agent_width(agent)))
 
 
 def agent_width(agent: rans.Agent) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -261,7 +262,7 @@ def test_a_solver_that_stopped_is_told(
 
     true = episodes.fly_episodes
     monkeypatch.setattr(
-        episodes, "fly_episodes", lambda *a, **k: true(*a, **k)._replace(stopped=42)
+        episodes, "fly_episodes", lambda *a, **k: replace(true(*a, **k), stopped=42)
     )
     assert main(["evaluate", "lqr:go-to-pose-2d", "--episodes", "1"]) == 0
     assert "rans: warning: LQR's solver stopped 42 times; the previous plan was continued." in (

@@ -16,7 +16,6 @@ from typing import Any
 import pytest
 
 from rans.cli import main
-from rans.evaluation.fly.episodes import Flown
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenario, scenarios
@@ -228,9 +227,12 @@ def test_every_option_reaches_the_flights(
         starts = endpoints.applied(scenarios(setup.task, setup.craft, 8, 1))
         asked.append((controller.name, *given, first, float(starts.goal.p.x[0])))
         flight: Any = SimpleNamespace(
-            controller=controller.name, task=GoToPose(), craft=load_spacecraft("floating-platform")
+            controller=controller.name,
+            stopped=0,
+            task=GoToPose(),
+            craft=load_spacecraft("floating-platform"),
         )
-        return Flown(flight, 0)
+        return flight
 
     monkeypatch.setattr("rans.evaluation.fly.episodes.fly_episodes", flown)
     monkeypatch.setattr("rans.show.scene.frames.save_frames", lambda *given: framed.append(given))

@@ -131,7 +131,7 @@ def test_the_documented_loop_does_not_warn_on_flights_that_arrive(
 
     for episode in range(10):
         agent.reset()
-        flight = fly_episodes(States(act), setup, 99, 1, workers=1, first=episode).flight
+        flight = fly_episodes(States(act), setup, 99, 1, workers=1, first=episode)
         assert flight.verdict.held.all()
     assert warnings == []
 

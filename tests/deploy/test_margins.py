@@ -34,7 +34,7 @@ def test_margins_of_an_agent() -> None:
         setup = run.judged._replace(conditions=world)
         alone = fly_episodes(
             run.controller, setup, EVALUATION_SEED, 8, workers=1
-        ).flight.verdict.solved.mean()
+        ).verdict.solved.mean()
         assert margins[quantity]["held"][size] == alone
     least, most = margins["mass"]["holds"]
     assert least <= 0.65 < 1.0 < most == 2.0

@@ -68,7 +68,7 @@ def test_they_are_the_evaluations_flights(craft: Spacecraft) -> None:
     network = policy(craft, task)
     given = Setup(*setup(craft, task))
     found = Flights(network, given).fly(7, COUNT, 3)
-    flight = fly_episodes(Agent(network, ""), given, 3, COUNT, first=7).flight
+    flight = fly_episodes(Agent(network, ""), given, 3, COUNT, first=7)
     failed = 7 + np.flatnonzero(~metrics.solved(flight))
     # float32 and float64 may differ in a command, and in a state within rounding of a bound.
     assert len(set(found.numbers.tolist()) ^ set(failed.tolist())) <= COUNT // 100

@@ -238,7 +238,7 @@ def test_a_craft_never_seen_settles_from_its_file(tmp_path: Path) -> None:
     file = tmp_path / "six.toml"
     file.write_text(to_toml(own_craft()), "utf-8")
     run = contestant(f"any-craft-2d@{file}")
-    flight = fly_episodes(run.controller, run.judged, 2023, 24, workers=1).flight
+    flight = fly_episodes(run.controller, run.judged, 2023, 24, workers=1)
     assert run.craft.name == "six"
     rows = {row.name: row for row in measure(flight).rows}
     assert rows["solved"].value >= 90.0
@@ -253,7 +253,7 @@ def test_drake_flies_a_craft_never_seen(in_space: bool) -> None:
         if in_space
         else for_spacecraft(contestant(AGENT), own_craft())
     )
-    flight = fly_episodes(run.controller, run.judged, 2023, 3, "drake", workers=1).flight
+    flight = fly_episodes(run.controller, run.judged, 2023, 3, "drake", workers=1)
     rows = {row.name: row for row in measure(flight).rows}
     assert rows["solved"].value == 100.0
 

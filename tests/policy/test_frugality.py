@@ -33,7 +33,7 @@ from tests.support.pose_observations import observations
 
 def flown(spec: str, episodes: int = 48) -> dict[str, float]:
     run = contestant(spec)
-    flight = fly_episodes(run.controller, run.judged, 77, episodes, workers=1).flight
+    flight = fly_episodes(run.controller, run.judged, 77, episodes, workers=1)
     return {row.name: row.value for row in measure(flight).rows}
 
 
@@ -75,7 +75,7 @@ def test_what_the_platform_can_do_along_its_way_saves_time() -> None:
     plain = Network(replace(own.architecture, reach=()), own.tensors)
     slow = run._replace(controller=Agent(plain, "plain", run.craft))
     times = [
-        settling_times(fly_episodes(one.controller, one.judged, 77, 96, workers=1).flight).mean()
+        settling_times(fly_episodes(one.controller, one.judged, 77, 96, workers=1)).mean()
         for one in (run, slow)
     ]
     assert times[0] < 0.99 * times[1]

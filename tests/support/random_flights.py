@@ -32,6 +32,9 @@ class Random:
     def __init__(self, craft: Spacecraft) -> None:
         self._thrusters = len(craft.thrusters)
 
+    def __copy__(self) -> Any:
+        return self  # what it keeps is read after the flight
+
     def reset(self, count: int) -> None:
         self._rng = np.random.default_rng(3)
         self._count = count

@@ -61,6 +61,10 @@ _REASON = (
 class Watching(Restless):
     """Keeps what it was told and shown."""
 
+    def __copy__(self) -> Any:
+        """Itself: what it keeps is read after the flight."""
+        return self
+
     def reset(self, count: int) -> None:
         """Forget the last flight."""
         self.states: list[np.ndarray] = []

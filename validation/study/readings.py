@@ -203,6 +203,10 @@ def _told(
 class _Listening(Restless):
     """Keeps what it was told."""
 
+    def __copy__(self) -> Any:
+        """Itself: what it keeps is read after the flight."""
+        return self
+
     def reset(self, count: int) -> None:
         """Forget the last flight."""
         self.told: list[Any] = []

@@ -188,7 +188,7 @@ def cubesat(dead: int | None, steps: int | None = None) -> tuple[Flight, Adaptat
         conditions = Conditions(faults=FaultConditions(kinds=("dead",), thrusters=(dead,)))
     run = run._replace(task=task, conditions=conditions)
     assert isinstance(run.controller, Agent)
-    flight = fly_episodes(run.controller, run.judged, 5, 16, workers=1).flight
+    flight = fly_episodes(run.controller, run.judged, 5, 16, workers=1)
     return flight, estimator_of(run.network)
 
 
@@ -230,7 +230,7 @@ def solved(spec: str, thruster: int) -> float:
     run = contestant(spec)
     faults = FaultConditions(kinds=("dead",), thrusters=(thruster,))
     run = run._replace(conditions=Conditions(faults=faults))
-    flight = fly_episodes(run.controller, run.judged, 5, 16, workers=1).flight
+    flight = fly_episodes(run.controller, run.judged, 5, 16, workers=1)
     return {row.name: row for row in measure(flight).rows}["solved"].value
 
 

@@ -35,10 +35,10 @@ def test_flights_are_those_of_evaluations(monkeypatch: pytest.MonkeyPatch) -> No
     stress.fly(lambda *_: counts.append, workers=1)
     assert sum(counts) == 4 * len(stress.levels)
     agent = contestant(FIRST).under(load_conditions("lab"))
-    flight = fly_episodes(agent.controller, agent.judged, 7, 4).flight
+    flight = fly_episodes(agent.controller, agent.judged, 7, 4)
     found = stress.outcomes["lab", "go-to-pose-2d"]
     assert found.solved.tolist() == solved(flight).tolist()
-    alone = fly_episodes(agent.controller, agent.judged, 7, 1, first=2).flight
+    alone = fly_episodes(agent.controller, agent.judged, 7, 1, first=2)
     error = alone.errors()["position"][-25:, 0].max()
     assert found.errors["position"][2] == pytest.approx(error, rel=1e-6)
 
@@ -85,7 +85,7 @@ def test_a_controller_flies_a_named_world_as_it_was_tuned_for_it() -> None:
 
     def largest(nominal: bool) -> np.ndarray:
         made = controller("lqr", stress.contest.setup if nominal else setup)
-        flight = fly_episodes(made, setup, 7, 4).flight
+        flight = fly_episodes(made, setup, 7, 4)
         return flight.errors()["position"][-25:].max(axis=0)
 
     assert found == pytest.approx(largest(nominal=False), rel=1e-6)
@@ -107,7 +107,7 @@ def test_a_controller_that_expects_errors_knows_those_of_each_level(
     for level, conditions in zip(stress.levels, (None, informed.conditions), strict=True):
         expected = controller("mission", informed.judged._replace(conditions=conditions))
         setup = stress.contest.setup._replace(conditions=conditions)
-        flight = fly_episodes(expected, setup, 7, 1).flight
+        flight = fly_episodes(expected, setup, 7, 1)
         found = stress.outcomes[level.name, "mission"].errors["position"]
         assert found == pytest.approx(StressOutcome.of(flight).errors["position"], rel=1e-6)
 

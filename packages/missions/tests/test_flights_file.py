@@ -48,7 +48,7 @@ def test_a_hand_made_flight_of_two_impulses_docks(tmp_path: Path) -> None:
         state = moved @ state
     rows = [f"0,{time},{x},{y},{z}" for time, (x, y, z) in zip((0, 300), burns, strict=True)]
     file = written(tmp_path, "\n".join(["start,time,dv.x,dv.y,dv.z", *rows]))
-    flight = contest.fly(enlist(str(file), contest).controller).flight
+    flight = contest.fly(enlist(str(file), contest).controller)
     assert won(flight)[0]
     assert impulses(flight)[0] == pytest.approx(MASS * np.abs(burns).sum(), rel=1e-9)
 
@@ -62,7 +62,7 @@ def test_a_flight_that_is_too_fast_breaks_the_limit(tmp_path: Path) -> None:
     rows = [f"0,{10 * k}," + ",".join(map(str, command)) for k in range(5)]
     header = "start,time," + ",".join(f"command.{k}" for k in range(6))
     file = written(tmp_path, "\n".join([header, *rows]))
-    assert contest.fly(enlist(str(file), contest).controller).flight.violated()[0]
+    assert contest.fly(enlist(str(file), contest).controller).violated()[0]
 
 
 def test_every_start_flies_its_own_flight_however_many_there_are(tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_every_start_flies_its_own_flight_however_many_there_are(tmp_path: Path)
     file = written(tmp_path, "\n".join([DV.strip(), *(f"{k},0,{0.01 * k},0,0" for k in range(9))]))
     controller = enlist(str(file), contest).controller
     controller.slow = True  # pyrefly: ignore[missing-attribute]
-    flight = contest.fly(controller, workers=1).flight
+    flight = contest.fly(controller, workers=1)
     # A full command of 1 N changes the velocity of 12 kg by 1 / 1.2 m/s in 10 s.
     assert flight.commands[0, :, 0] == pytest.approx(0.012 * np.arange(9))
 

@@ -17,7 +17,7 @@ import numpy as np
 from rans.episode import Guard, Setup
 from rans.errors import ConfigError, counted
 from rans.evaluation.compare.bounds import Amounts, Event, count_of_periods
-from rans.evaluation.fly.episodes import EngineName, Flown, fly_episodes
+from rans.evaluation.fly.episodes import EngineName, fly_episodes
 from rans.evaluation.measure.metrics import (
     arrival_times,
     final_errors,
@@ -27,7 +27,7 @@ from rans.evaluation.measure.metrics import (
     settling_times,
     staying_times,
 )
-from rans.flight import Controller, Flight, fly
+from rans.flight import Controller, Flight, begin_flight, fly
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -97,7 +97,7 @@ class Contest:
         controller: Controller,
         workers: int | None = None,
         progress: Progress = unseen,
-    ) -> Flown:
+    ) -> Flight:
         """Fly from all starts; see `rans.evaluation.fly.episodes.fly_episodes`."""
         return fly_episodes(
             controller,
@@ -119,14 +119,15 @@ class Contest:
         seconds: list[float] = []
 
         def act(*inputs: Any) -> np.ndarray:
-            begun = time.process_time()
-            command = controller.act(*inputs)
-            seconds.append(time.process_time() - begun)
+            before = time.process_time()
+            command = own.act(*inputs)
+            seconds.append(time.process_time() - before)
             return command
 
-        timed: Any = SimpleNamespace(name=controller.name, reset=controller.reset, act=act)
+        timed: Any = SimpleNamespace(name=controller.name, reset=lambda _: None, act=act)
         short = replace(self.timing, episode_steps=max(1, self.timing.episode_steps // 5))
         for k in range(min(_TIMED_STARTS, self.episodes)):
+            own = begin_flight(controller, 1)
             fly(self.craft, self.task, timed, self.start(k), short)
         return np.array(seconds)
 

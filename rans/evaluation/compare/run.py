@@ -348,10 +348,10 @@ def _entry(
     It adds to `failures`; the caller adds the entry.
     """
     step = stages(f"flying {contestant.name}", comparison.contest.episodes)
-    flight, stopped = comparison.contest.fly(contestant.controller, workers, step)
-    if stopped:
+    flight = comparison.contest.fly(contestant.controller, workers, step)
+    if flight.stopped:
         comparison.failures.append(
-            f"{contestant.name}: its solver stopped {stopped} times; the plan before was flown on."
+            f"{contestant.name}: its solver stopped {flight.stopped} times; the plan before was flown on."
         )
     controller = contestant.controller
     latencies = comparison.contest.latencies(controller) if is_timed else np.empty(0)

@@ -79,7 +79,7 @@ def tuned_settings(
         settings = _candidate(gone, defaults(maker, within), within, results, random)
         tuned = maker(craft, task, timing, **arguments(maker, settings))
         try:
-            flight, _ = contest.fly(tuned)
+            flight = contest.fly(tuned)
         except KeyboardInterrupt:
             if not results:
                 raise

@@ -25,14 +25,6 @@ _SLOW_SHARE = 8
 """Number of episodes that a process flies at once of a controller whose attribute ``slow`` is true."""
 
 
-class Flown(NamedTuple):
-    """N flights, and how often the solver of their controller failed."""
-
-    flight: Flight
-    stopped: int
-    """Number of times that the controller's solver found no solution; 0 without a solver."""
-
-
 def fly_episodes(
     controller: Controller,
     setup: Setup,
@@ -43,7 +35,7 @@ def fly_episodes(
     progress: Progress = unseen,
     first: int = 0,
     endpoints: Endpoints | None = None,
-) -> Flown:
+) -> Flight:
     """Fly consecutive episodes of a seed.
 
     Args:
@@ -79,10 +71,10 @@ def fly_episodes(
         f"flew {controller.name}",
     )
     # Parts may end in any order.
-    parts: dict[int, Flown] = {}
+    parts: dict[int, Flight] = {}
     for number, part in pool.finished(_Flyer.fly, jobs):
         parts[number] = part
-        progress(part.flight.commands.shape[1])
+        progress(part.commands.shape[1])
     return parts[0] if len(jobs) == 1 else _joined([parts[k] for k in range(len(jobs))])
 
 
@@ -94,11 +86,10 @@ class _Flyer(NamedTuple):
     engine: EngineName
     endpoints: Endpoints | None
 
-    def fly(self, seed: int, first: int, count: int) -> Flown:
+    def fly(self, seed: int, first: int, count: int) -> Flight:
         """Fly consecutive episodes of a seed."""
         own = draws(seed, count, first)
-        flight = fly_draws(self.controller, self.setup, own, self.engine, self.endpoints)
-        return Flown(flight, getattr(self.controller, "failures", 0))
+        return fly_draws(self.controller, self.setup, own, self.engine, self.endpoints)
 
 
 def fly_draws(
@@ -130,7 +121,7 @@ def fly_draws(
     )
 
 
-def _joined(parts: list[Flown]) -> Flown:
+def _joined(flights: list[Flight]) -> Flight:
     """Flights of several groups of episodes of a task as one; episodes are the last axis of a field.
 
     Groups must be of one task and in the order of their starts. Settings are those of the first.
@@ -139,8 +130,7 @@ def _joined(parts: list[Flown]) -> Flown:
     def join(*fields: Any) -> np.ndarray:
         return np.concatenate(fields, axis=-1)
 
-    flights = [part.flight for part in parts]
-    joined = replace(
+    return replace(
         flights[0],
         states=map_leaves(join, *(f.states for f in flights)),
         goals=map_leaves(join, *(f.goals for f in flights)),
@@ -149,5 +139,5 @@ def _joined(parts: list[Flown]) -> Flown:
         done=None if flights[0].done is None else join(*(f.done for f in flights)),
         lengths=None if flights[0].lengths is None else join(*(f.lengths for f in flights)),
         guarded=None if flights[0].guarded is None else join(*(f.guarded for f in flights)),
+        stopped=sum(f.stopped for f in flights),
     )
-    return Flown(joined, sum(part.stopped for part in parts))

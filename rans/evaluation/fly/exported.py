@@ -15,6 +15,7 @@ from rans.errors import ConfigError, RansError, brief, label, positive
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.user_policy import UserPolicy, answered, user_policy
 from rans.files import first_line, inside, read_json, read_text
+from rans.flight import begin_flight
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft
 from rans.registry import are_files_trusted
@@ -165,15 +166,16 @@ class ExportedPython:
         `_KEPT` names the arrays that files of earlier exports have too.
         """
         count = len(observation)
+        own: Any = self
         with failing_as_config_error(self._folder / "agent.py"):
-            self._agent.reset(count)
+            own = begin_flight(own, count)
             if memory is not None:
                 begins = np.zeros(count, bool) if episode_start is None else episode_start
                 for name, before in zip(_KEPT, memory, strict=True):
                     rows = begins.reshape(-1, *[1] * (before.ndim - 1))
-                    setattr(self._agent, name, np.where(rows, getattr(self._agent, name), before))
-        commands = self.act(None, None, observation)
-        return commands, tuple(getattr(self._agent, name) for name in _KEPT)
+                    setattr(own._agent, name, np.where(rows, getattr(own._agent, name), before))
+        commands = own.act(None, None, observation)
+        return commands, tuple(getattr(own._agent, name) for name in _KEPT)
 
 
 OBSERVERS = (UserPolicy, ExportedPython)

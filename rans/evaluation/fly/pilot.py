@@ -12,7 +12,7 @@ from rans.episode import Setup
 from rans.errors import ConfigError, brief
 from rans.evaluation.fly.agent import run_of
 from rans.evaluation.fly.make_controller import controller
-from rans.flight import Controller
+from rans.flight import Controller, begin_flight
 from rans.model.fields import map_leaves
 from rans.registry import typed
 
@@ -54,7 +54,7 @@ class Pilot:
 
     def reset(self) -> None:
         """Begin an episode; call it after ``env.reset``."""
-        self._controller.reset(1)
+        self._controller = begin_flight(self._controller, 1)
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """Action (thrusters,) of the environment's action space for an observation."""

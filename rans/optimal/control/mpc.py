@@ -8,6 +8,7 @@ they are independent, which curvature matrices and linear dynamics ask for.
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -79,6 +80,8 @@ _RESERVE = 0.01
 _WHEEL_EFFORT = 1e-2
 """Price of a wheel's largest torque over that of a thruster's full thrust: wheels take no impulse, and a program
 whose curvature were zero in them would be solved less well."""
+_SOLVING = threading.Lock()
+"""Held from a solution to the reading of its status, which CasADi keeps of the last one in any thread."""
 _SHARES = (1.0, 0.5, 0.25, 0.1, 0.03, 0.0)
 """Parts of the way from a plan to the next one, of which the best is gone where there are constraints."""
 
@@ -350,8 +353,10 @@ class _Program:
             )
             low = ca.vertcat(low, least)
             high = ca.vertcat(high, ca.inf * ca.DM.ones(self._slacks))
-        answer = self._solver(**self._fixed, g=slope, a=limits, lba=low, uba=high)
-        if not self._solver.stats()["success"]:
+        with _SOLVING:
+            answer = self._solver(**self._fixed, g=slope, a=limits, lba=low, uba=high)
+            solved = self._solver.stats()["success"]
+        if not solved:
             return None
         commands = np.array(answer["x"])[: plan.size].reshape(plan.shape, order="F")
         better = np.clip(

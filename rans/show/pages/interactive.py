@@ -13,6 +13,7 @@ import numpy as np
 from rans.episode import Episode, Setup, World, step
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import LoadedRun
+from rans.flight import begin_flight
 from rans.model.body import Body
 from rans.model.coordinates import around
 from rans.model.fields import leaves, unflatten
@@ -101,7 +102,7 @@ class InteractiveFlight:
                     f"{first.craft.name} and {type(first.task).__name__}."
                 )
         self.world = interactive_world(first, frame)
-        self.controllers = [run.controller for run in runs]
+        self.controllers = [begin_flight(run.controller, 1) for run in runs]
         self.seed = seed
         self.number = episode
         self.delay = 0.0

@@ -560,5 +560,5 @@ def test_weights_of_few_bits_take_less_flash_and_fly(tmp_path: Path) -> None:
     assert size["c4"] < 0.6 * size["c8"]
     # The coarser ones fly: of 256 flights all but two settle, of the agent itself all of 1,024.
     agent = Agent(export._rounded(exact.network, 4), "rounded", exact.craft)
-    flights = fly_episodes(agent, exact.judged, 2023, 256, workers=1).flight
+    flights = fly_episodes(agent, exact.judged, 2023, 256, workers=1)
     assert solved(flights).mean() > 0.99

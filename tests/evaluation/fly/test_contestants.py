@@ -221,9 +221,9 @@ def test_slow_controllers_fly_in_shares() -> None:
     task = loaded.task
     setup = Setup(craft, task.for_evaluation(), Timing(episode_steps=6))
     counted = []
-    together, stopped = fly_episodes(controller, setup, 1, 10, workers=1, progress=counted.append)
+    together = fly_episodes(controller, setup, 1, 10, workers=1, progress=counted.append)
     alone = fly(craft, task, controller, scenarios(setup.task, craft, 1, 10), setup.timing)
-    assert (sorted(counted), stopped, together.engine) == ([2, 8], 0, "fast")
+    assert (sorted(counted), together.stopped, together.engine) == ([2, 8], 0, "fast")
     assert together.commands.any()
     np.testing.assert_array_equal(together.commands, alone.commands)
     np.testing.assert_allclose(

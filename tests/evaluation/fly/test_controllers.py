@@ -97,9 +97,9 @@ def test_a_controller_of_any_module_flies_what_its_name_says() -> None:
         pickle.dumps(found.controller)
     )  # as processes get it that share the flights
     assert made.slow  # so that they do
-    flight, failures = fly_episodes(made, SETUP, 1, 4)
+    flight = fly_episodes(made, SETUP, 1, 4)
     np.testing.assert_array_equal(flight.commands, np.tile([1.0, 0.0] * 4, (3, 4, 1)))
-    assert failures == 5
+    assert flight.stopped == 5
 
 
 @pytest.mark.parametrize(

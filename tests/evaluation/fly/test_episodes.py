@@ -37,9 +37,7 @@ class Push:
 )
 def test_shares_are_joined_with_all_that_a_mission_tells(task: Any) -> None:
     setup = Setup(load_spacecraft("floating-platform"), task, Timing(episode_steps=12, checks=2))
-    whole, parts = (
-        fly_episodes(Push(slow), setup, 3, 20, workers=1).flight for slow in (False, True)
-    )
+    whole, parts = (fly_episodes(Push(slow), setup, 3, 20, workers=1) for slow in (False, True))
     assert whole.margins.keys() == parts.margins.keys()
     for name, margin in whole.margins.items():
         assert np.array_equal(parts.margins[name], margin)

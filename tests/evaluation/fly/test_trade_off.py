@@ -44,7 +44,7 @@ def test_it_flies_as_in_its_own_task(agent: str) -> None:
             float(trade_off),
             GoToPose,
         )
-        plain = contest.fly(one.controller).flight
+        plain = contest.fly(one.controller)
         craft, task, timing, _, _ = own.judged
         starts = scenarios(task, craft, contest.seed, 40)
         priced = fly(craft, task, own.controller, starts, timing)
@@ -58,7 +58,7 @@ def test_who_needs_no_training_sees_no_trade_off() -> None:
     contest = contest_of("lqr:go-to-pose-priced-2d#0.3", 2)
     one = enlist("lqr:go-to-pose-priced-2d#0.3", contest)
     assert (one.name, one.trade_off) == ("LQR", None)
-    assert contest.fly(one.controller).flight.task == contest.task
+    assert contest.fly(one.controller).task == contest.task
     assert contest.task == GoToPosePriced(trade_off=(0.3, 0.3)).plain().for_evaluation()
 
 

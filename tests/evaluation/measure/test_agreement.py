@@ -141,7 +141,7 @@ def test_another_process_flies_what_this_one_would(
     task = loaded.task
     timing = loaded.timing
     task = task.for_evaluation()
-    together, _ = fly_episodes(agent, Setup(craft, task, timing), 5, 11, "drake", 1, counted.append)
+    together = fly_episodes(agent, Setup(craft, task, timing), 5, 11, "drake", 1, counted.append)
     alone = fly_in_drake(craft, task, agent, scenarios(task, craft, 5, 11), timing)
     assert sorted(counted) == [3, 8]
     assert 0.1 < together.commands.mean() < 0.9

@@ -37,14 +37,14 @@ def test_settles_without_a_dead_thruster(name: str) -> None:
     """Made by name it knows; made for nominal conditions it asks for a thruster that is not there."""
     setup = setup_of("floating-platform")
     knows = controller(name, setup)
-    flight = fly_episodes(knows, setup, 2023, 4, "fast", workers=1).flight
+    flight = fly_episodes(knows, setup, 2023, 4, "fast", workers=1)
     assert np.isfinite(settling_times(flight)).all()
     assert not flight.commands[:, :, 3].any()
     others = np.delete(flight.commands, 3, axis=2)
     assert others.any(axis=(0, 1)).all()
 
     nominal = controller(name, setup_of("floating-platform", None))
-    blind = fly_episodes(nominal, setup, 2023, 4, "fast", workers=1).flight
+    blind = fly_episodes(nominal, setup, 2023, 4, "fast", workers=1)
     assert blind.commands[:, :, 3].any()
 
 

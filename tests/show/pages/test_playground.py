@@ -457,7 +457,7 @@ console.log(JSON.stringify(found));"""
 
     assert [row["over"] for row in found] == ["won"] * count
     run = run._replace(timing=replace(run.timing, episode_steps=25))
-    flight = fly_episodes(run.controller, run.judged, SEED, 1, workers=1).flight
+    flight = fly_episodes(run.controller, run.judged, SEED, 1, workers=1)
     positions = np.stack(flight.states.p.columns(), axis=-1)[:, 0]
     path = np.array(found[0]["path"])[: len(positions)]
     np.testing.assert_allclose(path, positions[: len(path)], rtol=0, atol=1e-3)

@@ -298,4 +298,4 @@ def fly_path(
         )
     long_enough = replace(timing, episode_steps=steps)
     setup = Setup(craft, Guided(task, planner), long_enough)
-    return Following(planner, fly_episodes(tracker, setup, seed, count, engine).flight)
+    return Following(planner, fly_episodes(tracker, setup, seed, count, engine))

@@ -82,7 +82,7 @@ def _engine_out(folder: Path) -> tuple[LoadedRun, LoadedRun]:
 
 def _lands(guidance: LandingGuidance, run: LoadedRun) -> bool:
     """Whether it lands under the run's conditions from the first start, which has a landing."""
-    flight, _ = fly_episodes(guidance, run.judged, EVALUATION_SEED, 1, workers=1)
+    flight = fly_episodes(guidance, run.judged, EVALUATION_SEED, 1, workers=1)
     return bool(won(flight).all())
 
 

@@ -186,7 +186,7 @@ def noisy_flights(task: Any, guard: Any, conditions: Conditions) -> int:
     """Number of 12 flights of five periods in which an adversary breaks a limit under these conditions."""
     timing = Timing(10.0, None, 5, checks=10)
     contest = Contest(DEPUTY, task, timing, 3, 12, conditions=conditions, guard=guard)
-    flight, _ = contest.fly(Ramming(), workers=1)
+    flight = contest.fly(Ramming(), workers=1)
     return int(flight.violated().sum())
 
 

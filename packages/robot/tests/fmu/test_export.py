@@ -107,8 +107,8 @@ def test_it_flies_as_the_agent(unit: Any) -> None:
     """A whole flight in RANS's engine: every command and every state is that of the agent itself."""
     run = load_policy(pretrained_folder("go-to-pose-2d"))
     setup = Setup(run.craft, run.task.for_evaluation(), run.timing)
-    own = fly_episodes(run.controller, setup, 7, 1, workers=1).flight
-    other = fly_episodes(InOtherHands(unit), setup, 7, 1, workers=1).flight
+    own = fly_episodes(run.controller, setup, 7, 1, workers=1)
+    other = fly_episodes(InOtherHands(unit), setup, 7, 1, workers=1)
     assert own.verdict.held.all()
     np.testing.assert_array_equal(other.commands, own.commands)
 
