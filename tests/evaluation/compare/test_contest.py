@@ -92,7 +92,7 @@ def test_both_engines_fly_the_same_starts() -> None:
     policy = user_policy("python:tests.support.policies:idle", CRAFT, GoToPose())
     timing = Timing(episode_steps=5)
     fast, drake = (
-        Contest(CRAFT, CONTEST.task, timing, 5, 3, engine).fly(policy).flight
+        Contest(CRAFT, CONTEST.task, timing, 5, 3, engine).fly(policy)
         for engine in ("fast", "drake")
     )
     assert (fast.engine, drake.engine) == ("fast", "drake")

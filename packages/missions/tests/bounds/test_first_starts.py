@@ -31,7 +31,7 @@ CONTEST = Contest(CRAFT, TASK, TASK.timing, seed=5, episodes=2)
 @pytest.fixture(scope="module")
 def entry() -> Entry:
     guidance = MissionGuidance(CRAFT, TASK)
-    flight, _ = CONTEST.fly(guidance, workers=1)
+    flight = CONTEST.fly(guidance, workers=1)
     return Entry(Contestant("mission", guidance, "state", "none"), flight, np.zeros(1))
 
 

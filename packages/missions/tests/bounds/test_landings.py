@@ -43,7 +43,7 @@ def line(axes: Axes, name: str) -> np.ndarray:
 @pytest.fixture(scope="module")
 def entry() -> Entry:
     guidance = LandingGuidance(CRAFT, TASK)
-    flight, _ = CONTEST.fly(guidance, workers=1)
+    flight = CONTEST.fly(guidance, workers=1)
     return Entry(Contestant("landing", guidance, "state", "none"), flight, np.zeros(1))
 
 
