@@ -78,6 +78,7 @@ class Scene:
         goal: Any,
         command: Sequence[float] | np.ndarray,
         trail: Sequence[Sequence[float]] | np.ndarray = (),
+        further: Sequence[Sequence[float]] | np.ndarray = (),
     ) -> np.ndarray:
         """Frame (height, width, 3), uint8. Sets the view and the pen that the private methods draw with.
 
@@ -86,6 +87,7 @@ class Scene:
             goal: goal of numbers.
             command: commands from 0 (shut) to 1 (open), which are the lengths of the flames.
             trail: earlier positions in W, (K, 2 or 3), m.
+            further: positions that the picture has room for too, so that the view of a film stays, (K, 2 or 3), m.
         """
         # What is drawn, all of which is in the picture: trail, craft, goal and tips of velocities.
         position = columns(state.p)
@@ -93,11 +95,12 @@ class Scene:
         turn = rotations(state)
         goal_turn = rotations(goal)
         toleranced = self.task.task_of(goal).tolerances()
-        path = [np.resize([*point, 0.0], 3) for point in trail] + [position]
+        path, room = ([np.resize([*p, 0.0], 3) for p in points] for points in (trail, further))
+        path.append(position)
         target = goal_position if "position" in toleranced else path[0]
         arrows = ((state.v, _TRAIL), (goal.v, _GOAL)) if "velocity" in toleranced else ()
         tips = [(position + _SECONDS * columns(velocity), colour) for velocity, colour in arrows]
-        self._look_at([*path, target, *(tip for tip, _ in tips)])
+        self._look_at([*path, *room, target, *(tip for tip, _ in tips)])
         # From the back to the front, several times too large, then reduced: smooth edges.
         image = Image.new("RGB", (self.width * _SMOOTHING, self.height * _SMOOTHING), "white")
         self._pen = ImageDraw.Draw(image)

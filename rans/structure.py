@@ -26,7 +26,7 @@ Number = int | float
 
 
 LARGEST_TOML = 2**24
-"""Largest number of characters of a TOML text, most of which belong to meshes."""
+"""Largest number of characters of a TOML text."""
 _LARGEST_BESIDE = 2**20
 """Largest number of characters outside strings and comments, each of which takes Python's reader a microsecond."""
 _MOST_PARTS = 16
@@ -77,7 +77,7 @@ def _slip(text: str, error: str) -> str:
 
 
 _TELLING = {
-    "spacecraft": ("dimension", "thruster", "wheel", "actuators", "solid"),
+    "spacecraft": ("dimension", "thruster", "wheel", "actuators"),
     "conditions": ("body", "thrusters", "faults", "disturbances", "sensors", "others"),
     "recipe": ("task", "ppo", "settings", "total_timesteps", "curriculum", "gpu"),
 }

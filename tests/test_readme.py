@@ -388,7 +388,6 @@ def test_the_spacecraft_page_has_a_spacecraft_and_all_its_keys() -> None:
     keys = {key for row in rows(page, "key") for key in re.findall(r"`([a-z_]+)`", row[0])}
     several = {  # a table each
         "thrusters": "thruster",
-        "solids": "solid",
         "wheels": "wheel",
         "further_effectors": "effector",
     }

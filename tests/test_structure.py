@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import time
 from pathlib import Path
 
 import pytest
 
 from rans.errors import ConfigError
 from rans.fast.learn.recipes import training
-from rans.model.solids import MOST_SOLIDS, with_meshes
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
 from rans.randomization.conditions_file import load_conditions
 from rans.structure import read_toml
@@ -50,19 +48,6 @@ def test_dots_elsewhere_are_no_keys() -> None:
     assert table["x"] == numbers
     assert table["y"] == json.loads(dots)
     assert table["a"]["b"]["c"] == 1
-
-
-def test_names_of_meshes_are_found_at_once(tmp_path: Path) -> None:
-    """Among blank lines, of which each once began a search through all that follow: that took hours."""
-    begun = time.process_time()
-    with_meshes("\n" * 200_000, tmp_path)
-    assert time.process_time() - begun < 60.0
-
-
-def test_a_mesh_is_not_read_as_often_as_one_likes(tmp_path: Path) -> None:
-    (tmp_path / "a.obj").write_text("v 0 0 0\n")
-    with pytest.raises(ConfigError, match=f"at most {MOST_SOLIDS} meshes, got 201"):
-        with_meshes('mesh = "a.obj"\n' * (MOST_SOLIDS + 1), tmp_path)
 
 
 FILES = {

@@ -194,7 +194,6 @@ def test_spacecraft_and_conditions(here: Path) -> None:
         .read_text()
     )
     craft["effector"] = [{"kind": "torquer"}]
-    craft["solid"] = [{"shape": "box", "mesh": "platform.obj", "size": [1.0, 1.0, 1.0]}]
     for _, changed in texts(craft):
         Path("craft.toml").write_text(toml(changed))
         call(command("list craft.toml"))

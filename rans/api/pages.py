@@ -73,8 +73,8 @@ class Replay:
         Raises:
             ConfigError: FFmpeg is not installed, or the name has another ending.
         """
+        from rans.show.film import check_video, save_video
         from rans.show.progress import watched
-        from rans.show.scene.video import check_video, save_video
 
         file = Path(file)
         check_video(file)
@@ -96,7 +96,7 @@ class Replay:
         if kind == "film":
             self.film(file)
             return f"{file} is a video of {names}."
-        from rans.show.scene.frames import save_frames
+        from rans.show.film import save_frames
 
         save_frames(self.flights[0], 0, file)
         return f"Ten frames of {self.flights[0].controller} are in {file}."
@@ -213,7 +213,7 @@ def _optima(folder: Path, starts: range) -> list[Flight]:
 def check_file_of_flights(file: Path) -> None:
     """Refuse (`ConfigError`), before anything flies, a file that `Replay.write` does not write."""
     if kind_of_flights(file) == "film":
-        from rans.show.scene.video import check_video
+        from rans.show.film import check_video
 
         check_video(file)
 

@@ -112,7 +112,6 @@ def joined(
         thrusters=thrusters,
         wheels=wheels,
         radius=reach,
-        solids=(),
     )
 
 

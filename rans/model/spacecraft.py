@@ -20,7 +20,6 @@ import numpy as np
 from rans.display import NotebookRepr
 from rans.errors import ConfigError, RansWarning, brief, checked, counted, label
 from rans.model.actuators import ON_OFF, Actuators, Propellant, Wheel
-from rans.model.solids import MOST_SOLIDS, Solid
 
 ThrustSharing = Literal["none", "split"]
 Shape = Literal["sphere", "cylinder"]
@@ -161,8 +160,6 @@ class Spacecraft(NotebookRepr):
     """Shape of the platform's tank or of the free flyer's body in drawings."""
     actuators: Actuators = ON_OFF
     """Command mode of all thrusters."""
-    solids: tuple[Solid, ...] = ()
-    """Shapes for drawings; by default a platform on air bearings in the plane, a free flyer in space."""
     wheels: tuple[Wheel, ...] = ()
     """Reaction wheels; their commands come after those of the thrusters."""
     propellant: Propellant | None = None
@@ -469,7 +466,7 @@ def check_spacecraft(craft: Spacecraft) -> None:
     ):
         _require(holds, craft, key, getattr(craft, key), bound)
     # Parts and their numbers, then what they give together.
-    for key in ("thrusters", "solids", "wheels", "further_effectors"):
+    for key in ("thrusters", "wheels", "further_effectors"):
         _require(isinstance(getattr(craft, key), tuple), craft, key, getattr(craft, key), "a tuple")
     if not craft.command_count:
         raise ConfigError(
@@ -478,7 +475,6 @@ def check_spacecraft(craft: Spacecraft) -> None:
         )
     for key, parts, most in (
         ("thruster", craft.thrusters, MOST_THRUSTERS),
-        ("solid", craft.solids, MOST_SOLIDS),
         ("wheel", craft.wheels, MOST_WHEELS),
     ):
         _require(len(parts) <= most, craft, key, len(parts), f"at most {most} {key}s")

@@ -178,13 +178,6 @@ def _lines(craft: Spacecraft, origin: Sequence[str]) -> Iterator[str]:
         yield f"max_torque = {wheel.max_torque!r}  # N m, of the motor; source:"
         yield f"max_momentum = {wheel.max_momentum!r}  # N m s, about the axis; source:"
         yield f"inertia = {wheel.inertia!r}  # kg m^2, about the axis; source:"
-    for solid in craft.solids:
-        yield ""
-        yield "[[solid]]"
-        for field in fields(solid):
-            value = getattr(solid, field.name)
-            if value:
-                yield f"{field.name} = {Toml.value(value)}"
 
 
 def _body_lines(craft: Spacecraft) -> Iterator[str]:

@@ -23,17 +23,13 @@ from rans.languages import Toml
 from rans.model.actuators import KINDS, WHOLE_PERIODS, Actuators, OnOff, Propellant, Wheel
 from rans.model.foreign import FORMATS
 from rans.model.pace import misfits
-from rans.model.solids import Solid, with_meshes
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.registry import Registry, typed
 from rans.structure import LARGEST_TOML, read_toml, refuse_other_file, structure
 
 _REQUIRED = ("name", "dimension", "mass", "inertia")
-_OPTIONAL = {"thruster", "solid", "wheel", "effector"} | {
-    f.name for f in dataclasses.fields(Spacecraft)
-} - {
+_OPTIONAL = {"thruster", "wheel", "effector"} | {f.name for f in dataclasses.fields(Spacecraft)} - {
     "thrusters",
-    "solids",
     "wheels",
     "further_effectors",
     *_REQUIRED,
@@ -173,15 +169,14 @@ def spacecraft_text(name_or_file: str | Path) -> str:
 
 
 def _file_text(given: str) -> str:
-    """Text of a user's file with the meshes that it names, whose paths are relative to it; size is limited."""
+    """Text of a user's file, of limited size."""
     file = Path(given)
     if not os.path.exists(file) and not meant_file(file):
         raise ConfigError(
             f"there is no spacecraft file {given}: `rans init {shlex.quote(given)}` writes one to change, and "
             "`rans list SPACECRAFT` prints the names of those that come with RANS."
         )
-    text = read_text(file, LARGEST_TOML, "the spacecraft file ")
-    return with_meshes(text, Path(given).parent)
+    return read_text(file, LARGEST_TOML, "the spacecraft file ")
 
 
 def parse_spacecraft(text: str, source: str) -> Spacecraft:
@@ -195,7 +190,6 @@ def parse_spacecraft(text: str, source: str) -> Spacecraft:
     - ``[propellant]`` if thrusters use propellant,
     - a table with the name of a kind of `EFFECTORS`, such as ``[slosh]``, for a further effector of this kind,
     - ``[[effector]]`` for each further effector, with its ``kind`` (of `EFFECTORS`, or MODULE:NAME) and settings,
-    - ``[[solid]]`` for each shape in drawings.
 
     A planar spacecraft may have positions and directions of two numbers, and its inertia as one number.
 
@@ -241,12 +235,8 @@ def to_toml(craft: Spacecraft) -> str:
         + _lines({key: value for key, value in each.items() if not (single and key == "supply")})
         for each in table.pop("thrusters")
     )
-    solids = "".join(
-        "\n[[solid]]\n" + _lines({key: value for key, value in each.items() if value})
-        for each in table.pop("solids")
-    )
     further = "".join(_effector_lines(effector) for effector in craft.further_effectors)
-    tables = f"{propellant}{thrusters}{wheels}{further}{solids}"
+    tables = f"{propellant}{thrusters}{wheels}{further}"
     return f"{_lines(table)}\n[actuators]\n{_lines(actuators)}{tables}"
 
 
@@ -288,12 +278,10 @@ def _build(table: dict[str, Any]) -> Spacecraft:
         "effector": partial(_further, lengths=lengths),
         "thrust_sharing": _text,
         "shape": _text,
-        "solid": _solids,
     }
     values = {key: read(table[key], key) for key, read in readers.items() if key in table}
     return Spacecraft(
         thrusters=values.pop("thruster", ()),
-        solids=values.pop("solid", ()),
         wheels=values.pop("wheel", ()),
         further_effectors=(*named, *values.pop("effector", ())),
         **values,
@@ -384,12 +372,6 @@ def _propellant(table: Any, key: str) -> Propellant:
     names = ("mass", "specific_impulse")
     _check_keys(table, names, (), key, f"{key}: ")
     return Propellant(*(_number(table[name], f"{key} {name}") for name in names))
-
-
-def _solids(tables: Any, key: str) -> tuple[Solid, ...]:
-    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise ConfigError(f"{key} must be [[solid]] tables, got {brief(tables)}.")
-    return structure(tables, tuple[Solid, ...], key)
 
 
 def _actuators(table: Any, key: str) -> Actuators:

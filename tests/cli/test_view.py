@@ -235,7 +235,7 @@ def test_every_option_reaches_the_flights(
         return flight
 
     monkeypatch.setattr("rans.evaluation.fly.episodes.fly_episodes", flown)
-    monkeypatch.setattr("rans.show.scene.frames.save_frames", lambda *given: framed.append(given))
+    monkeypatch.setattr("rans.show.film.save_frames", lambda *given: framed.append(given))
     options = "--episodes 3 --seed 8 --engine drake --save ten.png --episode 4 --goal 1 0 0"
     assert main([*f"view lqr:go-to-pose-2d mpc:go-to-pose-2d {options}".split()]) == 0
     assert asked == [("LQR", 8, 3, "drake", 4, 1.0), ("MPC", 8, 3, "drake", 4, 1.0)]

@@ -60,7 +60,7 @@ ATTACHED = Judge(
 
 def vehicles() -> tuple[Spacecraft, Spacecraft]:
     """The two vehicles; their thrusters are those of the free flyer and do nothing."""
-    base = replace(load_spacecraft("free-flyer"), centre_of_mass=_CENTRE, solids=())
+    base = replace(load_spacecraft("free-flyer"), centre_of_mass=_CENTRE)
     first, second = (
         replace(
             base,

@@ -24,7 +24,6 @@ _CRAFT: dict[str, Any] = {
     "inertia": None,
     "radius": None,
     "shape": None,
-    "solid": None,
     "thrust_sharing": "none",
     "centre_of_mass": None,
     "actuators": {"kind": "on-off"},

@@ -94,7 +94,7 @@ def craft_hash(craft: Spacecraft) -> str:
     interface.
     """
     table = asdict(craft)
-    for key in ("name", "radius", "shape", "solids"):
+    for key in ("name", "radius", "shape"):
         table.pop(key)
 
     def rounded(value: Any) -> Any:

@@ -137,6 +137,6 @@ def _is_own_with_a_moving_mass(craft: Spacecraft, own: Spacecraft) -> bool:
         return False
     # Directions are normalised again when a file is read, which changes their last digits.
     alike = np.allclose(craft.wrench_map, own.wrench_map, rtol=1e-9, atol=1e-12)
-    passed = ("further_effectors", "name", "radius", "shape", "solids", "thrusters")
+    passed = ("further_effectors", "name", "radius", "shape", "thrusters")
     same = replace(craft, **{key: getattr(own, key) for key in passed}) == own
     return same and alike and craft.supplies == own.supplies

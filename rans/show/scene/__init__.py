@@ -1,1 +1,0 @@
-"""Flights and spacecraft in three dimensions: bodies, cameras, pictures, videos and the Meshcat view."""

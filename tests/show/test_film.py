@@ -1,0 +1,121 @@
+"""Films and pictures of ten instants: as long as flights, with what happens in them, and never half of one."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from rans.errors import ConfigError
+from rans.flight import Flight
+from rans.show import film
+from rans.show.film import Episode, check_video, save_frames, save_video
+from rans.tasks import GoToPosition
+from tests.support.evaluation_flights import flight_of, two_episodes
+from tests.support.reference_flights import TRACKING, drifting
+
+FLAME = (230, 159, 0)
+
+
+@pytest.fixture
+def _small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small and rough films save time."""
+    monkeypatch.setattr(film, "_SIZE", {".mp4": (160, 120), ".gif": (160, 120)})
+    monkeypatch.setattr(film, "_RATE", {".mp4": 10, ".gif": 5})
+    monkeypatch.setattr(film, "_REST", 0.0)
+
+
+def platform_at_goal() -> Flight:
+    """At the goal from the start, 0.5 s a period; nothing opens but the first thruster."""
+    return flight_of(np.full((3, 1), 0.01), 0.0)
+
+
+def flames(picture: Any) -> int:
+    """Pixels of the colour of flames; the codec of films shifts colours by up to 40."""
+    return int((np.abs(np.asarray(picture.convert("RGB")).astype(int) - FLAME) < 40).all(-1).sum())
+
+
+@pytest.mark.usefixtures("_small")
+def test_a_film_of_two_flights(tmp_path: Path) -> None:
+    """Coasting 2 s, thruster 11 open from 0.2 to 0.4 s: at 5 frames a second in the second frame alone."""
+    told: list[Any] = []
+
+    def stages(name: str, total: int | None) -> Any:
+        told.append((name, total))
+        return told.append
+
+    save_video([drifting(TRACKING), platform_at_goal()], tmp_path / "two.gif", stages)
+    shown: Any = Image.open(io.BytesIO((tmp_path / "two.gif").read_bytes()))
+    assert (shown.size, shown.n_frames) == ((320, 120), 11)
+    assert told == [("rendering", 11), *[1] * 11]
+    left = []
+    for k in range(11):
+        shown.seek(k)
+        left.append(flames(shown.crop((0, 0, 160, 120))))
+    assert left[1] > 2 * max(left[:1] + left[2:])
+
+
+@pytest.mark.usefixtures("_small")
+def test_whatever_ends_a_film_leaves_no_half(tmp_path: Path) -> None:
+    def interrupt(_: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        save_video([platform_at_goal()], tmp_path / "half.mp4", lambda *_: interrupt)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("film.avi", r"must end in \.mp4 or \.gif, got .*film\.avi"),
+        ("film", "must end in"),
+        ("there.mp4", "there.mp4 exists already; choose another name"),
+    ],
+)
+def test_what_cannot_become_a_film_is_a_sentence(tmp_path: Path, name: str, said: str) -> None:
+    (tmp_path / "there.mp4").write_text("mine")
+    with pytest.raises(ConfigError, match=said):
+        check_video(tmp_path / name)
+
+
+def test_a_missing_encoder_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ConfigError, match=r"\[video\]|imageio"):
+        check_video(tmp_path / "film.mp4")
+
+
+def test_ten_instants_in_one_picture(tmp_path: Path) -> None:
+    """Each has its frame, whose flame is that of its instant alone; another format is a sentence."""
+    save_frames(drifting(TRACKING), 0, tmp_path / "ten.png")
+    picture = Image.open(tmp_path / "ten.png")
+    width, height = (picture.width // 5, picture.height // 2)
+    boxes = [(x * width, y * height) for y in range(2) for x in range(5)]
+    burning = [flames(picture.crop((x, y, x + width, y + height))) for x, y in boxes]
+    assert np.argmax(burning) == 1
+    assert sum(burning) < 1.5 * max(burning)
+    with pytest.raises(ConfigError, match=r"format from the name 'frames.xyz'; use .png"):
+        save_frames(drifting(TRACKING), 0, tmp_path / "frames.xyz")
+
+
+@pytest.mark.parametrize(
+    ("episode", "instant", "text"), [(0, 2, ["20.0 cm", "6.0 deg"]), (1, 10, ["6.0 cm", "0.0 deg"])]
+)
+def test_what_is_written_into_a_frame(episode: int, instant: int, text: list[str]) -> None:
+    assert Episode(two_episodes(), episode, 64, 48).error_texts(instant) == text
+
+
+def test_instants_end_a_second_after_the_goal_is_reached_for_good() -> None:
+    """There from instant 10 on, of 0.5 s each: up to instant 12. Short flights are shown to their end."""
+    distance = np.where(np.arange(41) < 10, 1.0, 0.01)
+    distance[3] = 0.01  # passing by is not reaching
+    flight = flight_of(np.stack((distance, np.ones(41)), axis=1), 0.0)
+    assert Episode(flight, 0, 64, 48).instants(10) == [0, 1, 3, 4, 5, 7, 8, 9, 11, 12]
+    assert Episode(flight, 1, 64, 48).instants(10)[-1] == 40  # never there
+    flown = Episode(drifting(GoToPosition(fail_distance=100.0)), 0, 64, 48)
+    assert [flown.instant(time) for time in (0.0, 0.19, 0.2, 0.6, 9.0)] == [0, 0, 1, 3, 10]
