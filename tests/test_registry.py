@@ -283,6 +283,15 @@ class Soft(GoToPose):
     velocity_tolerance: float = 0.1
 
 
+@dataclass(frozen=True)
+class Aside(GoToPose):
+    """What is asked for is 1 m from the goal, to which controllers fly."""
+
+    def errors(self, state: Any, goal: Any) -> dict[str, Any]:
+        away = super().errors(state, goal)
+        return away | {"position": abs(away["position"] - 1.0)}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Demanding(GoToPose):
     """A setting of it has no default."""
@@ -318,6 +327,7 @@ def no_task() -> None:
             "tests.test_registry:Soft",
             "Soft has a tolerance of velocity, but its errors are of position, att",
         ),
+        ("tests.test_registry:Aside", "Aside has an error of position of 1 where"),
         ("tests.test_registry:Demanding", "the settings limit of Demanding have no defaults"),
     ],
 )

@@ -30,12 +30,12 @@ from rans.tasks.observation_terms import RelativeRotation
 
 @dataclass(frozen=True)
 class Face(SingleTask):
-    """Keep a distance from the origin of W, and point the x axis of B at it."""
+    """Keep a distance from a point, and point the x axis of B at it."""
 
     distance: float = 1.0
     """To keep, m."""
-    spawn_distance: tuple[float, float] = (1.5, 3.0)
-    """Range of the start's distance from the origin, m."""
+    spawn_distance: tuple[float, float] = (2.5, 4.0)
+    """Range of the start's distance from the goal, m."""
     position_tolerance: float = 0.1
     """Error of the distance that counts as reached, m."""
     attitude_tolerance: float = 0.1
@@ -44,14 +44,13 @@ class Face(SingleTask):
     """An episode fails beyond this distance, m."""
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start at rest around the origin with a random heading; the goal is the point."""
-        return random.around(*self.spawn_distance), random.at_rest(
-            random.origin(), random.no_rotation()
-        )
+        """Start at rest with a random heading; the goal is one of the poses that face the point."""
+        goal = random.at_rest(random.origin(), random.attitude())
+        return random.around(*self.spawn_distance), goal
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """The way to the nearest point at the distance, and the turn left: zero and the identity at the end."""
-        way = goal.p - state.p
+        way = self._way(state, goal)
         return (
             VectorInW("d", "m", way.scale(1.0 - self.distance / at_least(way.norm(), 0.01))),
             RelativeRotation("turn", "-", self._turn(state, goal)),
@@ -59,7 +58,7 @@ class Face(SingleTask):
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
         """How far the distance is off (m), and the angle between nose and point (rad)."""
-        off = absolute((goal.p - state.p).norm() - self.distance)
+        off = absolute(self._way(state, goal).norm() - self.distance)
         return {"position": off, "attitude": self._turn(state, goal).magnitude()}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
@@ -76,11 +75,16 @@ class Face(SingleTask):
 
     def failed(self, state: State, goal: State) -> Field:
         """Too far away."""
-        return (goal.p - state.p).norm() > self.fail_distance
+        return self._way(state, goal).norm() > self.fail_distance
+
+    def _way(self, state: State, goal: State) -> Any:
+        """From the craft to the point, which the goal faces, in W (m)."""
+        nose = Heading(goal.attitude.angle).rotate(type(goal.p)(self.distance, 0.0))
+        return goal.p + nose - state.p
 
     def _turn(self, state: Any, goal: State) -> Heading:
         """Rotation from the nose to the point; a craft in space has no heading and is refused with a message."""
-        way = goal.p - state.p
+        way = self._way(state, goal)
         return Heading(state.attitude.angle).to(Heading(atan2(way.y, way.x)))
 
 

@@ -35,7 +35,6 @@ from rans.registry import trust_files, typed
 from rans.show.curve import Rows, curve_in_another_process
 from rans.show.progress import TrainingProgress
 from rans.system import ALARMS, lower_priority, set_alarm
-from rans.tasks.feasible import obstacles
 from rans.terminal import Terminal, doing
 
 if TYPE_CHECKING:
@@ -364,11 +363,8 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     if stopped:
         text += f" Continue with: {again}"
     elif trainer.config.solved_share is not None and not trainer.solved:
-        reasons = obstacles(trainer.engine.craft, trainer.config.settings, trainer.config.timing)
         advice = (
-            f"No seed solves it: {reasons[0]}."
-            if reasons
-            else f"{trainer.members[0].rows[-1]['success']:.0%} of its last episodes are solved. More steps may "
+            f"{trainer.members[0].rows[-1]['success']:.0%} of its last episodes are solved. More steps may "
             f"solve it: {train_on(path, trainer.steps, trust)}; or another --seed."
         )
         text += f" {advice} Its learning curve: {shlex.join(['rans', 'report', str(path)])}"

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -38,6 +38,9 @@ _NO_TORQUE = 1e-12
 """Torque over lever arm times force up to which it is rounding: ten thousand times that of float64."""
 _PLANE_TOLERANCE = 1e-9
 """Out-of-plane component of a position (m) or unit direction that is accepted as rounding."""
+
+_FROM_THE_REST: Any = None
+"""A value that is missing, and follows from all others."""
 
 
 @dataclass(frozen=True)
@@ -154,8 +157,9 @@ class Spacecraft(NotebookRepr):
     """"none": each open thruster gives its full force. "split": the supply feeds the equivalent of one thruster,
     which the open ones share: F_i = F_max a_i / max(sum a, 1), as on the 2024 platform of the original system.
     Only a craft with one supply may have "split"; the droop of several is `ThrusterConditions.droop`."""
-    radius: float = 0.31
-    """Outer radius for drawings, m."""
+    radius: float = _FROM_THE_REST
+    """Outer radius for drawings, m. By default that of the farthest thruster, or of a uniform ball with this mass
+    and inertia where it is larger."""
     shape: Shape = "sphere"
     """Shape of the platform's tank or of the free flyer's body in drawings."""
     actuators: Actuators = ON_OFF
@@ -168,7 +172,11 @@ class Spacecraft(NotebookRepr):
     """Effectors of other kinds (`rans.effectors.effector.Effector`); their commands and stores come last."""
 
     def __post_init__(self) -> None:
+        if is_radius_missing := self.radius is None:
+            object.__setattr__(self, "radius", 1.0)
         check_spacecraft(self)
+        if is_radius_missing:
+            object.__setattr__(self, "radius", _outer_radius(self))
         if self.dimension == 2:
             zz = self.inertia[2][2]
             object.__setattr__(self, "inertia", ((zz, 0.0, 0.0), (0.0, zz, 0.0), (0.0, 0.0, zz)))
@@ -187,7 +195,7 @@ class Spacecraft(NotebookRepr):
         *,
         centre_of_mass: Pair = (0.0, 0.0),
         thrust_sharing: ThrustSharing = "none",
-        radius: float = 0.31,
+        radius: float = _FROM_THE_REST,
         shape: Shape = "sphere",
         actuators: Actuators = ON_OFF,
         wheels: tuple[Wheel, ...] = (),
@@ -208,7 +216,7 @@ class Spacecraft(NotebookRepr):
             thrusters: position (x, y) in G, m, direction (x, y) of the force, of any length, and force, N.
             centre_of_mass: centre of mass (x, y) in G, m.
             thrust_sharing: "none" or "split", see `Spacecraft.thrust_sharing`.
-            radius: outer radius for drawings, m.
+            radius: outer radius for drawings, m; see `Spacecraft.radius` for the default.
             shape: shape for drawings.
             actuators: command mode of all thrusters.
             wheels: reaction wheels about z.
@@ -444,6 +452,17 @@ MOST_WHEELS = 100
 """Largest number of wheels, well above that of any spacecraft."""
 MOST_THRUSTERS = 1000
 """Largest number of thrusters, ten times that of any spacecraft; more would take minutes to check."""
+
+
+def _outer_radius(craft: Spacecraft) -> float:
+    """Radius of the farthest thruster, or of a uniform ball of the same mass and largest moment, m.
+
+    A ball of radius r has the moment 2/5 m r^2.
+    """
+    arms = (math.dist(thruster.position, craft.centre_of_mass) for thruster in craft.thrusters)
+    tensor = np.array(craft.inertia)
+    moment = tensor[2, 2] if craft.dimension == 2 else np.linalg.eigvalsh(tensor).max()
+    return max(*arms, math.sqrt(2.5 * float(moment) / craft.mass), _SMALLEST)
 
 
 def check_spacecraft(craft: Spacecraft) -> None:

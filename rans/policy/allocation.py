@@ -97,11 +97,15 @@ def subsets(tokens: tuple[tuple[float, ...], ...], shared: bool, price: float) -
     largest = count
     while sum(math.comb(count, k) for k in range(largest + 1)) > MOST_SUBSETS:
         largest -= 1
-    chosen = itertools.chain.from_iterable(
-        itertools.combinations(range(count), k) for k in range(largest + 1)
-    )
-    numbers = np.array(sorted(sum(1 << k for k in subset) for subset in chosen))
-    masks = (numbers[:, None] >> np.arange(count)) & 1
+    masks = np.array(
+        [
+            [k in subset for k in range(count)]
+            for size in range(largest + 1)
+            for subset in map(set, itertools.combinations(range(count), size))
+        ],
+        dtype=int,
+    ).reshape(-1, count)
+    masks = masks[np.lexsort(masks.T)]  # as binary numbers, whose last thruster counts most
     shares = masks / np.maximum(masks.sum(axis=1, keepdims=True), 1) if shared else masks
     # Sums one column after the other, so that their bits do not depend on a library's order.
     pushing = directions(columns.shape[1])

@@ -81,10 +81,14 @@ class Prospect(NamedTuple):
         )
 
 
+_MOST_SPARED = 32
+"""Thrusters up to which each is taken away once: a tenth of a second each, and more with their number."""
+
+
 def spared(craft: Spacecraft, period: float) -> str:
-    """Which of its thrusters the craft can lose and still settle, in a sentence; "" with a single one."""
+    """Which of its thrusters the craft can lose and still settle, in a sentence; "" with a single or too many."""
     count = craft.thruster_count
-    if count < 2:
+    if not 2 <= count <= _MOST_SPARED:
         return ""
     lost = {k: _without(craft, k, period) for k in range(count)}
     needed = [f"{k} ({reason})" for k, reason in lost.items() if reason]

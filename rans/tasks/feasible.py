@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 
-from rans.errors import RansWarning
+from rans.errors import ConfigError, RansWarning
 from rans.model.pace import seconds_for_a_metre, seconds_for_half_a_turn
 from rans.model.spacecraft import Spacecraft, can_turn, is_steerable
 from rans.model.timing import Timing
@@ -76,3 +76,13 @@ def warn_of_obstacles(craft: Spacecraft, task: Task, timing: Timing) -> None:
     """Warn of each of the `obstacles`."""
     for obstacle in obstacles(craft, task, timing):
         warnings.warn(f"{obstacle}.", RansWarning, stacklevel=3)
+
+
+def check_feasible(craft: Spacecraft, task: Task, timing: Timing) -> None:
+    """Refuse a training that can solve nothing.
+
+    Raises:
+        ConfigError: there are `obstacles`; the message is the first one.
+    """
+    for obstacle in obstacles(craft, task, timing):
+        raise ConfigError(f"{obstacle}. Nothing is trained.")

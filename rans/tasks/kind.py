@@ -7,6 +7,8 @@ import dataclasses
 from collections.abc import Set
 from typing import Any
 
+import numpy as np
+
 from rans.errors import ConfigError, brief
 from rans.tasks.base import SingleTask, Task
 from rans.tasks.derived import example_state
@@ -52,11 +54,20 @@ def checked(found: Any) -> type[Any]:
     return found
 
 
+_OF_A_STATE = {"position", "attitude", "velocity", "spin"}
+"""Quantities whose errors vanish at the goal; others, such as the points left to inspect, end with a flight."""
+
+
 def _check_errors(task: SingleTask, quantities: Set[str]) -> None:
-    """Reject errors of undeclared quantities, and tolerances without an error; skip tasks whose code fails."""
+    """Reject errors of undeclared quantities or at the goal, and tolerances without an error.
+
+    Tasks whose code fails are skipped.
+    """
     for dimension in (2, 3):
         with contextlib.suppress(Exception):  # a task may be for space alone
-            errors = task.errors(*example_state(task, dimension)).keys()
+            start, goal = example_state(task, dimension)
+            errors = task.errors(start, goal).keys()
+            left = {name: float(np.max(error)) for name, error in task.errors(goal, goal).items()}
             break
     else:
         return
@@ -69,4 +80,14 @@ def _check_errors(task: SingleTask, quantities: Set[str]) -> None:
         raise ConfigError(
             f"{type(task).__name__} has a tolerance of {', '.join(missing)}, but its errors "
             f"are of {', '.join(errors)}."
+        )
+    tolerances = task.tolerances()
+    if apart := [
+        name for name in quantities & _OF_A_STATE if not abs(left[name]) <= tolerances[name]
+    ]:
+        name = min(apart)
+        raise ConfigError(
+            f"{type(task).__name__} has an error of {name} of {left[name]:.3g} where the state is the goal, and a "
+            f"tolerance of {tolerances[name]:.3g}: controllers and optimal control fly to the goal. Let `sample` "
+            "return a goal at which the errors are zero."
         )

@@ -39,6 +39,13 @@ def test_the_chosen_subset_is_the_best_of_all(seed: int, shared: bool) -> None:
         assert cost(opened, demand) <= min(cost(x, demand) for x in every) + 1e-4
 
 
+def test_more_thrusters_than_an_integer_has_bits() -> None:
+    columns = np.random.default_rng(0).normal(size=(200, 3))
+    opened = subsets(tuple(map(tuple, columns.tolist())), False, PRICE).opened
+    assert opened.shape[1] == 200
+    np.testing.assert_array_equal(opened.sum(axis=0), np.ones(200))  # each alone, and none
+
+
 def test_thrust_costs_less_where_thrusters_push_against_each_other() -> None:
     """The price is that of the layout times the square of its margin, where this is below 1."""
     ratios = []

@@ -16,6 +16,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks import TASKS, SingleTask
+from rans.tasks.derived import dimensions
 from tests.support.crafts import ANY_CRAFT, random_states
 from tests.support.transitions import COUNT
 
@@ -37,7 +38,12 @@ def priced(task: Any) -> Any:
 
 @pytest.fixture(params=["floating-platform", "free-flyer"])
 def craft(request: pytest.FixtureRequest) -> Spacecraft:
-    return load_spacecraft(request.param)
+    result = load_spacecraft(request.param)
+    if "task" in request.fixturenames:
+        task = request.getfixturevalue("task")
+        if result.dimension not in dimensions(task):
+            pytest.skip("the task does not work in this dimension")
+    return result
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.model.pace import misfits, seconds_for_a_metre, seconds_for_half_a_turn
 from rans.model.spacecraft import Spacecraft, can_turn
@@ -99,7 +100,9 @@ def test_units_mistaken_on_the_slow_side(slip: str) -> None:
     assert not warned(replace(PLATFORM, **SLOW[slip]), GoToPose(), long)
 
 
-def test_an_engine_and_a_training_of_a_slow_file_warn(tmp_path: Path) -> None:
+def test_an_engine_of_a_slow_file_warns_and_a_training_of_what_cannot_turn_is_refused(
+    tmp_path: Path,
+) -> None:
     text = SPACECRAFT["floating-platform"].text.replace("mass = 5.32", "mass = 5320")
     (tmp_path / "grams.toml").write_text(text)
     with (
@@ -107,7 +110,7 @@ def test_an_engine_and_a_training_of_a_slow_file_warn(tmp_path: Path) -> None:
         pytest.warns(UserWarning, match="for 1 m from rest to rest"),
     ):
         Engine(tmp_path / "grams.toml", GoToPosition(), 2)
-    with pytest.warns(UserWarning, match="cannot turn"):
+    with pytest.raises(ConfigError, match="cannot turn"):
         tiny_trainer(tmp_path / "run", replace(CONFIG, spacecraft="afrl-deputy"))
 
 
@@ -116,6 +119,17 @@ def test_a_file_with_a_radius_in_mm_warns(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(text)
     with pytest.warns(UserWarning, match="radius in mm"):
         load_spacecraft(tmp_path / "mine.toml")
+
+
+def test_a_radius_that_no_file_has_is_not_suspected() -> None:
+    """Thrusters 0.7 m from the centre, and a ball of 2 kg m^2 and 100 kg: r = sqrt(2.5 * 2 / 100)."""
+    sides = ((1, 0), (-1, 0), (0, 1), (0, -1))
+    far = [((0.7 * x, 0.7 * y), (-y * turn, x * turn), 1.0) for x, y in sides for turn in (1, -1)]
+    craft = Spacecraft.planar("servicer", 100.0, 2.0, far)
+    assert craft.radius == pytest.approx(0.7)
+    assert not misfits(craft)
+    near = [((0.1 * x, 0.1 * y), way, 1.0) for (x, y), way, _ in far]
+    assert Spacecraft.planar("ball", 100.0, 2.0, near).radius == pytest.approx(0.2236, rel=1e-3)
 
 
 def test_shipped_craft_are_not_suspected() -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from rans.model.drift import FREE
@@ -13,6 +14,7 @@ from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, unflatten
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
+from rans.tasks.derived import dimensions
 from rans.tasks.shapes import Ball
 from tests.support.crafts import random_states
 from tests.support.states import in_space
@@ -72,6 +74,8 @@ def moved_zone(zone: Ball) -> Ball:
 
 def test_the_plane_is_a_slice_of_space(task: Any) -> None:
     """A planar motion written as a spatial one has the same errors and reward."""
+    if dimensions(task) != (2, 3):
+        pytest.skip("the task works in one of them")
     flat = random_states(2, COUNT, seed=7)
     drawn_goal = flat_goals(task)
     goal = random_states(2, COUNT, seed=8, speed=0.0, spin=0.0)

@@ -42,7 +42,7 @@ from rans.files import inside_for_others, replace_file
 from rans.model.spacecraft import Spacecraft
 from rans.policy.network import Network
 from rans.randomization.plausible import warn_of_implausible
-from rans.tasks.feasible import warn_of_obstacles
+from rans.tasks.feasible import check_feasible
 
 _COMPILING = 30.0
 """Training time above which compiling saves time, s; it takes 5 to 35 s and doubles the speed."""
@@ -117,7 +117,7 @@ class Trainer:
         timing = replace(
             first.timing, episode_steps=first.episode_steps or first.timing.episode_steps
         )
-        warn_of_obstacles(craft, first.settings, timing)
+        check_feasible(craft, first.settings, timing)
         warn_of_implausible(first.conditions, craft)
         self.engine = Engine(
             craft,
