@@ -66,11 +66,10 @@ def flown(
             verdict = verdict.after(flights.world, outcome)
             now = torch.where(torch.as_tensor(verdict.running), motion(outcome.episode), now)
     assert verdict is not None, "an episode has at least one step"
-    solved, settles, settled, failed = (
-        torch.as_tensor(x).cpu().numpy()
-        for x in (verdict.solved, verdict.settles, verdict.settled, verdict.failed)
+    solved, settled, failed = (
+        torch.as_tensor(x).cpu().numpy() for x in (verdict.solved, verdict.settled, verdict.failed)
     )
-    times = np.where(settles, settled * setup.timing.control_period, np.inf)
+    times = np.where(solved, settled * setup.timing.control_period, np.inf)
     return Found(solved, times, failed, *now.cpu().numpy())
 
 

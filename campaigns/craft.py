@@ -131,7 +131,7 @@ def agent_facts(name: str, episodes: int) -> dict[str, Any]:
     run = flown(name)
     flights = fly_episodes(run.controller, run.judged, EVALUATION_SEED, episodes, workers=1)
     found = measure(flights)
-    settled = found["settled"]
+    settled = found["solved"]
     return {
         "agent": f"{CRAFTS[name].agent}@{name}",
         "period": run.timing.control_period,
@@ -153,7 +153,7 @@ def drake_facts(name: str, episodes: int) -> dict[str, Any]:
     found = measure(flights)
     return {
         "episodes": episodes,
-        "settled": found["settled"].value,
+        "settled": found["solved"].value,
         "settling time": found["settling time"].value,
     }
 

@@ -29,7 +29,7 @@ def measured(name: str, episodes: int) -> dict[str, Any]:
     for kind, one in ({"agent": run.controller} | controllers).items():
         flights = fly_episodes(one, run.judged, EVALUATION_SEED, episodes, "fast", workers=1)
         rows = {row.name: row for row in measure(flights).rows}
-        settled = rows["settled"]
+        settled = rows["solved"]
         time = rows.get("settling time")
         results[kind] = {
             "settled": [settled.value, settled.low],

@@ -53,13 +53,13 @@ flights end at their failure."""
 
 @dataclass(frozen=True)
 class FlightStatistics:
-    """Counts of settled and failed flights with times and kinds; those of different scenarios can be added."""
+    """Counts of solved and failed flights with times and kinds; those of different scenarios can be added."""
 
     flights: int
     steps: int
     """Steps of each flight, T."""
     settled_at: np.ndarray
-    """Number of flights that settled at each instant (`rans.verdict`), (T + 1,) int64."""
+    """Number of solved flights that settled at each instant (`rans.verdict`), (T + 1,) int64."""
     failures: dict[Failure, int]
     """Number of flights that did not solve their task, by the kind of failure."""
     numbers: np.ndarray
@@ -77,11 +77,6 @@ class FlightStatistics:
     def unsolved(self) -> int:
         """Number of flights that did not solve their task, of all kinds."""
         return sum(self.failures.values())
-
-    @property
-    def settled(self) -> int:
-        """Number of flights that settled at any instant."""
-        return int(self.settled_at.sum())
 
     def settling_step(self, fraction: float = 0.5) -> float:
         """Instant by which a share of all flights has settled; infinite if fewer settle."""
@@ -137,13 +132,13 @@ class FlightStatistics:
         Args:
             world: setup of the flights.
             numbers: numbers of the scenarios, (N,).
-            outcome: number of a `Failure` or 0, whether the flight settled, and at which instant; (N,) each.
+            outcome: number of a `Failure` or 0, and of the instant at which a solved flight settled; (N,) each.
             totals: return, impulse, and open thrusters summed over the last fifth; (N,) each.
             listed: largest number of unsolved flights that are listed.
             way: device and precision that computed the flights.
         """
         steps = world.timing.episode_steps
-        (failure, settles, settled) = outcome
+        failure, settled = outcome
         failed = np.flatnonzero(failure)[:listed]
         # Open thrusters are summed over the last fifth of an episode: over its slots they are a duty cycle.
         slots = last_fifth(steps) * world.craft.thruster_count
@@ -152,7 +147,7 @@ class FlightStatistics:
         return cls(
             len(failure),
             steps,
-            np.bincount(settled[settles], minlength=steps + 1),
+            np.bincount(settled[failure == 0], minlength=steps + 1),
             dict(zip(Failure, counts, strict=True)),
             numbers[failed].astype(np.int64),
             failure[failed].astype(np.uint8),

@@ -1,4 +1,4 @@
-"""Verdict on a flight: definitions of settled, held, solved and failed, as one fold over the outcomes of its steps.
+"""Verdict on a flight: definitions of held, solved, settled and failed, as one fold over the outcomes of its steps.
 
 A flight has the instants 0 (its start) to T (the end of its last step); step k leads to instant k. These terms have
 the same meaning in metrics, selection, assurance, stress, comparison and validation:
@@ -17,14 +17,14 @@ failed
 won
     `rans.tasks.base.Task.done` was true at a check before any failure. Only missions can be won; a mission settles
     at the end of the step in which it is won.
-settled
-    Inside at instant T. The flight settled at the first instant since which it was inside without interruption,
-    which may be its start, instant 0.
 held
     Inside at every instant of the last fifth: the last T // 5 instants, at least one.
 solved
-    Held, or for a mission won, and nothing violated. Such a flight has settled and not failed. Every flight that is
-    not solved counts as one `Failure`: lost, else violated, else the kind in which it ended.
+    Held, or for a mission won, and nothing violated. Such a flight has not failed. Every flight that is not solved
+    counts as one `Failure`: lost, else violated, else the kind in which it ended.
+settled
+    Solved. Such a flight settled at the first instant since which it was inside without interruption, which may be
+    its start, instant 0. A flight that is inside at the end alone has no settling time.
 
 Everything is a pure function over fields (`rans.model.fields`): the same source evaluates batches of torch (also in
 CUDA graphs) and NumPy, and is traced into the programs that fly whole episodes on a CPU and a GPU.
@@ -292,11 +292,6 @@ class FlightAccumulator:
         if self.violated is not None:
             kind = where(self.violated, Failure.VIOLATED.value, kind)
         return where(self.lost, Failure.NOT_FINITE.value, kind)
-
-    @property
-    def settles(self) -> Field:
-        """Whether flights that have ended settled; ``settled`` is the instant."""
-        return self.running & self.inside if self.won is None else self.won
 
     @property
     def held(self) -> Field:

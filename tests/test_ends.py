@@ -170,7 +170,7 @@ def test_a_flight_stands_still_once_its_mission_is_won(flying: Any) -> None:
     assert flight.rewards()["position"][2:].max() == 0.0
     verdict = flight.verdict
     assert verdict.solved.all()
-    assert (verdict.settled[verdict.settles] * timing.control_period).tolist() == [2.0] * 3
+    assert (verdict.settled[verdict.solved] * timing.control_period).tolist() == [2.0] * 3
     lost = flying(PLATFORM, replace(task, wall=-0.1), pilot, starts, timing)
     assert not lost.done.any()
     assert lost.failed().all()

@@ -32,9 +32,7 @@ def statistics(
     all_ = np.array([*numbers, *range(100, 104 - len(numbers))])
     at = np.array([*settled, *[0] * (4 - len(settled))])
     world: Any = SimpleNamespace(timing=SimpleNamespace(episode_steps=2), craft=PLATFORM)
-    return FlightStatistics.of(
-        world, all_, (failure, at < 3, at), [np.ones(4)] * 3, listed, "by hand"
-    )
+    return FlightStatistics.of(world, all_, (failure, at), [np.ones(4)] * 3, listed, "by hand")
 
 
 def test_verdicts_add_up() -> None:
@@ -43,7 +41,7 @@ def test_verdicts_add_up() -> None:
         + statistics([1, 7], [3, 5], [3, 2])
         + FlightStatistics.none(2, 3)
     )
-    assert (both.flights, both.unsolved, both.settled) == (8, 4, 6)
+    assert (both.flights, both.unsolved, both.settled_at.sum()) == (8, 4, 4)
     assert {kind.name: count for kind, count in both.failures.items()} == {
         "NOT_FINITE": 0,
         "TERMINATED": 1,
@@ -56,14 +54,14 @@ def test_verdicts_add_up() -> None:
     # Numbers rise, and the fourth is beyond what is listed.
     assert both.numbers.tolist() == [1, 5, 7]
     assert both.kinds.tolist() == [3, 3, 5]
-    assert both.settled_at.tolist() == [4, 1, 1]
+    assert both.settled_at.tolist() == [4, 0, 0]
     assert both.sums["return"].mean == 1.0
     assert set(both.sums) == set(QUANTITIES)
     assert both.ways == {"by hand"}
 
 
 def test_the_instant_by_which_a_share_is_settled() -> None:
-    found = statistics([9], [2], [3, 1, 1, 2])
+    found = statistics([9], [2], [0, 1, 1, 2])
     assert [found.settling_step(share) for share in (0.25, 0.5, 0.75, 0.76)] == [
         1.0,
         1.0,

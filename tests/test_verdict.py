@@ -67,7 +67,7 @@ class History:
         return verdict
 
     def judged(self, i: int) -> tuple[int, float]:
-        """Failure, and settling instant if it is inside at the end."""
+        """Failure, and settling instant if it is solved."""
         inside = self.inside[:, i].copy()
         for k in range(1, STEPS + 1):
             if self.lost[k, i] or self.failed[k, i]:
@@ -80,8 +80,8 @@ class History:
             return 0, settled
         before = [inside[-LAST - 1], *end]
         if any(a and not b for a, b in pairwise(before)):
-            return Failure.LEFT, settled
-        return (Failure.UNSETTLED if not any(end) else Failure.LATE), settled
+            return Failure.LEFT, math.inf
+        return (Failure.UNSETTLED if not any(end) else Failure.LATE), math.inf
 
 
 def test_every_flight_is_judged_as_by_hand() -> None:
@@ -91,7 +91,7 @@ def test_every_flight_is_judged_as_by_hand() -> None:
     expected = [history.judged(i) for i in range(COUNT)]
     np.testing.assert_array_equal(verdict.failure(), [kind for kind, _ in expected])
     assert set(np.unique(verdict.failure())) == {0, *kinds_of_failure(GoToPose())}
-    settled = np.where(verdict.settles, verdict.settled, np.inf)
+    settled = np.where(verdict.solved, verdict.settled, np.inf)
     np.testing.assert_array_equal(settled, [instant for _, instant in expected])
     np.testing.assert_array_equal(verdict.solved, [kind == 0 for kind, _ in expected])
     ended = (Failure.NOT_FINITE, Failure.TERMINATED)

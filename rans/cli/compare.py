@@ -36,7 +36,7 @@ class Compare(Options):
     """Fly agents, policies and controllers from the same starts, and compare them with what is possible.
 
     Writes compare.html and compare.json. The file of a spacecraft alone, mine.toml, is any-craft-2d or any-craft-3d
-    at three values, fast to frugal. Bounds are kept for the next run. --full prints all scores and the certified
+    at five values, fast to frugal. Bounds are kept for the next run. --full prints all scores and the certified
     gaps too; the page always has all scores that were computed. All contestants are checked before any flies. If
     one fails in flight, the others are still compared, and the exit code is 1. docs/protocol.md defines the scores.
     """
@@ -139,7 +139,7 @@ def _show(comparison: Comparison, full: bool) -> None:
         return
     # Tables: scores, optima, multiples of bounds, the bound of a mission, and the front.
     board = tables.scoreboard(comparison)
-    if sentence := tables.verdict(comparison):
+    for sentence in tables.verdict(comparison):
         console.say(sentence)
     if board:
         _show_scores(console, comparison.contest.title(), board, _keys(board, full))
@@ -181,7 +181,7 @@ def _show(comparison: Comparison, full: bool) -> None:
 def _show_so_far(comparison: Comparison) -> None:
     """Print the most important scores before the slow contestants and the bounds, beside their progress."""
     from rans.evaluation.measure.statistics import figure
-    from rans.show.tables.comparison_tables import scoreboard
+    from rans.show.tables.comparison_tables import scoreboard, verdict
 
     if not (board := scoreboard(comparison)):
         return
@@ -190,6 +190,8 @@ def _show_so_far(comparison: Comparison) -> None:
         for key in _keys(board, False)
     ]
     console = Terminal(stderr=True)
+    for sentence in verdict(comparison):
+        console.say(sentence)
     console.table(Table(("", *board), rows, f"{comparison.contest.title()}, so far"))
     more = " and ".join(
         "certified bounds" if name == "optimal" else name.upper() for name in comparison.waiting

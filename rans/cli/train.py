@@ -431,7 +431,7 @@ def _rivals(path: Path, dimension: int, count: int) -> tuple[list[Entry], list[s
     run = RunFolder(path)
     config = run.config()
     own = inside(path, "spacecraft.toml")
-    agents = [f"{FOR_ANY_CRAFT[dimension]}{value}@{own}" for value in ("", "#0.5", "#1")]
+    agents = [f"{FOR_ANY_CRAFT[dimension]}{value}@{own}" for value in ("", "#0", "#0.5")]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RansWarning)  # evaluations of that agent say them
         nobody: Any = SimpleNamespace(name=path.name)
@@ -458,7 +458,7 @@ def _compare(trainer: Trainer, rivals: _Rivals) -> None:
     from rans.evaluation.measure.statistics import figure
     from rans.pretrained import FOR_ANY_CRAFT
     from rans.scenario import TRAINED_SEED
-    from rans.show.tables.comparison_tables import cheaper, dominations, scoreboard, verdict
+    from rans.show.tables.comparison_tables import no_better, scoreboard, verdict
 
     path = str(trainer.run.path)
     agent = FOR_ANY_CRAFT[trainer.engine.craft.dimension]
@@ -469,7 +469,7 @@ def _compare(trainer: Trainer, rivals: _Rivals) -> None:
         comparison.entries += entries
         comparison.failures += failures
     columns = {
-        "settled, %": "settled",
+        "solved, %": "solved",
         "settling time, s": "time, s",
         "impulse of the episode, N s": "impulse, N s",
     }
@@ -478,17 +478,15 @@ def _compare(trainer: Trainer, rivals: _Rivals) -> None:
         for name, scores in scoreboard(comparison).items()
     ]
     console = Terminal()
+    if who := no_better(comparison, agent):
+        craft_name = shlex.quote(trainer.config.spacecraft)
+        console.say(
+            f"This agent is neither quicker nor cheaper than {who}, which needs no training: rans evaluate "
+            f"{who}@{craft_name}"
+        )
     console.show(f"{_COMPARED} new starts", ("", *columns.values()), rows)
-    console.say(verdict(comparison))
-    name = comparison.entries[0].name
-    better = [one for one, other in dominations(comparison) if other == name and agent in one]
-    frugal = [one for one in cheaper(comparison) if agent in one]
-    craft_name = shlex.quote(trainer.config.spacecraft)
-    said = {one: "uses less impulse" for one in frugal[:1]} | {
-        one: "is better" for one in better[:1]
-    }
-    for who, what in said.items():
-        console.say(f"{who} {what} without training: rans evaluate {who}@{craft_name}")
+    for sentence in verdict(comparison):
+        console.say(sentence)
 
 
 def _live_page(path: Path) -> Path | None:

@@ -96,10 +96,8 @@ class FlightProgram:
     """Whether the flight goes on, as `rans.verdict.FlightAccumulator` has it, from the state variables."""
     failure: Symbol
     """Number of a `rans.verdict.Failure`, int."""
-    settles: Symbol
-    """Whether it settled, bool."""
     settled: Symbol
-    """Control period in which it settled."""
+    """Control period in which it settled, if it is solved."""
     totals: tuple[Symbol, ...]
     """Return, impulse, and open thrusters summed over the last fifth."""
 
@@ -159,7 +157,6 @@ def trace_flight(
         policy,
         verdict.running,
         Symbol.constant(verdict.failure()),
-        verdict.settles,
         Symbol.constant(verdict.settled),
         tuple(map(Symbol.constant, leaves(verdict.effort))),
     )

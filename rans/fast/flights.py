@@ -157,13 +157,13 @@ class Flights:
     def _stepped(self, seed: int, numbers: np.ndarray) -> FlightStatistics:
         """Statistics of the batch with these numbers (N,), flown step by step where no kernel can."""
         verdict = self.judged(self.draws(seed, numbers), effort=True)
-        values = (verdict.failure(), verdict.settles, verdict.settled, *leaves(verdict.effort))
+        values = (verdict.failure(), verdict.settled, *leaves(verdict.effort))
         arrays = [torch.as_tensor(x).cpu().numpy() for x in values]
         return FlightStatistics.of(
             self.world,
             numbers,
-            arrays[:3],
-            arrays[3:],
+            arrays[:2],
+            arrays[2:],
             self.listed,
             f"stepping, {self.device.type}",
         )

@@ -37,7 +37,7 @@ def test_writes_page_and_numbers(
     monkeypatch.setattr("sys.argv", ["rans", *command])
     assert main(command) == 0
     read = json.loads((tmp_path / "compare.json").read_text())
-    assert [row["settled"] for row in read["summary"]] == [3, 0]
+    assert [row["solved"] for row in read["summary"]] == [3, 0]
     page = (tmp_path / "compare.html").read_text()
     assert "<h1>Comparison: 3 starts of seed 2023, floating-platform" in page
     assert "<dt>command</dt><dd>rans compare lqr:go-to-pose-2d " in page
@@ -71,7 +71,7 @@ def test_interrupted_it_still_writes(
     monkeypatch.setattr("rans.evaluation.compare.relaxed.solve", interrupted)
     command = f"compare lqr:go-to-pose-2d --with optimal --episodes 2 --output {tmp_path}"
     assert main(command.split()) == 130
-    assert json.loads((tmp_path / "compare.json").read_text())["summary"][0]["settled"] == 2
+    assert json.loads((tmp_path / "compare.json").read_text())["summary"][0]["solved"] == 2
     out, err = capsys.readouterr()
     assert "interrupted; what was written is kept" in err
     # The stage that was interrupted, and no count of bounds whose turn had not come.
@@ -232,7 +232,7 @@ def test_an_interrupt_of_the_page_leaves_the_data(
     monkeypatch.setattr("rans.show.pages.comparison_page.page", interrupted)
     options = f"--with switching --episodes 2 --output {tmp_path}"
     assert main(f"compare switching:go-to-pose-2d {options}".split()) == 130
-    assert "settled, %" in capsys.readouterr().out
+    assert "solved, %" in capsys.readouterr().out
     assert (tmp_path / "compare.json").is_file()
     assert not (tmp_path / "compare.html").exists()
 
@@ -279,19 +279,15 @@ def test_the_file_of_a_craft_alone_is_the_agent_for_any_craft_from_fast_to_fruga
     own = tmp_path / "mine.toml"
     own.write_text(to_toml(load_spacecraft("floating-platform")))
     names = at_values(ContestantName.parse(str(own)))
-    assert [*map(str, names)] == [
-        f"any-craft-2d#0@{own}",
-        f"any-craft-2d#0.5@{own}",
-        f"any-craft-2d#1@{own}",
-    ]
+    values = ("0.4", "0", "0.3", "0.5", "1")
+    assert [*map(str, names)] == [f"any-craft-2d#{value}@{own}" for value in values]
     for text in (f"{own}#0.3", "go-to-pose-2d"):
         assert [*map(str, at_values(ContestantName.parse(text)))] == [text]
     contest = contest_of(names[0], 1)
-    assert [one.name for one in enlisted(names, contest).values()] == [
-        "any-craft-2d#0",
-        "any-craft-2d#0.5",
-        "any-craft-2d#1",
-    ]
+    found = enlisted(names, contest).values()
+    assert [one.name for one in found] == [f"any-craft-2d#{value}" for value in values]
+    # It is given the masses and thrusters of the file, as LQR is.
+    assert {one.knows for one in found} == {"state, exact model"}
 
 
 def test_next_commands_have_the_options_of_the_comparison(

@@ -19,7 +19,7 @@ TUNED = min((Path(rans.__file__).parent / "data" / "controllers").glob("lqr*.jso
 
 _ROW = {
     "contestant": "lqr",
-    "settled": 1,
+    "solved": 1,
     "starts": 2,
     "flown": 1,
     "median_settling_time": 3.0,

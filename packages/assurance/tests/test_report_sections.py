@@ -34,7 +34,7 @@ def run(tmp_path: Path) -> Path:
         "compare.json": {
             "title": "1 start",
             "failures": [],
-            "summary": [{"contestant": "agent", "starts": 1, "flown": 1, "settled": 1}],
+            "summary": [{"contestant": "agent", "starts": 1, "flown": 1, "solved": 1}],
         },
         "stress.json": {
             "title": "agent, 4 episodes",

@@ -57,7 +57,7 @@ class CpuFlights:
             [variable.next for variable in self._changing],
         )
         self._verdict = CompiledProgram(
-            symbols, [program.failure, program.settles, program.settled, *program.totals]
+            symbols, [program.failure, program.settled, *program.totals]
         )
         self._layers = [CpuLayers(stage, tables) for stage in program.policy.stages]
 
@@ -93,9 +93,9 @@ class CpuFlights:
                 for variable, value in zip(self._changing, after, strict=True):
                     step.put(variable.symbol, value)
             verdict.give(step.value(variable.symbol) for variable in self._program.carried)
-            failure, settles, settled, *totals = (np.broadcast_to(x, count) for x in verdict.run(0))
+            failure, settled, *totals = (np.broadcast_to(x, count) for x in verdict.run(0))
         return FlightStatistics.of(
-            self._world, numbers, (failure, settles, settled), totals, listed, "CPU, float32"
+            self._world, numbers, (failure, settled), totals, listed, "CPU, float32"
         )
 
     def _memory(self, count: int) -> tuple[Any, ...]:

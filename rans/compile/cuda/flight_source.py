@@ -322,7 +322,7 @@ class _Writer(Lines):
         on.
         """
         program = self._program
-        yield from self.values((program.failure, program.settles, program.settled, *program.totals))
+        yield from self.values((program.failure, program.settled, *program.totals))
         yield "const bool counts = index < unsigned(count);"
         for i, symbol in enumerate(program.totals):
             value = self.operand(symbol)
@@ -333,11 +333,11 @@ class _Writer(Lines):
             yield f"  atomicAdd(sums + {2 * i}, double(total_{i}));"
             yield f"  atomicAdd(sums + {2 * i + 1}, double(squares_{i}));"
         yield "}"
+        failure = self.operand(program.failure)
         yield (
-            f"if (counts && {self.operand(program.settles)}) "
+            f"if (counts && !{failure}) "
             f"atomicAdd(settled_at + int({self.operand(program.settled)}), 1ull);"
         )
-        failure = self.operand(program.failure)
         yield f"if (counts && {failure}) {{"
         yield f"  atomicAdd(failures + {failure} - 1, 1ull);"
         yield "  const int place = atomicAdd(failed, 1);"

@@ -204,7 +204,7 @@ def _guest(guest: Guest, contest: Contest) -> Contestant:
 
 _POSITIONS = 9
 """Positions of a trade-off, with both ends, on the curve of an agent."""
-_VALUES = 0.0, 0.5, 1.0
+_VALUES = 0.4, 0.0, 0.3, 0.5, 1.0
 """Values from fast to frugal at which the agent for any craft flies the file of a user's spacecraft."""
 
 
@@ -272,7 +272,8 @@ def enlist(
         return Contestant(
             run.controller.name, run.controller, _MODEL, effort, registered=named.controller
         )
-    sees = _MODEL if named.wrapper else _OBSERVATION
+    # An agent for any craft is given mass, inertia and thrusters of the craft that it flies.
+    sees = _MODEL if named.wrapper or named.is_for_a_craft else _OBSERVATION
     return Contestant(
         run.controller.name,
         run.controller,
@@ -306,7 +307,7 @@ def _tuning(name: ContestantName) -> str:
     """Effort of the training of an agent or a policy, from its files."""
     if name.kind == "policy":
         return _UNKNOWN
-    folder = name.folder
+    folder = name.own_folder
     if is_exported(folder) and not (folder / "card.json").exists():
         return _UNKNOWN
     card = inside(folder, "card.json")

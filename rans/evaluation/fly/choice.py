@@ -112,6 +112,20 @@ def chosen(
     return best
 
 
+def chosen_period(own: LoadedRun, craft: Spacecraft) -> float | None:
+    """Control period, s, that flights chose for a craft, whatever its value; None: the usual one.
+
+    Only long periods are doubted: others need no flights.
+
+    Raises:
+        ConfigError: the agent cannot fly the craft.
+    """
+    usual = timing_for(craft, own.timing).control_period
+    if craft.dimension == 2 or usual <= _COARSE:
+        return None
+    return chosen(own, craft).period
+
+
 def _candidates(
     own: LoadedRun, craft: Spacecraft | None, period: float | None, value: float | None
 ) -> Iterator[tuple[float, LoadedRun]]:
@@ -130,7 +144,7 @@ def _candidates(
     first, *others = VALUES
     yield first, usual
     seconds = usual.timing.control_period
-    if period is None and craft is not None and craft.dimension == 3 and seconds > _COARSE:
+    if period is None and usual.craft.dimension == 3 and craft is not None and seconds > _COARSE:
         # Pulses that are long for their craft are the usual cause.
         yield first, at(max(x for x in PERIODS_IN_SPACE if x < seconds))
     for other in others:

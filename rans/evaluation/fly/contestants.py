@@ -5,6 +5,7 @@ Every command and function resolves names here, so that a text means the same ev
 
 from __future__ import annotations
 
+import contextlib
 import shlex
 import warnings
 from collections.abc import Callable, Iterable
@@ -19,7 +20,7 @@ from rans.evaluation.fly.controllers import WRAPPERS
 from rans.evaluation.fly.exported import is_exported, load_exported
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.model.spacecraft_file import USUAL, load_spacecraft
-from rans.pretrained import FOR_ANY_CRAFT
+from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder
 from rans.registry import are_files_trusted, typed
 from rans.tasks import TASKS, Task, registered_name
 
@@ -144,7 +145,7 @@ def for_craft(run: LoadedRun, name: ContestantName, period: float | None = None)
     The order counts: constants of the craft are computed for the network as it adapts, and frugality for the craft.
     """
     from rans.evaluation.fly.any_craft import adapting, for_spacecraft, frugal
-    from rans.evaluation.fly.choice import chosen
+    from rans.evaluation.fly.choice import chosen, chosen_period
     from rans.policy.timing import timing_for
 
     craft = load_spacecraft(typed(name.craft)) if name.craft else None
@@ -153,6 +154,8 @@ def for_craft(run: LoadedRun, name: ContestantName, period: float | None = None)
     if value is None and run.network.at:
         choice = chosen(run, craft, period)
         value, period = choice.value, choice.period
+    elif run.network.at and craft is not None and period is None:
+        period = chosen_period(run, craft)
     if name.adapts:
         run = adapting(run)
     if craft is not None:
@@ -277,8 +280,13 @@ def _named_setup(contestant_name: ContestantName, period: float | None) -> Setup
             f"{brief(contestant_name.text)} asks for {suffix}, but {craft.name} moves in "
             f"{craft.dimension} dimensions."
         )
-    from rans.policy.timing import timing_of_file
+    from rans.evaluation.fly.choice import chosen_period
+    from rans.policy.timing import flies_to_a_pose, timing_of_file
 
+    if period is None and spacecraft.endswith(".toml") and flies_to_a_pose(result, craft):
+        with contextlib.suppress(ConfigError):  # others may fly what the agent for any craft cannot
+            agent = load_policy(pretrained_folder(FOR_ANY_CRAFT[craft.dimension]))
+            period = chosen_period(agent, craft)
     return Setup(craft, result, timing_of_file(craft, result, spacecraft, period))
 
 

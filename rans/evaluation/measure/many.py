@@ -38,9 +38,8 @@ def measure_many(statistics: FlightStatistics, controller: str, setup: Setup) ->
 def _rows(result: FlightStatistics, period: float, task: Task) -> Iterator[Metric]:
     """Metrics of counts and sums, named as those of stored flights, with exact intervals of shares."""
     count = result.flights
-    of_solved, of_settled, of_time = metric_definitions(task)
+    of_solved, of_time = metric_definitions(task)
     yield _percentage("success", "solved", of_solved, count - result.unsolved, count)
-    yield _percentage("success", "settled", of_settled, result.settled, count)
     width = 0.5 * NORMAL_95 / math.sqrt(count)
     median, low, high = (
         period * result.settling_step(level) for level in (0.5, 0.5 - width, 0.5 + width)

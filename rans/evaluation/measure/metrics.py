@@ -83,9 +83,9 @@ def samples(flight: Flight) -> Iterator[Sample]:
 
 
 def settling_times(flight: Flight) -> np.ndarray:
-    """Time at which each episode settled, (N,) s; infinite if it did not (`rans.verdict`)."""
+    """Time at which each episode settled, (N,) s; infinite if it was not solved (`rans.verdict`)."""
     result = flight.verdict
-    return np.where(result.settles, result.settled * flight.timing.control_period, np.inf)
+    return np.where(result.solved, result.settled * flight.timing.control_period, np.inf)
 
 
 def in_goal_set(flight: Flight) -> np.ndarray:
@@ -200,17 +200,15 @@ def won(flight: Flight) -> np.ndarray:
     return solved(flight) & ~flight.violated()
 
 
-def metric_definitions(task: Task) -> tuple[str, str, str]:
-    """Definitions of "solved", "settled" and "settling time" for a task that holds a goal, or for a mission."""
+def metric_definitions(task: Task) -> tuple[str, str]:
+    """Definitions of "solved" and "settling time" for a task that holds a goal, or for a mission."""
     if type(task).done is Task.done:
         return (
             "within all tolerances at every step of the last fifth",
-            "enters all tolerances and stays",
             "median time to enter and stay",
         )
     return (
         "accomplished before the end, with no limit broken",
-        "accomplished",
         "median time until it is accomplished",
     )
 
@@ -221,15 +219,14 @@ def last_fifth_of(instants: np.ndarray) -> np.ndarray:
 
 
 def _success(flight: Flight) -> Iterator[Sample]:
-    """Samples of success: solved, settled, failed, and the times of it."""
+    """Samples of success: solved, failed, and the times of it."""
     means = final_errors(flight)
     settling = settling_times(flight)
     mean = np.all([means[name] < bound for name, bound in flight.task.tolerances().items()], axis=0)
-    of_solved, of_settled, of_time = metric_definitions(flight.task)
+    of_solved, of_time = metric_definitions(flight.task)
     for name, meaning, inside in (
         ("solved", of_solved, solved(flight)),
         ("solved in the mean", "mean errors of the last fifth within tolerances", mean),
-        ("settled", of_settled, np.isfinite(settling)),
     ):
         yield Sample("success", name, meaning, "%", inside)
     yield Sample("success", "settling time", of_time, "s", settling, np.median)

@@ -40,7 +40,7 @@ TEXT = (
     "stays within all tolerances to the end. The goal set has the states within all tolerances that are, for a "
     "pose or position, also slow (5 cm/s, 5 degrees/s); a flight may leave it again. Impulse is force times "
     "open time, summed over the thrusters. A flight that never gets there counts as infinitely late. "
-    "Medians and means stand with 95 % bootstrap intervals over starts, settled with Wilson's, computing time with "
+    "Medians and means stand with 95 % bootstrap intervals over starts, solved with Wilson's, computing time with "
     "the middle 90 % of the actions. Certified bounds hold for every on/off controller at this rate; relaxed "
     "optima may throttle, know the future and are only locally optimal."
 )
@@ -176,40 +176,16 @@ def _mission(comparison: Comparison) -> Iterator[Section]:
 
 
 def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
-    """The first contestant's result in a sentence, and in tiles beside the quickest of the others."""
+    """What to take, and the first contestant's result in tiles beside the quickest of the others."""
     board = tables.scoreboard(comparison)
     first, *others = comparison.entries
     own = board[first.name]
-    # Columns of the scoreboard: a mission succeeds, any other task settles.
-    verb, often, time = "settles", "settled, %", "settling time, s"
-    if first.ends:
-        verb, often, time = "succeeds", "mission won, %", "time of success, s"
-    settled = own[often]
-    settling = own[time]
-    thrust = own["impulse of the episode, N s"]
+    time = "time of success, s" if first.ends else "settling time, s"
     rival = min(
         (entry.name for entry in others),
         key=lambda name: board[name][time].value,
         default=None,
     )
-    # The sentence about the first contestant, and the quickest rival if it arrives.
-    parts = [
-        f"{first.name} {verb} from {settled.value:.4g} % of {counted(comparison.contest.episodes, 'start')} "
-        f"({settled.low:.3g} to {settled.high:.3g} %)"
-    ]
-    if np.isfinite(settling.value):
-        parts.append(f"after {settling.value:.3g} s with {thrust.value:.3g} N s")
-    hero = ", ".join(parts)
-    # Beside it the baseline that engineers know, and whoever is the quickest of the others.
-    named = dict.fromkeys((*(e.name for e in others if e.name == _BASELINE), rival))
-    for name in filter(None, named):
-        theirs = board[name]
-        if np.isfinite(theirs[time].value):
-            who = f"the quickest of the others, {name}," if name == rival else name
-            hero += (
-                f"; {who} takes {_amount(theirs[time], 's')} with "
-                f"{theirs['impulse of the episode, N s'].value:.3g} N s"
-            )
     # Tiles of the first row: scores beside the rival's, and after the time the ratio to the certified bound.
     chosen = [key for key in _TILES if key in own]
     tiles = [_tile(key, own, board[rival] if rival else {}, rival) for key in chosen]
@@ -222,8 +198,6 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
                 f"of {counted(len(ratio_of_each), 'start')}",
             )
         )
-        spending = comparison.mission.spending
-        hero += f"; the {spending} of {first.name} is {ratio_of_each.mean():.3f} times the certified least"
     measured = tables.gaps(comparison)
     if measured:
         event, ratios = next(iter(measured.items()))
@@ -231,22 +205,17 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
         starts = counted(len(comparison.certified_starts()), "start")
         ratio = f"{over:.3g} x" if np.isfinite(over) else "never"
         bounds.append(Tile(f"over the certified least {event}", ratio, f"of {starts}"))
-        if np.isfinite(over):
-            hero += (
-                f"; the {event} of {first.name} is {over:.3g} times the certified least of {starts}"
-            )
     # A row of the page has room for six.
     after_time = 1 + max((k for k, key in enumerate(chosen) if key == time), default=-1)
     tiles[after_time:after_time] = bounds
-    return f"{tables.verdict(comparison)} {hero}.".lstrip(), tiles[:_ROW]
+    alone = f"{first.name}: {', '.join(f'{one.label} {one.value}' for one in tiles[:3])}."
+    return " ".join(tables.verdict(comparison)) or alone, tiles[:_ROW]
 
 
-_BASELINE = "LQR"
-"""Name of the contestant that the sentence always has, if it flies."""
 _ROW = 6
 """Tiles of a row on a wide screen."""
 _TILES = {
-    "settled, %": "settled",
+    "solved, %": "solved",
     "settling time, s": "settling time",
     "mission won, %": "mission won",
     "limit broken, %": "limit broken",

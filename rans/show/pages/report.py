@@ -395,8 +395,8 @@ def _title(file: Path) -> str:
 
 def _outcome(row: Mapping[str, Any]) -> str:
     """Sentence with what a contestant of a comparison reached, from its row of compare.json."""
-    verb = "succeeds" if row.get("ends") else "settles"
-    text = f"{verb} from {row['settled']} of {counted(row['starts'], 'start')}"
+    verb = "succeeds" if row.get("ends") else "solves its task"
+    text = f"{verb} from {row['solved']} of {counted(row['starts'], 'start')}"
     for key, what in (
         ("median_settling_time", "s (median)"),
         ("mean_impulse", "N s of thrust (mean)"),

@@ -134,7 +134,7 @@ def _broken(entry: Entry) -> Scores:
 
 def _goal_scores(entry: Entry, bootstrap: Bootstrap) -> Scores:
     """Scores of a task that lasts to the end of the episode, by headings with units."""
-    result = {"settled, %": share(np.isfinite(entry.settling)).scaled(100.0), **_broken(entry)}
+    result = {"solved, %": share(np.isfinite(entry.settling)).scaled(100.0), **_broken(entry)}
     for name, of in measures(entry.flight.task).items():
         if name not in (_IMPULSE, "return"):
             result[name] = bootstrap.median(of(entry))
@@ -198,75 +198,76 @@ def dominations(comparison: Comparison) -> list[tuple[str, str]]:
     ]
 
 
-def cheaper(comparison: Comparison) -> list[str]:
-    """Names of contestants that always arrive and use less impulse than the first one, the cheapest first.
+def verdict(comparison: Comparison) -> list[str]:
+    """What to take, in at most three sentences, by time, impulse and lost flights; none with one contestant.
 
-    The 95 % intervals of the differences from the same starts leave no doubt; fewer than six starts leave some.
+    Only who solves every flight is recommended or dominates others.
     """
-    if comparison.contest.episodes < _FEWEST:
-        return []
-    apart = differences(comparison)
-    entries = [
-        entry
-        for entry in comparison.entries[1:]
-        if np.isfinite(_times(entry)).all() and _sign(apart[entry.name][_IMPULSE]) < 0
-    ]
-    return [entry.name for entry in sorted(entries, key=lambda entry: entry.thrust.mean())]
-
-
-def verdict(comparison: Comparison) -> str:
-    """Who dominates whom, then who is quicker or cheaper than the first contestant; "" if nobody flies beside it.
-
-    Who does not arrive from half of the starts, the first contestant too, is left out of the second part: to stay
-    where one is costs nothing.
-    """
-    if len(comparison.entries) < 2:
-        return ""
     episodes = comparison.contest.episodes
+    entries = comparison.entries
+    if len(entries) < 2:
+        return []
     if episodes < _FEWEST:
-        return (
+        return [
             f"Nobody is shown to be quicker or cheaper than another from {counted(episodes, 'start')}: at 95 % "
             f"that takes {_FEWEST} or more."
-        )
-    first, *others = comparison.entries
+        ]
+    solved = {entry.name: np.isfinite(_times(entry)) for entry in entries}
+    losing = {name: one for name, one in solved.items() if not one.all()}
+    lost = ", ".join(f"{name} ({100.0 * one.mean():.3g} %)" for name, one in losing.items())
+    unsolved = [f"Solved in part only, and not recommended: {lost}."] if losing else []
+    reliable = [entry for entry in entries if entry.name not in losing]
+    if not reliable:
+        return [f"Nobody solves all of {counted(episodes, 'start')}: {lost}."]
+    # Of those whom nobody dominates, the one that dominates more, then the least product of time and impulse.
     pairs = dominations(comparison)
-    time = "time of success, s" if first.ends else "settling time, s"
-    apart = differences(comparison)
-    groups: dict[tuple[int, int], list[str]] = {}
-    for entry in others:
-        said = (entry.name, first.name) in pairs or (first.name, entry.name) in pairs
-        if not said and all(np.isfinite(np.median(_times(each))) for each in (first, entry)):
-            signs = _sign(apart[entry.name][time]), _sign(apart[entry.name][_IMPULSE])
-            groups.setdefault(signs, []).append(entry.name)
-    # Who beats the first contestant comes first, then whom it beats; a trade-off is said of the other.
-    clauses = []
-    for signs, words in _BETTER.items():
-        if names := groups.get(signs):
-            clauses.append(
-                f"{_names(names)} {'is' if names[1:] == [] else 'are'} {words} {first.name}"
-            )
-    for (sooner, less), words in _BETTER.items():
-        if sooner + less and (names := groups.get((-sooner, -less))):
-            clauses.append(f"{first.name} is {words} {_names(names)}")
-    sentences = [_dominated(comparison, pairs), *([f"{'; '.join(clauses)}."] if clauses else [])]
-    return " ".join(sentences)
-
-
-def _dominated(comparison: Comparison, pairs: Sequence[tuple[str, str]]) -> str:
-    """Sentence about who is shown to dominate whom, ours and others alike; pairs are (winner, loser)."""
-    same = f"from the same {comparison.contest.episodes:,} starts"
-    if not pairs:
-        return f"Nobody is shown to be both quicker and cheaper than another {same} (95 %)."
-    losers: dict[tuple[str, ...], list[str]] = {}
-    for loser in dict.fromkeys(loser for _, loser in pairs):
-        losers.setdefault(tuple(one for one, other in pairs if other == loser), []).append(loser)
-    clauses = [
-        f"{_names(winners)} dominate{'' if winners[1:] else 's'} {_names(names)}"
-        for winners, names in losers.items()
-    ]
     beaten = {loser for _, loser in pairs}
-    free = [entry.name for entry in comparison.entries if entry.name not in beaten]
-    return f"{'; '.join(clauses)}: quicker and cheaper {same}. Nobody is shown to dominate {_names(free)} (95 %)."
+    beats = {entry.name: [other for one, other in pairs if one == entry.name] for entry in entries}
+    best = min(
+        (entry for entry in reliable if entry.name not in beaten),
+        key=lambda entry: (-len(beats[entry.name]), np.median(_times(entry)) * entry.thrust.mean()),
+    )
+    relations = []
+    if beats[best.name]:
+        relations.append(f"quicker and cheaper than {_names(beats[best.name])}")
+    bootstrap = Bootstrap(episodes)
+    for other in reliable:
+        is_even = _sign(bootstrap.difference(_times(best), _times(other))) == 0
+        is_less = _sign(bootstrap.difference(best.thrust, other.thrust)) < 0
+        is_same = other.name.partition("#")[0] == best.name.partition("#")[0]
+        if not is_same and other.name not in beats[best.name] and is_even and is_less:
+            ratio = best.thrust.mean() / other.thrust.mean()
+            relations.append(f"as quick as {other.name} at {ratio:.2f} of its impulse")
+    text = "; ".join(relations) or "nobody is shown to be quicker and cheaper (95 %)"
+    # Who is quicker, and who is cheaper, if time or impulse alone counts.
+    ends = {
+        "quickest": min(reliable, key=lambda entry: float(np.median(_times(entry)))),
+        "cheapest": min(reliable, key=lambda entry: float(entry.thrust.mean())),
+    }
+    others = [f"{word} {_figures(one)}" for word, one in ends.items() if one is not best]
+    ranked = [f"If one counts alone: {', '.join(others)}."] if others else []
+    return [f"Take {_figures(best)}: {text}.", *ranked, *unsolved]
+
+
+def _figures(entry: Entry) -> str:
+    """Name of a contestant, its median time and mean impulse."""
+    return f"{entry.name} ({np.median(_times(entry)):.3g} s, {entry.thrust.mean():.3g} N s)"
+
+
+def no_better(comparison: Comparison, agent: str) -> str:
+    """Name of a contestant of an agent than which the first one is neither quicker nor cheaper; "" without one."""
+    if comparison.contest.episodes < _FEWEST:
+        return ""
+    first, *others = comparison.entries
+    bootstrap = Bootstrap(comparison.contest.episodes)
+    for one in others:
+        signs = (
+            _sign(bootstrap.difference(_times(first), _times(one))),
+            _sign(bootstrap.difference(first.thrust, one.thrust)),
+        )
+        if agent in one.name and np.isfinite(_times(one)).all() and min(signs) >= 0:
+            return one.name
+    return ""
 
 
 _FEWEST = 6
@@ -277,16 +278,6 @@ one with a probability of 2^(1-n), which is 6.3 % of five and 3.1 % of six."""
 def _times(entry: Entry) -> np.ndarray:
     """When each flight has done its task, s, (N,); infinite: never."""
     return entry.success if entry.ends else entry.settling
-
-
-_BETTER = {
-    (-1, -1): "quicker and cheaper than",
-    (-1, 0): "quicker than",
-    (0, -1): "cheaper than",
-    (-1, 1): "quicker, for more impulse, than",
-    (1, -1): "slower, for less impulse, than",
-}
-"""Words by the signs of the differences of time and impulse."""
 
 
 def _names(names: Sequence[str]) -> str:
@@ -455,7 +446,7 @@ def _summary(comparison: Comparison, board: dict[str, Scores]) -> Iterator[dict[
             "ends": entry.ends,
             "starts": len(times),
             "flown": len(times),
-            "settled": int(np.isfinite(times).sum()),
+            "solved": int(np.isfinite(times).sum()),
             "median_settling_time": float(np.median(times)),
             "mean_impulse": row[_IMPULSE].value,
             "return_percent": row[RETURN].value if RETURN in row else None,
@@ -475,7 +466,7 @@ def _bound_summary(comparison: Comparison) -> Iterator[dict[str, Any]]:
             "starts": len(rows),
             "flown": len(solved),
             "impossible": sum(row.too_early for row in rows),
-            "settled": sum(math.isfinite(row.settling) for row in solved),
+            "solved": sum(math.isfinite(row.settling) for row in solved),
             "median_settling_time": _median(solved, "settling"),
             "mean_impulse": float(np.mean([row.thrust for row in solved])) if solved else None,
         }

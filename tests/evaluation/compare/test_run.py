@@ -120,9 +120,9 @@ def test_who_never_arrives_counts(comparison: Comparison) -> None:
     idle = scoreboard(comparison)[IDLE]
     lqr = scoreboard(comparison)["LQR"]
     assert idle["first in the goal set, s"].value == idle["settling time, s"].value == math.inf
-    assert (idle["settled, %"].value, idle["impulse of the episode, N s"].value) == (0.0, 0.0)
+    assert (idle["solved, %"].value, idle["impulse of the episode, N s"].value) == (0.0, 0.0)
     assert idle["position error, cm"].value > 79.0  # the starts are 0.8 to 0.9 m away
-    assert lqr["settled, %"].value == 100.0
+    assert lqr["solved, %"].value == 100.0
     assert differences(comparison)[IDLE]["first in the goal set, s"].value == math.inf
 
 
@@ -257,7 +257,7 @@ def test_files_for_others(comparison: Comparison) -> None:
     assert read["per_start"]["relaxed"]["minimum fuel in 5 s"][0]["thrust"] > 0.0
     assert read["contestants"]["LQR"]["tuning"].startswith("tuned: ")
     section = comparison_section(read)
-    assert section.summary[1][1].startswith("settles from 0 of 3 starts")
+    assert section.summary[1][1].startswith("solves its task from 0 of 3 starts")
     html = page(comparison).html()
     assert html.count("<figure") == 7  # plane, gaps, two starts, errors, return and latency, craft
     assert "http" not in html.replace("http://www.w3.org", "")
@@ -290,7 +290,7 @@ def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> No
     with pytest.raises(KeyboardInterrupt):
         found.fly(enlisted(["lqr:go-to-pose-2d"], CONTEST), ["optimal"])
     assert [entry.name for entry in found.entries] == ["LQR"]
-    assert "LQR settles from 3 of 3 starts, " in page(found).html()
+    assert "LQR solves its task from 3 of 3 starts, " in page(found).html()
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,6 @@ from tests.support.evaluation_flights import TrackNothing, flight_of, two_episod
 LINES = """\
 success | solved | 50 % | 9.45 to 90.5 | within all tolerances at every step of the last fifth
 success | solved in the mean | 100 % | 34.2 to 100 | mean errors of the last fifth within tolerances
-success | settled | 50 % | 9.45 to 90.5 | enters all tolerances and stays
 success | settling time | never | 2.5 to never | median time to enter and stay
 success | failed | 0 % | 0 to 65.8 | declared failed by the task at any time
 success | first in the goal set | never | 0 to never \

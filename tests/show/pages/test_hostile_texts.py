@@ -83,7 +83,7 @@ BOUND = {"failures": 17, "flights": 2000, "rate": 0.01, "at least": 0.004, "at m
 
 def run_folder() -> dict[str, Any]:
     """Contents of a run folder's files as RANS writes them, with harmless texts."""
-    summary = {"contestant": "agent", "starts": 1, "flown": 1, "settled": 1, "kind": "agent"}
+    summary = {"contestant": "agent", "starts": 1, "flown": 1, "solved": 1, "kind": "agent"}
     check = {
         "name": "force",
         "value": 1e-16,

@@ -90,7 +90,7 @@ def run(tmp_path: Path) -> Path:
                     "contestant": "agent",
                     "starts": 1,
                     "flown": 1,
-                    "settled": 1,
+                    "solved": 1,
                     "median_settling_time": 6.5,
                     "mean_impulse": 20.0,
                 }
@@ -198,7 +198,7 @@ def test_the_result_of_the_evaluation_is_above_everything(run: Path) -> None:
     ]
     (run / "evaluation.json").unlink()
     assert report_from_run(run).hero == (
-        "agent settles from 1 of 1 start, 6.50 s (median), 20.00 N s of thrust (mean)."
+        "agent solves its task from 1 of 1 start, 6.50 s (median), 20.00 N s of thrust (mean)."
     )
 
 
@@ -355,7 +355,7 @@ def test_summary_tells_the_essence(run: Path) -> None:
         "2.45 cm",
         "Comparison",
         "agent",
-        "settles from 1 of 1 start, 6.50 s (median)",
+        "solves its task from 1 of 1 start, 6.50 s (median)",
         "Training",
         "10,000",
         "5.0 s",
@@ -384,7 +384,7 @@ def test_a_comparison_is_its_outcomes_and_what_went_wrong() -> None:
         "contestant": "agent",
         "starts": 4,
         "flown": 4,
-        "settled": 2,
+        "solved": 2,
         "median_settling_time": None,
         "mean_impulse": 12.0,
     }
@@ -395,9 +395,9 @@ def test_a_comparison_is_its_outcomes_and_what_went_wrong() -> None:
     assert section.text == "4 starts."
     assert [(finding.text, finding.passed) for finding in section.findings] == [
         ("One lost.", False),
-        ("agent settles from 2 of 4 starts, 12.00 N s of thrust (mean).", None),
+        ("agent solves its task from 2 of 4 starts, 12.00 N s of thrust (mean).", None),
         (
-            "least time settles from 2 of 4 starts, 12.00 N s of thrust (mean); the optimiser found none "
+            "least time solves its task from 2 of 4 starts, 12.00 N s of thrust (mean); the optimiser found none "
             "from 1.",
             None,
         ),

@@ -79,9 +79,9 @@ class ControllerFleet:
 
 
 def _outcome(flight: Flight) -> list[np.ndarray]:
-    """(N,) each: number of a `Failure` or 0, whether the flight settled, and at which instant."""
+    """(N,) each: number of a `Failure` or 0, and of the instant at which a solved flight settled."""
     verdict = flight.verdict
-    return [np.asarray(x) for x in (verdict.failure(), verdict.settles, verdict.settled)]
+    return [np.asarray(x) for x in (verdict.failure(), verdict.settled)]
 
 
 def _totals(flight: Flight) -> list[np.ndarray]:

@@ -94,7 +94,7 @@ def test_a_mission_that_ends_is_scored_by_its_success(entry: Entry) -> None:
     # Errors of the last fifth of an episode say nothing of flights that ended before.
     assert not any("error" in name or "settl" in name for name in row)
     assert differences(comparison)["wild"]["time of success, s"].high == np.inf
-    settled = [one["settled"] for one in outcome(comparison, board)["summary"]]
+    settled = [one["solved"] for one in outcome(comparison, board)["summary"]]
     assert settled == [2, 1]
     assert "did not succeed" in bounds.table([wild])[1][0]
     first = np.asarray(CONTEST.starts.goal.notes.deadline)

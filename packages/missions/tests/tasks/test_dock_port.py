@@ -137,7 +137,7 @@ def test_flights_dock_in_both_engines(flying: Any, craft: Any) -> None:
     flight = flying(craft, task, shut, replace(starts, start=aligned), timing)
     assert np.asarray(flight.done).all()
     # 0.38 m at 4 cm/s are 9.5 s: within the 48th period.
-    assert (flight.verdict.settled[flight.verdict.settles] * 0.2).tolist() == pytest.approx(
+    assert (flight.verdict.settled[flight.verdict.solved] * 0.2).tolist() == pytest.approx(
         [9.6] * 8
     )
     aside = replace(aligned, p=goal.p + out.scale(-0.55))
