@@ -51,6 +51,18 @@ _CONTROLLER_OF = {
 }
 """Controllers that messages recommend for tasks which LQR does not win."""
 
+_TORCH = (
+    "a file of torch, which says nothing of its observations and commands: export the policy as ONNX "
+    "(torch.onnx.export), and name onnx:FILE.onnx:TASK-2d."
+)
+_FOREIGN_FILES = {
+    ".pt": _TORCH,
+    ".pth": _TORCH,
+    ".onnx": "a network that names no task: write onnx:FILE.onnx:TASK-2d.",
+    ".zip": "no run folder: write sb3:FILE.zip:TASK-2d for a model of Stable-Baselines3.",
+}
+"""What files of other libraries are and what to type, by the end of their names."""
+
 Kind = Literal["run folder", "pretrained", "controller", "policy", "flights"]
 """A folder of a training or an export, an agent that comes with RANS, a controller without training, a policy of
 another library, or a file of flights."""
@@ -110,7 +122,12 @@ class ContestantName:
         if len(text) > _LONGEST_NAME:
             raise ConfigError(f"there is no contestant {brief(text)}; known are {FORMS}.")
         # What follows # and @.
+        longest, _, last = text.rpartition("#")
         whole, _, part = text.partition("#")
+        if _exists(text):
+            whole, part = text, ""
+        elif longest and _exists(longest):
+            whole, part = longest, last
         part, at, craft = part.partition("@")
         whole += at + craft
         first, _, rest = whole.partition(":")
@@ -145,6 +162,9 @@ class ContestantName:
                 return cls(text, "controller", f"{first}:{own}", setup, part=part)
             near = CONTROLLERS.meant(first, ("pretrained", ADAPTIVE, *WRAPPERS))
             raise ConfigError(f"there is no contestant {brief(whole)}{near}; known are {FORMS}.")
+        advice = _FOREIGN_FILES.get(Path(whole).suffix.lower())
+        if advice and not Path(whole).is_dir():
+            raise ConfigError(f"{brief(whole)} is {advice}")
         # Names alone: a folder, an agent, or a mistake.
         agents = (*pretrained_names(), *missing_agents())
         agent, _, craft = whole.partition("@")

@@ -54,7 +54,10 @@ def policy_of(policy: Any, craft: Spacecraft, task: Task) -> ForeignPolicy:
             _check_spaces(who, spaces[0], spaces[1], craft, task)
         _check_wrappers(who, policy)
         environment = getattr(policy, "get_vec_normalize_env", lambda: None)()
-        return _predicting(who, policy, None if environment is None else environment.normalize_obs)
+        scale = None if environment is None else environment.normalize_obs
+        if scale is None:
+            _warn_of_scales(who, getattr(policy, "_last_obs", None), craft)
+        return _predicting(who, policy, scale, spaces[1])
     if not callable(policy) or isinstance(policy, type):
         raise ConfigError(
             "a policy is a Stable-Baselines3 model, a torch module or a function of observations "
@@ -65,12 +68,16 @@ def policy_of(policy: Any, craft: Spacecraft, task: Task) -> ForeignPolicy:
 
 
 def _predicting(
-    who: str, policy: Any, scale: Callable[[np.ndarray], np.ndarray] | None
+    who: str, policy: Any, scale: Callable[[np.ndarray], np.ndarray] | None, space: Any
 ) -> ForeignPolicy:
     """The policy of an object with ``predict``, whose second result is its memory.
 
-    Observations (N, width) are scaled first; the memory goes in and comes out as the object has it.
+    Observations (N, width) are scaled first; the memory goes in and comes out as the object has it. Where the space
+    of its actions is that of `DiscreteThrusters`, the bits of each action are the thrusters.
     """
+    # Of MultiBinary n is the number of thrusters, and of Discrete that of their combinations.
+    is_number = type(space).__name__ == "Discrete"
+    thrusters = np.arange(int(space.n).bit_length() - 1) if is_number else None
     try:
         parameters = inspect.signature(policy.predict).parameters
     except (TypeError, ValueError):  # a function of a compiled module
@@ -102,6 +109,8 @@ def _predicting(
             raise ConfigError(
                 f"predict of {who} returns a state and takes none: give it the arguments state and episode_start."
             )
+        if thrusters is not None:
+            commands = np.asarray(commands)[:, None] >> thrusters & 1
         return commands, after
 
     return decide
@@ -123,10 +132,15 @@ def _wrappers(environment: Any) -> Iterator[Any]:
 
 
 def _check_wrappers(who: str, policy: Any) -> None:
-    """Refuse (`ConfigError`) a model behind a wrapper that changes observations or actions, but VecNormalize."""
+    """Refuse (`ConfigError`) a model behind a wrapper that changes observations or actions.
+
+    VecNormalize and DiscreteThrusters are flown with the model.
+    """
     environment = getattr(policy, "get_env", lambda: None)()
     for wrapper in _wrappers(environment):
-        if any(kind.__name__ in _CHANGING for kind in type(wrapper).__mro__):
+        if type(wrapper).__name__ != "DiscreteThrusters" and any(
+            kind.__name__ in _CHANGING for kind in type(wrapper).__mro__
+        ):
             raise ConfigError(
                 f"{who} was trained behind {type(wrapper).__name__}, which changes observations or actions "
                 "and would not be flown: give a function of observations that does the same and asks the model."
@@ -193,7 +207,9 @@ def of_sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> ForeignPoli
         data, parameters, _ = load_from_zip_file(name, device="cpu")
         assert data is not None  # every SB3 file has data
         spaces = data["observation_space"], data["action_space"]
-        policy = data["policy_class"](*spaces, lambda _: 0.0, **data["policy_kwargs"])
+        # State-dependent exploration is the algorithm's own setting, and changes the layers of its policy.
+        options = {"use_sde": True} if data.get("use_sde") else {}
+        policy = data["policy_class"](*spaces, lambda _: 0.0, **options | data["policy_kwargs"])
         policy.load_state_dict(parameters["policy"])
     except Exception as error:  # a damaged pickle raises anything
         reason = first_line(error).partition(". ")[
@@ -203,15 +219,9 @@ def of_sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> ForeignPoli
     policy.set_training_mode(False)
     _check_spaces(name, *spaces, craft, task)
     scale = _normalization(Path(name), craft, task)
-    if scale is None and _met_scaled_observations(data, craft):
-        warnings.warn(
-            f"{name} was trained on observations that were scaled, as SB3's VecNormalize does, and its file "
-            "does not hold the scales: observations are passed to it as they are. Save the VecNormalize "
-            f"as {Path(name).stem}_vecnormalize.pkl beside it.",
-            RansWarning,
-            stacklevel=2,
-        )
-    return _predicting(name, policy, scale)
+    if scale is None:
+        _warn_of_scales(name, data.get("_last_obs"), craft)
+    return _predicting(name, policy, scale, spaces[1])
 
 
 def _statistics_file(file: Path) -> Path | None:
@@ -256,19 +266,23 @@ def _normalization(
     return normalize
 
 
-def _met_scaled_observations(data: dict[str, Any], craft: Spacecraft) -> bool:
-    """Whether the observations that an SB3 file holds are not a task's own.
+def _warn_of_scales(who: str, last: Any, craft: Spacecraft) -> None:
+    """Warn where the last observations (N, width) of a training are not a task's own, as behind VecNormalize.
 
-    Off-policy algorithms keep those before the scaling. Of others the last ones are kept, whose first columns
-    are a row of a rotation.
+    The first columns of an observation are a row of a rotation, of length 1.
     """
-    if data.get("_last_original_obs") is not None:
-        return True
-    last = data.get("_last_obs")
     if not isinstance(last, np.ndarray) or last.ndim != 2:
-        return False
+        return
     lengths = np.linalg.norm(last[:, : craft.dimension], axis=1)
-    return bool(np.any(np.abs(lengths - 1.0) > 1e-3))  # far above the rounding of float32
+    if np.any(np.abs(lengths - 1.0) > 1e-3):  # far above the rounding of float32
+        warnings.warn(
+            f"{who} was trained on observations that were scaled, as SB3's VecNormalize does, and comes without "
+            "the scales: observations are passed to it as they are. Save the VecNormalize as "
+            "NAME_vecnormalize.pkl beside the file NAME.zip and name sb3:NAME.zip, or give PPO.load(..., env=...) "
+            "the environment with its scales.",
+            RansWarning,
+            stacklevel=2,
+        )
 
 
 def _ours(file: Path, craft: Spacecraft, task: Task) -> ForeignPolicy:
@@ -301,7 +315,9 @@ def _check_spaces(
     name: str, observation_space: Any, expected: Any, craft: Spacecraft, task: Task
 ) -> None:
     """Reject (`ConfigError`) a policy whose observation or action is of another size or kind than here."""
-    from gymnasium.spaces import MultiBinary, MultiDiscrete
+    from gymnasium.spaces import Discrete, MultiBinary, MultiDiscrete
+
+    from rans.fast.envs.discrete import MOST_THRUSTERS
 
     width = observation_width(task, craft.dimension)
     count = craft.command_count
@@ -315,7 +331,9 @@ def _check_spaces(
         raise ConfigError(
             f"{name} observes {observation_space.shape}, but {craft.name} has ({width},){stacked}."
         )
-    accepted = MultiDiscrete([2] * count), MultiBinary(count), action_space(craft)
+    accepted = [MultiDiscrete([2] * count), MultiBinary(count), action_space(craft)]
+    if action_space(craft) == accepted[0] and count <= MOST_THRUSTERS:
+        accepted.append(Discrete(2**count))  # DiscreteThrusters
     if expected not in accepted:
         takes = craft.actuators.allowed if not craft.wheels else allowed(craft)
         wheels = f" and {craft.wheel_count} reaction wheels" if craft.wheels else ""
@@ -365,6 +383,11 @@ def of_onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
         raise ConfigError(f"{name} has no input, and the first one must be the observation.")
     width = observation_width(task, craft.dimension)
     shape = inputs[0].shape
+    if len(shape) not in (0, 2) or (isinstance(shape[0], int) and shape[0] > 1):
+        raise ConfigError(
+            f"{name} takes observations of shape {shape}, and a flight gives it (N, {width}), one row for each "
+            "spacecraft: export it with two axes, of which the first has any length or 1."
+        )
     if len(shape) == 2 and isinstance(shape[1], int) and shape[1] != width:
         raise ConfigError(
             f"{name} observes {shape[1]} numbers, but {craft.name} has {width} for "
@@ -373,6 +396,8 @@ def of_onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
     return OnnxPolicy(session, name)
 
 
+_NUMBERS = {"tensor(double)": np.float64, "tensor(float16)": np.float16}
+"""Kinds of numbers that a network takes, by ONNX Runtime's names; others take float32."""
 _ALONE = 16
 """Observations of the first batch of a network that are asked for alone."""
 
@@ -395,6 +420,7 @@ class OnnxPolicy:
         inputs: list[Any] = session.get_inputs()
         first, states = inputs[0], inputs[1:]
         self._observation = first.name
+        self._types = {one.name: _NUMBERS.get(one.type, np.float32) for one in inputs}
         self._is_single = bool(first.shape[:1] == [1])
         givens = self._givens(states)
         self._asked_for: list[str] = [
@@ -518,7 +544,9 @@ class OnnxPolicy:
 
     def _asked(self, observation: np.ndarray, states: list[np.ndarray]) -> list[np.ndarray]:
         named = {port.name: state for port, state in zip(self._ports, states, strict=True)}
-        return self._session.run(self._asked_for, {self._observation: observation, **named})
+        named[self._observation] = observation
+        taken = {name: x.astype(self._types[name], copy=False) for name, x in named.items()}
+        return self._session.run(self._asked_for, taken)
 
     def _run(self, observation: np.ndarray, states: list[np.ndarray]) -> list[np.ndarray]:
         """Commands (N, n) in the order of the observations (N, width), and the states after them.

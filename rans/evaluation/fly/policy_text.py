@@ -43,8 +43,11 @@ def split_policy(spec: str) -> tuple[str, str]:
         module, _, rest = rest.partition(":")
         function, _, setup = rest.partition(":")
         return f"python:{module}:{function}", setup
-    if Path(rest).is_file():
-        return spec, ""
+    # A name may have colons: the longest that a file has is its own.
+    parts = rest.split(":")
+    for count in range(len(parts), 0, -1):
+        if Path(file := ":".join(parts[:count])).is_file():
+            return f"{kind}:{file}", ":".join(parts[count:])
     drive, rest = os.path.splitdrive(rest)  # on Windows it has a colon, too
     file, _, setup = rest.partition(":")
     return f"{kind}:{drive}{file}", setup

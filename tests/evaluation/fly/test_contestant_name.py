@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -35,6 +36,27 @@ def test_every_form_has_its_parts(text: str, parts: tuple[str, str, str, str, st
     assert (name.kind, name.name, name.setup, name.part, name.wrapper) == parts
     assert name.text == text
     assert name.alone == ContestantName.parse(text.removeprefix("lookahead:"))
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "parts"),
+    [
+        ("x#1", "x#1", ("run folder", "x#1", "", "")),
+        ("x#1", "x#1#dock", ("run folder", "x#1", "", "dock")),
+        ("12:30.onnx", "onnx:12:30.onnx:dock", ("policy", "onnx:12:30.onnx", "dock", "")),
+        ("12:30.onnx", "onnx:12:30.onnx", ("policy", "onnx:12:30.onnx", "", "")),
+    ],
+)
+def test_the_longest_name_that_exists(here: Path, name: str, text: str, parts: Any) -> None:
+    (here / name).write_bytes(b"")
+    parsed = ContestantName.parse(text)
+    assert (parsed.kind, parsed.name, parsed.setup, parsed.part) == parts
+
+
+@pytest.mark.parametrize("text", ["policy.pt", "nn/last_ep_300.pth", "mine.onnx", "model.zip"])
+def test_files_of_other_libraries_are_answered_by_what_to_type(text: str) -> None:
+    with pytest.raises(ConfigError, match=r"(onnx|sb3):FILE\.\w+:TASK-2d"):
+        ContestantName.parse(text)
 
 
 def test_a_controllers_name_may_be_that_of_a_folder(here: Path) -> None:

@@ -305,6 +305,30 @@ def counting(file: Path, taken: list[str], given: list[str], sources: list[int])
     return file
 
 
+@pytest.mark.parametrize("precision", [np.float16, np.float32, np.float64])
+def test_networks_of_every_precision_fly(tmp_path: Path, precision: Any) -> None:
+    file = tmp_path / "plain.onnx"
+    ports = {"obs": ("N", 10)}, {"actions": ("N", 8)}
+    nodes = [node("MatMul", "obs W", "y"), node("Sigmoid", "y", "actions")]
+    weights = np.random.default_rng(1).normal(size=(10, 8))
+    file.write_bytes(model_of(nodes, *ports, precision=precision, W=weights))
+    craft = load_spacecraft(str(Path("examples/trainers/throttled-platform.toml")))
+    commands = user_policy(f"onnx:{file}", craft, TASK).act(None, None, STEPS[0])
+    exact = 1.0 / (1.0 + np.exp(-STEPS[0] @ weights))
+    # Half precision has ten bits, of sums of ten terms.
+    np.testing.assert_allclose(commands, exact, atol=4e-3 if precision == np.float16 else 1e-6)
+
+
+@pytest.mark.parametrize("shape", [(10,), (32, 10), ("N", 1, 10)])
+def test_observations_of_another_shape_are_refused(tmp_path: Path, shape: Any) -> None:
+    file = tmp_path / "shaped.onnx"
+    file.write_bytes(
+        model_of([node("Identity", "obs", "actions")], {"obs": shape}, {"actions": shape})
+    )
+    with pytest.raises(ConfigError, match=r"export it with two axes"):
+        user_policy(f"onnx:{file}", CRAFT, TASK)
+
+
 @pytest.mark.parametrize(
     ("taken", "given", "sources"),
     [

@@ -5,16 +5,19 @@ from __future__ import annotations
 import pickle
 import shutil
 from pathlib import Path
+from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
-from stable_baselines3 import PPO, SAC
-from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3 import A2C, DQN, PPO, SAC, TD3
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
 import rans
 from rans.errors import ConfigError
 from rans.evaluation.fly.foreign_policy import policy_of
 from rans.evaluation.fly.user_policy import user_policy
+from rans.fast.envs.discrete import DiscreteThrusters
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
@@ -68,29 +71,57 @@ def test_statistics_beside_a_model_scale_its_observations(
 
 
 def test_missing_statistics_are_said(folder: Path, tmp_path: Path) -> None:
+    """Of a file, and of the object that SB3 makes of it."""
     shutil.copy(folder / "model.zip", tmp_path)
     with pytest.warns(UserWarning, match=r"observations are passed to it as they are.*Save the"):
         user_policy(f"sb3:{tmp_path / 'model.zip'}", CRAFT, GoToPose(), trust=True)
+    with pytest.warns(UserWarning, match="observations are passed to it as they are"):
+        policy_of(PPO.load(folder / "model.zip", device="cpu"), CRAFT, GoToPose())
 
 
-@pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
-def test_a_policy_of_plain_observations_is_not_warned_of(tmp_path: Path, craft: str) -> None:
-    """Warnings are errors here."""
-    plain = load_spacecraft(craft)
-    environment = rans.SB3VecEnv(rans.Engine(plain, GoToPose(), num_envs=16))
-    PPO("MlpPolicy", environment, n_steps=4, batch_size=64, seed=0).learn(64).save(
-        tmp_path / "model.zip"
-    )
-    user_policy(f"sb3:{tmp_path / 'model.zip'}", plain, GoToPose(), trust=True)
+ON_POLICY = {"n_steps": 4, "seed": 0}
+OFF_POLICY = {"learning_starts": 8, "buffer_size": 1000, "seed": 0}
+WITH_SDE = ON_POLICY | {"use_sde": True}
 
 
-def off_policy(craft: Spacecraft, file: Path) -> None:
-    environment = VecNormalize(rans.SB3VecEnv(rans.Engine(craft, GoToPose(), num_envs=4)))
-    SAC("MlpPolicy", environment, learning_starts=1000, buffer_size=1000).learn(8).save(file)
+def environment_of(craft: Spacecraft, kind: type) -> VecEnv:
+    if kind is DQN:
+        return DummyVecEnv([lambda: DiscreteThrusters(gymnasium.make("rans/GoToPose2D-v0"))])
+    return rans.SB3VecEnv(rans.Engine(craft, GoToPose(), num_envs=4))
+
+
+@pytest.mark.parametrize(
+    ("kind", "craft", "options"),
+    [
+        (PPO, CRAFT, ON_POLICY | {"batch_size": 16}),
+        (PPO, load_spacecraft("free-flyer"), ON_POLICY | {"batch_size": 16}),
+        (PPO, THROTTLED, WITH_SDE | {"batch_size": 16, "policy_kwargs": {"squash_output": True}}),
+        (A2C, THROTTLED, WITH_SDE),
+        (SAC, THROTTLED, OFF_POLICY | {"use_sde": True}),
+        (TD3, THROTTLED, OFF_POLICY),
+        (DQN, CRAFT, OFF_POLICY),
+    ],
+)
+def test_what_an_algorithm_saves_flies_as_it_predicts(
+    tmp_path: Path, kind: Any, craft: Spacecraft, options: dict[str, Any]
+) -> None:
+    """As a file and as an object; warnings are errors here."""
+    model = kind("MlpPolicy", environment_of(craft, kind), **options).learn(32)
+    model.save(tmp_path / "model.zip")
+    width = model.observation_space.shape[0]
+    seen = np.random.default_rng(3).normal(size=(64, width)).astype(np.float32)
+    answer = model.predict(seen, deterministic=True)[0]
+    if kind is DQN:
+        answer = [[number >> k & 1 for k in range(8)] for number in answer]
+    policy = user_policy(f"sb3:{tmp_path / 'model.zip'}", craft, GoToPose(), trust=True)
+    np.testing.assert_array_equal(policy.act(None, None, seen), answer)
+    flown = policy_of(model, craft, GoToPose())(seen, None, np.ones(64, bool))[0]
+    np.testing.assert_array_equal(flown, answer)
 
 
 def test_missing_statistics_of_an_off_policy_model_are_said(tmp_path: Path) -> None:
-    off_policy(THROTTLED, tmp_path / "model.zip")
+    environment = VecNormalize(environment_of(THROTTLED, SAC))
+    SAC("MlpPolicy", environment, **OFF_POLICY).learn(8).save(tmp_path / "model.zip")
     with pytest.warns(UserWarning, match="observations are passed to it as they are"):
         user_policy(f"sb3:{tmp_path / 'model.zip'}", THROTTLED, GoToPose(), trust=True)
 
