@@ -141,7 +141,7 @@ def _as_object(name: str, kind: type, table: dict[Any, Any]) -> str:
 
 
 class NamedArguments:
-    """Base of classes that refuse an unknown keyword argument in a sentence (`ConfigError`).
+    """Base of classes that refuse an unknown keyword argument in a sentence (`WrongArgument`).
 
     An argument that belongs to an object within, such as the latency of conditions, is written where it goes.
     """
@@ -157,9 +157,10 @@ class NamedArguments:
             hints = get_type_hints(cls) if is_dataclass(cls) else {}
             if any(name in get_type_hints(hint) for hint in hints.values() if is_dataclass(hint)):
                 written = _as_object(f"rans.{cls.__name__}", cls, named)
-                raise ConfigError(f"{cls.__name__} has no argument {name}: write {written}.")
-            raise ConfigError(
-                f"{cls.__name__} has no argument {name}{meant(name, known)}; it has {', '.join(known)}."
+                raise WrongArgument(f"{cls.__name__} has no argument {name}: write {written}.")
+            raise WrongArgument(
+                f"{cls.__name__} got an unexpected keyword argument '{name}'{meant(name, known)}; it has "
+                f"{', '.join(known)}."
             )
         return super().__new__(cls)
 
@@ -322,6 +323,10 @@ def _readable(sentence: str) -> str:
 
 class ConfigError(RansError):
     """A value from the user is invalid; the message names the value, its bound and the usual cause."""
+
+
+class WrongArgument(ConfigError, TypeError):
+    """A call has an argument that its function lacks; a `TypeError`, for libraries that try arguments out."""
 
 
 EXTRAS = {

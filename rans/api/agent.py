@@ -279,7 +279,7 @@ def load_agent(
             sb3:FILE.zip:TASK-2d, onnx:FILE:TASK-2d or python:MODULE:FUNCTION:TASK-2d; or a policy: a
             Stable-Baselines3 model, a torch module, or a function of observations (N, width) that returns
             commands (N, thrusters).
-        task: task of a policy that does not name one: a name or a `Task`.
+        task: task of a policy that does not name one: a name or a `Task`; others refuse another than theirs.
         spacecraft: spacecraft of such a policy, or of an agent for any craft: a name, a TOML file or a
             `Spacecraft`; None: the floating platform, or the agent's own.
         trust: whether ``sb3:`` files that RANS did not write may be opened; they are pickles, which can run code.
@@ -302,15 +302,18 @@ def load_agent(
         task_value = load_task(task)
         check_dimension(task_value, craft.dimension)
         setup = Setup(craft, task_value, task_value.timing)
-    if isinstance(agent, str | Path) and str(agent):
-        text = str(agent)
-        run = contestant(text, default_setup=setup, trust=trust)
-        if setup is None and spacecraft is not None:
-            return Agent(for_spacecraft(run, load_spacecraft(spacecraft)))
-        return Agent(run, text if setup is None else "")
-    run = run_of(agent)
+    text = str(agent) if isinstance(agent, str | Path) else ""
+    run = contestant(text, default_setup=setup, trust=trust) if text else run_of(agent)
     if run is not None:
-        return Agent(run)
+        if task is not None and type(load_task(task)) is not type(run.task):
+            raise ConfigError(
+                f"{run.controller.name} flies {type(run.task).__name__}, got the task {brief(task)}: leave "
+                "the task out, or name an agent or a controller for it."
+            )
+        craft = run.craft if spacecraft is None else load_spacecraft(spacecraft)
+        if craft != run.craft:
+            return Agent(for_spacecraft(run, craft))
+        return Agent(run, text if setup is None else "")
     # A policy made elsewhere, which needs a task.
     is_policy = callable(getattr(agent, "predict", None)) or callable(agent)
     if not is_policy or isinstance(agent, type):

@@ -44,7 +44,7 @@ def state(
     Args:
         position: p_WB, the position in the world frame W: two or three numbers, m.
         attitude: R_WB, of the body frame B in W: in the plane the heading, rad; in space a quaternion
-            (w, x, y, z), which is normalized.
+            (w, x, y, z), which is normalized, or a Rotation of SciPy.
             None: aligned with the world.
         velocity: v_WB in W, m/s; None: at rest.
         spin: in the plane w_WB, rad/s; in space w_WB_B, three numbers. None: none.
@@ -61,6 +61,8 @@ def state(
         heading = _numbers("attitude", [0.0 if attitude is None else attitude], 1)
         turning = _numbers("spin", [0.0 if spin is None else spin], 1)
         return PlanarState(Vec2(*target), Heading(heading[0]), Vec2(*moving), turning[0])
+    if hasattr(attitude, "as_quat"):  # a Rotation of SciPy, whose real part comes last
+        attitude = np.roll(attitude.as_quat(), 1)
     if is_finite(attitude):
         raise ConfigError(
             "a position with three numbers is in space, where the attitude is a quaternion (w, x, y, z), got "

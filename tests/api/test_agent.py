@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 import rans
 from rans.errors import ConfigError
@@ -95,4 +97,35 @@ def test_conditions_of_an_agent_are_those_it_is_compared_under() -> None:
     assert (
         alone["settling time"].value
         == rans.evaluate("go-to-pose-2d", conditions="lab", episodes=4)["settling time"].value
+    )
+
+
+@pytest.mark.parametrize("agent", ["any-craft-2d", rans.load_agent("any-craft-2d")])
+def test_task_and_spacecraft_of_an_agent_are_honoured_or_refused(agent: Any) -> None:
+    assert rans.load_agent(agent, "go-to-pose", "atmos").craft.name == "atmos"
+    with pytest.raises(ConfigError, match="flies GoToPose, got the task 'go-to-position'"):
+        rans.load_agent(agent, "go-to-position")
+
+
+def test_metrics_are_a_mapping() -> None:
+    found = rans.load_agent("go-to-pose-2d").evaluate(episodes=2)
+    assert "solved" in found
+    assert "nothing" not in found
+    assert list(found) == [row.name for row in found.rows] == list(dict(found))
+
+
+@pytest.mark.parametrize(
+    "make", [rans.Conditions, lambda **given: gymnasium.make("rans/GoToPose2D-v0", **given)]
+)
+def test_an_argument_that_is_none_is_a_type_error_as_in_python(make: Any) -> None:
+    """TorchRL's GymEnv tries ``frameskip`` and goes on at these words."""
+    with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'"):
+        make(frameskip=1)
+
+
+def test_an_attitude_may_be_scipys() -> None:
+    turn = Rotation.from_euler("xyz", (0.1, 0.2, 0.3))
+    found = rans.state((0.0, 0.0, 0.0), turn).attitude
+    np.testing.assert_allclose(
+        [found.w, found.x, found.y, found.z], turn.as_quat(scalar_first=True), rtol=1e-15
     )

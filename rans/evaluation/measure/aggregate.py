@@ -7,7 +7,7 @@ import io
 import itertools
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -58,8 +58,8 @@ class Metric:
 
 
 @dataclass(frozen=True)
-class Metrics(NotebookRepr):
-    """All metrics of a batch of flights."""
+class Metrics(NotebookRepr, Mapping[str, Metric]):
+    """All metrics of a batch of flights, by their names."""
 
     controller: str
     engine: str
@@ -81,6 +81,12 @@ class Metrics(NotebookRepr):
                 f"there is no metric {name!r}{meant(name, metrics)}; there are {', '.join(metrics)}"
             )
         return metrics[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return (row.name for row in self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
 
     def to_json(self) -> dict[str, Any]:
         """Data for `rans.files.write_json`."""

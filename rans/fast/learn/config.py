@@ -418,6 +418,10 @@ class TrainConfig:
     training ends. None: train for all steps."""
 
     def __post_init__(self) -> None:
+        for name in ("total_timesteps", "report_interval"):
+            steps = getattr(self, name)
+            if isinstance(steps, float) and steps.is_integer():  # 1e6 is a whole number
+                object.__setattr__(self, name, int(steps))
         # The range of NumPy's generator, which Stable-Baselines3 seeds too.
         require_bounds(
             self,
