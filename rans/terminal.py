@@ -67,8 +67,6 @@ def lacking(text: str) -> str:
     words = text.split()
     name = words[1] if words[:1] == ["rans"] and len(words) > 1 else ""
     module = _NEEDS.get(name, "")
-    if name == "view" and "--play" in words and "--save" not in words:  # Drake's live scene
-        module = "pydrake"
     if "--engine drake" in text:
         module = "pydrake"
     return EXTRAS[module] if module and not is_installed(module) else ""

@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import io
-import json
 import os
 import sys
 import threading
@@ -21,8 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, RansError
-from rans.files import parse_json
+from rans.errors import ConfigError
 
 _PAGE = b"""<!doctype html><title>RANS</title>
 <body style="margin: 0; display: grid; place-items: center; height: 100vh">
@@ -38,8 +36,6 @@ setInterval(() => fetch("/version").then(answer => answer.text()).then(version =
 }).catch(() => {}), 1000);
 </script>
 """
-_LONGEST = 65_536
-"""Bytes that a page may send."""
 PORTS = range(7000, 7100)
 """Ports of pages, of which the first that is free is taken."""
 
@@ -97,6 +93,18 @@ class Window:
 
 
 class _Quiet(BaseHTTPRequestHandler):
+    """Handler of requests that name this computer, as other names may lead to it from a page of a stranger."""
+
+    def parse_request(self) -> bool:
+        """Read a request, and refuse one whose host is not this computer."""
+        if not super().parse_request():
+            return False
+        host = (self.headers.get("Host") or "").partition(":")[0]
+        if host not in ("localhost", "127.0.0.1"):
+            self.send_error(400)
+            return False
+        return True
+
     def log_message(self, format: str, *arguments: Any) -> None:
         """Do not log requests."""
 
@@ -134,8 +142,6 @@ class Served:
     Args:
         page: returns the HTML of the page.
         ports: ports to try in order.
-        answer: of what the page sends as JSON, to a value that JSON has. It raises LookupError, TypeError or
-            ValueError for what the page does not send.
 
     Raises:
         ConfigError: all ports are taken, or the system refuses the last one for another reason.
@@ -145,10 +151,8 @@ class Served:
         self,
         page: Callable[[], str],
         ports: Sequence[int],
-        answer: Callable[[Any], Any] | None = None,
     ) -> None:
         self._page = page
-        self.answer = answer
         self.version = 0
         self.renew()
         refusal = OSError(errno.EADDRINUSE, "")
@@ -184,22 +188,6 @@ class _Page(_Quiet):
             self._send("text/plain", str(self._served.version).encode())
         else:
             self._send("text/html; charset=utf-8", self._served.content)
-
-    def do_POST(self) -> None:
-        """Answer what the page sends; pages of other addresses may not send JSON without being asked first."""
-        is_json = self.headers.get("Content-Type") == "application/json"
-        size = int(self.headers.get("Content-Length") or 0)
-        if self._served.answer is None or not is_json or not 0 < size <= _LONGEST:
-            self.send_error(400)
-            return
-        try:
-            answer = json.dumps(
-                self._served.answer(parse_json(self.rfile.read(size), "what the page sent"))
-            )
-        except (LookupError, TypeError, ValueError, RansError) as error:
-            self.send_error(400, explain=str(error))
-            return
-        self._send("application/json", answer.encode())
 
     def _send(self, kind: str, content: bytes) -> None:
         """Answer a request of the page."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import socket
+import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from http.client import HTTPResponse
@@ -112,6 +113,22 @@ def test_a_page_says_when_it_has_changed() -> None:
         assert "location.reload" in text
         if change == "1":
             served.renew()
+
+
+@pytest.mark.parametrize(
+    ("host", "answered"),
+    [("localhost:{}", True), ("127.0.0.1:{}", True), ("evil.example:{}", False), ("", False)],
+)
+def test_only_this_computer_may_be_asked_for(host: str, answered: bool, window: Window) -> None:
+    """The request of a stranger's page has its own name, also where that leads to 127.0.0.1."""
+    for url in (Served(lambda: "secret", PORTS).url, window.url):
+        asked = urllib.request.Request(url, headers={"Host": host.format(url.rpartition(":")[2])})
+        try:
+            with urllib.request.urlopen(asked, timeout=PATIENCE) as answer:
+                status = answer.status
+        except urllib.error.HTTPError as error:
+            status = error.code
+        assert (status == 200) is answered
 
 
 def test_a_taken_port_is_a_sentence() -> None:

@@ -6,17 +6,12 @@ import contextlib
 import shlex
 import time
 from collections.abc import Callable
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from rans.api.pages import flyers, is_optimum, view
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.errors import ConfigError
 from rans.terminal import Terminal, doing
-
-if TYPE_CHECKING:
-    from rans.evaluation.fly.agent import LoadedRun
 
 
 @command_of(view, contestants=word("RUN...", tuple[str, ...]))
@@ -36,9 +31,8 @@ class View(Options):
     )
 
     play: bool = False
-    """Fly the first contestant in real time with controls: move the goal, make a thruster dead or stuck, add
-    delay and noise, switch to the next contestant, pause, step, go back. With --save FILE.html write a page in
-    which the agent flies, offline."""
+    """Fly an agent or mission guidance in real time with controls: move the goal, make a thruster dead or stuck,
+    add delay and noise, pause, step, go back. The page flies alone; --save FILE.html writes it."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -63,10 +57,7 @@ class View(Options):
                 raise ConfigError(
                     f"--play --save writes a page, whose name must end in .html, got {str(self.save)!r}."
                 )
-            runs = flyers(
-                self.contestants, self.conditions, self.trust, self.guard, self.guard_slack
-            )
-            return self._play(runs) if self.save is None else self._write_page(runs, self.save)
+            return self._play()
         replay = self.call()
         if self.save is not None:
             Terminal().say(replay.written)
@@ -85,38 +76,33 @@ class View(Options):
                 "noise and faults: leave it out."
             )
 
-    def _write_page(self, runs: list[LoadedRun], file: Path) -> int:
-        """Write the page in which one agent flies; the exit code is 0."""
+    def _play(self) -> int:
+        """Write the page in which one contestant flies, or serve it until Ctrl-C; the exit code is 0."""
         from rans.show.pages.playground import playground
 
-        if len(runs) != 1:
-            raise ConfigError(
-                f"the page that --play --save writes is of one agent, got {len(runs)}."
-            )
+        if len(self.contestants) != 1:
+            raise ConfigError(f"one contestant flies with --play, got {len(self.contestants)}.")
+        (run,) = flyers(self.contestants, self.conditions, self.trust, self.guard, self.guard_slack)
         with doing("printing the step and the policy as JavaScript", in_log=False):
-            playground(runs[0], self.seed, self.episode).write(file)
-        size = file.stat().st_size / 1e3
+            page = playground(run, self.seed, self.episode)
+        if self.save is None:
+            _serve(page.html, "Fly along at")
+            return 0
+        page.write(self.save)
+        size = self.save.stat().st_size / 1e3
         Terminal().say(
-            f"{file} ({size:.0f} kB) flies {runs[0].controller.name} in any browser, offline."
+            f"{self.save} ({size:.0f} kB) flies {run.controller.name} in any browser, offline."
         )
         return 0
 
-    def _play(self, runs: list[LoadedRun]) -> int:
-        """Serve a flight with controls until Ctrl-C."""
-        from rans.show.pages.live import Live
 
-        live = Live(runs, self.seed, self.episode)
-        _serve(live.html, "Fly along at", live.answer)
-        return 0
-
-
-def _serve(page: Callable[[], str], words: str, answer: Callable[[Any], Any] | None = None) -> None:
+def _serve(page: Callable[[], str], words: str) -> None:
     """Serve a page until Ctrl-C, and say its address after the words; see `rans.window.Served`."""
     from rans.window import PORTS, Served, open_browser
 
     # Ctrl-C is expected from the first printed sentence on.
     with contextlib.suppress(KeyboardInterrupt):
-        url = Served(page, PORTS, answer).url
+        url = Served(page, PORTS).url
         Terminal().say(f"{words} {url} until Ctrl-C.")
         open_browser(url)
         while True:

@@ -146,12 +146,11 @@ def test_a_suggestion_says_what_is_not_installed(
         "rans evaluate runs/a",
         "rans compare runs/a",
         "rans report runs/a",
-        "rans view runs/a --play",
         "rans view runs/a",
         "rans evaluate runs/a --engine drake",
     )
     lines = capsys.readouterr().out.splitlines()[1:]
-    extras = ["", "optimal", "plots", "verify", "", "verify"]
+    extras = ["", "optimal", "plots", "", "verify"]
     assert [line.partition("[")[2].partition("]")[0] for line in lines] == extras
     monkeypatch.setattr("rans.terminal.is_installed", lambda module: True)
     assert lacking("rans compare runs/a") == ""

@@ -55,11 +55,12 @@ def test_a_page_in_which_an_agent_flies(capsys: pytest.CaptureFixture[str], refu
     assert main([*command.split()]) == 0
     assert capsys.readouterr().out.startswith("fly.html (")
     assert "class Flight" in Path("fly.html").read_text()
-    for wrong in (
-        "pretrained:go-to-pose-2d lqr --play --save fly.html",
-        "lqr:go-to-pose-2d --play --save fly.txt",
+    for wrong, said in (
+        ("pretrained:go-to-pose-2d lqr --play --save fly.html", "one contestant"),
+        ("lqr:go-to-pose-2d --play --save fly.txt", "page"),
+        ("lqr:go-to-pose-2d --play", "no trained agent"),
     ):
-        assert "page" in refused(f"view {wrong}")
+        assert said in refused(f"view {wrong}")
 
 
 @pytest.mark.parametrize(
@@ -121,14 +122,14 @@ def test_one_episode_of_a_seed_by_number(shown: list[Any]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("option", "said", "has"),
+    ("name", "option", "said", "has"),
     [
-        ("", "LQR: shown at", b'class="race"'),
-        ("--play", "Fly along at", b"class Flight"),
+        ("lqr:go-to-pose-2d", "", "LQR: shown at", b'class="race"'),
+        ("go-to-pose-2d", "--play", "Fly along at", b"class Flight"),
     ],
 )
-def test_it_serves_until_it_is_interrupted(option: str, said: str, has: bytes) -> None:
-    with command("view", "lqr:go-to-pose-2d", *option.split()) as process:
+def test_it_serves_until_it_is_interrupted(name: str, option: str, said: str, has: bytes) -> None:
+    with command("view", name, *option.split()) as process:
         assert process.stdout is not None
         line = process.stdout.readline()
         url = re.search(rf"{said} (http://localhost:\d+) until Ctrl-C\.", line)

@@ -330,7 +330,6 @@ at("back").onclick = () => rewound(Math.max(1, Math.round(back / DATA.period)));
 at("again").onclick = () => { flight.restart(); begin_anew(); };
 at("next").onclick = () => { flight.restart(flight.number + 1); begin_anew(); };
 at("closer").onclick = () => { close = !close; at("closer").textContent = close ? "Whole way" : "Closer"; draw(); };
-if (at("follow")) at("follow").onclick = () => { flight.follow(); told(); draw(); };
 at("repair").onclick = () => { flight.faults.fill("ok"); told(); draw(); };
 function valves() {
   at("valves").replaceChildren(...DATA.thrusters.map((_, k) => {

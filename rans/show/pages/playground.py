@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
-import torch
 
 from rans.compile.javascript import JAVASCRIPT, activations, function, substep_functions
 from rans.compile.substeps import Substeps
@@ -50,9 +49,10 @@ from rans.randomization.conditions import Conditions, bounds
 from rans.randomization.parameters import StepInputs
 from rans.scenario import EVALUATION_SEED
 from rans.show import markup
-from rans.show.pages.interactive import FRAME, interactive_world, may_move_goal, noise_scale
 from rans.show.pages.page import filled
 from rans.tasks import Task
+from rans.tasks.derived import goal_stands_still
+from rans.tasks.goal_set import aims
 from rans.tasks.quantities import QUANTITIES
 from rans.tasks.shapes import Ball, Cone, GlideSlope, Shape
 
@@ -66,6 +66,12 @@ class Law(Controller, Protocol):
         ...
 
 
+POSITION_NOISE = 0.05
+"""Standard deviation of position (m) and velocity (m/s) at full noise."""
+ANGLE_NOISE = math.radians(5.0)
+"""Standard deviation of each angle (rad) and angular velocity (rad/s) at full noise."""
+FRAME = 0.05
+"""Longest time between two states to draw, s."""
 _LONGEST_DELAY = 5
 """Control periods up to which the page's delay may be set."""
 _BITS = {10_000: 32, 80_000: 16, math.inf: 8}
@@ -78,13 +84,38 @@ _MOST_DRAWN = 12
 """Largest number of thrusters that a visitor may draw: all their subsets are compared."""
 
 
+def interactive_world(setup: Setup, frame: float = FRAME) -> World:
+    """World of a flight that a person changes: nominal, with a state to draw every ``frame`` seconds at least."""
+    timing = setup.timing
+    frames = math.ceil(timing.control_period / frame)
+    checks = math.ceil(max(frames, timing.checks) / timing.checks) * timing.checks
+    return World(setup._replace(conditions=None, timing=replace(timing, checks=checks)))
+
+
+def may_move_goal(task: Task) -> bool:
+    """Whether a person may move a task's goal: it has a place to go to, and stands still."""
+    return "position" in aims(task) and goal_stands_still(task)
+
+
+def noise_scale(craft: Spacecraft) -> np.ndarray:
+    """Standard deviations at full noise of the coordinates of a state around another.
+
+    (2 n,) for the n degrees of freedom of a craft: m, rad, m/s, rad/s.
+    """
+    angles = craft.degrees_of_freedom - craft.dimension
+    return np.repeat(
+        [POSITION_NOISE, ANGLE_NOISE, POSITION_NOISE, ANGLE_NOISE],
+        [craft.dimension, angles, craft.dimension, angles],
+    )
+
+
 @dataclass(frozen=True)
 class Playground:
     """The page of one agent.
 
     Attributes:
         title: who flies which spacecraft with which task.
-        kind: whether an agent flies, or guidance without a network, or whoever Python steps (`live.py`).
+        kind: whether an agent flies, or guidance without a network.
         script: JavaScript without a browser in it: the functions ``begin``, ``act``, ``advance`` and
             ``describe`` printed from the code, the weights, and a class ``Flight`` that drives them.
         data: what the page must know of the spacecraft and the task.
@@ -93,8 +124,7 @@ class Playground:
     title: str
     script: str
     data: Mapping[str, Any]
-    kind: Literal["agent", "guidance", "live"] = "agent"
-    several: bool = False
+    kind: Literal["agent", "guidance"] = "agent"
     """Whether there is a button for whoever commands next."""
 
     def html(self) -> str:
@@ -105,7 +135,6 @@ class Playground:
             title=self.title,
             bits=self.data.get("bits"),
             kind=self.kind,
-            several=self.several,
             draws=draws,
             script=markup.code(self.script),
             page=markup.code(
@@ -138,13 +167,11 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
         raise ConfigError(
             f"{controller.name} is no trained agent: a page flies the network of a run folder or of an agent that "
             "comes with RANS, mission guidance, such as mission:dock-3d, or a controller with `command` "
-            "(examples/single_file/controller.py). `rans view --play` flies every controller."
+            "(examples/single_file/controller.py). `rans view` without --play replays every controller."
         )
     architecture = controller.network.architecture
     if missing := JAVASCRIPT.missing(architecture):
-        raise ConfigError(
-            f"{controller.name} has {missing}, which no page computes; `rans view --play` flies it."
-        )
+        raise ConfigError(f"{controller.name} has {missing}, which no page computes.")
     setup = run.judged
     world = interactive_world(setup, FRAME * pace(setup))
     tables = parameters(controller.network)
@@ -176,7 +203,7 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
     except UNTRACEABLE as error:
         raise ConfigError(
             f"the task {task_name(setup.task)} does more than arithmetic on fields, which no page computes: "
-            f"{error} `rans view --play` flies it."
+            f"{error}"
         ) from error
     names = [name for name in tables if name.endswith(".weight")]
     size = sum(
@@ -522,8 +549,8 @@ _FAST_TO_FRUGAL = 0.0, 0.5, 1.0
 def _choices(run: LoadedRun) -> tuple[list[Network], int]:
     """What a visitor may choose of, fast to frugal, and the number of the agent's own.
 
-    The first is an agent as it was trained, if it has no value. The agent's own is the only one where it has
-    another value, or is not for any craft.
+    The first is an agent as it was trained, if it has no value. An agent that is not for any craft is the only one;
+    one of another value stands in place of the nearest.
     """
     own = run.network
     if not is_for_any_craft(own.architecture):
@@ -532,13 +559,11 @@ def _choices(run: LoadedRun) -> tuple[list[Network], int]:
     timing = run.judged.timing
     seconds = timing.control_period * timing.episode_steps
     choices = [frugal(own, value, 0.5 * (low + high), seconds) for value in _FAST_TO_FRUGAL]
-    if not run.controller.name.partition("#")[2]:
-        return [own, *choices[1:]], 0
-    for number, one in enumerate(choices):
-        same = all(torch.equal(x, own.tensors[name]) for name, x in one.tensors.items())
-        if same and one.architecture.frugality == own.architecture.frugality:
-            return choices, number
-    return [own], 0
+    text = run.controller.name.partition("#")[2]
+    value = float(text) if text.replace(".", "", 1).isdigit() else 0.0
+    nearest = min(range(len(choices)), key=lambda k: abs(_FAST_TO_FRUGAL[k] - value))
+    choices[nearest] = own
+    return choices, nearest
 
 
 def _allocation_data(choices: list[Network], chosen: int) -> dict[str, Any]:
@@ -609,7 +634,7 @@ def page_data(
 ) -> dict[str, Any]:
     """Data of the page of a flight with such states and goals; lengths in m, angles in rad, times in s.
 
-    playground.js and flight.js read these keys, and those that `Playground` adds; live pages too.
+    playground.js and flight.js read these keys, and those that `Playground` adds.
     """
     craft = world.craft
     errors = world.task.errors(state, goal)

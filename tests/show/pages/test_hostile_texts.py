@@ -31,7 +31,6 @@ from rans.randomization.conditions_file import load_conditions
 from rans.show import markup
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.comparison_page import page as comparison_page
-from rans.show.pages.live import Live
 from rans.show.pages.notebook import html_of
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile
 from rans.show.pages.playground import playground
@@ -257,7 +256,6 @@ def pages(folder: Path) -> dict[str, Callable[[], str]]:
     return {
         "playground": playground(flyer).html,
         "replay": replay_page([flight()], HOSTILE).html,
-        "live": Live([flyer], 1).html,
         "comparison": comparison_page(comparison, HOSTILE).html,
         "assurance": assurance_page(assurance, "worst.html").html,
         "stress": StressReport(stress, folder, 1, HOSTILE).page().html,

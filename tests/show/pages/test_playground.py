@@ -42,9 +42,9 @@ from rans.policy.timing import timing_for
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.registry import typed
 from rans.scenario import scenarios
-from rans.show.pages.interactive import InteractiveFlight, interactive_world
-from rans.show.pages.playground import _Traced, playground
+from rans.show.pages.playground import _Traced, interactive_world, playground
 from tests.support.browser import opened, served
+from tests.support.interactive_flight import InteractiveFlight
 from tests.support.layouts import sample_layout
 from tests.support.processes import PATIENCE
 
@@ -130,7 +130,7 @@ console.log(JSON.stringify(taken));"""
     flight = InteractiveFlight([run], SEED, 5)
     flight.delay = 1
     commands = iter([*(row["command"] for row in found[1:]), found[-1]["command"]])
-    repeated: list[Controller] = [Given(flight.controller.name, commands)]
+    repeated: list[Controller] = [Given(run.controller.name, commands)]
     flight.controllers = repeated
     for k, row in enumerate(found):
         if k == 10:
@@ -565,7 +565,7 @@ def test_its_slider_saves_thrust_as_the_number_after_the_name(
     number: int, value: float, tmp_path: Path
 ) -> None:
     """Moved after ten periods, from fast: the commands are those of the agent with this value from there on."""
-    page = playground(run_of("any-craft-2d"), SEED)
+    page = playground(run_of("any-craft-2d#0"), SEED)
     asked = f"""{page.script}
 const flight = new Flight(5), seen = [];
 for (let k = 0; k < 60; ++k) {{
@@ -575,7 +575,7 @@ for (let k = 0; k < 60; ++k) {{
 }}
 console.log(JSON.stringify(seen));"""
     found = answer(asked, tmp_path)
-    runs = [run_of(f"any-craft-2d{text}") for text in ("", f"#{value:g}")]
+    runs = [run_of(f"any-craft-2d#{text:g}") for text in (0.0, value)]
     flight = InteractiveFlight(runs, SEED, 5)
     for k, command in enumerate(found):
         if k == 10:
