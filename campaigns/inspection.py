@@ -24,7 +24,7 @@ from rans.flight import Controller, fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED, each, scenarios
 
-_WITHIN = (12_240.0, 7_200.0, 5_400.0, 4_200.0, 3_600.0)
+_WITHIN = (12_240.0, 7_200.0, 5_400.0)
 """Times within which circumnavigation is to inspect, s; the first one is the length of an episode."""
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from rans_missions.improve.search import improve
 from rans_missions.script import Script
-from rans_missions.tasks import Avoid, Dock, DockPort, Hold, Inspect, Rendezvous
+from rans_missions.tasks import Avoid, Dock, DockPort, Hold, Rendezvous
 from rans_missions.tasks.orbital import OrbitalMission
 
 from campaigns.elliptic import ECCENTRICITIES, orbit_of
@@ -58,7 +58,6 @@ def _by(deadline: float, task: OrbitalMission) -> dict[str, Any]:
 
 
 SEARCHES: dict[str, Search] = {
-    "inspect": Search(Inspect(), ("circumnavigation",), 0, starts=20, together=1),
     "hold": Search(**_by(1900.0, Hold()), rounds=2, starts=8, together=4),
     "dock": Search(**_by(1000.0, Dock()), rounds=3, starts=42),
     "rendezvous": Search(**_by(5000.0, Rendezvous()), rounds=3, starts=4),
@@ -114,9 +113,7 @@ def row_of_search(name: str, found: np.ndarray) -> dict[str, Any]:
     who = " and ".join(search.contestants)
     if search.horizon is not None:
         who += f" and optimal trajectories by {search.horizon:g} s"
-    # Bounds of single inspections may be zero.
-    single = not isinstance(search.task, Inspect)
-    ratios = (after / lower)[won] if single else after[won].sum() / lower[won].sum(keepdims=True)
+    ratios = (after / lower)[won]
     result = row(search.condition, f"from {who}", won, ~won & False, after, ratios)
     result["compared"] = int(won.sum())
     # The cheapest contestant of each start, and the search beside it.

@@ -21,11 +21,6 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import TASKS
 
-
-def _safe_circumnavigation(*flown: Any) -> Controller:
-    return Circumnavigation(*flown, safe_coasts=True)
-
-
 _PLANNED, _AT_ONCE = 64, 512
 """Numbers of starts that a process flies together, of guidance that plans start by start and of the others."""
 CONTESTANTS: dict[str, tuple[str, Callable[..., Controller], int]] = {
@@ -34,7 +29,6 @@ CONTESTANTS: dict[str, tuple[str, Callable[..., Controller], int]] = {
     "dock, mission": ("dock", MissionGuidance, _AT_ONCE),
     "rendezvous, mission": ("rendezvous", MissionGuidance, _AT_ONCE),
     "inspect, circumnavigation": ("inspect", Circumnavigation, _PLANNED),
-    "inspect, circumnavigation, safe coasts": ("inspect", _safe_circumnavigation, _PLANNED),
 }
 """Missions, what makes their guidance of craft, task and timing, and starts of a job, by the names of rows."""
 

@@ -84,10 +84,7 @@ MISSIONS = {
             (_GUIDANCE, "circumnavigation, 12,240 s"),
             (_AGENT, "inspect-3d, filtered"),
         ),
-        (
-            ("circumnavigation, 12,240 s", "inspect, circumnavigation"),
-            (_SAFE, "inspect, circumnavigation, safe coasts"),
-        ),
+        (("circumnavigation, 12,240 s", "inspect, circumnavigation"),),
     ),
     "final-approach": Mission("", ((_GUIDANCE, "corridor"), (_AGENT, _NONE))),
     "avoid": Mission(

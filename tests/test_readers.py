@@ -92,10 +92,6 @@ ALLOWED = {
         "pickle.loads",
     ): "statistics of a policy, with --trust only",
     ("rans.evaluation.fly.exported", "exec"): "agent.py, with --trust only, from its text",
-    (
-        "rans_missions.guard.straight_line",
-        "exec",
-    ): "arithmetic on numbered names and numbers, printed by it",
     ("rans.compile.cuda.kernel_cache", "read_bytes"): "the user's own cache, with a digest",
     ("rans.cli", "open"): "the null device",
     ("rans.registry", "read_text"): "files of installed packages, beside their code",

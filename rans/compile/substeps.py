@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
-from rans.model.dynamics import NODES, AnyState, Wrench, advance
+from rans.model.dynamics import NODES, AnyState, Rotors, Wrench, advance
 from rans.model.fields import Field, Vec3, leaves, unflatten
 from rans.model.trace import Symbol
 from rans.policy.program import inputs
@@ -81,7 +81,7 @@ class Substeps:
         last: Wrench | None = None,
         momentum: tuple[Vec3, Vec3] | None = None,
         growth: tuple[Field, Field] | None = None,
-        rotors: Sequence[float] = (),
+        rotors: Rotors | None = None,
     ) -> AnyState:
         """`rans.model.dynamics.advance` on symbols: the motion over a part of a control period.
 
@@ -89,6 +89,7 @@ class Substeps:
         """
         # Where loads change from substep to substep, one function makes all of them.
         constant = last is None and momentum is None and growth is None and drift.steady
+        grows = rotors is not None and rotors[1] is not None
         together = 1 if constant else substeps
         repeats = substeps // together
         state = replace(state, notes=None, stores=())
@@ -97,6 +98,7 @@ class Substeps:
             None if last is None else replace(last, exhaust=None),
             momentum,
             growth,
+            rotors if grows else None,
             duration / repeats,
         )
         constants = (Body(body.mass, body.inertia), disturbance, drift)
@@ -110,7 +112,7 @@ class Substeps:
             momentum is None,
             growth is None,
             disturbance is None,
-            rotors,
+            grows or rotors,
             tuple(None if isinstance(x, Symbol) else x for x in leaves(constants)),
         )
         # A kind that was not there yet is traced once.
@@ -118,7 +120,7 @@ class Substeps:
             before = inputs("state", len(leaves(state)))
             read = inputs("load", len(leaves(loads)) + len(varying))
             entries = iter(read)
-            first, end, wheels, swell, step = unflatten(loads, entries)
+            first, end, wheels, swell, grown, step = unflatten(loads, entries)
             fixed, push, motion = unflatten(
                 constants,
                 [next(entries) if isinstance(x, Symbol) else x for x in leaves(constants)],
@@ -135,7 +137,7 @@ class Substeps:
                 end,
                 wheels,
                 swell,
-                rotors,
+                grown if grows else rotors,
             )
             self._kinds[key] = Substep(
                 f"substep{len(self._kinds)}", tuple(before), tuple(read), _symbols(leaves(after))

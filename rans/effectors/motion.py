@@ -89,10 +89,10 @@ def states_at_checks(
         zero = square * 0.0
         drift = Following(drift, where(square > _NO_SPIN**2, zero + 1.0, zero))
     # Gravity acts on the wheels too, whose inertia about their axes is not in that of the craft.
-    rotors: tuple[float, ...] = ()
+    inertia: tuple[float, ...] = ()
     if drift.gradient() is not None:
         check_gradient(craft)
-        rotors = wheel_inertia(craft.wheels)
+        inertia = wheel_inertia(craft.wheels)
     # A mass inside the craft moves together with it.
     joint = next((action for action in actions if isinstance(action, JointMotion)), None)
     if joint is not None:
@@ -117,6 +117,8 @@ def states_at_checks(
             growth = None
             if push.growth is not None and disturbance is not None:
                 growth = push.growth.constant
+            # The wheels stay as the propellant leaves: beside a full craft they grow.
+            rotors = (inertia, None) if push.growth is None else push.growth.line(inertia)
             state = integrate(
                 state,
                 push.first,
@@ -129,7 +131,7 @@ def states_at_checks(
                 push.last,
                 momentum,
                 growth,
-                *([rotors] if rotors else []),
+                *([rotors] if inertia else []),
             )
             drift = drift.later(duration)
         state = state.normalised()

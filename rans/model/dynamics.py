@@ -230,6 +230,9 @@ def _dot(factors: Sequence[Field], coefficients: Sequence[float]) -> Field:
     return sum(terms[1:], start=terms[0]) if terms else factors[0] * 0.0
 
 
+Rotors = tuple[tuple[Field, ...], tuple[Field, ...] | None]
+"""Moments of inertia of wheels about their axes, as the six entries of a tensor in B, kg m^2, at the start and at
+the end of a part of a period, linear in time between; end None: constant."""
 Piece = tuple[Field, Wrench, Wrench | None, float]
 """Piece of a control period: its duration, s; the thrusters' wrench at its start and at its end, linear in time
 between (end None: constant); and an upper bound on its duration, s."""
@@ -256,7 +259,7 @@ def advance(
     last: Wrench | None = None,
     momentum: tuple[Vec3, Vec3] | None = None,
     growth: tuple[Field, Field] | None = None,
-    rotors: Sequence[float] = (),
+    rotors: Rotors | None = None,
 ) -> AnyState:
     """State after a wrench, constant or linear in time in B, has acted on the body for a duration.
 
@@ -278,7 +281,7 @@ def advance(
         growth: factor on the disturbance at the start and at the end, linear in time, of a craft that burns
             propellant; None: 1.
         rotors: moments of inertia that the wheels add to those of the body where gravity turns it
-            (`rans.model.drift.Drift.gradient`), as its six entries, kg m^2; empty: no wheels.
+            (`rans.model.drift.Drift.gradient`); None: no wheels.
     """
     # Changes in a substep of what is linear in time.
     h = duration / substeps
@@ -290,10 +293,16 @@ def advance(
     swell = None
     if growth is not None:
         swell = (growth[0], (growth[1] - growth[0]) * (1.0 / substeps))
+    wheels: list[Sequence[Field]] = []
+    if rotors is not None:
+        begin, end = rotors
+        wheels = [begin]
+        if end is not None:
+            wheels.append([(b - a) * (1.0 / substeps) for a, b in zip(begin, end, strict=True)])
     # Each substep begins where the lines of the wrench then are.
     state = _relative_to(state, drift, 1.0)
     for _ in range(substeps):
-        load = _Load(applied, change, disturbance, body, drift, momentum, swell, rotors)
+        load = _Load(applied, change, disturbance, body, drift, momentum, swell, wheels)
         if isinstance(state, PlanarState):
             state = _advance_planar(state, load, h, nodes)  # pyrefly: ignore[bad-assignment]
         else:
@@ -304,6 +313,8 @@ def advance(
             momentum = (momentum[0] + momentum[1], momentum[1])
         if swell is not None:
             swell = (swell[0] + swell[1], swell[1])
+        if len(wheels) == 2:
+            wheels = [[a + b for a, b in zip(*wheels, strict=True)], wheels[1]]
         drift = drift.later(h)
     return _relative_to(state, drift, -1.0)
 
@@ -330,8 +341,8 @@ class _Load:
     """Angular momentum of the reaction wheels in B and its change until the end, N m s."""
     swell: tuple[Field, Field] | None = None
     """Factor on the disturbance and its change until the end; None: 1."""
-    rotors: Sequence[float] = ()
-    """Moments of inertia of the wheels, kg m^2; see `advance`."""
+    rotors: Sequence[Sequence[Field]] = ()
+    """Moments of inertia of the wheels by powers of the elapsed share, kg m^2; see `advance`."""
 
     def pushes(self) -> Callable[[float], Any]:
         """Acceleration by the thrust in B, m/s^2, as a function of the elapsed share of the substep."""

@@ -49,7 +49,7 @@ def spin_series(
     carried: Sequence[Vec3] = (),
     radial: Vec3 | None = None,
     gradient: Sequence[Field] = (),
-    rotors: Sequence[float] = (),
+    rotors: Sequence[Sequence[Field]] = (),
 ) -> Series:
     """Taylor series of the angular velocity in the elapsed share of a step.
 
@@ -72,7 +72,8 @@ def spin_series(
             two entries; none: W does not turn.
         radial: unit vector away from the planet, constant in W, expressed in B at the start; None: no planet.
         gradient: 3 mu / R^3 by powers of the elapsed share, 1/s^2.
-        rotors: what the wheels add to the inertia on which gravity acts, as its six entries; empty: nothing.
+        rotors: what the wheels add to the inertia on which gravity acts, as its six entries, by powers of the
+            elapsed share; at most two; empty: nothing.
     """
     xx, xy, xz, yy, yz, zz = inertia
     # The part of the tensor that contributes, and how many terms the series has.
@@ -82,7 +83,9 @@ def spin_series(
     calm = is_even and stored is None
     order = _ORDER if not calm else len(torque) if steady is None else _EVEN_ORDER
     turning = [] if steady is None else [steady]
-    pulled_on = tuple(x + y for x, y in zip(excess, rotors, strict=True)) if rotors else excess
+    pulled_on: Sequence[Field] = excess
+    if rotors:
+        pulled_on = tuple(x + y for x, y in zip(excess, rotors[0], strict=True))
     outwards = [] if radial is None or (is_even and not rotors) else [radial]
     stretched: list[Vec3] = []
     tides: list[Vec3] = []
@@ -98,6 +101,8 @@ def spin_series(
             turning.append(last_product(turning, relative).scale(h / (k + 1)))
         if outwards:
             stretched.append(symmetric_times(pulled_on, outwards[k]))
+            if k and len(rotors) == 2:
+                stretched[k] += symmetric_times(rotors[1], outwards[k - 1])
             tides.append(last_product(outwards, stretched))
             torques += _swollen(tides, gradient)
             outwards.append(last_product(outwards, relative).scale(h / (k + 1)))

@@ -39,11 +39,3 @@ def test_a_search_that_finds_nothing_gains_nothing() -> None:
     row = row_of_search("dock", found)
     assert row["improved"] == 0
     assert row["gains"] is False
-
-
-def test_inspections_without_a_burn_count_in_the_ratio_of_means() -> None:
-    found = np.array([[1.0, 0.5, 0.0], [0.0, 0.0, 0.0], [2.0, 1.5, 1.0]])
-    row = row_of_search("inspect", found)
-    assert row["ratio"] == pytest.approx(2.0)
-    assert row["compared"] == 3
-    assert row["over"][0]["worst"] == 2.0

@@ -6,10 +6,12 @@ is H = I w + sum J (w . a + s) a, and mechanics asks for
 
     I w' + sum J (w' . a + s') a + w x H = torque,    J (w' . a + s') = motor torque,
 
-which is solved as one linear system for w' and s'. Propellant leaves with the velocity that it had as a part of the
-craft, so that I' w and m' v appear on neither side; mass and inertia fall in proportion (docs/dynamics.md). The
-plane is the same motion in space, with forces that lie in it. On an orbit w is the spin in axes that do not turn,
-and the attitude R in the Hill frame, which turns with n, obeys R' = R [w]x - [n]x R.
+which is solved as one linear system for w' and s'. Where gravity turns the craft its torque is 3 n^2 r x I_all r,
+with the unit vector r away from the planet and the inertia I_all of craft, propellant and rotors. Propellant leaves
+with the velocity that it had as a part of the craft, so that I' w and m' v appear on neither side; mass and
+inertia fall in proportion (docs/dynamics.md). The plane is the same motion in space, with forces that lie in it. On
+an orbit w is the spin in axes that do not turn, and the attitude R in the Hill frame, which turns with n, obeys
+R' = R [w]x - [n]x R.
 """
 
 from __future__ import annotations
@@ -79,6 +81,7 @@ class Oracle:
         drift = self.drift
         n = drift.mean_motion if isinstance(drift, ClohessyWiltshire) else 0.0
         self.turning = np.array([0.0, 0.0, n])
+        self.tide = 3.0 * n * n * (drift.gradient() is not None)
         self.gravity = np.zeros(3)
         if isinstance(drift, UniformGravity):
             self.gravity[: len(drift.acceleration)] = drift.acceleration
@@ -350,6 +353,10 @@ class Oracle:
             momentum = remaining * (self.inertia @ w) + self.axes.T @ self._momenta(y)
             hx, hy, hz = momentum.tolist()
             turning = torque + share * more_torque + pull_torque @ R
+            if self.tide:
+                outwards = R[0]
+                every = remaining * self.inertia + (self.axes.T * self.rotors) @ self.axes
+                turning = turning + self.tide * np.cross(outwards, every @ outwards)
             turning = turning - (q * hz - r * hy, r * hx - p * hz, p * hy - q * hx)
             known = np.concatenate([turning, motors])
             if self.tank:

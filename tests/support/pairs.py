@@ -63,6 +63,8 @@ _CONDITIONS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 """Ranges that a thruster of the craft below can balance, by effect."""
 _SCALED = ("force", "torque", "slow_force", "kick")
+GRADIENT = "gradient"
+"""Orbit on which gravity turns the craft; in space alone, and so no effect of `EFFECTS`."""
 EFFECTS = ("pulsed", "throttle", "wheels", "tank", "slosh", "orbit", "gravity", *_CONDITIONS)
 _APART = (
     {"pulsed", "throttle"},
@@ -74,6 +76,13 @@ _APART = (
 )
 """Pairs that no craft can have."""
 PAIRS = [pair for pair in itertools.combinations(EFFECTS, 2) if {*pair} not in _APART]
+TRIPLES = [
+    triple
+    for triple in itertools.combinations((GRADIENT, *EFFECTS), 3)
+    if not any({*pair} in _APART for pair in itertools.combinations(triple, 2))
+    and not (GRADIENT in triple and {*triple} & {"slosh", "orbit", "gravity"})
+]
+"""Triples of effects that a craft in space can have."""
 
 
 def groups(size: int) -> list[tuple[str, ...]]:
@@ -108,6 +117,15 @@ class InOrbit(GoToPose):
     def drift(self) -> Drift:
         """See `rans.tasks.base.Task`."""
         return ClohessyWiltshire(0.03)
+
+
+class TurnedByGravity(GoToPose):
+    """On the same orbit, on which gravity turns a craft in half a minute."""
+
+    @property
+    def drift(self) -> Drift:
+        """See `rans.tasks.base.Task`."""
+        return ClohessyWiltshire(0.03, gravity_gradient=True)
 
 
 class FallingInThePlane(GoToPose):
@@ -272,6 +290,8 @@ def flown(
     task_class = GoToPose
     if "orbit" in effects:
         task_class = InOrbit
+    if GRADIENT in effects:
+        task_class = TurnedByGravity
     if "gravity" in effects:
         task_class = FallingInThePlane if dimension == 2 else FallingInSpace
     task = task_class(fail_distance=1e6, fail_spin=1e6)

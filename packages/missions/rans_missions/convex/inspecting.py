@@ -145,20 +145,21 @@ class InspectionSearch:
             np.where(lit, -self._task.surface_distance, _NEVER),
         )
 
-    def path(self, periods: Sequence[float], changes: np.ndarray) -> np.ndarray:
-        """Positions (T, 3) of a flight with changes of velocity (K, 3) in control periods, from which to begin."""
-        grid = self._grid
-        path = grid.free
-        for period, change in zip(periods, changes, strict=True):
-            since = np.maximum(grid.times - (period + 0.5) * self._period, 0.0)
-            path = path + components(self._task.drift.kicked(Vec3(*change), since)[0], since.shape)
-        return path
+    @property
+    def times(self) -> np.ndarray:
+        """Instants of the paths from which a search begins, (T,) s."""
+        return self._grid.times
+
+    @property
+    def coast(self) -> np.ndarray:
+        """Positions (T, 3) of the flight without a burn, m."""
+        return self._grid.free
 
     def best(self, paths: Sequence[np.ndarray], hops: int) -> Burns | None:
         """The cheapest flight that the search finds; None: it finds none.
 
         Args:
-            paths: flights from which it begins, (T, 3) each, of `path`; they may inspect nothing.
+            paths: paths from which it begins, (T, 3) each at `times`, m; none need be flown or inspect anything.
             hops: number of times that it begins again from the best flight, changed at random.
         """
         found = [one for one in (self._descend(path) for path in paths) if one is not None]
@@ -221,8 +222,7 @@ class InspectionSearch:
             if turn == 0 and out is not None:
                 highest[out] = _NEVER
             highest[self._known] = math.inf
-            # The points that are easiest to see; those known need no constraint.
-            # The points that are easiest to see, as many as are asked for.
+            # The points that are easiest to see, as many as are asked for; those seen before need no constraint.
             points = np.argsort(-highest, kind="stable")[: self._asked]
             points = points[~self._known[points]]
             solved = None

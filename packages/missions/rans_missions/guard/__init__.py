@@ -9,12 +9,12 @@ from rans.extend import ConfigError, Setup, brief, is_finite, positive, scenario
 from rans.model.drift import ClohessyWiltshire
 from rans_missions.guard.ahead import SLACK
 from rans_missions.guard.backup import FlownBackup
-from rans_missions.guard.barrier import BarrierProgram, check_throttles
 from rans_missions.guard.expected import Expected
+from rans_missions.guard.manoeuvres import check_throttles
 from rans_missions.guard.safe_coasts import SafeCoasts
 from rans_missions.passive_safety import coast_zone
 
-__all__ = ["BarrierProgram", "FlownBackup", "SafeCoasts", "safety_filter"]
+__all__ = ["FlownBackup", "SafeCoasts", "safety_filter"]
 
 
 def safety_filter(
@@ -22,9 +22,8 @@ def safety_filter(
 ) -> Guard:
     """Safety filter for the spacecraft, task and conditions of a setup.
 
-    It is a `BarrierProgram` for throttles, and a `FlownBackup` for on/off and pulsed thrusters. Under conditions it
-    keeps a reserve for noise, and flies the commands ahead that a delay has queued
-    (`rans_missions.guard.expected.Expected`).
+    It is a `FlownBackup`. Under conditions it keeps a reserve for noise, and flies the commands ahead that a delay
+    has queued (`rans_missions.guard.expected.Expected`).
 
     Args:
         setup: spacecraft, task, timing and conditions.
@@ -60,11 +59,9 @@ def safety_filter(
     expected = Expected.of(setup)
     reserve = expected.reserve if slack is None else ()
     least = SLACK if slack is None else slack
-    kind = FlownBackup
     if setup.craft.actuators.kind == "throttle":
         check_throttles(setup.craft)
-        kind = BarrierProgram
-    result = kind(slack=least, reserve=reserve, delay=expected.delay)
+    result = FlownBackup(slack=least, reserve=reserve, delay=expected.delay)
     if not safe_coasts:
         return result
     zone, drift = coast_zone(task), task.drift

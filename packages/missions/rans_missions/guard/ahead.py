@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from rans.effectors.motion import states_at_checks
-from rans.extend import Body, Field, World, at_least, leaves, where
-from rans.model.trace import Untraceable
+from rans.extend import Body, Field, World, at_least, where
 from rans.randomization.parameters import StepInputs
 from rans.tasks.base import goal_after
 from rans_missions.guard.expected import Reserve
-from rans_missions.guard.straight_line import StraightLine, few
 
 SLACK = 0.002
 """Least margin by default, in the unit of each margin, as a tolerance for rounding and model errors."""
@@ -44,35 +42,6 @@ class Ahead:
     world: World
     reserve: Reserve = ()
     """See `rans_missions.guard.expected.Expected`."""
-    _traced: dict[tuple[str, int], StraightLine | None] | None = field(
-        default_factory=dict, compare=False, repr=False
-    )
-    """Functions that were traced, by name and number of fields, with None for one that cannot be. None in place of
-    all: nothing is traced."""
-
-    @staticmethod
-    def of(world: World, reserve: Reserve = ()) -> Ahead:
-        """Predictor of a world, the same one at every step."""
-        try:
-            return _remembered(world, reserve)
-        except TypeError:
-            # A task of somebody's own that has no hash. To trace at every step takes longer than it saves.
-            return Ahead(world, reserve, None)
-
-    def traced(self, name: str, function: Callable[..., Any], *trees: Any) -> StraightLine | None:
-        """A function as straight-line Python, traced once; None: it does more than arithmetic, or is not traced.
-
-        It remembers what it traced by name and size.
-        """
-        if self._traced is None:
-            return None
-        key = name, len(leaves(trees))
-        if key not in self._traced:
-            try:
-                self._traced[key] = StraightLine(function, *trees)
-            except Untraceable:
-                self._traced[key] = None
-        return self._traced[key]
 
     def margins(self, state: Any, goal: Any) -> dict[str, Field]:
         """Margins of the constraints, less the reserves."""
@@ -131,26 +100,6 @@ class Ahead:
         A margin with ends a and b and m halfway falls by at most half of a - 2 m + b below the line between them,
         if it is a parabola: near a ball of radius R this is the sagitta (v dt)^2 / (8 R) of the chord.
         """
-        if few(state) and (program := self.traced("fly", self._flown, state, goal, command)):
-            result = program.of_rows(state, goal, command)
-            if result is not None:
-                names = tuple(self.world.task.constraints(state, goal))
-                end, goal, margins = result
-                return PredictedState(
-                    end, goal, tuple(dict(zip(names, row, strict=True)) for row in margins)
-                )
-        return self._predicted(state, goal, command)
-
-    def _flown(self, state: Any, goal: Any, command: tuple[Field, ...]) -> tuple[Any, Any, Any]:
-        """State, goal and rows of margins, as a tree of fields."""
-        result = self._predicted(state, goal, command)
-        return result.state, result.goal, tuple(tuple(x.values()) for x in result.margins)
-
-    def _predicted(self, state: Any, goal: Any, command: tuple[Field, ...]) -> PredictedState:
-        """State at the end of a control period, and the least margins between checks on the way, of fields (N,).
-
-        Between checks a margin may sag below both ends: a parabola through the middle tells by how much.
-        """
         world = self.world
         task = world.task
         apart = world.timing.control_period / world.timing.checks
@@ -170,8 +119,3 @@ class Ahead:
             state = reached
             before = now
         return PredictedState(states[-1], goal, tuple(margins))
-
-
-@lru_cache(maxsize=32)
-def _remembered(world: World, reserve: Reserve) -> Ahead:
-    return Ahead(world, reserve)

@@ -1,4 +1,4 @@
-"""Safety filter of on/off and pulsed thrusters: a command passes if a backup manoeuvre is safe after it.
+"""Safety filter by simulation: a command passes if a backup manoeuvre is safe after it.
 
 Fields (N,): each craft is judged alone; safe means that a manoeuvre from there keeps every margin to the horizon.
 """
@@ -13,7 +13,13 @@ from rans.episode import Command
 from rans.extend import Field, World, where
 from rans_missions.guard.ahead import Ahead
 from rans_missions.guard.coasting import Coasting, periods_of
-from rans_missions.guard.manoeuvres import Manoeuvre, Thrusters, manoeuvres
+from rans_missions.guard.manoeuvres import (
+    Manoeuvre,
+    Thrusters,
+    braking_command,
+    manoeuvres,
+    slowest_change,
+)
 from rans_missions.guard.replacing import Predicting
 from rans_missions.guard.rows import (
     copied,
@@ -27,12 +33,11 @@ from rans_missions.guard.rows import (
     truths,
     where_true,
 )
-from rans_missions.guard.straight_line import few
 
 _FEW = 2
 """Number of manoeuvres that are tried after commands near the desired one."""
 _BLENDS = (0.25, 0.5, 0.75)
-"""Shares of a manoeuvre in commands of pulsed valves near the desired one."""
+"""Shares of a manoeuvre in commands of throttles and pulsed valves near the desired one."""
 
 
 @dataclass(frozen=True)
@@ -41,16 +46,18 @@ class FlownBackup(Predicting):
 
     A state is safe if the craft may coast from it (`rans_missions.guard.coasting.Coasting`), or if one of
     `rans_missions.guard.manoeuvres.manoeuvres` brings it to such a state within ``periods`` control periods, with
-    every margin kept at every check. A command passes if it keeps every margin at every check of its control period
-    and leads to a safe state. From a safe start there is always a command that passes: coasting, or the next
-    command of the manoeuvre by which the last command passed. This is a simplex filter with an implicit safe set
-    (K. Hobbs et al., "Runtime Assurance for Safety-Critical Systems", IEEE Control Systems, 2023). All predictions
-    use the engine's equations of motion without linearisation.
+    every margin kept at every check. Throttles brake instead: a state is safe if
+    `rans_missions.guard.manoeuvres.braking_command` keeps every margin until the craft is at rest relative to the
+    goal, from where it retreats slowly from the nearest boundary. A command passes if it keeps every margin at
+    every check of its control period and leads to a safe state. From a safe start there is always a command that
+    passes: coasting, or the next command of the manoeuvre by which the last command passed. This is a simplex
+    filter with an implicit safe set (K. Hobbs et al., "Runtime Assurance for Safety-Critical Systems", IEEE Control
+    Systems, 2023). All predictions use the engine's equations of motion without linearisation.
 
     A command that does not pass is replaced by the first of these that does: commands that differ from it in one
-    thruster (for pulsed valves, mixtures with the command of a manoeuvre), all thrusters shut, and the first
-    command of a manoeuvre. If none passes, because a reading is worse than those before, the backup is flown whose
-    least margin is largest.
+    thruster (for throttles and pulsed valves, mixtures with the command of a manoeuvre), all thrusters shut, and
+    the first command of a manoeuvre. If none passes, because a reading is worse than those before, the backup is
+    flown whose least margin is largest.
     """
 
     horizon: float | None = None
@@ -94,6 +101,8 @@ class _Search:
     ways: tuple[Manoeuvre, ...]
     periods: int
     slack: float
+    brakes: bool
+    """Whether thrusters are throttles, whose one manoeuvre is to brake."""
 
     @classmethod
     def of(cls, guard: FlownBackup, world: World) -> _Search:
@@ -101,22 +110,30 @@ class _Search:
         timing = world.timing
         seconds = guard.horizon or timing.control_period * timing.episode_steps
         horizon = periods_of(seconds, timing.control_period)
-        ahead = Ahead.of(world, guard.reserve)
+        ahead = Ahead(world, guard.reserve)
         coasting = Coasting(ahead, guard.slack, horizon)
         library = manoeuvres(world)
+        brakes = world.craft.actuators.kind == "throttle"
         return cls(
             world,
             ahead,
             coasting,
             Thrusters.of(world),
-            library,
+            library[:1] if brakes else library,
             guard.periods,
             guard.slack,
+            brakes,
         )
+
+    def coasts(self, state: Any, goal: Any) -> Field:
+        """Whether the craft may coast from these states, (N,); one that brakes does not rely on it."""
+        if self.brakes:
+            return truths(state, count(state))
+        return self.coasting.safe(state, goal)
 
     def safe(self, state: Any, goal: Any, library: tuple[Manoeuvre, ...]) -> Field:
         """Whether the craft may coast from these states, or reach such a state by one of these manoeuvres."""
-        safe = self.coasting.safe(state, goal)
+        safe = self.coasts(state, goal)
         left = where_true(~safe)
         if len(left):
             safe[left] = self._escapes(taken(state, left), taken(goal, left), library)
@@ -162,25 +179,24 @@ class _Search:
 
     def command(self, manoeuvre: Manoeuvre, state: Any, goal: Any) -> Command:
         """Command of a manoeuvre in these states."""
-        arguments = manoeuvre, state, goal
-        if few(state) and (program := self.ahead.traced("push", self._pushing, *arguments)):
-            result = program.of_rows(*arguments)
-            if result is not None:
-                return result
-        return self._pushing(*arguments)
-
-    def _pushing(self, manoeuvre: Manoeuvre, state: Any, goal: Any) -> Command:
+        if self.brakes:
+            return braking_command(self.world, state, goal)
         return self.thrusters.pushing(state, manoeuvre.push(self.world, state, goal))
 
     def _manoeuvred(self, manoeuvre: Manoeuvre, state: Any, goal: Any) -> _Arrival:
         """Predicted result of a control period of a manoeuvre."""
-        return self.held(state, goal, self.command(manoeuvre, state, goal))
+        arrival = self.held(state, goal, self.command(manoeuvre, state, goal))
+        if not self.brakes:
+            return arrival
+        # A craft that is slow at the start of a period stops within it, and then retreats.
+        slow = (state.v - goal.v).norm() < 0.5 * slowest_change(self.world)
+        return arrival._replace(free=arrival.kept & slow)
 
     def held(self, state: Any, goal: Any, command: Command) -> _Arrival:
         """Predicted result of holding a command for a control period."""
         arrival = self.ahead.fly(state, goal, command)
         holds = arrival.least >= self.slack
-        free = holds & self.coasting.safe(arrival.state, arrival.goal)
+        free = holds & self.coasts(arrival.state, arrival.goal)
         return _Arrival(arrival.state, arrival.goal, holds, free)
 
     def passes(
@@ -239,7 +255,7 @@ class _Search:
         ``admitted`` is changed in place: columns of commands of all rows.
         """
         states, goals = taken(state, open_), taken(goal, open_)
-        coasts = self.coasting.safe(states, goals)
+        coasts = self.coasts(states, goals)
         for x in admitted:
             x[open_[coasts]] = 0.0
         open_ = open_[~coasts]
@@ -259,6 +275,8 @@ class _Search:
 
     def best(self, state: Any, goal: Any) -> Command:
         """Commands of the backups whose least margin is largest: coasting, or a manoeuvre and then coasting."""
+        if self.brakes:
+            return braking_command(self.world, state, goal)
         size = count(state)
         kept = self.coasting.least(state, goal)
         result = tuple(like(state, size) for _ in self.world.craft.commands)

@@ -10,7 +10,6 @@ from rans.extend import Ball, Field, absolute, at_least, map_leaves
 from rans.model.drift import FREE
 from rans_missions.guard.ahead import Ahead
 from rans_missions.guard.rows import grid, is_array, least_row, lesser, like
-from rans_missions.guard.straight_line import few
 
 _CHUNK = 2**22
 """Largest number of instants times spacecraft that are evaluated at once."""
@@ -82,11 +81,7 @@ class Coasting:
         for begin in range(0, self.horizon, chunk):
             last = min(self.horizon, begin + chunk + 2)
             times = grid(state, [k * period for k in range(begin, last + 1)])
-            program = None
-            if few(state):
-                program = self.ahead.traced("coast", self._margins, state, goal, times)
-            compute = self._margins if program is None else program.of_arrays
-            for margin in compute(state, goal, times):
+            for margin in self._margins(state, goal, times):
                 margin = margin + 0.0 * times
                 bend = absolute(margin[2:] - 2.0 * margin[1:-1] + margin[:-2])
                 sag = 0.5 * bend

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import Field, Vec2, Vec3, World, at_least, where
+from rans.episode import Command
+from rans.extend import ConfigError, Field, Spacecraft, Vec2, Vec3, World, at_least, where
 from rans.model.fields import Vector
 
 _OPEN = 0.5
@@ -21,6 +22,8 @@ _MOST_DESPIN = 0.75
 """Largest score for slowing the spin: a thruster against the direction never opens, one across it may."""
 _STEP = 1e-2
 """Step of the difference quotients of margins, m."""
+_RETREAT = 0.01
+"""Speed out of the constraints with which braking ends, as a share of a period's velocity change."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +114,70 @@ class Thrusters:
             opened.append(where(score > _OPEN, score * 0.0 + strongest, score * 0.0))
         zero = opened[0] * 0.0
         return (*opened, *(zero for _ in range(self.wheels)))
+
+
+def slowest_change(world: World) -> float:
+    """Velocity change by the weakest thruster in a control period, m/s."""
+    force = min(thruster.force for thruster in world.craft.thrusters)
+    return force * world.timing.control_period / world.craft.mass
+
+
+def braking_command(world: World, state: Any, goal: Any) -> Command:
+    """Command that brings the craft to rest relative to the goal without spin, within a period if possible.
+
+    It counters the drift of that period, and leaves a slow motion away from the nearest boundary.
+
+    A state is safe if this law, flown period after period, keeps every margin (`backup.FlownBackup`).
+    """
+    craft = world.craft
+    period = world.timing.control_period
+    # Of opposite thrusters the pseudo-inverse gives half to each with opposite signs; negative shares mean zero.
+    shares = 2.0 * np.linalg.pinv(np.array(craft.wrench_map).T)
+    slope = slope_of_least(world, state, goal)
+    slow = _RETREAT * slowest_change(world)
+    retreat = slope.scale(slow / at_least(slope.norm(), 1e-9))
+    _, drifted = world.task.drift_at(goal).carry(state.p, state.v, period)
+    force = state.attitude.inverse().rotate((goal.v + retreat - drifted).scale(craft.mass / period))
+    spin = state.spin()
+    inertia = np.array(craft.inertia) if craft.dimension == 3 else np.array([[craft.inertia[2][2]]])
+    torque = [
+        sum((x * float(-entry / period) for x, entry in zip(spin, row, strict=True)), spin[0] * 0.0)
+        for row in inertia
+    ]
+    wrench = (*force.columns(), *torque)
+    results = []
+    for command_range, row in zip(craft.commands, shares, strict=False):
+        opening = sum(
+            (x * float(entry) for x, entry in zip(wrench, row, strict=True)), spin[0] * 0.0
+        )
+        opening = where(opening < command_range.low, opening * 0.0 + command_range.low, opening)
+        results.append(
+            where(opening > command_range.high, opening * 0.0 + command_range.high, opening)
+        )
+    zero = results[0] * 0.0
+    return (*results, *(zero for _ in craft.wheels))
+
+
+def check_throttles(craft: Spacecraft) -> None:
+    """Reject a craft that the filter cannot brake.
+
+    Raises:
+        ConfigError: an engine is always lit, or thrusters are not in opposite pairs.
+    """
+    if any(command_range.low > 0.0 for command_range in craft.commands[craft.thruster_commands]):
+        raise ConfigError(f"no safety filter can brake {craft.name}: its engines cannot be shut.")
+    effects = craft.wrenches
+    forces = effects[:, : craft.dimension]
+    alone = [
+        k
+        for k, effect in enumerate(effects)
+        if not np.isclose(effects, -effect, atol=1e-9).all(axis=1).any()
+    ]
+    if alone or np.linalg.matrix_rank(forces) < craft.dimension:
+        raise ConfigError(
+            f"the safety filter for throttles brakes with opposite pairs of thrusters in all directions, but "
+            f"{craft.name} has none for thrusters {', '.join(map(str, alone)) or 'of some direction'}."
+        )
 
 
 def slope_of_least(world: World, state: Any, goal: Any) -> Any:

@@ -56,7 +56,7 @@ class Replacing(ABC):
         size = count((state, command))
         command = tuple(x if is_array(x) else like(state, size, x) for x in command)
         reserve, delay = self._expected()
-        state, goal = Ahead.of(world, reserve).delayed(state, goal, before, delay)
+        state, goal = Ahead(world, reserve).delayed(state, goal, before, delay)
         refused = where_true(~self.passes(world, state, goal, command))
         changed = truths(state, size)
         admitted = tuple(copied(x) for x in command)

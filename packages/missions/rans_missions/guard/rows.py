@@ -114,10 +114,3 @@ def repeated(tree: Any, values: Sequence[Any], size: int) -> Any:
         for numbers_ in zip(*map(leaves, values), strict=True)
     ]
     return unflatten(values[0], columns)
-
-
-def stacked_columns(fields: list[Any]) -> Any:
-    """Fields (N,) stacked as columns (N, n), or (N, m) as (N, m, n)."""
-    if isinstance(fields[0], np.ndarray):
-        return np.stack(fields, axis=-1)
-    return sys.modules["torch"].stack(fields, dim=-1)

@@ -16,7 +16,6 @@ from rans.episode import Command
 from rans.extend import Field, Spacecraft, World
 from rans_missions.guard.ahead import Ahead
 from rans_missions.guard.backup import FlownBackup
-from rans_missions.guard.barrier import BarrierProgram
 from rans_missions.guard.expected import Reserve
 from rans_missions.guard.replacing import Replacing
 from rans_missions.guard.rows import like, taken
@@ -61,7 +60,7 @@ class SafeCoasts(Replacing):
     The filter uses the measured state, and the craft as designed.
     """
 
-    inner: FlownBackup | BarrierProgram
+    inner: FlownBackup
     """Filter of the task's constraints."""
     zone: CoastZone
     """What coasts keep out of."""
@@ -86,7 +85,7 @@ class SafeCoasts(Replacing):
         return result
 
     def _coast_safely(self, world: World, state: Any, goal: Any, command: Command) -> np.ndarray:
-        ahead = Ahead.of(world, self.inner.reserve)
+        ahead = Ahead(world, self.inner.reserve)
         starts = _rows(state)
         near = np.linalg.norm(starts[:, :3], axis=1) < self.zone.approach
         return near | self._keeps(self._coasts(ahead, state, goal, command), len(starts))
@@ -95,7 +94,7 @@ class SafeCoasts(Replacing):
         """Commands (N,) of the inner filter, and the nearest with a safe coast where their coast is not."""
         # The other filter first; the search begins at what it admits.
         admitted, _ = self.inner.admitted(world, state, goal, command)
-        ahead = Ahead.of(world, self.inner.reserve)
+        ahead = Ahead(world, self.inner.reserve)
         for row in np.flatnonzero(~self._coast_safely(world, state, goal, admitted)):
             one = taken((state, goal, admitted), slice(row, row + 1))
             for x, new in zip(admitted, self._nearest(world, ahead, *one), strict=True):

@@ -34,11 +34,9 @@ from rans.extend import (
     write_text,
 )
 from rans.verdict import Failure
-from rans_missions.control.circumnavigation import Circumnavigation
 from rans_missions.improve.judging import COPIES, Best, judged
 from rans_missions.improve.pulses import rounded, search_pulses
 from rans_missions.script import Script
-from rans_missions.tasks.inspect import Inspect
 
 _SLACK = 1.25
 """How much longer than the best flights the copies may last, of missions that end with a success."""
@@ -149,8 +147,7 @@ def improve(
     Args:
         setup: spacecraft, task and timing, without conditions; the craft has thrusters and nothing else.
         starts: N starts.
-        seeds: contestants whose flights the search begins from. Inspections have a search of their own beside them
-            (`rans_missions.control.circumnavigation.Circumnavigation.thorough`).
+        seeds: contestants whose flights the search begins from.
         rounds: rounds of the search.
         seed: of its random numbers.
         report: called after each round with the number of rounds done and the impulses, (N,) N s; infinite where no
@@ -165,14 +162,13 @@ def improve(
     form = _Form.of(setup)
     random = np.random.default_rng([seed, 1027])
 
-    # The cheapest flight of the seeds, and of the search that inspections have of their own, from each start.
-    own = [Circumnavigation.thorough(craft, task, timing)] if isinstance(task, Inspect) else []
+    # The cheapest flight of the seeds from each start.
     count = len(np.ravel(starts.start.p.x))
     best = Best.coasts(timing.episode_steps, count, len(form.columns))
     spent_by = []
     begun = []
     why: list[np.ndarray] = []
-    for controller in (*seeds, *own):
+    for controller in seeds:
         flight = fly(craft, task, controller, starts, timing)
         changes = _changes(flight, form.levers)
         begun.append(changes)
@@ -194,7 +190,7 @@ def improve(
     else:
         search_pulses(setup, starts, begun, best, rounds, random, report)
     if not np.isfinite(best.cost).any():
-        kinds = {int(kind) for kind in np.concatenate(why[: len(seeds)])} - {0}
+        kinds = {int(kind) for kind in np.concatenate(why)} - {0}
         reasons = "; ".join(Failure(kind).meaning for kind in sorted(kinds))
         raise ConfigError(
             f"the search begins from a flight that solves {task_name(task)}, and none of "
@@ -203,7 +199,7 @@ def improve(
     after = np.where(np.isfinite(best.cost), best.cost, np.nan)
     return Improved(
         best.changes,
-        np.array(spent_by[: len(seeds)]),
+        np.array(spent_by),
         after,
         best.flown,
         best.rounds,

@@ -12,6 +12,7 @@ from rans_missions.tasks import Inspect
 from rans_missions.tasks.inspect import Inspected
 from rans_missions.vectors import motion_of
 
+from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
@@ -154,15 +155,6 @@ def test_noise_and_weak_thrusters_are_expected() -> None:
     assert result.spent.mean() < 2.5
 
 
-def test_a_safe_start_near_the_ball_asks_its_plans_for_no_more_than_its_own_coast_keeps() -> None:
-    """At rest on the track a craft stays where it is; the usual clearance of the ball of 15 m is 1 m."""
-    pilot = Circumnavigation("afrl-deputy", "inspect", safe_coasts=True)
-
-    def clearance(y: float) -> float:
-        return pilot._clear_of(np.array([0.0, y, 0.0, 0.0, 0.0, 0.0]))
-
-    assert clearance(40.0) == 16.0
-    assert 15.3 < clearance(15.4) < 15.4
-    # A start that is unsafe, or as good as that, cannot set the clearance.
-    assert clearance(14.0) == 16.0
-    assert clearance(15.05) == 16.0
+def test_points_that_are_hidden_near_their_horizons_are_refused() -> None:
+    with pytest.raises(ConfigError, match="view_degrees must be 90, got 60"):
+        Circumnavigation(DEPUTY, Inspect(view_degrees=60.0))

@@ -27,7 +27,7 @@ def searched(task: Inspect, start: Any) -> Burns:
     search = InspectionSearch(
         task, task.timing, state_of(start), sun, known, WITHIN, 20.0 / MASS, 0.05, 0.2
     )
-    found = search.best([search.path([], np.zeros((0, 3)))], 8)
+    found = search.best([search.coast], 8)
     assert found is not None
     return found
 

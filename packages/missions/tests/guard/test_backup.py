@@ -168,7 +168,7 @@ def test_where_no_backup_keeps_the_reserve_a_safe_state_stays_safe_without_it() 
     assert some.sum() > 10
     command = tuple(1.0 * (rng.random((8, count)) < 0.5))
     given, _ = wary.admitted(world, state, goal, command)
-    reached = Ahead.of(world).fly(state, goal, given)
+    reached = Ahead(world).fly(state, goal, given)
     assert plain.safe(world, reached.state, reached.goal)[some].all()
 
 
@@ -180,7 +180,7 @@ def test_within_the_reserve_of_a_zone_a_craft_retreats(speed: float) -> None:
     world = World(Setup(PLATFORM, task, task.timing))
     given, changed = FlownBackup(reserve=(("zone 1", 0.3),)).admitted(world, here, goal, (0.0,) * 8)
     assert changed
-    reached = Ahead.of(world).fly(*map_leaves(lambda x: np.full(1, x), (here, goal)), given)
+    reached = Ahead(world).fly(*map_leaves(lambda x: np.full(1, x), (here, goal)), given)
     assert reached.state.v.x[0] < -0.09
 
 

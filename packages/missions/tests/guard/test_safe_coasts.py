@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_missions.guard import BarrierProgram, safety_filter
+from rans_missions.guard import FlownBackup, safety_filter
 from rans_missions.guard.safe_coasts import SafeCoasts
 from rans_missions.tasks import Avoid, Dock, Hold
 from rans_missions.vectors import motion_of
@@ -131,5 +131,5 @@ def test_what_is_no_time_and_no_margin_is_refused_with_its_value(wrong: Any) -> 
 def test_the_other_filter_stays_the_one_of_the_craft() -> None:
     guard = safety_filter(SETUP, slack=0.5, safe_coasts=True)
     assert isinstance(guard, SafeCoasts)
-    assert guard.inner == BarrierProgram(slack=0.5)
+    assert guard.inner == FlownBackup(slack=0.5)
     assert guard.zone.radius == RADIUS

@@ -212,20 +212,6 @@ def all_open() -> Script:
     return Script(commands)
 
 
-def test_what_an_inspection_s_own_search_finds_is_not_what_contestants_spent(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The cheapest flight at the beginning is that of a contestant, or the search would never gain."""
-    coast = Script(np.zeros((20, 1, PLATFORM.thruster_count)))
-    monkeypatch.setattr(search, "Inspect", GoToPosition)
-    own = SimpleNamespace(thorough=lambda craft, task, timing: coast)
-    monkeypatch.setattr(search, "Circumnavigation", own)
-    setup = Setup(PLATFORM, NEAR, Timing(episode_steps=20))
-    found = search.improve(setup, scenarios(NEAR, PLATFORM, 2023, 1), [all_open()], rounds=0)
-    assert found.before[0] == pytest.approx(8 * 0.2)
-    assert found.after[0] == 0.0
-
-
 @pytest.mark.parametrize("actuators", [OnOff(), Throttle()])
 def test_an_interrupt_leaves_what_was_found_until_then(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, actuators: Actuators

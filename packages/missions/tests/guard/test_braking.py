@@ -1,4 +1,4 @@
-"""Safety filter of throttles: quadratic programs against a solver, and flights that want to break a limit."""
+"""Safety filter of throttles, which brakes: flights that want to break a limit."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_missions.guard import BarrierProgram, safety_filter
-from rans_missions.guard.barrier import braking_command
+from rans_missions.guard import FlownBackup, safety_filter
 from rans_missions.guard.expected import Expected
+from rans_missions.guard.manoeuvres import braking_command
 from rans_missions.tasks import Dock, Hold, Land
 from scipy.stats import norm
 
@@ -46,7 +46,7 @@ def test_the_speed_limit_of_docking_is_kept(flying: Any) -> None:
     timing = Timing(10.0, None, 6, checks=10)
     free = flying(DEPUTY, task, Ramming(), starts, timing)
     assert free.violated().all()
-    kept = flying(DEPUTY, task, Ramming(), starts, timing, guard=BarrierProgram())
+    kept = flying(DEPUTY, task, Ramming(), starts, timing, guard=FlownBackup())
     assert not kept.violated().any()
     assert kept.guarded is not None
     assert kept.guarded.mean() > 0.5
@@ -54,34 +54,7 @@ def test_the_speed_limit_of_docking_is_kept(flying: Any) -> None:
     assert min(kept.margins["speed"][-1]) < 0.05
 
 
-@pytest.mark.slow
-def test_a_filtered_thrust_is_the_nearest_of_many_that_keep_the_limit() -> None:
-    """None of 2,000 random thrusts that are nearer to the desired one keeps the limit, and no pair cancels."""
-    task = Dock()
-    world = World(Setup(DEPUTY, task, task.timing))
-    starts = scenarios(task, DEPUTY, seed=5, count=3)
-    guard = BarrierProgram()
-    rng = np.random.default_rng(2)
-    for k in range(3):
-        one = map_leaves(lambda x, k=k: x[k] if np.ndim(x) else x, (starts.start, starts.goal))
-        desired = rng.uniform(0.7, 0.9, size=6) * Ramming().act(*one, np.zeros((1, 1)))
-        given, changed = guard.admitted(world, *one, tuple(desired))
-        assert changed
-        assert np.minimum(given[::2], given[1::2]).max() == 0.0
-        thrust = desired[::2] - desired[1::2]
-        distance = np.linalg.norm(np.subtract(given[::2], given[1::2]) - thrust)
-        ways = rng.normal(size=(2000, 3))
-        # The filter keeps half a slack of 2 mm/s in reserve: 1.2 mN of 1 N.
-        reach = distance - 0.003
-        ways *= reach * rng.uniform(size=(2000, 1)) / np.linalg.norm(ways, axis=1)[:, None]
-        others = np.clip(thrust + ways, -1.0, 1.0)
-        commands = np.stack([np.maximum(others, 0.0), np.maximum(-others, 0.0)], axis=2)
-        many = map_leaves(lambda x: np.full(2000, x), one)
-        _, refused = guard.admitted(world, *many, tuple(commands.reshape(2000, 6).T))
-        assert refused.all()
-
-
-def edge_of_safety(world: World, guard: BarrierProgram, count: int) -> tuple[Any, Any]:
+def edge_of_safety(world: World, guard: FlownBackup, count: int) -> tuple[Any, Any]:
     """States and goals around a keep-out ball, as fast towards it as the filter calls safe, by bisection."""
     starts = scenarios(world.task, world.craft, seed=8, count=count)
     goal = map_leaves(lambda x: np.broadcast_to(np.asarray(x, float), count).copy(), starts.goal)
@@ -128,7 +101,7 @@ def test_safe_states_stay_safe_against_an_adversary_with_gradients(
     """From the edge of what the filter calls safe, with commands that lead to the ball by its own braking."""
     task = Hold()
     craft = load_spacecraft("vbar-chaser")
-    guard = BarrierProgram()
+    guard = FlownBackup()
     world = World(Setup(craft, task, task.timing))
     state, goal = edge_of_safety(world, guard, count)
     assert guard.safe(world, state, goal).all()
@@ -141,9 +114,6 @@ def test_safe_states_stay_safe_against_an_adversary_with_gradients(
         assert guard.safe(world, state, goal).all()
         if k == 0:
             assert changed.mean() > 0.5
-        # Nothing is spent on thrusters against each other.
-        pairs = np.minimum(command[::2], command[1::2])
-        assert pairs[:, changed].max(initial=0.0) == 0.0
 
 
 def test_a_keep_out_ball_is_kept_though_thrust_is_weak() -> None:
@@ -168,8 +138,8 @@ def test_a_keep_out_ball_is_kept_though_thrust_is_weak() -> None:
 
 def test_the_slack_is_set_by_whoever_flies() -> None:
     run = contestant("mission:dock")
-    assert run.guarded(True, 0.05).guard == BarrierProgram(slack=0.05)
-    assert run.guarded(True).guard == BarrierProgram()
+    assert run.guarded(True, 0.05).guard == FlownBackup(slack=0.05)
+    assert run.guarded(True).guard == FlownBackup()
     with pytest.raises(ConfigError, match="guard=True"):
         run.guarded(False, 0.05)
     with pytest.raises(ConfigError, match="finite number above 0"):
@@ -251,5 +221,5 @@ def test_noise_and_delay_are_expected(conditions: Conditions) -> None:
     """A filter that expects none of them breaks the limit of docking in some flights, one that does in none."""
     task = Dock()
     setup = Setup(DEPUTY, task, task.timing, conditions)
-    assert noisy_flights(task, BarrierProgram(), conditions) > 0
+    assert noisy_flights(task, FlownBackup(), conditions) > 0
     assert noisy_flights(task, safety_filter(setup), conditions) == 0
