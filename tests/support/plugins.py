@@ -9,6 +9,7 @@ from rans_gradient.learner import Gradient
 from rans_imitation.learner import Imitation
 from rans_lookahead.lookahead import looking_ahead
 from rans_space_certificates.bounder import spatial_bounder
+from rans_value.learner import Value
 
 from rans.evaluation.fly.controllers import WRAPPERS
 from rans.fast.learn.learners import LEARNERS
@@ -18,7 +19,11 @@ from rans.policy.backbone_registry import BACKBONES
 
 def register() -> None:
     """Register learners, backbones, bounders and wrappers unless another module of tests has."""
-    for name, kind in (("gradient", Gradient), ("imitation", Imitation)):
+    for name, kind in (
+        ("gradient", Gradient),
+        ("imitation", Imitation),
+        ("value", Value),
+    ):
         if name not in LEARNERS:
             LEARNERS.register(name)(kind)
     if "attention" not in BACKBONES:

@@ -1,0 +1,558 @@
+"""Fitted value iteration with the exact model, and a policy network that imitates its commands.
+
+The value V(s) of a state is the least cost of a flight from it: time outside the goal set, and a price for impulse,
+for every trade-off between both. A command is the pattern of open valves with the least cost of its period and of
+the value after it. V is a network, fitted to the costs of such flights over some periods and its own value at their
+end (D. Bertsekas, "Dynamic programming and optimal control", volume 2, chapter 6). Its commands then are the labels
+of a policy network in the states which that reaches (S. Ross, G. Gordon and D. Bagnell, "A reduction of imitation
+learning and structured prediction to no-regret online learning", AISTATS 2011).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from rans.extend import (
+    Acted,
+    Adam,
+    Algorithm,
+    Coefficients,
+    ConfigError,
+    Engine,
+    GoToPose,
+    Network,
+    PPOSettings,
+    Rollout,
+    RunFolder,
+    State,
+    TrainConfig,
+    remember,
+    require_bounds,
+)
+from rans.fast.learn.graph import fused, graphed
+from rans.fast.learn.learners import own_settings
+from rans.policy.symmetry import symmetries
+from rans_value.problem import PoseProblem, equivalent, relative
+
+_PERIODS = 10
+"""Control periods that are flown to a target."""
+_FLIGHTS = 6
+"""Rounds of flights that are fitted together."""
+_BEGUN = 400
+"""Gradient steps on the value function to begin with."""
+_GOES_ON = 0.6
+"""Part of the flights of a round that begin where others ended."""
+_KEEP = 0.98
+"""Average of the weights of the value function over gradient steps, by which is flown."""
+_LABELLED = 8
+"""Iterations whose labels are imitated together."""
+_DECIDED = 0.01
+"""Cost of a wrong valve at which its label has half of its weight, s."""
+
+
+@dataclass(frozen=True)
+class ValueSettings:
+    """Hyper-parameters of fitted value iteration, besides `PPOSettings`, which are those of the policy network.
+
+    Raises:
+        ConfigError: a number is out of its range.
+    """
+
+    units: int = 512
+    """Units of each of the four hidden layers of the value function."""
+    states: int = 24576
+    """States from which a round of flights begins."""
+    rounds: int = 4
+    """Rounds of flights in an iteration."""
+    updates: int = 32
+    """Gradient steps of the value function in a round, and a tenth of those of the policy in an iteration."""
+    batch: int = 65536
+    """States in a gradient step of the value function."""
+    learning_rate: float = 1e-3
+    """First step size of the value function, which falls to a hundredth."""
+    fitted: float = 0.75
+    """Part of the training in which the value function is fitted; then its commands are imitated."""
+    price: tuple[float, float] = (0.02, 4.0)
+    """Price of the full thrust at a trade-off of 0 and of 1, seconds outside the goal set a second."""
+    trade_off: float = 0.2
+    """Trade-off of tasks that have none."""
+
+    def __post_init__(self) -> None:
+        counts = ("units", "states", "rounds", "updates", "batch")
+        require_bounds(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, *counts)
+        require_bounds(self, "finite and > 0", lambda x: 0 < x < math.inf, "learning_rate")
+        require_bounds(self, "between 0 and 1", lambda x: 0 < x < 1, "fitted")
+        require_bounds(self, "between 0 and 1", lambda x: 0 <= x <= 1, "trade_off")
+        require_bounds(
+            self, "two numbers > 0, the second larger", lambda x: 0 < x[0] < x[1], "price"
+        )
+
+
+class ValueNetwork(nn.Module):
+    """Value of states (7, ...): four layers with skips, and at least the cost of a period outside."""
+
+    def __init__(self, problem: PoseProblem, example: Tensor, units: int) -> None:
+        super().__init__()
+        self._problem = problem
+        inputs = problem.features(example).flatten(0, -2)
+        self.register_buffer("mean", inputs.mean(dim=0))
+        self.register_buffer("spread", inputs.std(dim=0).clamp(min=0.05))
+        self.first = nn.Linear(inputs.shape[1], units)
+        self.hidden = nn.ModuleList(nn.Linear(units, units) for _ in range(3))
+        self.last = nn.Linear(units, 1)
+        self.to(example.device)
+
+    def forward(self, state: Tensor) -> Tensor:
+        """Values, s."""
+        problem = self._problem
+        # Eight bits would round the inputs to centimetres, and values of seconds to hundredths.
+        x = functional.silu(self.first((problem.features(state) - self.mean) / self.spread))
+        with torch.autocast("cuda", torch.bfloat16, enabled=x.is_cuda):
+            for layer in self.hidden:
+                x = x + functional.silu(layer(x))
+        raw = self.last(x)[..., 0]
+        scale = problem.scale * (1.0 + problem.price(state))
+        return problem.waiting(state) + scale * functional.softplus(raw)
+
+
+class Greedy:
+    """Commands by a value function: the pattern of open valves with the least cost of a period and the value after.
+
+    Costs of opening each thruster alone give a first pattern. Then each thruster of the best is switched, twice.
+    """
+
+    def __init__(self, problem: PoseProblem, value: ValueNetwork) -> None:
+        self.problem = problem
+        self.value = value
+        count = problem.craft.thruster_count
+        device = value.mean.device
+        self._single = torch.cat((torch.zeros(1, count), torch.eye(count))).to(device)
+        self._costs = fused(self._costs_of, device)
+
+    def _costs_of(self, state: Tensor, patterns: Tensor) -> Tensor:
+        """Costs (C, N) of patterns (C, N, n) from states (7, N), s."""
+        problem = self.problem
+        commands = patterns.unbind(dim=-1)
+        each = state[:, None].expand(-1, len(patterns), -1)
+        after = self.value(problem.moved(each, commands))
+        burnt = problem.thrust_price(state) * problem.burnt(commands)
+        return burnt + problem.discount(state) * after
+
+    def _switched(self, state: Tensor, best: Tensor) -> tuple[Tensor, Tensor]:
+        """Patterns (C, N, n) that are the best (N, n) and those with one thruster switched, and their costs."""
+        patterns = (best - self._single[:, None]).abs()
+        return patterns, self._costs(state, patterns)
+
+    def command(self, state: Tensor) -> Tensor:
+        """Patterns (N, n), zeros and ones, of states (7, N)."""
+        single = self._single[:, None].repeat(1, state.shape[1], 1)
+        costs = self._costs(state, single)
+        best = (costs[1:] < costs[:1]).to(state.dtype).T
+        least = costs.amin(dim=0)
+        lone = _chosen(single, costs)
+        for _ in range(2):
+            patterns, costs = self._switched(state, best)
+            is_better = (costs.amin(dim=0) < least)[:, None]
+            best = lone = torch.where(is_better, _chosen(patterns, costs), lone)
+            least = torch.minimum(least, costs.amin(dim=0))
+        return best
+
+    def label(self, state: Tensor) -> tuple[Tensor, Tensor]:
+        """Patterns (N, n), and the cost of switching each of their thrusters, (N, n), s."""
+        best = self.command(state)
+        costs = self._switched(state, best)[1]
+        return best, (costs[1:] - costs[:1]).clamp(min=0.0).T
+
+    def period(self, state: Tensor, command: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """State after a period, its cost and its discount."""
+        problem = self.problem
+        commands = command.unbind(dim=-1)
+        cost = problem.waiting(state) + problem.thrust_price(state) * problem.burnt(commands)
+        return problem.moved(state, commands), cost, problem.discount(state)
+
+
+def _chosen(patterns: Tensor, costs: Tensor) -> Tensor:
+    """The pattern (N, n) of least cost, of patterns (C, N, n)."""
+    index = costs.argmin(dim=0)[None, :, None].expand(1, -1, patterns.shape[2])
+    return patterns.gather(0, index)[0]
+
+
+class ValueLearner:
+    """Learner of one member by fitted value iteration; a `rans.fast.learn.learner.Learner`.
+
+    Args:
+        engine: engine of a planar craft with on/off thrusters that flies to a pose.
+        network: policy network, changed in place.
+        settings: settings of one member; ``batch_size`` and ``learning_rate`` are those of the imitation.
+        generators: random generator of one member.
+        own: further hyper-parameters of this learner.
+
+    Raises:
+        ConfigError: craft, task, network or processes are of another kind.
+    """
+
+    statistics = ("value_loss", "value", "mismatch", "grad_norm")
+    description = "fitted value iteration"
+
+    def __init__(
+        self,
+        engine: Engine,
+        network: Network,
+        settings: Sequence[PPOSettings],
+        generators: Sequence[torch.Generator],
+        own: ValueSettings,
+    ) -> None:
+        _check(engine, network, len(settings))
+        first = settings[0]
+        self.engine = engine
+        self.network = network
+        self.n_steps = first.n_steps
+        self.rollout = Rollout(engine, network, first.n_steps)
+        self.coefficients = Coefficients.of(settings, self.rollout.failed)
+        self.adam = Adam(network, self.coefficients.learning_rate, plain=True)
+        self._own = own
+        self._progress = 0.0
+        self._generators = generators
+        device = engine.device
+        self._generator = torch.Generator(device).manual_seed(generators[0].initial_seed())
+        period = engine.timing.control_period
+        self.problem = PoseProblem(engine.craft, engine.task, period, own.price)
+        # The value function, and its average, by which is flown.
+        pool = self.states()
+        self._pool = pool
+        example = torch.cat((pool, self._fresh(pool)), dim=1)
+        with torch.random.fork_rng([device] if device.type == "cuda" else []):
+            torch.manual_seed(generators[0].initial_seed())
+            self.value = ValueNetwork(self.problem, example, own.units)
+            self.average = ValueNetwork(self.problem, example, own.units)
+        self.average.load_state_dict(self.value.state_dict())
+        self.greedy = Greedy(self.problem, self.average)
+        self._value_adam = torch.optim.Adam(self.value.parameters(), own.learning_rate, fused=True)
+        self._period = fused(self.greedy.period, device)
+        self._value_of = fused(self.average.forward, device)
+        self._loss = fused(self._loss_of, device)
+        views = symmetries(engine.craft)
+        turn = torch.eye(2)[None] if views is None else torch.as_tensor(views.turn)
+        hand = torch.ones(1) if views is None else torch.as_tensor(views.hand)
+        self._turn, self._hand = (x.to(device, engine.dtype) for x in (turn, hand))
+        # Flights of the last rounds, and labels of the last iterations.
+        self._ends = example
+        self._flights: list[tuple[Tensor, Tensor]] = []
+        self._labels: list[tuple[Tensor, Tensor, Tensor]] = []
+        self._batch: tuple[Tensor, ...] = ()
+        self._batch_size = first.batch_size
+        self._unclipped = torch.full_like(self.adam.rate, torch.inf)
+        self._descend = graphed(self._descent, device)
+
+    def slow_down(self, remaining: float) -> None:
+        """Reduce the step sizes of value function and policy while ``remaining`` falls from 1 to 0."""
+        self._progress = 1.0 - remaining
+        fitted = self._own.fitted
+        done = min(1.0, self._progress / fitted)
+        for group in self._value_adam.param_groups:
+            group["lr"] = self._own.learning_rate * (
+                0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * done))
+            )
+        left = min(1.0, remaining / (1.0 - fitted))
+        self.adam.rate.copy_(self.coefficients.learning_rate * (0.02 + 0.98 * left))
+
+    def learn(self) -> Tensor:
+        """Run one iteration, see `rans.fast.learn.learner.Learner.learn`."""
+        loss = norm = torch.zeros((), device=self.engine.device)
+        is_fitted = self._progress >= self._own.fitted
+        if not is_fitted:
+            if not self._flights:
+                self._begin()
+            losses = [self._round() for _ in range(self._own.rounds)]
+            loss = torch.stack(losses).mean()
+        mismatch = self._fly(0.0 if not is_fitted else 0.8)
+        if is_fitted:
+            norm = self._imitate()
+        value = self._flights[-1][1].mean() if self._flights else loss
+        result = torch.stack((loss, value, mismatch, norm))
+        rest = torch.cat((self.adam.rate[:, None], self.rollout.totals()), dim=1)
+        return torch.cat((result[None], rest), dim=1)
+
+    def states(self) -> Tensor:
+        """States (7, N) of the engine's episodes in the frame of their goals."""
+        engine = self.engine
+        return relative(engine.state, engine.goal, self.rollout.terms, self._own.trade_off)
+
+    # The value function: flights by its commands, and gradient steps towards their costs.
+
+    def _uniform(self, *shape: int) -> Tensor:
+        return torch.rand(shape, generator=self._generator, device=self.engine.device)
+
+    def _indices(self, below: int, count: int) -> Tensor:
+        return torch.randint(below, (count,), generator=self._generator, device=self.engine.device)
+
+    def _fresh(self, pool: Tensor) -> Tensor:
+        """States (7, N) at which flights begin: half those of the task's episodes, half near the goal."""
+        count = self._own.states
+        chosen = pool[:, self._indices(pool.shape[1], count)]
+        near = self.problem.near(self._uniform(8, count), chosen)
+        return torch.where(self._uniform(count) < 0.5, near, chosen)
+
+    def _begin(self) -> None:
+        """Fit the first value function."""
+        for _ in range(_BEGUN):
+            pool = self._fresh(self._pool)
+            self._fit(pool, self.problem.guess(pool))
+
+    @torch.no_grad()
+    def _flown(self) -> tuple[Tensor, Tensor]:
+        """States (7, T N) of a round of flights and the costs from there, (T N,)."""
+        fresh = self._fresh(self._pool)
+        count = fresh.shape[1]
+        ends = self._ends[:, self._indices(self._ends.shape[1], count)]
+        # A state in which another trade-off may be asked for.
+        ends[6] = torch.where(self._uniform(count) < 0.2, fresh[6], ends[6])
+        state = torch.where(self._uniform(count) < _GOES_ON, ends, fresh)
+        states, costs, discounts = [], [], []
+        for number in range(_PERIODS):
+            command = self.greedy.command(state)
+            if not number:
+                other = (self._uniform(*command.shape) < 0.25).to(command.dtype)
+                command = torch.where(self._uniform(count, 1) < 0.25, other, command)
+            states.append(state)
+            state, cost, discount = self._period(state, command)
+            costs.append(cost)
+            discounts.append(discount)
+        target = self._value_of(state)
+        targets = []
+        for cost, discount in zip(reversed(costs), reversed(discounts), strict=True):
+            target = cost + discount * target
+            targets.append(target)
+        # Flights that are lost begin anew.
+        self._ends = state[:, state[:2].square().sum(dim=0) < (3.0 * self.problem.range) ** 2]
+        return torch.cat(states, dim=1), torch.cat(targets[::-1])
+
+    def _round(self) -> Tensor:
+        """A round of flights, and gradient steps on those of the last rounds; returns the mean loss."""
+        self._flights = [*self._flights[1 - _FLIGHTS :], self._flown()]
+        states, targets = (torch.cat(x, dim=-1) for x in zip(*self._flights, strict=True))
+        losses = []
+        for _ in range(self._own.updates):
+            chosen = self._indices(len(targets), self._own.batch)
+            losses.append(self._fit(states[:, chosen], targets[chosen]))
+        return torch.stack(losses).mean()
+
+    def _fit(self, state: Tensor, target: Tensor) -> Tensor:
+        """One gradient step on states (7, N) as seen from equivalent sides; returns the loss."""
+        side = self._indices(len(self._turn), state.shape[1])
+        turn, hand = self._turn[side], self._hand[side]
+        loss = self._loss(state, target, turn, hand)
+        self._value_adam.zero_grad(set_to_none=True)
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.value.parameters(), 1.0)
+        self._value_adam.step()
+        with torch.no_grad():
+            torch._foreach_lerp_(  # type: ignore[attr-defined]  # private in torch
+                [*self.average.parameters()], [*self.value.parameters()], 1.0 - _KEEP
+            )
+        return loss.detach()
+
+    def _loss_of(self, state: Tensor, target: Tensor, turn: Tensor, hand: Tensor) -> Tensor:
+        seen = equivalent(state, turn, hand)
+        # Errors count relative to the value, with a floor of a tenth of the time scale.
+        floor = 0.1 * self.problem.scale * (1.0 + self.problem.price(state))
+        error = (self.value(seen) - target) / (target + floor)
+        return functional.smooth_l1_loss(error, torch.zeros_like(error), beta=0.05)
+
+    # The policy: commands of the value function in states that the policy reaches.
+
+    @torch.no_grad()
+    def _fly(self, share: float) -> Tensor:
+        """Fly ``n_steps`` periods and label them; the policy flies a share. Returns the part of other commands."""
+        engine = self.engine
+        network = self.network
+        rollout = self.rollout
+        rollout.begin()
+        count = engine.num_envs
+        row = torch.arange(count, device=engine.device)[:, None]
+        own = row < share * count
+        samples = row < 0.25 * share * count
+        observation = engine.observe()
+        pool, labels, differs = [], [], []
+        for uniform, slot in zip(rollout.uniform(self._generators), rollout.steps, strict=True):
+            state = self.states()
+            label, regret = self.greedy.label(state)
+            columns, _, order = network.look(network.in_body(observation))
+            output = network.evaluate_seen(columns)
+            policy = output.policy if order is None else output.policy.placed(order)
+            action = torch.where(samples, policy.sample(uniform), policy.mode())
+            differs.append((policy.mode() != label).any(dim=1).to(label.dtype).mean())
+            command = torch.where(own, action, label)
+            acted = Acted(command, policy.log_prob(command), output.value.flatten(), command, None)
+            decided = regret / (regret + _DECIDED * (1.0 + self.problem.price(state)[:, None]))
+            # Thrusters of columns are numbered as the craft is looked at.
+            viewed = (
+                (label, decided)
+                if order is None
+                else (torch.empty_like(x).scatter(1, order, x) for x in (label, decided))
+            )
+            labels.append((columns, *viewed))
+            pool.append(state)
+            step = engine.step(engine.commands(command))
+            remember(observation, acted, None, step, slot, rollout)
+            observation = step.observation
+        seen, label, decided = (torch.stack(x) for x in zip(*labels, strict=True))
+        network.update_statistics(seen)
+        flat = tuple(x.flatten(0, 1) for x in (seen, label, decided))
+        self._labels = [*self._labels[1 - _LABELLED :], flat]
+        self._pool = torch.cat(pool, dim=1)
+        return torch.stack(differs).mean()
+
+    def _imitate(self) -> Tensor:
+        """Gradient steps of the policy on labels of the last iterations; returns the mean norm."""
+        labels = [torch.cat(x) for x in zip(*self._labels, strict=True)]
+        if not self._batch:
+            self._batch = tuple(x[: self._batch_size].clone() for x in labels)
+        norms = []
+        for _ in range(10 * self._own.updates):
+            chosen = self._indices(len(labels[0]), self._batch_size)
+            for fixed, x in zip(self._batch, labels, strict=True):
+                fixed.copy_(x[chosen])
+            norms.append(self._descend().clone()[0])
+        return torch.stack(norms).mean()
+
+    def _descent(self) -> Tensor:
+        columns, label, decided = self._batch
+        logit = self.network.evaluate_seen(columns).policy.logit  # type: ignore[attr-defined]
+        loss = (decided * functional.softplus((1 - 2 * label) * logit)).sum(dim=1).mean()
+        return self.adam.descend(loss, self._unclipped, self.engine.processes)
+
+    def state(self) -> dict[str, Any]:
+        """State of the learner without flights and labels, which a resumed training collects again."""
+        return {
+            "weights": {name: x.detach() for name, x in self.network.tensors.items()},
+            "adam": self.adam.state(),
+            "value": {name: x.detach() for name, x in self.value.state_dict().items()},
+            "average": {name: x.detach() for name, x in self.average.state_dict().items()},
+            "generators": [self._generator.get_state()],
+        }
+
+    @torch.no_grad()
+    def load(self, saved: dict[str, Any]) -> None:
+        """Continue from the result of `state`."""
+        for name, tensor in self.network.tensors.items():
+            tensor.copy_(saved["weights"][name])
+        self.adam.load(saved["adam"])
+        self.value.load_state_dict(saved["value"])
+        self.average.load_state_dict(saved["average"])
+        self._generator.set_state(saved["generators"][0].cpu())
+        self._flights = [self._flown()]
+
+
+def _check(engine: Engine, network: Network, members: int) -> None:
+    """Reject (`ConfigError`) engines and networks for which there is no such value function."""
+    craft = engine.craft
+    if craft.dimension != 2 or craft.is_continuous or not isinstance(engine.task, GoToPose):
+        raise ConfigError(
+            "the algorithm 'value' flies planar craft with on/off thrusters to a pose (go-to-pose, "
+            f"go-to-pose-priced); {craft.name} with {type(engine.task).__name__} is another problem: train "
+            'with the algorithm "ppo".'
+        )
+    if members > 1 or engine.processes.size > 1:
+        raise ConfigError(
+            "the algorithm 'value' trains one agent in one process: train other seeds one after the other."
+        )
+    if network.architecture.memory or network.architecture.backbone != "dense":
+        raise ConfigError(
+            "the algorithm 'value' has no use for a memory: leave out ppo.memory, ppo.filters and ppo.backbone."
+        )
+
+
+class GreedyController:
+    """Commands by the value function of a run, instead of the policy that imitates them; a `rans.Controller`.
+
+    >>> rans.evaluate(GreedyController("runs/mine"))  # doctest: +SKIP
+
+    Args:
+        folder: run folder of a training by this algorithm.
+        trade_off: trade-off between time and impulse, 0 (fast) to 1 (thrifty), where goals note none.
+
+    Raises:
+        ConfigError: it is no such folder.
+    """
+
+    observes = False
+
+    def __init__(self, folder: str | Path, trade_off: float = 0.2) -> None:
+        run = RunFolder(Path(folder))
+        config = run.config()
+        if config.algorithm != "value" or not run.has_checkpoint:
+            raise ConfigError(
+                f"{folder} has no value function: train with --set algorithm=value, and keep the checkpoint."
+            )
+        own = own_settings("value", config.learner)
+        craft = run.spacecraft()
+        problem = PoseProblem(craft, config.settings, config.timing.control_period, own.price)
+        weights = run.load_checkpoint("cpu")["learner"]["average"]
+        value = ValueNetwork(problem, torch.zeros(7, 2), own.units)
+        value.load_state_dict(weights)
+        self.name = f"value of {run.path.name}"
+        self._greedy = Greedy(problem, value)
+        self._trade_off = trade_off
+
+    def reset(self, count: int) -> None:
+        """Nothing is remembered."""
+
+    @torch.no_grad()
+    def act(self, state: State, goal: State, observation: np.ndarray) -> np.ndarray:
+        """Commands (N, thrusters) of states."""
+        like = self._greedy.value.mean
+        return self._greedy.command(relative(state, goal, like, self._trade_off)).numpy()
+
+
+_POLICY: dict[str, Any] = {
+    "learning_rate": 1e-3,
+    "layers": (512, 512),
+    "matmul": "float32",
+    "zoom": 16.0,
+}
+_SMALL: dict[str, Any] = {"units": 96, "states": 512, "rounds": 2, "updates": 16, "batch": 2048}
+"""Settings of the value function on a CPU."""
+
+
+class Value(Algorithm):
+    """Fitted value iteration with the exact model."""
+
+    settings: ClassVar[type] = ValueSettings
+    plain_network: ClassVar[bool] = True
+
+    @classmethod
+    def started(cls, config: TrainConfig) -> TrainConfig:
+        """Config with hyper-parameters known to work."""
+        is_small = config.device.startswith("cpu")
+        sizes = (
+            {"n_envs": 256, "batch_size": 1024}
+            if is_small
+            else {"n_envs": 8192, "batch_size": 16384}
+        )
+        ppo = replace(config.ppo, **_POLICY | sizes)
+        iterations = 240
+        return replace(
+            config,
+            ppo=ppo,
+            learner=config.learner | (_SMALL if is_small else {}),
+            total_timesteps=iterations * ppo.n_envs * ppo.n_steps,
+            report_interval=40,
+            solved_share=None,
+            compiled=None if is_small else True,
+        )
+
+    @classmethod
+    def making(cls, config: TrainConfig, craft: Any, own: ValueSettings) -> Any:
+        """Constructor of the learner."""
+        return partial(ValueLearner, own=own)
