@@ -40,6 +40,7 @@ from rans.extend import (
     Vec2,
     Vec3,
     World,
+    brief,
     inside,
     is_finite,
     load_policy,
@@ -350,8 +351,8 @@ class MessagePilot:
         robot = description(data)
         if robot.sha256 != self._hash:
             self._fault = (
-                f"the robot is the spacecraft {robot.name} ({robot.sha256[:8]}), but the agent was trained for "
-                f"{self.craft.name} ({self._hash[:8]}): valves shut."
+                f"the robot is the spacecraft {robot.name} ({brief(robot.sha256[:8])}), but the agent was trained "
+                f"for {self.craft.name} ({self._hash[:8]}): valves shut."
             )
         elif not abs(robot.control_period - self.period) <= 1e-6:
             self._fault = (

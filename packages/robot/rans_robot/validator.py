@@ -20,8 +20,6 @@ LARGEST_MESSAGE = 4096
 
 _LONGEST_PERIOD = 3600.0
 """s of a control period."""
-_LONGEST_NAME = 100
-"""Characters of a name in a note."""
 _LENGTHS = (0.9, 1.1)
 """Lengths of a quaternion that is one: rounding and averaging change less, and an unset one has none."""
 LIMITS = {"position": 1e5, "velocity": 100.0, "angular velocity": 100.0}
@@ -117,6 +115,7 @@ class Description(NamedTuple):
     """Description of the spacecraft that a robot is."""
 
     name: str
+    """As it may stand in a sentence."""
     sha256: str
     control_period: float
     """s."""
@@ -135,7 +134,7 @@ def description(data: bytes) -> Description:
             f"control_period must be a number of seconds above 0 and at most {_LONGEST_PERIOD:g}, got "
             f"{brief(period)}"
         )
-    return Description(name[:_LONGEST_NAME], digest[:_LONGEST_NAME], float(period))  # type: ignore[arg-type]
+    return Description(brief(name), digest, float(period))  # type: ignore[arg-type]
 
 
 def announced(data: bytes) -> tuple[str, list[str]]:
@@ -146,7 +145,7 @@ def announced(data: bytes) -> tuple[str, list[str]]:
         raise ValueError(
             f"agent must be a text and topics a list, got {brief(agent)} and {brief(topics)}"
         )
-    return agent[:_LONGEST_NAME], [topic for topic in topics if isinstance(topic, str)]
+    return brief(agent), [topic for topic in topics if isinstance(topic, str)]
 
 
 def _table(data: bytes) -> dict[str, Any]:

@@ -492,6 +492,18 @@ def test_a_text_that_describes_no_spacecraft(text: str, agent: Path) -> None:
     assert len(decisions[1].note) < 500
 
 
+def test_a_stranger_s_name_is_one_printable_line(agent: Path) -> None:
+    """In what a terminal, a bag and another node are told."""
+    one = pilot(agent)
+    hostile = "\x1b[2Jx\nrans/note: all is well\u202e" * 20
+    table = {"name": hostile, "sha256": hostile, "control_period": 0.2}
+    one.receive(CRAFT_TOPIC, text_message(json.dumps(table)), NOW)
+    note = one.decide(NOW).note
+    assert "the robot is the spacecraft" in note
+    assert note.isprintable()
+    assert len(note) < 500
+
+
 def test_a_rate_that_is_nearly_right(agent: Path) -> None:
     one = pilot(agent)
     for period, over in ((0.2, False), (0.2 + 1e-9, False), (0.2001, True)):
