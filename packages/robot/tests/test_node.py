@@ -135,7 +135,7 @@ def test_what_is_wrong_shuts_the_valves(agent: Path) -> None:
 @pytest.mark.parametrize(
     ("craft", "period", "sentence"),
     [
-        ("atmos", 0.2, "the robot is the spacecraft .atmos"),
+        ("atmos", 0.2, "the robot is the spacecraft 'atmos'"),
         (PLATFORM, 0.1, "takes a command every 0.1 s, but the agent gives one every 0.2 s"),
     ],
 )
