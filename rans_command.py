@@ -23,6 +23,12 @@ _MOMENT = 0.05
 """Until an interrupt that was lost comes again, s."""
 _ALARMS = (signal.SIGALRM,) if hasattr(signal, "SIGALRM") else ()
 """Signals by which an interrupt comes again; on Windows, which has none, a thread repeats it."""
+_ENDS = [
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1")
+    if hasattr(signal, name)
+]
+"""Signals that interrupt: Ctrl-C, a queue's end and its warning, and a terminal or ssh session that closes."""
 _HELD_BACK = ("_again", "_acquire_restore")
 """Functions, here and of threading.Condition, in which an interrupt would be lost or break what it meets."""
 
@@ -141,10 +147,10 @@ _ended_by: list[signal.Signals] = []
 
 
 def _interruptible() -> int:
-    """Ctrl-C and a cluster's time limit interrupt, unless ignored, as in a script's `rans ... &`."""
+    """Every signal of `_ENDS` interrupts, unless ignored, as in a script's `rans ... &` or by nohup."""
     heard = [
         number
-        for number in (signal.SIGINT, signal.SIGTERM)
+        for number in _ENDS
         if signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL)
     ]
     for number in (*heard, *_ALARMS):

@@ -10,6 +10,7 @@ import errno
 import importlib
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,14 @@ _SAFE = ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY")
 
 ALARMS = (signal.SIGALRM,) if hasattr(signal, "SIGALRM") else ()
 """Signals that `set_alarm` sends: none on Windows."""
+
+
+ENDS = tuple(
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1")
+    if hasattr(signal, name)
+)
+"""Signals that ask a training to end: Ctrl-C, a queue's end and its warning, and a session that closes."""
 
 
 def open_safely(file: Path, flags: int, follow: bool = False) -> int:
@@ -96,6 +105,18 @@ def is_alive(process: int) -> bool:
     except PermissionError:  # a process of another user
         return True
     return True
+
+
+def is_terminal(stream: Any) -> bool:
+    """Whether a standard stream is a terminal; programs without a console have None, and loggers no `isatty`."""
+    return bool(getattr(stream, "isatty", bool)())
+
+
+def to_stderr(line: str) -> None:
+    """Print a line on standard error, where there is one."""
+    if sys.stderr is not None:
+        sys.stderr.write(f"{line}\n")
+        sys.stderr.flush()
 
 
 def set_alarm(seconds: float) -> None:

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from rans.errors import ConfigError
+from rans.system import to_stderr
 
 _PAGE = b"""<!doctype html><title>RANS</title>
 <body style="margin: 0; display: grid; place-items: center; height: 100vh">
@@ -58,7 +59,7 @@ class Window:
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, self))
         threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True).start()
         self.url = f"http://localhost:{self._server.server_port}"
-        sys.stderr.write(f"The spacecraft flies at {self.url}\n")
+        to_stderr(f"The spacecraft flies at {self.url}")
         open_browser(self.url)
 
     def show(self, frame: np.ndarray) -> None:

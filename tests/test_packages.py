@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib.metadata
 import inspect
 import re
 import tomllib
@@ -135,3 +136,17 @@ def test_tests_that_docstrings_name_exist() -> None:
         for file, path in named
         if not any((ROOT / home / path).exists() for home in ("", *file.parents))
     ]
+
+
+def test_licences_that_ask_for_something_are_named() -> None:
+    """Who distributes an image has to read them; permissive ones and those of files alone (MPL) are left out."""
+    text = (ROOT / "SECURITY.md").read_text("utf-8")
+    asking = re.compile(r"GPL|GNU|EPL|Eclipse|mosek\.com|(?<!Other/)Proprietary")
+    unnamed = []
+    for package in importlib.metadata.distributions():
+        about = package.metadata
+        fields = (about.get("License"), about.get("License-Expression"))
+        licences = [*fields, *(x for x in about.get_all("Classifier") or () if "License" in x)]
+        if asking.search(" ".join(str(x)[:100] for x in licences)) and package.name not in text:
+            unnamed.append(package.name)
+    assert unnamed == []

@@ -34,7 +34,7 @@ from rans.randomization.conditions_file import load_conditions
 from rans.registry import trust_files, typed
 from rans.show.curve import Rows, curve_in_another_process
 from rans.show.progress import TrainingProgress
-from rans.system import ALARMS, lower_priority, set_alarm
+from rans.system import ALARMS, ENDS, lower_priority, set_alarm
 from rans.terminal import Terminal, doing
 
 if TYPE_CHECKING:
@@ -604,18 +604,21 @@ def value_of(text: str) -> Any:
 
 
 class StopGently:
-    """Context in which Ctrl-C requests a stop after the iteration; a second Ctrl-C or a long wait interrupts it.
+    """Context in which a signal requests a stop after the iteration; a second one or a long wait interrupts it.
 
     An interrupt loses only the iteration, because checkpoints are frequent. Windows waits without an end.
     """
 
     requested = False
     code = 0
-    """Exit code: 0, or once a stop was requested 130 (of Ctrl-C) or 143 (of SIGTERM)."""
+    """Exit code: 0, or once a stop was requested 128 and the signal's number: 130 of Ctrl-C, 143 of SIGTERM."""
 
     def __enter__(self) -> StopGently:
-        signals = signal.SIGINT, signal.SIGTERM, *ALARMS
-        self._before = {number: signal.signal(number, self._ask) for number in signals}
+        self._before = {
+            number: signal.signal(number, self._ask)
+            for number in (*ENDS, *ALARMS)
+            if signal.getsignal(number) != signal.SIG_IGN  # as nohup ignores SIGHUP
+        }
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -639,5 +642,5 @@ class StopGently:
                 with contextlib.suppress(OSError):
                     os.write(2, said)
             return
-        interrupt = self._before[signal.SIGINT]  # the previous handler may defer it
+        interrupt = self._before.get(signal.SIGINT)  # the previous handler may defer it
         (interrupt if callable(interrupt) else signal.default_int_handler)(self._number, frame)

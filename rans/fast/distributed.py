@@ -12,7 +12,6 @@ import atexit
 import os
 import signal
 import socket
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -26,6 +25,7 @@ import torch.distributed as dist
 from torch import Tensor
 
 from rans.errors import ConfigError, WorkerLost
+from rans.system import to_stderr
 
 
 @dataclass(frozen=True)
@@ -180,11 +180,8 @@ def leave_when_stuck(patience: float = 15.0) -> None:
         """End this process ``patience`` (s) after another sends a byte: a collective call waits for ever."""
         receiver.recv(1)
         time.sleep(patience)
-        sys.stderr.write(
-            "rans: stopped while waiting for another process of this training; continue from "
-            "the last checkpoint with --resume.\n"
-        )
-        sys.stderr.flush()
+        said = "rans: stopped while waiting for another process of this training; continue from "
+        to_stderr(f"{said}the last checkpoint with --resume.")
         os._exit(1)
 
     receiver, sender = socket.socketpair()

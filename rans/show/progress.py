@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from rans.progress import Stages
 from rans.show import markup
+from rans.system import is_terminal, to_stderr
 from rans.terminal import REDRAWN, Terminal, progress, stages
 
 _SECONDS = 5.0
@@ -30,8 +31,7 @@ class NowAndThen:
         """Say it if the last line was some seconds ago, or surely."""
         if surely or time.monotonic() - self._last > _SECONDS:
             self._last = time.monotonic()
-            sys.stderr.write(f"{line}\n")
-            sys.stderr.flush()
+            to_stderr(line)
 
 
 class TrainingProgress(Progress):
@@ -166,7 +166,7 @@ def watched_training(
         finally:
             line.clear()
         return
-    if visible is False or (visible is None and not sys.stderr.isatty()):
+    if visible is False or (visible is None and not is_terminal(sys.stderr)):
         yield lambda row: None
         return
     with TrainingProgress(total) as bar:

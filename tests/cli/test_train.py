@@ -211,16 +211,16 @@ def test_nan_is_said_in_a_sentence(refused: Any) -> None:
 def test_a_signal_stops_it_gently() -> None:
     """Nothing is lost, and the command it prints goes on from there; no compiler and no git are needed.
 
-    SIGTERM; `tests.cli.test_view` sends SIGINT.
+    SIGHUP, of a session that closes; `tests.cli.test_view` sends SIGINT.
     """
     arguments = [*tiny(total_timesteps=10**9), "--output", "run with space"]
     with command(*arguments, PATH="/nowhere", CXX="nothing") as process:
         assert process.stderr is not None
         first = process.stderr.readline()
         assert first.startswith("training: "), first + process.stderr.read()
-        process.send_signal(signal.SIGTERM)
+        process.send_signal(signal.SIGHUP)
         out, errors = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 128 + signal.SIGTERM
+    assert process.returncode == 128 + signal.SIGHUP
     assert "Traceback" not in errors
     assert out.startswith("Stopped after ")
     run = Path("run with space")
@@ -287,12 +287,21 @@ def test_an_iteration_that_does_not_end_is_interrupted(monkeypatch: pytest.Monke
     assert signal.getsignal(signal.SIGALRM) is before
 
 
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGUSR1"])
 def test_one_that_ends_says_so_at_once_and_leaves_no_alarm(
-    capfd: pytest.CaptureFixture[str],
+    name: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    with StopGently():
-        signal.raise_signal(signal.SIGTERM)
+    """Of a queue and its warning, and of a session that closes; what is ignored, as by nohup, stays so."""
+    number = signal.Signals[name]
+    with StopGently() as stop:
+        signal.raise_signal(number)
         assert "stopping after this iteration" in capfd.readouterr().err
+        assert stop.code == 128 + number
+    before = signal.signal(number, signal.SIG_IGN)
+    with StopGently() as stop:
+        signal.raise_signal(number)
+        assert not stop.requested
+    signal.signal(number, before)
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import pytest
 
-from rans.show.progress import _BAR, TrainingProgress, describe
+from rans.show.progress import (
+    _BAR,
+    NowAndThen,
+    TrainingProgress,
+    describe,
+    watched,
+    watched_training,
+)
+from rans.terminal import doing
 
 
 def row(steps: int) -> dict[str, Any]:
@@ -32,3 +41,30 @@ def test_the_last_row_is_told_however_soon_it_comes(
             f"training: {steps / 1e6:.2f} M steps, solved 50.0%, return -3, 1.00 M/s, 0:00:0{left} left"
             for steps, left in ((1_000_000, 2), (last, 0))
         ]
+
+
+class Logged:
+    """What a logger puts in place of a stream."""
+
+    def __init__(self) -> None:
+        self.text = ""
+
+    def write(self, text: str) -> None:
+        self.text += text
+
+    def flush(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("stream", [None, Logged()])
+def test_a_program_without_a_console_trains(
+    stream: Logged | None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stderr", stream)
+    with watched_training(10, None) as shown, watched() as stage:
+        shown({"steps": 10})
+        stage("flying", 2)(1)
+    with doing("flying"):
+        NowAndThen().say("half")
+    assert capsys.readouterr().out == ""
+    assert stream is None or "half\n" in stream.text
