@@ -180,7 +180,7 @@ def test_nor_for_one_in_a_run_folder(trained: Path, refused: Any, name: str) -> 
 def test_metrics_that_say_nothing(trained: Path, refused: Any, row: str) -> None:
     shutil.copytree(trained, "run")
     Path("run/metrics.jsonl").write_text(row + "\n")
-    for command in ("train --resume run", "export run --output agent"):
+    for command in ("train --resume run", "export run --output agent --force"):
         assert "metrics.jsonl is damaged: line 1" in refused(command)
 
 

@@ -96,9 +96,9 @@ from rans.cli import main
 for line in (
     "train go-to-pose {TINY} --output run",
     "evaluate run --episodes 4",
-    "export run --output agent --episodes 4",
-    "export run --format numpy --output numpy --episodes 4",
-    "export run --format c --output c --episodes 4",
+    "export run --output agent --episodes 4 --force",
+    "export run --format numpy --output numpy --episodes 4 --force",
+    "export run --format c --output c --episodes 4 --force",
     "view run --play --save page.html",
     "view run lqr --episodes 2 --save replay.html",
     "evaluate lqr:go-to-pose-2d --episodes 2",
@@ -154,7 +154,7 @@ from rans.processes import beside
 for line in (
     "train go-to-pose {TINY} --output run",
     "evaluate run --episodes 4",
-    "export run --output agent --episodes 4",
+    "export run --output agent --episodes 4 --force",
 ):
     assert main(line.split()) == 0, line
 

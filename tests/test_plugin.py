@@ -55,7 +55,7 @@ def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place:
         "evaluate keep --episodes 8 --engine both --conditions workshop",  # Drake judges it too
         f"compare keep {FLIER} --with steer --certified 0 --episodes 8",
         "validate puck --quick --layer thrusters",
-        "export keep --output gift --episodes 8",
+        "export keep --output gift --episodes 8 --force",
         f"view gift {FLIER} --save page.html",
         "report keep",
     )

@@ -119,7 +119,7 @@ MORE = [
     command("stress run --only latency --episodes 2"),
     command("assure run --episodes 2"),
     command("follow run"),
-    command("export run --output shipped"),
+    command("export run --output shipped --force"),
     command("fly run --bus udp --seconds 0.1"),
     lambda: rans.report("run"),
 ]

@@ -63,7 +63,7 @@ COMMANDS = [
     "stress run",
     "assure run --episodes 2",
     "follow run",
-    "export run --output out",
+    "export run --output out --force",
     "train --resume run",
     "train run/config.json",
     "train craft.json",

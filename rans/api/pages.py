@@ -313,6 +313,7 @@ def export(
     format: str = "rans",
     *,
     episodes: int = 1024,
+    force: bool = False,
 ) -> Path:
     """Export an agent for other software, with a contract, test vectors and a model card; return the folder.
 
@@ -333,16 +334,22 @@ def export(
         episodes: number of evaluation flights for the model card. A quarter as many fly at each latency, mass and
             sensor noise around the conditions of the training, from which the contract states the intervals in
             which the agent solves its task; with fewer than 256 episodes it states none.
+        force: whether to export an agent that solves less than half of its flights, too.
 
     Raises:
-        ConfigError: this is no trained agent, or the folder is another agent's.
+        ConfigError: this is no trained agent, or the folder is another agent's; or it solves less than half of its
+            flights.
     """
-    folder, _ = exported(agent, output, format, episodes)
+    folder, _ = exported(agent, output, format, episodes, force)
     return folder
 
 
 def exported(
-    agent: str | Path | AgentData, output: str | Path | None, format: str, episodes: int
+    agent: str | Path | AgentData,
+    output: str | Path | None,
+    format: str,
+    episodes: int,
+    force: bool = False,
 ) -> tuple[Path, dict[str, Any]]:
     """Write an export and return its folder and card; see `export`, whose arguments these are."""
     from rans.deploy.export import EXPORTERS, write_export
@@ -391,15 +398,18 @@ def exported(
         require(_PACKAGES[format])
     # The folder of an agent for any craft is named after its craft too.
     label = source.stem if is_foreign else source.name
-    if name.craft or name.adapts:
+    if name.is_for_a_craft:
         label = name.output_folder.name
     default = Path("runs/exports") / label
     folder = default if output is None else Path(text_of_name("output", output, Path))
     if write_policy is not None:
         return folder, write_policy(name.text, folder, format, count, margins=margins)
-    return folder, write_export(source, folder, format, count, margins=margins)
+    least = 0.0 if force else _LEAST
+    return folder, write_export(source, folder, format, count, margins=margins, least=least)
 
 
+_LEAST = 50.0
+"""Solved flights, %, below which an agent is exported on demand only."""
 WITH_MARGINS = 256
 """Fewest evaluation flights of an export whose contract has margins."""
 _PACKAGES = {"onnx": "onnx", "sb3": "stable_baselines3"}

@@ -44,7 +44,9 @@ class Export(Options):
 
     def run(self) -> int:
         """Write the export and print its files, its margins and what to run next; the exit code is 0."""
+        from rans.deploy.export import solved_percent
         from rans.deploy.margins import margin_lines
+        from rans.evaluation.fly.choice import ENOUGH
         from rans.evaluation.fly.policy_text import is_user_policy
 
         check_count("--episodes", self.episodes)
@@ -53,9 +55,14 @@ class Export(Options):
             Terminal().say(f"{output} has the spacecraft.")
             return 0
         with doing(f"flying {self.agent} for its contract and its card"):
-            output, card = exported(self.agent, self.output, self.format, self.episodes)
+            output, card = exported(self.agent, self.output, self.format, self.episodes, self.force)
         size = sum(file.stat().st_size for file in output.iterdir() if file.is_file())
         Terminal().say(f"{output} has the agent, its contract and its card, {size / 1000:.0f} kB.")
+        if "evaluation" in card:
+            percent = solved_percent(card)
+            Terminal().say(f"{percent:.4g} % of {card['episodes']:,} flights are solved.")
+            if percent < 100.0 * ENOUGH:
+                Terminal().suggest(shlex.join(["rans", "evaluate", self.agent]))
         stated = read_json(output / "contract.json")["conditions"]["margins"]
         for line in [] if stated is None else margin_lines(stated, is_user_policy(self.agent)):
             Terminal().say(line)

@@ -57,7 +57,7 @@ _GENTLE = 30.0
     log=Annotated[tuple[Literal["terms", *get_args(LoggerName)], ...], arg(metavar="NAME...")],  # pyrefly: ignore[invalid-literal]
 )
 class Train(Options):
-    """Train an agent until it has solved its task.
+    """Train an agent until it has solved its task, by imitation of any craft where that flies it, or by --rl.
 
     The run folder has the config, metrics, checkpoints, TensorBoard events, the learning curve and the agent,
     agent.safetensors. Ctrl-C stops early and keeps everything. --gpus all trains on every GPU of this machine.
@@ -68,6 +68,7 @@ class Train(Options):
     guide = "docs/training.md"
     examples = (
         "rans train go-to-pose --output runs/first",
+        "rans train go-to-pose --rl --output runs/from-nothing",
         "rans train go-to-pose --spacecraft mine.toml --conditions lab --quality good",
         "rans train go-to-pose --set thrust_weight=0.1 --set learning_rate=5e-4",
         "rans train --resume runs/first",
@@ -80,6 +81,8 @@ class Train(Options):
     resume: Path | None = None
     """Continue the training in this run folder from its last checkpoint, or start it if there is none; beyond its
     steps with `--total-timesteps N`, which counts those before too."""
+    rl: bool = False
+    """Train by reinforcement learning from random weights, where a training would begin by imitation."""
     view: bool = False
     """Show the newest agent in the browser during the training."""
 
@@ -170,7 +173,7 @@ class Train(Options):
         from rans.fast.learn.recipes import craft_of
 
         config = self.resolved()
-        otherwise = self.set, self.total_timesteps, self.conditions
+        otherwise = self.rl, self.set, self.total_timesteps, self.conditions
         return as_it_comes(config, craft_of(config), self.task, self.quality, *otherwise)
 
     def resolved(self) -> TrainConfig:
@@ -233,13 +236,18 @@ class Train(Options):
         """Train, and make what follows: learning curve, summary, comparison with rivals, page."""
         begun_at = trainer.steps
         watched = _watched(trainer.run.path) if self.view else contextlib.nullcontext()
+        if trainer.imitates and trainer.steps == 0:
+            Terminal().say(
+                f"This training imitates {trainer.imitates}, and ends as soon as that solves the task. "
+                "Reinforcement learning from random weights: add --rl."
+            )
         showing = TrainingProgress(trainer.config.total_timesteps, "terms" in self.log)
         with watched, showing as progress, StopGently() as stop:
             run_training(trainer, self._elsewhere, [progress.show], lambda: stop.requested)
         # Result: curve, summary, and a warning where the training left the nominal craft out.
         Terminal().say(_summary(trainer, begun_at, stop.requested, time.monotonic() - STARTED))
         rows = trainer.run.metrics()
-        if rows and curve is not None:
+        if len(rows) > 1 and curve is not None:
             with _beside_the_agent("its learning curve"):
                 write_text(trainer.run.path / "learning_curve.svg", curve(rows))
         if not stop.requested and trainer.steps > begun_at and (hole := _nominal_hole(trainer)):
@@ -354,8 +362,10 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     warm_up = f" after {trainer.warm_up:.1f} s of warm-up" if trainer.warm_up else ""
     description = trainer.learner.description
     backend = f", {description}" if description else ""
+    is_copy = trainer.imitates and len(trainer.members[0].rows) == 1
+    how = f" of imitation of {trainer.imitates}" if is_copy else ""
     text = (
-        f"{ending} after {trainer.steps:,} steps: {trainer.seconds:.1f} s of training "
+        f"{ending} after {trainer.steps:,} steps{how}: {trainer.seconds:.1f} s of training "
         f"({trainer.rate:,.0f} steps/s{backend}){warm_up}, {seconds:.1f} s in all. "
         f"The agent is {path}."
     )

@@ -113,6 +113,7 @@ def write_export(
     episodes: int = 1024,
     seed: int = EVALUATION_SEED,
     margins: int = 256,
+    least: float = 0.0,
 ) -> dict[str, Any]:
     """Write an agent into a folder of its own, to fly it here or elsewhere, and return its card.
 
@@ -133,7 +134,7 @@ def write_export(
 
     Raises:
         ConfigError: the run holds no agent, the folder is a run or another agent's, a package is missing, or
-            the disk refused.
+            the disk refused; or less than ``least`` percent of the flights of the card are solved.
     """
     if folder.resolve() == run.resolve():
         raise ConfigError(f"{folder} is the run itself: export it into another folder.")
@@ -164,6 +165,13 @@ def write_export(
     pairs = json.dumps(chosen) + "\n"
     # Its contract, and what the conditions of a flight may be.
     check_alone(folder, form, pairs)
+    if "evaluation" not in card:
+        card |= evaluated(str(run), fitting_protocols(craft), episodes, seed)
+    if (percent := solved_percent(card)) < least:
+        raise ConfigError(
+            f"{percent:.3g} % of the flights of {name} are solved, and an agent that loses half of them is not "
+            "exported without --force (force=True): rans evaluate says how it fails, and rans train makes another."
+        )
     measured = None
     if margins and is_one_task(loaded.task):
         measured = measure_margins(loaded.controller, loaded.judged, margins)
@@ -197,12 +205,15 @@ def write_export(
         about["c"] = {"stack": stack, "meaning": "bytes of stack that agent.c needs (agent.h)"}
     write_json(folder / "contract.json", about)
     write_text(folder / "golden.json", pairs)
-
-    if "evaluation" not in card:
-        card |= evaluated(str(run), fitting_protocols(craft), episodes, seed)
     card = {"name": name, "task": config.task, "spacecraft": craft.name} | card
     write_json(folder / "card.json", card)
     return card
+
+
+def solved_percent(card: dict[str, Any]) -> float:
+    """Solved flights of a card, %, of the worst of an agent's tasks in its own conditions."""
+    by_task = card["evaluation"].get("own", {})
+    return min((float(figures["solved"][0]) for figures in by_task.values()), default=100.0)
 
 
 def check_alone(folder: Path, form: str, pairs: str) -> None:

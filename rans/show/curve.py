@@ -24,7 +24,12 @@ _SOME = [{"steps": 1, "seconds": 1.0, "success": 0.5, "return/term": 1.0}]
 
 
 def learning_charts(rows: Rows) -> Iterator[Chart]:
-    """Charts of ``success`` (0 to 1) and ``return/<term>`` over ``steps``, from lines of ``metrics.jsonl``."""
+    """Charts of ``success`` (0 to 1) and ``return/<term>`` over ``steps``, from lines of ``metrics.jsonl``.
+
+    There is none of one row, as an imitation that solves its task has it.
+    """
+    if len(rows) < 2:
+        return
 
     def series(key: str, factor: float, colour: str, name: str, unit: str) -> Series:
         points = [

@@ -46,7 +46,7 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ),
         ("compare run --with --certified 0 --episodes 2", "compare-bounds.json"),
         ("assure run --episodes 8", "assurance.json"),
-        ("export run --output shipped", "metrics.jsonl"),
+        ("export run --output shipped --force", "metrics.jsonl"),
         ("report run", "evaluation-of-a-stranger.json"),
         ("report run", "sweep.svg"),
         ("sweep --resume sweep", "../sweep/configs.json"),

@@ -26,7 +26,7 @@ COMMANDS = [
     "compare run",
     "compare lqr:go-to-pose-2d sb3:run/policy.zip --with --episodes 2 --certified 0",
     "view run --save page.html",
-    "export run --output shipped",
+    "export run --output shipped --force",
 ]
 
 

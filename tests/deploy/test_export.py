@@ -37,7 +37,10 @@ def run(trained: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def shipped(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("pretrained") / "small-pose-2d"
-    assert main(f"export {run} --format sb3 --output {folder} --episodes 16".split()) == 0
+    words = f"export {run} --format sb3 --output {folder} --episodes 16"
+    assert main(words.split()) == 2  # a hardly trained agent
+    assert not folder.exists()
+    assert main([*words.split(), "--force"]) == 0
     return folder
 
 
@@ -138,7 +141,7 @@ def test_without_its_critic_it_is_the_same_agent_in_half(
     run: Path, shipped: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "small"
-    assert main(f"export {shipped} --format rans --output {folder}".split()) == 0
+    assert main(f"export {shipped} --format rans --force --output {folder}".split()) == 0
     observations = np.random.default_rng(1).normal(size=(200, 10)).astype(np.float32)
     expected = load_policy(run).controller.act(None, None, observations)
     np.testing.assert_array_equal(

@@ -148,6 +148,7 @@ def imitate(
     settings: PPOSettings,
     is_enough: Callable[[], bool] | None = None,
     stop: Callable[[], bool] = lambda: False,
+    report: Callable[[int, float], None] = lambda steps, loss: None,
 ) -> int:
     """Bring every member of a network to the commands of an expert, and reset the engine.
 
@@ -163,6 +164,8 @@ def imitate(
         is_enough: whether the network flies well enough: if this may be all of the training, its last rounds go on
             until then; None: reinforcement learning goes on in any case.
         stop: whether to stop; called after every gradient step.
+        report: called after every round with the control periods that each environment flew and the loss of the
+            round's last gradient step.
     """
     dimension = engine.craft.dimension
     certainty = _CERTAINTY[dimension]
@@ -189,6 +192,7 @@ def imitate(
         alone = number + 1 - mixed
         if stopped:
             break
+        report(lessons.rounds * periods, float(lessons.loss))
         if is_enough is not None and alone > 0 and alone % _JUDGED == 0 and is_enough():
             break
     adam.load(before)
@@ -244,6 +248,8 @@ class _Lessons:
         # The same rows of every member.
         self._rows = torch.empty(batch // network.members, dtype=torch.int64, device=engine.device)
         self._step = graphed(self._descend, engine.device)
+        self.loss = torch.zeros((), device=engine.device)
+        """Of the last gradient step."""
 
     def add(self, new: _Labels) -> None:
         """Add the labels of a round; values are learnt of the last own rounds alone, as commands change."""
@@ -286,6 +292,7 @@ class _Lessons:
                 likelihood = likelihood + (1.0 - self._certainty) * policy.log_prob(1.0 - actions)
         error = owned * ((output.value - returns) / self._spread).square()
         loss = network.members * (_VALUE * error - likelihood).mean()
+        self.loss.copy_(loss.detach())
         return self._adam.descend(loss, self._unclipped, self._processes)
 
 

@@ -14,6 +14,7 @@ from rans.fast.learn.config import TrainConfig, from_table, to_table
 from rans.model.foreign import FORMATS
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft, spacecraft_text
+from rans.pretrained import FOR_ANY_CRAFT
 
 CHECKPOINT = "checkpoint.safetensors"
 """File from which a training resumes."""
@@ -68,7 +69,10 @@ class RunFolder:
         try:
             self._check_new(text)  # another process may have begun in between
             files.write_text(self.spacecraft_file, text)
-            about = {"command": command, "environment": files.environment()}
+            about: dict[str, Any] = {"command": command, "environment": files.environment()}
+            agent = (config.begin_from or "").removeprefix("pretrained:")
+            if agent.startswith(tuple(FOR_ANY_CRAFT.values())):
+                about["method"] = f"imitation of {agent}, then {config.algorithm}"
             files.write_json(self.config_file, to_table(config) | {"about": about})
         finally:
             if not held_before:

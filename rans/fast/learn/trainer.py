@@ -162,6 +162,12 @@ class Trainer:
         self._events: list[Events] = []
 
     @property
+    def imitates(self) -> str:
+        """Agent for any craft with whose imitation the training begins; empty: it begins otherwise."""
+        begun = self.config.begin_from or ""
+        return begun.removeprefix("pretrained:") if self._teacher is not None else ""
+
+    @property
     def solved(self) -> bool:
         """Whether enough consecutive reports found the task of every member solved."""
         return not self.running()
@@ -263,6 +269,11 @@ class Trainer:
             judged[:] = self.selection.judge()
             return member.finds_solved(judged[0]["success"])
 
+        def log(periods: int, loss: float) -> None:
+            steps = periods * self.config.ppo.n_envs
+            for events in self._events:
+                events.write({"imitation/loss": loss}, steps)
+
         flown = imitate(
             self.engine,
             self.learner.network,
@@ -271,6 +282,7 @@ class Trainer:
             self.config.ppo,
             is_solved if may_end else None,
             stop,
+            log,
         )
         self.seconds += time.monotonic() - begun
         if not flown:

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rans.errors import ConfigError, counted, meant_file
+from rans.errors import ConfigError, brief, counted, meant_file
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.evaluation.measure.statistics import figure, interval, quantity
 from rans.evaluation.stress.outcome import WANTED, too_few
@@ -77,7 +77,8 @@ def report_from_run(run: Path) -> Page:
         ("validation.json", validation_section),
     ]
     if not (run / "sweep.json").is_file():  # its rows are of all members, one after the other
-        builders.insert(-1, ("metrics.jsonl", training_section))
+        method = partial(training_section, method=_method(run))
+        builders.insert(-1, ("metrics.jsonl", method))
     sections = [s for name, build in builders if (s := _read(run / name, build))]
     if not sections:
         missing = f", there is no such folder{meant_file(run)}"
@@ -303,13 +304,21 @@ def validation_section(study: Mapping[str, Any]) -> Section:
     )
 
 
-def training_section(rows: Sequence[Mapping[str, Any]]) -> Section:
+def _method(run: Path) -> str:
+    """How a run was trained, as its config.json says where that is not its algorithm alone; else ""."""
+    file = run / "config.json"
+    config = read_json(file) if file.is_file() else None
+    about = config.get("about") if isinstance(config, dict) else None
+    return brief(about["method"]) if isinstance(about, dict) and "method" in about else ""
+
+
+def training_section(rows: Sequence[Mapping[str, Any]], method: str = "") -> Section:
     """Learning curve from the lines of ``metrics.jsonl``; see `learning_charts` for their keys."""
     last = rows[-1]
     summary = [(what, form.format(last[key])) for key, what, form in _PROGRESS if key in last]
     return Section(
         "Training",
-        "",
+        f"By {method}." if method else "",
         [Table(("at the end", "value"), summary)],
         summary=summary,
         charts=[*learning_charts(rows)],
