@@ -231,6 +231,11 @@ def _another_tanh(model: Any) -> None:
     model.graph.node[-1].domain = ""
 
 
+def _another_output(model: Any) -> None:
+    """An output that is declared as double, of single precision."""
+    model.graph.output[0].type.tensor_type.elem_type = 11
+
+
 def _two_inputs(model: Any) -> None:
     """Another input, which changes nothing."""
     model.graph.input.append(model.graph.input[0])
@@ -308,6 +313,9 @@ def forged() -> dict[str, bytes]:
         "an attribute of another type": graph(gemm, change=_attribute("alpha", 2)),
         "an operation before its time": graph(gemm, opset=6),
         "an operation of the future": graph(gemm, opset=99),
+        "operations of tomorrow": graph(gemm, opset=28),
+        "an output of another precision": graph(gemm, change=_another_output),
+        "an axis of minus two": graph("f = Reshape(x, r); y = MatMul(f, W)", r=np.array([1, -2])),
         "two versions": graph(gemm, change=_two_versions),
         "two inputs": graph(gemm, change=_two_inputs),
         "an axis that is not there": graph(

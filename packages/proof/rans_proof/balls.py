@@ -110,6 +110,9 @@ class Layer(NamedTuple):
     """Tanh, Sigmoid, Relu, or "" for none."""
     machine: tuple[Any, Any, Any] | None = None
     """What a machine's sums err by, at most factors |x| + shift, and its bends; None: they are exact."""
+    sums: tuple[Any, Any, Any] | None = None
+    """Factor and constant that bound a machine's partial sums by the largest number of |x| and 1, and the bound
+    that they must be below; None: any."""
 
 
 def network_enclosure(
@@ -128,12 +131,22 @@ def network_enclosure(
 
     Returns:
         Gain, offset and errors: the answers lie in gain x + offset +- errors.
+
+    Raises:
+        Refused: a partial sum of the machine may be too large for a number of its precision.
     """
     count = centre.nrows()
     gain, offset, noise = diagonal([arb(1)] * count), arb_mat(count, 1), arb_mat(count, 0)
     largest = [abs(c) + r for c, r in zip(centre.entries(), absolute_row_sums(spread), strict=True)]
     for layer in layers:
-        weight, bias, kind, machine = Layer(*layer)
+        weight, bias, kind, machine, sums = Layer(*layer)
+        if sums is not None:
+            factor, constant, most = sums
+            is_number = all(factor * x + constant < most for x in (*largest, arb(1)))
+            need(
+                is_number,
+                "its network's sums may be too large for numbers of the file's precision.",
+            )
         gain, offset, noise = weight * gain, weight * offset + bias, weight * noise
         factors, shift, of_bend = machine or (0 * weight, 0 * bias, arb(0))
         off = (factors * column(largest) + shift).entries()

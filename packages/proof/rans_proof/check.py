@@ -43,6 +43,10 @@ _BITS = 80
 """Bits of a ball's middle."""
 _DEPTH = 12
 """A cell is halved so often at most."""
+_EFFORT = 2000, 100
+"""Taylor steps of all parts of a cell at most: a number, and so many more for each period. Of ARCH-COMP's problems
+the double pendulum needs the largest number, 849 in 20 periods; a thousand steps of a formula of one state take
+a second."""
 _OFF = 1e-6
 """Part of a state by which a flight that was written out may be off: it was computed in double precision."""
 
@@ -69,7 +73,8 @@ def check(certificate: bytes, network: bytes, only: Sequence[int] | None = None)
     least = math.inf
     for k in range(len(claim.cells)) if only is None else only:
         margin = loop.margin(claim.cells[k], _DEPTH)
-        need(margin > 0.0, f"cell {k} has the margin {margin:.3g}.")
+        reason = loop.refusal or f"its margin is {margin:.3g}."
+        need(margin > 0.0, f"cell {k} is not proved: {reason}")
         least = min(least, margin)
     return least
 
@@ -155,6 +160,9 @@ class Loop:
         self._end = Property({"within": _last(problem)}, count) if "end" in problem else None
         self._begins = problem.get("begins", 0)
         self._earliest = problem.get("end", {}).get("earliest", 0) or problem["steps"]
+        self._effort = _EFFORT[0] + _EFFORT[1] * problem["steps"]
+        self.refusal = ""
+        """Why the last part of a cell has no margin; "": it has one."""
 
     def _pieces(self, centre: Any, spread: Any) -> Iterator[tuple[int, bool, Any, Any, Any]]:
         """Pieces of flights: control period, whether it ends with the piece, begin, end and sag.
@@ -182,11 +190,18 @@ class Loop:
         Above 0 is a theorem about every state of the cell, so that anything that is not proved must come out as 0
         or less; halves count as much as the whole, since together they are the cell.
         """
+        self._plant.left = self._effort
+        return self._halved(cell, depth)
+
+    def _halved(self, cell: Any, depth: int) -> float:
+        """Margin of a cell, which is halved as long as the plant has steps left."""
+        self.refusal = ""
         try:
             margin = self._margin(*_set(cell))
-        except Refused:  # of a motion without a bound
+        except Refused as refusal:  # of a motion without a bound, or of a sum that is too large
             margin = -math.inf
-        if margin > 0.0 or not depth:
+            self.refusal = str(refusal)
+        if margin > 0.0 or not depth or self._plant.left < 0:
             return margin
         # Halves along the state that is widest as a part of its starts, until one is refused.
         margins: list[float] = []
@@ -197,7 +212,7 @@ class Loop:
         low, high = cell[axis]
         cut = low + (high - low) / 2
         for part in ((low, cut), (cut, high)):
-            margins.append(self.margin([*cell[:axis], part, *cell[axis + 1 :]], depth - 1))
+            margins.append(self._halved([*cell[:axis], part, *cell[axis + 1 :]], depth - 1))
             if not margins[-1] > 0.0:
                 break
         return min(margins)
@@ -224,6 +239,7 @@ class Loop:
         Raises:
             Refused: the flight is another one than this program's, or does not surely break the property.
         """
+        self._plant.left = self._effort
         point = _set((x, x) for x in flight[0])
         values = [self._keep.value(point)] if self._keep is not None and self._begins == 0 else []
         at_ends = []

@@ -10,7 +10,9 @@ from __future__ import annotations
 import ast
 import contextlib
 import functools
+import math
 import operator
+import string
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -47,6 +49,8 @@ _SIGNS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Div: operator.truediv,
 }
 _FUNCTIONS = ("sin", "cos", "tan", "exp", "sqrt")
+_LETTERS = set(string.ascii_letters + string.digits + "_.+-*/() \t\n")
+"""Characters of formulas: others of Unicode are read as some of these, and a comment would be printed as a part."""
 
 
 def formula(text: str, names: Sequence[str]) -> Formula:
@@ -55,6 +59,7 @@ def formula(text: str, names: Sequence[str]) -> Formula:
     Raises:
         Refused: it has anything else.
     """
+    need(set(text) <= _LETTERS, f"its formula {text[:80]!r} has a character that is of no formula.")
 
     def read(node: Any, depth: int) -> Formula:
         """Formula of a node of a parsed expression.
@@ -199,6 +204,8 @@ class Plant:
         self._rates = [formula(text, names) for text in rates]
         self._period = arb(period)
         self.halvings = self._periods = 0
+        self.left = math.inf
+        """Steps that may still be tried; below 0 the motion is refused."""
 
     def move(
         self, centre: Any, spread: Any, gain: Any, offset: Any, errors: Sequence[Any]
@@ -224,6 +231,8 @@ class Plant:
         if self._periods % 8 == 0:  # the motion may have become slower
             self.halvings = max(0, self.halvings - 1)
         while len(pieces) < 2**self.halvings:
+            self.left -= 1
+            need(self.left >= 0, "its motion takes more steps than are tried.")
             step: Any = None
             with contextlib.suppress(ValueError):  # FLINT's division by a ball round 0
                 step = self._step(middle, wide, self._period / 2**self.halvings)

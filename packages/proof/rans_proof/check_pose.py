@@ -75,7 +75,7 @@ _WIDER = 1e-7
 _LOGIT = 1e-3
 """Log-odds, and inputs of units in log-odds, below which single precision leaves open what happens."""
 _MOST, _STEEPEST = 1e3, 1e9
-"""Largest numbers that are computed with, in SI units and in log-odds."""
+"""Largest numbers that are computed with, in SI units and in log-odds; single precision has numbers to 3e38."""
 _ROOM = 0.8
 """By how much positions on the way may be beyond the farthest start, m."""
 _TURNS = 2000
@@ -625,7 +625,7 @@ class Network:
             "its network has not two layers of ReLU",
         )
         need(not agent.mean.any(), "its columns are not centred at 0")
-        scale = 1.0 / np.sqrt(agent.variance + 1e-6)
+        self._scale = scale = 1.0 / np.sqrt(agent.variance + 1e-6)
         need(scale[0] == scale[1] and scale[4] == scale[5], "its columns have scales of their own")
         (first, shift), (self._second, self._bias) = agent.layers
         # Vectors along the diagonals (1, -1) and (1, 1), whose weights are zero without rounding or not.
@@ -649,11 +649,12 @@ class Network:
         ]
         head, bias = agent.head
         self._head, self._least = head[1::2] - head[::2], bias[1::2] - bias[::2]
-        # Sums of sizes, which no result of a layer exceeds; columns are below 9.9.
-        steepest = np.array([9.9 * abs(slope) + abs(b) for _, slope, b in self._units])
-        for rows, shifts in ((self._second, self._bias), (self._head, self._least)):
+        # Sums of sizes, which no partial sum of a layer exceeds in any order, in single precision as it flies:
+        # columns are below 9.9 after their scales, and scores of shut and of open are summed apart.
+        steepest = np.full(8, 9.9)
+        for rows, shifts in (*agent.layers, agent.head):
             steepest = np.abs(rows) @ steepest + np.abs(shifts)
-            need(steepest.max() <= _STEEPEST, "its log-odds are too steep for double precision")
+            need(steepest.max() <= _STEEPEST, "its log-odds are too steep for single precision")
         self._pairs = [(i, j) for i in range(len(self._bias)) for j in range(i)]
         self._sums = np.array([self._second[i] + self._second[j] for i, j in self._pairs])
 
@@ -694,10 +695,8 @@ class Network:
             down: column that changes along a table's columns.
             weights: of each thruster, whole numbers.
         """
-        for low, high in columns:
-            need(
-                np.all(np.abs(low) < 9.9) and np.all(np.abs(high) < 9.9), "a column may be clipped"
-            )
+        for ends, scale in zip(columns, self._scale, strict=True):
+            need(all(np.abs(scale * x).max() < 9.9 for x in ends), "a column may be clipped")
         base, ends = self._inputs(self._second, self._bias, columns, across, down)
         # Columns of a table between which no unit differs, but for how far below zero it is, are one.
         dead = base[1] + ends[1].max(axis=1, keepdims=True) < -_LOGIT

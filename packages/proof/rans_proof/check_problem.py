@@ -5,9 +5,10 @@ Closed tables: what a certificate says and nobody checks is refused here.
 
 from __future__ import annotations
 
+import ast
 from typing import Any, NamedTuple
 
-from rans_proof.balls import need
+from rans_proof.balls import Refused, need
 from rans_proof.claims import (
     ABOVE_ZERO,
     ANYTHING,
@@ -142,8 +143,8 @@ def statement(problem: dict[str, Any]) -> str:
 
     Printed as the theorem and nothing else: every key that changes what is checked must have its words here.
     """
-    rates = [" ".join(rate.split()) for rate in problem["derivative"]]
-    taken = ", ".join(problem.get("inputs", [f"x{i}" for i in range(len(rates))]))
+    rates = [_read(rate) for rate in problem["derivative"]]
+    taken = ", ".join(map(_read, problem.get("inputs", [f"x{i}" for i in range(len(rates))])))
     commands = ", ".join(f"u{i}" for i in range(problem["commands"]))
     period, steps, begins = problem["period"], problem["steps"], problem.get("begins", 0)
     begin, last = (f"{n * period:.10g}" for n in (begins, steps))
@@ -178,12 +179,20 @@ def _sentence(kind: str, limit: Any) -> str:
         return f"never {_within(limit)}, all at once"
     if kind in ("every", "some"):
         joint = " and " if kind == "every" else " or "
-        return joint.join(f"{' '.join(text.split())} >= 0" for text in limit)
+        return joint.join(f"{_read(text)} >= 0" for text in limit)
     distance = f"|({', '.join(f'x{i}' for i in limit['position'])})|"
     if kind != "speed_limit":
         return f"{distance} {'>=' if kind == 'keep_out' else '<='} {_digits(limit['radius'])}"
     speed = f"|({', '.join(f'x{i}' for i in limit['velocity'])})|"
     return f"{speed} <= {_digits(limit['base'])} + {_digits(limit['slope'])} {distance}"
+
+
+def _read(formula: str) -> str:
+    """A formula as it was parsed, which is what is checked; its text may mean less than it says."""
+    try:
+        return ast.unparse(ast.parse(formula.strip(), mode="eval"))
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        raise Refused(f"its formula {formula[:80]!r} cannot be read.") from error
 
 
 def _within(box: dict[str, Any]) -> str:

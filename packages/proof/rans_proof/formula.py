@@ -34,7 +34,12 @@ def formula_value(text: str, values: Mapping[str, Any]) -> Any:
 
 @functools.lru_cache(maxsize=256)
 def _tree(text: str) -> ast.expr:
-    """Syntax tree of a formula."""
+    """Syntax tree of a formula.
+
+    Comments and other letters than ASCII's, which Python reads as these, are refused: texts are what is printed.
+    """
+    if "#" in text or not text.isascii():
+        raise ConfigError(f"{brief(text)} has a comment or a letter that no formula has.")
     try:
         return ast.parse(text, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):

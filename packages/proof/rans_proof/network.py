@@ -21,9 +21,9 @@ _WIDEST = 1024
 """Largest width of a layer; networks in control have some hundred units."""
 _LONGEST = 100
 """Largest number of nodes, so that a file of few bytes does not take hours."""
-_OPSETS = range(7, 29)
+_OPSETS = range(7, 27)
 """Versions of ONNX's operations in which those of `_ATTRIBUTES` mean the same. Before 7 they broadcast otherwise;
-28 is the newest that was read."""
+26 is the newest that ONNX Runtime 1.31 opens."""
 
 ACTIVATIONS = {"Tanh": "tanh", "Sigmoid": "sigmoid", "Relu": "relu"}
 """Operations of ONNX that bend, and their names here."""
@@ -72,6 +72,10 @@ class Rounding(NamedTuple):
     """Roundings of a term at most."""
     unit: float
     """Unit roundoff of the file's precision."""
+    growth: tuple[float, float]
+    """Factor and constant of a bound of all partial sums by the largest number that the layer takes, 1 at least."""
+    largest: float
+    """Largest bound of a partial sum that surely is a number of the file's precision."""
 
     @property
     def part(self) -> float:
@@ -146,6 +150,10 @@ def network_of(
             f"{where} must have one output, that of its last node, and has "
             f"{brief([tensor.name for tensor in graph.output])}."
         )
+    if graph.output[0].type.tensor_type.elem_type != onnx.helper.np_dtype_to_tensor_dtype(
+        taken.precision
+    ):
+        raise ConfigError(f"{where} must give numbers of the precision that it takes.")
     layers = chain.layers()
     if not layers:
         raise ConfigError(f"{where} has no layer.")
@@ -153,6 +161,13 @@ def network_of(
         np.isfinite(layer.weight).all() and np.isfinite(layer.bias).all() for layer in layers
     ):
         raise ConfigError(f"{where} has a weight that is not finite.")
+    for layer in layers:
+        assert layer.rounding is not None
+        if not sum(layer.rounding.growth) < layer.rounding.largest:
+            raise ConfigError(
+                f"{where} has weights whose products and sums may be too large for the precision of the file, and "
+                "gives no number then."
+            )
     _compare(content, where, layers, taken, around)
     return layers
 
@@ -257,7 +272,10 @@ class _Chain:
         self._bias = np.zeros(int(np.prod(taken.shape)))
         self._sizes = np.zeros((0, 0)), np.zeros(0)  # of their terms
         self._count = 0
+        self._growth = 1.0, 0.0
         self._unit = float(np.finfo(taken.precision).eps) / 2.0
+        # Half of the largest number, which leaves more than rounding adds.
+        self._largest = float(np.finfo(taken.precision).max) / 2.0
 
     def layers(self) -> list[Layer]:
         """All layers, the last of which may have no activation."""
@@ -266,7 +284,7 @@ class _Chain:
     def _layer(self, activation: str) -> Layer:
         """Layer of the linear operations since the last activation; one rounding more is that of what it takes."""
         assert self._weight is not None
-        rounding = Rounding(*self._sizes, self._count + 1, self._unit)
+        rounding = Rounding(*self._sizes, self._count + 1, self._unit, self._growth, self._largest)
         return Layer(self._weight, self._bias, activation, rounding)
 
     def append(self, onnx: Any, node: Any) -> None:
@@ -297,12 +315,12 @@ class _Chain:
             raise _Unread("has a weight of another precision than the network's input")
         if len(node.output) != 1 or node.output[0] in self._names | {""}:
             raise _Unread("must have one output, of a name of its own")
-        self._apply(
-            kind,
-            position,
-            [x if kind == "Reshape" else x.astype(np.float64) for x in operands],
-            settings,
-        )
+        if kind != "Reshape":
+            operands = [x.astype(np.float64) for x in operands]
+        terms = len(self._bias) if kind in ("MatMul", "Gemm", "Conv") else 1
+        self._apply(kind, position, operands, settings)
+        if kind not in ("Flatten", "Reshape", *ACTIVATIONS):
+            self._grow(terms, [*operands, *(x for x in settings.values() if type(x) is float)])
         if not 0 < len(self._bias) <= _WIDEST:
             raise _Unread(f"gives {len(self._bias)} numbers; known are 1 to {_WIDEST}")
         self.current = node.output[0]
@@ -341,6 +359,7 @@ class _Chain:
                 if not divisor.all():
                     raise _Unread("divides by 0")
                 self._affine(1.0 / divisor, np.zeros(len(self._bias)))
+                self._grow(1, [1.0 / divisor])
             case "Flatten":
                 if settings["axis"] != 1:
                     raise _Unread(f"has the axis {settings['axis']}; known is 1")
@@ -349,6 +368,20 @@ class _Chain:
                 self._reshape(operands[0], settings)
             case _:
                 self._bend(ACTIVATIONS[kind])
+
+    def _grow(self, terms: int, numbers: Sequence[Any]) -> None:
+        """Bound the partial sums of an operation of so many terms and these numbers, in any order.
+
+        Runtimes join operations and multiply weights first, so that each number counts as 1 at least. They keep
+        scales in single precision, whatever that of the file is.
+        """
+        factor, constant = self._growth
+        size = 1.0
+        for number in numbers:
+            size *= max(1.0, float(np.max(np.abs(number))))
+        if not size < 0.5 * float(np.finfo(np.float32).max):
+            size = np.inf
+        self._growth = terms * size * factor, terms * size * constant + size
 
     def _multiply(self, table: np.ndarray) -> None:
         """Product x W of one row x."""
@@ -413,8 +446,8 @@ class _Chain:
         ):
             raise _Unread("must have the axes of its new shape in a list of 2 to 8 whole numbers")
         shape = [int(n) for n in target]
-        if any(n == 0 for n in shape[len(self._shape) :]):
-            raise _Unread("keeps an axis that is not there")
+        if any(n == 0 for n in shape[len(self._shape) :]) or min(shape) < -1:
+            raise _Unread("keeps an axis that is not there, or has a negative one")
         shape = [self._shape[k] if n == 0 else n for k, n in enumerate(shape)]
         try:
             new = np.empty(self._shape, dtype=bool).reshape(shape).shape
@@ -428,6 +461,7 @@ class _Chain:
         if self._weight is None:
             raise _Unread("is an activation without weights right before it")
         self._layers.append(self._layer(activation))
+        self._growth = 1.0, 0.0
         self._weight = None
         self._bias = np.zeros(len(self._bias))
 
@@ -554,7 +588,7 @@ def _deviation(layers: Sequence[Layer], states: np.ndarray) -> np.ndarray:
     variance = np.zeros_like(x)
     for layer in layers:
         assert layer.rounding is not None
-        weight, bias, times, unit = layer.rounding
+        weight, bias, times, unit = layer.rounding[:4]
         size = np.abs(x) @ weight.T + bias
         variance = variance @ (layer.weight**2).T + times * (unit * size) ** 2
         sums = x @ layer.weight.T + layer.bias

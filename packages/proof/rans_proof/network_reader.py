@@ -71,6 +71,10 @@ def layers_of(content: bytes, low: tuple[float, ...], high: tuple[float, ...]) -
         raise Refused("its network is no ONNX file.") from error
     try:
         layers, name, shape, precision = _chain(model)
+        # Types and shapes that ONNX itself infers; what does not fit opens in no runtime.
+        onnx.shape_inference.infer_shapes(model, check_type=True, strict_mode=True)
+    except onnx.shape_inference.InferenceError as error:
+        raise Refused("its network's types or shapes do not fit, by ONNX's own rules.") from error
     except (ValueError, TypeError, IndexError, OverflowError, RuntimeError) as error:
         raise Refused(f"its network is damaged, or its shapes do not fit: {error}.") from error
     numbers = [x for layer in layers for m in layer[:2] for x in m.entries()]
@@ -92,8 +96,8 @@ def _chain(model: Any) -> tuple[list[Any], str, tuple[int, ...], Any]:
     """
     graph = model.graph
     versions = {entry.domain: entry.version for entry in model.opset_import}
-    is_known = len(versions) == len(model.opset_import) and 7 <= versions.get("", 0) <= 28
-    need(is_known, "its network's version of ONNX's operations is not one from 7 to 28.")
+    is_known = len(versions) == len(model.opset_import) and 7 <= versions.get("", 0) <= 26
+    need(is_known, "its network's version of ONNX's operations is not one from 7 to 26.")
     is_plain = not model.functions and not graph.sparse_initializer
     need(is_plain, "its network has functions of its own or sparse weights.")
     need(1 <= len(graph.node) <= _NODES, f"its network has not 1 to {_NODES} operations.")
@@ -147,10 +151,13 @@ def _chain(model: Any) -> tuple[list[Any], str, tuple[int, ...], Any]:
             size = math.prod(shape)
             shape, table, shift = _after(node.op_type, shape, position, weights, attributes)
             if table is not None:
-                before = linear or [diagonal([arb(1)] * size), arb_mat(size, 1)] * 2 + [1]
+                before = linear or [diagonal([arb(1)] * size), arb_mat(size, 1)] * 2 + [1, 1, 0]
                 rows, tiny = sizes(table), column([arb(_TINY)] * table.nrows())
                 linear = [table * before[0], table * before[1] + shift, rows * before[2]]
                 linear += [rows * before[3] + sizes(shift) + tiny, before[4] + size + 3]
+                # The largest product of the operation's numbers, in any order, and its sums.
+                scale = _scale(node.op_type, weights, attributes)
+                linear += [size * scale * before[5], size * scale * before[6] + scale]
             need(
                 math.prod(shape) <= _UNITS, f"its network has {math.prod(shape)} numbers in a row."
             )
@@ -221,17 +228,35 @@ def _after(
     return shape, table, shift
 
 
+def _scale(kind: str, weights: list[np.ndarray], attributes: dict[str, Any]) -> Any:
+    """Largest product of one number each of an operation's operands and attributes, which count as 1 at least.
+
+    A runtime may multiply weights with each other before it takes the state, and keeps scales in single precision.
+    """
+    groups = [*weights, *(attributes.get(name, 1.0) for name in ("alpha", "beta"))]
+    product = arb(1)
+    for numbers in groups:
+        product *= max(1.0, float(np.abs(numbers).max()))
+    if kind == "Div":
+        product /= min(1.0, float(np.abs(weights[0]).min()))
+    need(product < 1.7e38, "its network has weights that are too large for single precision.")
+    return product
+
+
 def _rounded(linear: Sequence[Any], kind: str, precision: Any) -> Layer:
     """A layer, with what a machine of a precision makes of it.
 
     A sum of products, each of which is rounded n times at most, errs by 1 / (1 - n u) - 1 of the sum of their
     sizes, in any order (Higham, "Accuracy and stability of numerical algorithms", 3.1).
     """
-    table, shift, of_table, of_shift, count = linear
+    table, shift, of_table, of_shift, count, factor, constant = linear
     unit = arb(float(np.finfo(precision).eps)) / 2
     part = 1 / (1 - count * unit) - 1
     bends = _BEND_UNITS * unit if kind in ("Tanh", "Sigmoid") else arb(0)
-    return Layer(table, shift, kind, (of_table * part, of_shift * part, bends))
+    # Rounding makes no sum twice as large.
+    most = arb(float(np.finfo(precision).max)) / 2
+    machine = of_table * part, of_shift * part, bends
+    return Layer(table, shift, kind, machine, (factor, constant, most))
 
 
 def _compare(

@@ -279,6 +279,7 @@ class _Asked:
         self.twist = float(np.abs(torque).max() / np.asarray(craft.inertia).ravel()[-1])
         self._along = np.round(pushes / np.abs(pushes).max()).astype(int)
         self._lever = np.sign(np.round(torque, 9)).astype(int)
+        _check_sums(self._network)
 
     @torch.no_grad()
     def _open(
@@ -346,6 +347,18 @@ class _Asked:
                     opened = self._open(position, velocity, np.full(x.size, sine), np.zeros(x.size))
                     found.append((opened @ self._along[:, axis]).reshape(x.shape))
         return _filled(found)
+
+
+def _check_sums(network: Network) -> None:
+    """Refuse (`ConfigError`) a network whose partial sums may be too large for single precision."""
+    tensors = network.tensors
+    largest = torch.full((8,), network.architecture.clip, dtype=torch.float64)
+    for layer in ("features_extractor.trunk.0", "features_extractor.trunk.2", "action_net"):
+        weight, bias = (tensors[f"{layer}.{name}"].double().abs() for name in ("weight", "bias"))
+        largest = weight @ largest + bias
+        # Half of the largest number leaves more than rounding adds.
+        if not bool((largest < 0.5 * torch.finfo(torch.float32).max).all()):
+            raise ConfigError("its network's sums may be too large for single precision.")
 
 
 def _filled(found: list[np.ndarray]) -> dict[int, np.ndarray]:

@@ -18,7 +18,7 @@ from rans_proof.motion import TaylorPlant
 from rans_proof.network import Layer
 from rans_proof.plants import LinearPlant, Piece, Plant
 from rans_proof.problem import Avoid, HalfSpaces, KeepOut, Problem, SpeedLimit, StayIn, Within
-from rans_proof.relaxation import Rounding, TorchLayer, Zonotope, enclose
+from rans_proof.relaxation import Planes, Rounding, TorchLayer, Zonotope, enclose
 
 _DIRECTIONS = 64
 """Directions of a speed: their polygon is outside the circle by a factor of 1 / cos(pi / 64), 0.12 %."""
@@ -253,7 +253,15 @@ class ClosedLoop:
             if rounding is not None:
                 sizes = [np.abs(part) for part in inputs]
                 of_bias = rounding.weight @ sizes[1] + rounding.bias
-                rounding = rounding._replace(weight=rounding.weight @ sizes[0], bias=of_bias)
+                # What the network takes, by the largest state: the sums of each row and its constant, 1 at least.
+                taken = max(1.0, float(sizes[0].sum(axis=1).max()))
+                factor, constant = rounding.growth
+                constant += factor * max(1.0, float(sizes[1].max()))
+                rounding = rounding._replace(
+                    weight=rounding.weight @ sizes[0],
+                    bias=of_bias,
+                    growth=(factor * taken, constant),
+                )
             joined = Layer(first.weight @ inputs[0], bias, first.activation, rounding)
             layers = [joined, *layers[1:]]
         self._layers = [self._on_device(layer) for layer in layers]
@@ -276,7 +284,11 @@ class ClosedLoop:
         if rounding is not None:
             part = rounding.part
             machine = Rounding(
-                tensor(part * rounding.weight), tensor(part * rounding.bias), rounding.unit
+                tensor(part * rounding.weight),
+                tensor(part * rounding.bias),
+                rounding.unit,
+                rounding.growth,
+                rounding.largest,
             )
         return TorchLayer(tensor(layer.weight), tensor(layer.bias), layer.activation, machine)
 
@@ -300,6 +312,14 @@ class ClosedLoop:
         cells = torch.arange(len(margins), device=self.device)
         for number in range(self.problem.steps):
             planes = enclose(self._layers, states)
+            # A network that may give no number is lost at once.
+            holds = planes.error.isfinite().all(dim=1)
+            if not bool(holds.all()):
+                cells, least, at_end = cells[holds], least[holds], at_end[holds]
+                states = Zonotope(*(x[holds] for x in states))
+                planes = Planes(*(x[holds] for x in planes))
+            if not len(cells):
+                break
             for piece in self._plant.move(states, planes):
                 if self.problem.keep is not None and number >= self.problem.begins:
                     least = torch.minimum(least, self._margin(piece))

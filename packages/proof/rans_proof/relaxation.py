@@ -81,10 +81,20 @@ class Rounding(NamedTuple):
     """(outputs,)."""
     unit: float
     """Unit roundoff; an activation errs by `_ULPS` of them."""
+    growth: tuple[float, float]
+    """Factor and constant of a bound of all partial sums by the largest number that the layer takes, 1 at least."""
+    largest: float
+    """Bound of a partial sum, from which the machine may give no number."""
 
     def error(self, reach: Tensor) -> Tensor:
-        """Errors (B, outputs) of sums over numbers of absolute values up to (B, inputs)."""
-        return (reach @ self.weight.T + self.bias) * (1.0 + 1e-9)
+        """Errors (B, outputs) of sums over numbers of absolute values up to (B, inputs).
+
+        Infinite where a partial sum, in any order, may be too large for the machine's precision.
+        """
+        off = (reach @ self.weight.T + self.bias) * (1.0 + 1e-9)
+        factor, constant = self.growth
+        sums = factor * reach.amax(dim=1, keepdim=True).clamp(min=1.0) + constant
+        return torch.where(sums < self.largest, off, torch.inf)
 
 
 def parallel_lines(low: Tensor, high: Tensor, activation: str) -> tuple[Tensor, Tensor, Tensor]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -250,6 +251,27 @@ keep.within = {lower = [-1.1, -1.1], upper = [1.1, 1.1]}
     margin = Loop(problem_table(text), network.read_bytes()).margin([(0.9, 1.0), (0.0, 0.0)])
     # Over a period a chord is 8 % of the circle's radius away from it.
     assert 0.0 < margin < 0.1
+
+
+@pytest.mark.parametrize("hole", ["1 / x0", "x0 / x0", "exp(1 / x0)"])
+def test_the_check_of_a_formula_with_a_hole_ends(
+    hole: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Within 100 Taylor steps and 5 for each period, after which no half of the cell is tried."""
+    from rans_proof import check, check_motion
+    from rans_proof.balls import Refused
+
+    monkeypatch.setattr(check, "_EFFORT", (100, 5))
+    tried = []
+    step = check_motion.Plant._step
+    monkeypatch.setattr(check_motion.Plant, "_step", lambda *given: tried.append(0) or step(*given))
+    network = written(damping(2, (1,), 3), tmp_path / "net.onnx").read_bytes()
+    text = SETTLING.replace('"x1"', f'"{hole}"')
+    table = {"format": 1, "network": hashlib.sha256(network).hexdigest(), "problem": text}
+    table |= {"cells": [[[-1.0, -0.2], [1.0, 0.2]]], "margins": [1.0]}
+    with pytest.raises(Refused, match="more steps than are tried"):
+        check.check(json.dumps(table).encode(), network)
+    assert len(tried) <= 100 + 5 * 40
 
 
 def test_states_that_follow_from_exact_ones_need_no_shorter_steps() -> None:

@@ -300,6 +300,9 @@ def test_other_problems_have_other_statements() -> None:
     for table in tables[1:]:
         assert difference(tables[0], table)
     assert not difference(tables[0], problem_table("# the same\n" + PROBLEM.replace("40", "4_0")))
+    # An entry that only one of them has.
+    more = problem_table(PROBLEM.replace("steps = 40", "steps = 40\nbegins = 3"))
+    assert difference(tables[0], more) == difference(more, tables[0]) == "begins"
 
 
 def test_for_ever_is_said_of_flights_that_come_back_only() -> None:
@@ -313,6 +316,8 @@ def test_for_ever_is_said_of_flights_that_come_back_only() -> None:
         PROBLEM,
         inside.replace("0.5, 0]", "1.5, 0]"),
         inside.replace("[0.5, 0.2]", "[0.5, 0.3]"),
+        inside.replace("steps = 40", "steps = 40\nbegins = 3"),
+        inside.replace("[end]\n", "[end]\nearliest = 39\n"),
     ):
         assert "later" not in statement(problem_table(text))
 
@@ -369,8 +374,18 @@ def test_formulas_are_computed_as_python_does_or_refused_by_both(text: str) -> N
         assert float(of_checker) == pytest.approx(true, rel=1e-12)  # type: ignore[arg-type]
 
 
+def test_a_theorem_prints_what_was_parsed() -> None:
+    """Of 0x10 and brackets that mean nothing their values, on one line."""
+    text = PROBLEM.replace('"0.1 * u0"', '"(0x10 *\\n u0) / 1_0"')
+    assert "x1' = 16 * u0 / 10\n" in statement(problem_table(text))
+
+
 @pytest.mark.parametrize(
-    "text", ["(" * 999 + "x0" + ")" * 999, "-" * 9999 + "x0", "x0\0", "x0 +", "9" * 9999]
+    "text",
+    [
+        *("(" * 999 + "x0" + ")" * 999, "-" * 9999 + "x0", "x0\0", "x0 +", "9" * 9999),
+        *("x0 # + 9 * x1", "\uff580", "x0 +\u00a0x1", "\U0001d431" + "0"),
+    ],
 )
 def test_no_formula_is_a_traceback(text: str) -> None:
     with pytest.raises(Refused):

@@ -6,6 +6,7 @@ import hashlib
 import itertools
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -16,7 +17,7 @@ import pytest
 pytest.importorskip("flint")
 
 from rans_proof import check_late, check_pose
-from rans_proof.agent_reader import read_agent
+from rans_proof.agent_reader import AgentWeights, read_agent
 from rans_proof.balls import Refused
 from rans_proof.pages import proof_entry, proof_section
 from rans_proof.pose_flights import check_pose_as_flown, leaving, read_run
@@ -122,20 +123,44 @@ def test_cells_whose_rounding_would_count_are_refused(
         judged(table, files)
 
 
-@pytest.mark.parametrize("layer", ["layers", "head"])
-def test_log_odds_whose_rounding_would_count_are_refused(
-    layer: str, files: dict[str, bytes]
+STEEP: dict[str, Callable[[AgentWeights], AgentWeights]] = {
+    "of units": lambda a: a._replace(layers=[a.layers[0], tuple(1e3 * x for x in a.layers[1])]),
+    "of scores": lambda a: a._replace(head=tuple(1e3 * x for x in a.head)),
+    "that cancel in a bias": lambda a: a._replace(
+        layers=[(a.layers[0][0] - 3e38 * FLAG, a.layers[0][1] + 3e38), a.layers[1]]
+    ),
+    "that cancel between scores": lambda a: a._replace(head=(a.head[0], a.head[1] + 3e38)),
+}  # fmt: skip
+FLAG = np.eye(8)[3]
+"""The column that is always 1."""
+
+
+@pytest.mark.parametrize("sums", STEEP)
+def test_sums_that_single_precision_cannot_hold_are_refused(
+    sums: str, files: dict[str, bytes]
 ) -> None:
     """Log-odds are widened by a thousandth; those of the agent are below 10^7."""
     agent = read_agent(files["agent.safetensors"], 8)
     check_pose.Network(agent)
-    weight, bias = agent.head if layer == "head" else agent.layers[1]
-    steep = 1e3 * weight, 1e3 * bias
-    changed: dict[str, Any] = (
-        {"head": steep} if layer == "head" else {"layers": [agent.layers[0], steep]}
-    )
-    with pytest.raises(Refused, match="too steep for double"):
-        check_pose.Network(agent._replace(**changed))
+    with pytest.raises(Refused, match="too steep for single"):
+        check_pose.Network(STEEP[sums](agent))
+
+
+def test_a_column_that_is_clipped_is_refused(
+    table: dict[str, Any], files: dict[str, bytes]
+) -> None:
+    """Positions to 5 cm are clipped at 10 after a scale of 1000, which the first layer would undo."""
+    agent = read_agent(files["agent.safetensors"], 8)
+    loop = check_pose.Loop(table, files)
+    place, heading = (loop.cells(table["cells"][name], name) for name in ("place", "heading"))
+    loop.check_closed(place, heading, loop.bounds(place, heading))
+    variance = agent.variance.copy()
+    variance[4:6] = 0.0
+    weight, bias = agent.layers[0]
+    layers = [(weight * np.where(variance == 0.0, 1e-3, 1.0), bias), agent.layers[1]]
+    loop.network = check_pose.Network(agent._replace(variance=variance, layers=layers))
+    with pytest.raises(Refused, match="clipped"):
+        loop.check_closed(place, heading, loop.bounds(place, heading))
 
 
 OTHER: dict[str, tuple[str, bytes, bytes]] = {
@@ -143,6 +168,7 @@ OTHER: dict[str, tuple[str, bytes, bytes]] = {
     "a slower craft": ("spacecraft.toml", b"inertia = 0.2045008", b"inertia = 0.17"),
     "a stronger thruster": ("spacecraft.toml", b"force = 1.0", b"force = 1.1"),
     "a turned thruster": ("spacecraft.toml", b"[1.0, -1.0]", b"[1.0, -1.1]"),
+    "thrusters that share a supply": ("spacecraft.toml", b'"none"', b'"split"'),
     "pulsed thrusters": ("spacecraft.toml", b'shape = "sphere"', b'actuators = {kind = "pulsed"}'),
     "a longer period": ("config.json", b'"control_period": 0.1', b'"control_period": 0.2'),
     "another task": ("config.json", b"go-to-pose", b"go-to-position"),

@@ -1,0 +1,170 @@
+"""Networks whose sums leave the numbers of their precision are not proved, by the judgement of ONNX Runtime."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.cli import main
+from tests.support.graphs import graph
+
+runtime = pytest.importorskip("onnxruntime")
+pytest.importorskip("onnx")
+pytest.importorskip("flint")
+
+from rans_proof import network, network_reader  # noqa: E402
+from rans_proof.balls import Refused  # noqa: E402
+from rans_proof.check import check  # noqa: E402
+from rans_proof.problem import problem_of  # noqa: E402
+from rans_proof.prove import ClosedLoop  # noqa: E402
+
+from rans.errors import ConfigError  # noqa: E402
+
+PROBLEM = """
+name = "x1 rises from 0 to 3e5, whatever the network says"
+period = 1.0
+steps = 3
+commands = 1
+derivative = ["0 * u0", "1e5"]
+start = {lower = [-0.1, 0.0], upper = [0.1, 0.0]}
+keep.every = ["4e5 - x1"]
+"""
+STATES = np.array(list(itertools.product((-0.1, 0.0, 0.1), (0.0, 1e5, 2e5))))
+"""Of flights at their decisions; the comparisons of both readers are around the starts, where x1 is 0."""
+FORMS = (
+    "m = MatMul(x, W); y = Mul(m, c)",
+    "m = Div(x, d); y = MatMul(m, W)",
+    "m = MatMul(x, W); n = Add(m, b); y = Sub(n, b)",
+    "y = Gemm(x, W, b, alpha={alpha}, beta={beta})",
+    "m = Gemm(x, V); t = Relu(m); y = Gemm(t, U, b)",
+    "m = Gemm(x, V); t = Tanh(m); y = Gemm(t, U, b, alpha={alpha})",
+)
+
+
+def is_proved(content: bytes, text: str = PROBLEM) -> bool:
+    problem = problem_of(text)
+    try:
+        layers = network.network_of(content, "net.onnx", problem.input_range())
+    except ConfigError:
+        return False
+    loop = ClosedLoop(problem, layers, torch.device("cpu"))
+    return bool(loop.margins(np.array([problem.lower]), np.array([problem.upper]))[0] > 0.0)
+
+
+def is_accepted(content: bytes, text: str = PROBLEM) -> bool:
+    table = {"format": 1, "network": hashlib.sha256(content).hexdigest(), "problem": text}
+    table |= {"cells": [[[-0.1, 0.0], [0.1, 0.0]]], "margins": [1.0]}
+    try:
+        return check(json.dumps(table).encode(), content) > 0.0
+    except Refused:
+        return False
+
+
+def is_finite(content: bytes, precision: Any) -> bool:
+    options = runtime.SessionOptions()
+    options.log_severity_level = 4
+    try:
+        session = runtime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    except Exception:  # a scale that it cannot keep
+        return False
+    answers = [session.run(None, {"x": x[None].astype(precision)})[0] for x in STATES]
+    return bool(np.isfinite(answers).all())
+
+
+@pytest.mark.parametrize("precision", [np.float32, np.float64])
+def test_what_is_no_number_in_flight_is_never_proved(
+    precision: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Weights from 1e-38 to 1e38 (or 1e-308 to 1e308), without the comparisons of the readers."""
+    for module in (network, network_reader):
+        monkeypatch.setattr(module, "_compare", lambda *_: None)
+    random = np.random.default_rng(0)
+    most = np.log10(np.finfo(precision).max)
+    counts = np.zeros((2, 2), dtype=int)
+    for form in FORMS * 8:
+        # A part of the exponents, as products of two of the largest numbers are none.
+        widest = most * random.choice((0.1, 1.0))
+
+        def drawn(*shape: int, widest: float = widest) -> np.ndarray:
+            part = random.uniform(-1.0, 1.0, shape)
+            # A third of them near the largest numbers, which some state of the flights makes too large.
+            part = np.where(random.random(shape) < 0.3, 0.8 + 0.2 * np.abs(part), part)
+            size = 10.0 ** (widest * part)
+            sign = random.choice((-1.0, 1.0, 1.0, 0.0), shape)
+            return (size * sign).astype(precision)
+
+        ends = min(widest, 38.0) * random.uniform(-1.0, 1.0, 2)
+        scales = dict(zip(("alpha", "beta"), (10.0**ends).tolist(), strict=True))
+        shapes = {"W": (2, 1), "V": (2, 3), "U": (3, 1), "b": (1,), "c": (1,)}
+        tables = {name: drawn(*shape) for name, shape in shapes.items()}
+        divisor = np.abs(drawn(2)) + precision(10.0**-widest)
+        content = graph(form.format(**scales), precision=precision, d=divisor, **tables)
+        verdicts = is_proved(content), is_accepted(content)
+        finite = is_finite(content, precision)
+        assert finite or verdicts == (False, False), (form, scales, tables)
+        counts[int(finite), int(all(verdicts))] += 1
+    # Neither is without meaning: networks that give no number, and networks that both accept.
+    assert counts[0, 0] > 4
+    assert counts[1, 1] > 4
+
+
+@pytest.mark.parametrize("exponent", [30, 34, 37])
+@pytest.mark.parametrize(
+    "form",
+    [
+        "y = MatMul(x, W)",
+        "m = MatMul(x, V); y = Mul(m, c)",
+        "m = Div(x, d); y = MatMul(m, V)",
+        "y = Gemm(x, V, b, alpha={large})",
+        "m = Gemm(x, V); t = Relu(m); y = Mul(t, c)",
+    ],
+)
+def test_a_large_factor_counts_with_the_largest_state(
+    form: str, exponent: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """x1 of 2e5 times 1e30 is a number of single precision, and times 1e34 none."""
+    for module in (network, network_reader):
+        monkeypatch.setattr(module, "_compare", lambda *_: None)
+    large = 10.0**exponent
+    ones, tables = np.ones((2, 1)), {"b": np.zeros(1), "c": np.array([large])}
+    tables |= {"W": np.array([[1.0], [large]]), "d": np.array([1.0, 1.0 / large])}
+    content = graph(form.format(large=large), V=ones, **tables)
+    finite = is_finite(content, np.float32)
+    assert finite == (exponent == 30)
+    assert (is_proved(content), is_accepted(content)) == (finite, finite)
+    # So does a factor that is outside of the network.
+    text = 'inputs = ["x0", "1e4 * x1"]' + PROBLEM
+    assert (is_proved(content, text), is_accepted(content, text)) == (False, False)
+
+
+@pytest.mark.parametrize(("precision", "large"), [(np.float32, 3e38), (np.float64, 1.7e308)])
+def test_a_proof_of_the_command_is_refused_where_a_sum_overflows(
+    precision: Any, large: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """-0.5 x0 + 0 (large x1): the exact answer is -0.5 x0, and from x1 of 1.2 on a machine's is none."""
+    weight = np.array([[-0.5, 0.0], [0.0, large]])
+    content = graph(
+        "m = MatMul(x, W); y = MatMul(m, v)",
+        precision=precision,
+        W=weight,
+        v=np.array([[1.0], [0.0]]),
+    )
+    assert not is_finite(content, precision)
+    files = tmp_path / "net.onnx", tmp_path / "problem.toml", tmp_path / "net.json"
+    files[0].write_bytes(content)
+    files[1].write_text(PROBLEM)
+    assert main(f"prove {files[0]} --problem {files[1]} --output {files[2]}".split()) != 0
+    assert "too large" in capsys.readouterr().err.replace("\n", " ")
+    table = {"format": 1, "network": hashlib.sha256(content).hexdigest(), "problem": PROBLEM}
+    files[2].write_text(
+        json.dumps(table | {"cells": [[[-0.1, 0.0], [0.1, 0.0]]], "margins": [1.0]})
+    )
+    assert main(f"prove {files[0]} --check {files[2]}".split()) == 1
+    assert "too large" in capsys.readouterr().out.replace("\n", " ")
