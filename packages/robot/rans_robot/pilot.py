@@ -537,7 +537,7 @@ class _Network:
     note = ""
 
     def __init__(self, folder: Path) -> None:
-        self._policy = load_exported(folder).controller
+        self._policy: Any = load_exported(folder).controller
         self.reset()
 
     def reset(self) -> None:

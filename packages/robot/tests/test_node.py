@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import math
 import signal
@@ -84,52 +83,15 @@ def test_it_gives_the_agents_commands(agent: Path) -> None:
     assert decision.note == ""
 
 
-def test_what_is_wrong_shuts_the_valves(agent: Path) -> None:
-    loaded = MessagePilot(plan(agent), GoToPose())
-
-    def fresh() -> MessagePilot:
-        pilot = copy.deepcopy(loaded)
-        assert steps(pilot, AWAY)[-1].command.any()
-        return pilot
-
-    second = 10**9
-
-    pilot = copy.deepcopy(loaded)
-    assert not pilot.decide(second).command.any()
-    late = pilot.decide(12 * second)
-    assert (late.over, late.command.any()) == (True, False)
-    assert "no state came on pose and twist for 11.00 s" in late.note
-    assert "valves shut" in late.note
-
-    pilot = fresh()  # last state at 0.6 s
-    stale = pilot.decide(round(0.9 * second))
-    assert (stale.over, stale.command.any()) == (False, False)
-    assert "the state on pose and twist is 0.30 s old, more than the 0.2 s" in stale.note
-    assert steps(pilot, AWAY, 1, begin=5)[0].command.any()  # and on it goes
-
-    lost = fresh().decide(2 * second)
-    assert (lost.over, lost.command.any()) == (True, False)
-    assert "the robot is lost: its last state on pose and twist is 1.40 s old" in lost.note
-
-    pilot = fresh()
-    for k in range(4, 40):  # the same reading published again is none
-        for message in pilot.interface.state(AWAY, round(0.6 * second)):
-            pilot.receive(message.topic, message.data, k * second // 5)
-    assert "the robot is lost" in pilot.decide(8 * second).note
-
-    pilot = fresh()
-    slow = []
-    for k in range(25):
-        now = (2 + k) * round(0.35 * second)
+def test_states_that_come_too_seldom_end_a_flight(agent: Path) -> None:
+    pilot = MessagePilot(plan(agent), GoToPose())
+    for k in range(1, 25):
+        now = k * 350_000_000
         for message in pilot.interface.state(AWAY, now):
             pilot.receive(message.topic, message.data, now)
-        slow.append(pilot.decide(now))
-    assert slow[-1].over
-    assert "come every 0.35 s, but the agent decides every 0.2 s" in slow[-1].note
-
-    pilot = fresh()
-    nan = AWAY._replace(velocity=np.array([np.nan, 0, 0]))
-    assert "twist: the velocity is (nan, 0, 0)" in steps(pilot, nan, 1, begin=3)[0].note
+        slow = pilot.decide(now)
+    assert slow.over
+    assert "come every 0.35 s, but the agent decides every 0.2 s" in slow.note
 
 
 @pytest.mark.parametrize(
@@ -151,14 +113,6 @@ def test_another_robot_is_refused(agent: Path, craft: str, period: float, senten
     decision = steps(pilot, AWAY, 1, begin=3)[0]
     assert (decision.over, decision.command.any()) == (True, False)
     assert sentence in decision.note
-
-
-def test_bytes_that_are_no_message(agent: Path) -> None:
-    pilot = MessagePilot(plan(agent), GoToPose())
-    steps(pilot, AWAY)
-    for topic in pilot.inputs:
-        pilot.receive(topic, b"\x00\x01\x00\x00nonsense", 0)
-    assert pilot.decide(700_000_000).note
 
 
 # The safety filter
