@@ -382,6 +382,8 @@ def read_text(file: Path, most: int = LARGEST_TEXT, what: str = "") -> str:
         ConfigError: the file cannot be read, is too large, or is not a text in UTF-8.
     """
     content = read_bytes(file, most, what)
+    if content.startswith((b"\x1f\x8b", b"\xfd7zXZ", b"BZh")):  # gzip, xz and bzip2
+        raise ConfigError(f"{what}{file} is compressed: unpack it first.")
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise ConfigError(
             f"{what}{file} is a text in UTF-16, and only UTF-8 is read: save it in that encoding."

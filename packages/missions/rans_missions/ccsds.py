@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.errors import RansWarning
+from rans.errors import RansWarning, label
 from rans.extend import (
     ConfigError,
     Flight,
@@ -248,8 +248,7 @@ def read_opm(file: str | Path) -> OrbitState:
     """
     file = Path(file)
     text = read_text(file, _LARGEST, "the message ")
-    ephemeris = text.lstrip().startswith("CCSDS_OEM_VERS")
-    fields = _first_of_ephemeris(text, file) if ephemeris else _keywords(text, file)
+    fields = _keywords(text, file)
     for key, expected in (("CENTER_NAME", "EARTH"), ("TIME_SYSTEM", "UTC")):
         if fields.get(key, "").upper() != expected:
             raise ConfigError(
@@ -268,6 +267,12 @@ def read_opm(file: str | Path) -> OrbitState:
             f"centre, got {radius / 1e3:,.6g} km: the usual cause are other units, which stand in brackets after a "
             "number, as [m]."
         )
+    speed = float(np.linalg.norm(v))
+    if not speed <= _FASTEST:
+        raise ConfigError(
+            f"the speed of {file} must be at most {_FASTEST / 1e3:g} km/s, as of every orbit around the Earth, got "
+            f"{speed / 1e3:,.6g} km/s: the usual cause are numbers in m/s, which take [m/s] behind them."
+        )
     if burns := sum(key.startswith("MAN_EPOCH_IGNITION") for key in fields):
         warnings.warn(
             f"{file} has {counted(burns, 'manoeuvre')}, which RANS does not read: the state is that before them.",
@@ -275,7 +280,10 @@ def read_opm(file: str | Path) -> OrbitState:
             stacklevel=2,
         )
     epoch, is_leap_second = _instant(fields.get("EPOCH", ""), f"EPOCH of {file}")
-    return OrbitState(fields.get("OBJECT_NAME", ""), frame, epoch, p, v, is_leap_second)
+    name = fields.get("OBJECT_NAME", "")
+    if name:
+        label(f"OBJECT_NAME of {file}", name)
+    return OrbitState(name, frame, epoch, p, v, is_leap_second)
 
 
 _LARGEST = 2**20
@@ -284,6 +292,8 @@ _NEAREST = 6.35e6
 """Least distance of a state from the Earth's centre, m: its radius at the poles is 6,357 km."""
 _FARTHEST = 1.5e9
 """Greatest distance, m: that at which the Sun's attraction takes over (Hill's sphere)."""
+_FASTEST = 12e3
+"""Greatest speed, m/s: from the Earth's surface 11.2 km/s lead away from it for good."""
 _INERTIAL = re.compile(
     r"EME2000|J2000|[GI]CRF[123]?|TEME(OFDATE|OFEPOCH)?|(TOD|MOD|TOE|MOE)(_EARTH)?", re.ASCII
 )
@@ -311,72 +321,82 @@ _KEYWORDS = re.compile(
 """Keywords of an OPM, CCSDS 502.0-B-3, table 3-1 to 3-3. Those of manoeuvres may stand once for each."""
 
 
-def _first_of_ephemeris(text: str, file: Path) -> dict[str, str]:
-    """The first state of an OEM as keywords of an OPM; later states, covariances and comments are not read.
+def _keywords(text: str, file: Path) -> dict[str, str]:
+    """Values of an OPM, or of the first segment of an OEM and its first state, by the keywords of an OPM.
+
+    Those of the second manoeuvre and later ones have the line's number behind. Later states of an OEM are read for
+    their instants alone, and its covariances are not read.
 
     Raises:
-        ConfigError: the version is another, there is no state, a line of it has not seven or ten parts, or the
-            message is of several objects.
+        ConfigError: a line is no keyword with a value and no state, a keyword stands twice, the version is another,
+            states are not in the order of time from START_TIME on, or the message is of several objects.
     """
     fields: dict[str, str] = {}
-    names = set(re.findall(r"^\s*OBJECT_NAME\s*=\s*(.*?)\s*$", text, re.MULTILINE))
+    lines = list(enumerate((line.strip() for line in text.splitlines()), 1))
+    lines = [(k, line) for k, line in lines if line and not re.match(r"COMMENT\b", line)]
+    of_states = bool(lines) and lines[0][1].startswith("CCSDS_OEM_VERS")
+    kind = "OEM" if of_states else "OPM"
+    if not of_states and not (lines and lines[0][1].startswith("CCSDS_OPM_VERS")):
+        raise ConfigError(
+            f"{file} is no Orbit Parameter Message in the keyword notation: it does not begin with "
+            "CCSDS_OPM_VERS = ..., and other notations, such as XML, are not read."
+        )
+    names = {line.partition("=")[2].strip() for _, line in lines if line.startswith("OBJECT_NAME")}
     if len(names) > 1:
         raise ConfigError(
-            f"{file} is of {counted(len(names), 'object')}, {', '.join(sorted(names))}: divide it, since one start "
-            "has one."
+            f"{file} is of {counted(len(names), 'object')}, {', '.join(map(brief, sorted(names)))}: divide it, "
+            "since one start has one."
         )
-    for number, line in enumerate(text.splitlines(), 1):
-        key, equals, value = (part.strip() for part in line.partition("="))
-        if equals:
-            fields.setdefault(key, value)
-        elif (
-            line.strip() and key not in ("META_START", "META_STOP") and key.split()[0] != "COMMENT"
-        ):
-            parts = key.split()
-            if len(parts) not in (7, 10):
-                raise ConfigError(
-                    f"line {number} of {file} must be an epoch and six numbers, perhaps with three accelerations, "
-                    f"got {brief(key)}."
-                )
-            fields.update(zip(("EPOCH", *_STATE), parts, strict=False))
-            break
-    version = fields.get("CCSDS_OEM_VERS", "")
-    if version not in ("1.0", "2.0", "3.0") or "EPOCH" not in fields:
-        raise ConfigError(
-            f"{file} must be an OEM of version 1.0, 2.0 or 3.0 with a state, got version {brief(version)}."
-        )
-    return fields
-
-
-def _keywords(text: str, file: Path) -> dict[str, str]:
-    """Values of an OPM by keyword; those of the second manoeuvre and later ones have the line's number behind.
-
-    Raises:
-        ConfigError: a line is no keyword of an OPM with a value, a keyword stands twice, or the version is another.
-    """
-    fields: dict[str, str] = {}
-    for number, line in enumerate(text.splitlines(), 1):
-        key, equals, value = (part.strip() for part in line.partition("="))
-        if not line.strip() or re.match(r"\s*COMMENT\b", line):
+    last: datetime | None = None
+    for number, line in lines:
+        if of_states and line in ("META_START", "META_STOP", "COVARIANCE_START"):
+            if "EPOCH" in fields:
+                break
             continue
-        if not fields and key != "CCSDS_OPM_VERS":
+        key, equals, value = (part.strip() for part in line.partition("="))
+        if of_states and not equals:
+            last = _row(fields, line.split(), last, f"line {number} of {file}")
+            continue
+        if not equals or not (of_states or _KEYWORDS.fullmatch(key)):
             raise ConfigError(
-                f"{file} is no Orbit Parameter Message in the keyword notation: it does not begin with "
-                "CCSDS_OPM_VERS = ..., and other notations, such as XML, are not read."
-            )
-        if not equals or not _KEYWORDS.fullmatch(key):
-            raise ConfigError(
-                f"line {number} of {file} is no keyword of an OPM with a value, got {brief(line.strip())}."
+                f"line {number} of {file} is no keyword of an {kind} with a value, got {brief(line)}."
             )
         if key in fields and not key.startswith("MAN_"):
             raise ConfigError(f"{key} stands twice in {file}, again in line {number}.")
         fields[key if key not in fields else f"{key} {number}"] = value
-    version = fields.get("CCSDS_OPM_VERS", "")
+    version = fields.get(f"CCSDS_{kind}_VERS", "")
     if version not in ("1.0", "2.0", "3.0"):
         raise ConfigError(
-            f"CCSDS_OPM_VERS of {file} must be 1.0, 2.0 or 3.0, got {brief(version)}."
+            f"CCSDS_{kind}_VERS of {file} must be 1.0, 2.0 or 3.0, got {brief(version)}."
         )
+    if of_states and "EPOCH" not in fields:
+        raise ConfigError(f"{file} is an OEM without a state.")
     return fields
+
+
+def _row(fields: dict[str, str], parts: list[str], last: datetime | None, what: str) -> datetime:
+    """Instant of a state of an OEM; the first one becomes the state of `fields`.
+
+    Raises:
+        ConfigError: it has not seven or ten parts, or is before START_TIME or the state before it.
+    """
+    if len(parts) not in (7, 10):
+        raise ConfigError(
+            f"{what} must be an epoch and six numbers, perhaps with three accelerations, got "
+            f"{brief(' '.join(parts))}."
+        )
+    time, is_leap_second = _instant(parts[0], f"the epoch in {what}")
+    time += timedelta(seconds=is_leap_second)
+    earliest, name = last, "the state before it"
+    if last is None:
+        name = "START_TIME"
+        if name in fields:
+            earliest, is_leap_second = _instant(fields[name], name)
+            earliest += timedelta(seconds=is_leap_second)
+        fields.update(zip(("EPOCH", *_STATE), parts, strict=False))
+    if earliest is not None and time < earliest:
+        raise ConfigError(f"{what} must not be earlier than {name}, got {parts[0]}.")
+    return time
 
 
 def _quantity(fields: dict[str, str], key: str, file: Path) -> float:

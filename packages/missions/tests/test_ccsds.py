@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import lzma
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -178,6 +180,7 @@ def test_units_and_numbers(tmp_path: Path, changed: dict[str, Any], p: float, v:
         ({"X": "7000000.0"}, r"6,350 to 1,500,000 km .* got 7e\+06 km: .*other units"),
         ({"X": "7.0"}, "got 7 km"),
         ({"X": "7_000"}, "X of .* must be a finite number, got '7_000'"),
+        ({"Y_DOT": "7546.0"}, r"at most 12 km/s.* take \[m/s\]"),
         ({"X": "nan"}, "must be a finite number, got 'nan'"),
         ({"X": None}, "got none for X"),
         ({"CCSDS_OPM_VERS": "99"}, "must be 1.0, 2.0 or 3.0, got '99'"),
@@ -348,9 +351,15 @@ def test_an_ephemeris_begins_with_its_first_state(tmp_path: Path) -> None:
         (" 6.0\n2026", "\n2026", "line 14 .* six numbers"),
         ("TIME_SYSTEM = UTC", "TIME_SYSTEM = TDB", "TIME_SYSTEM .* must be UTC"),
         ("REF_FRAME = EME2000", "REF_FRAME = ITRF", "REF_FRAME"),
-        ("OEM_VERS = 2.0", "OEM_VERS = 9.0", "version 1.0, 2.0 or 3.0"),
+        ("OEM_VERS = 2.0", "OEM_VERS = 9.0", "must be 1.0, 2.0 or 3.0"),
         ("COMMENT the", "OBJECT_NAME = OTHER\nCOMMENT the", "of 2 objects"),
+        ("NAME = ISS", "NAME = I\x1b[2JSS", "OBJECT_NAME of .* must be one line"),
         ("6800.0", "6.8", "usual cause are other units"),
+        ("TIME_SYSTEM", "REF_FRAME = ITRF2000\nTIME_SYSTEM", "REF_FRAME stands twice .* line 8"),
+        ("4.7 6.0", "4700.0 6.0", "at most 12 km/s.* got 4,700"),
+        ("T00:00:00.000", "T00:00:00.000 0\n2026", "six numbers"),
+        ("START_TIME = 2026-01-01T00:00", "START_TIME = 2026-01-01T00:01", "than START_TIME"),
+        ("2026-01-01T00:04:00.000", "2025-12-31T23:59:59", "than the state before it"),
     ],
 )
 def test_an_ephemeris_that_means_something_else_is_refused(
@@ -360,4 +369,22 @@ def test_an_ephemeris_that_means_something_else_is_refused(
     assert old in OEM
     file.write_text(OEM.replace(old, new), "utf-8")
     with pytest.raises(ConfigError, match=message):
+        read_opm(file)
+
+
+def test_the_covariances_and_further_segments_of_an_ephemeris_are_passed_over(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "iss.oem"
+    again = OEM[OEM.index("META_START") :]
+    covariance = "COVARIANCE_START\nEPOCH = 2026-01-01T00:00:00\n1.0\n0.0 1.0\nCOVARIANCE_STOP\n"
+    file.write_text(OEM + covariance + again, "utf-8")
+    assert read_opm(file).p.tolist() == [6.8e6, 1e3, 2e3]
+
+
+@pytest.mark.parametrize("pack", [gzip.compress, lzma.compress])
+def test_a_compressed_message_is_named(tmp_path: Path, pack: Any) -> None:
+    file = tmp_path / "iss.oem"
+    file.write_bytes(pack(OEM.encode()))
+    with pytest.raises(ConfigError, match="is compressed: unpack it first"):
         read_opm(file)
