@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rans.api.names import load_spacecraft
 from rans.errors import ConfigError, RansWarning, brief
 from rans.model.actuators import Wheel
+from rans.model.drift import FREE, Drift
 from rans.model.foreign import Foreign, is_foreign, read_foreign
 from rans.model.joined import Effectors, joined
 from rans.model.pace import misfits
@@ -298,6 +299,7 @@ def join_at_contact(
     *,
     effectors: Effectors = "both",
     name: str | None = None,
+    drift: Drift = FREE,
 ) -> tuple[Draft, State]:
     """Latch two spacecraft where they are now, by momentum, and return them as one with its motion after that.
 
@@ -316,6 +318,7 @@ def join_at_contact(
         other: of the second, in the same frame.
         effectors: "both", or "first": the second is a passive body, without its thrusters, with locked wheels.
         name: of the joined craft; None: FIRST-SECOND.
+        drift: of a task on an orbit (`task.drift`), whose frame turns, so that spins are relative to it.
 
     Raises:
         ConfigError: see `join_spacecraft`; or a craft has a tank or further effectors.
@@ -323,7 +326,7 @@ def join_at_contact(
     from rans.model.contact import join_at_contact as joined_at_contact
 
     craft, after = joined_at_contact(
-        load_spacecraft(first), load_spacecraft(second), state, other, effectors, name
+        load_spacecraft(first), load_spacecraft(second), state, other, effectors, name, drift
     )
     text = commented(craft, ["Written by rans.join_at_contact."])
     return Draft(parse_spacecraft(text, craft.name), text), after
@@ -335,6 +338,7 @@ def part(
     position: Sequence[float],
     attitude: float | Sequence[float],
     state: State,
+    drift: Drift = FREE,
 ) -> tuple[State, State]:
     """States of two joined spacecraft that part without an impulse, see `join_spacecraft`.
 
@@ -349,13 +353,14 @@ def part(
         position: origin of the second's frame G in that of the first, m.
         attitude: of the second's G in that of the first, as for `join_spacecraft`.
         state: of the joined craft.
+        drift: as for `join_at_contact`.
 
     Raises:
         ConfigError: the dimensions differ, or a number is wrong.
     """
     from rans.model.contact import part as parted
 
-    return parted(load_spacecraft(first), load_spacecraft(second), position, attitude, state)
+    return parted(load_spacecraft(first), load_spacecraft(second), position, attitude, state, drift)
 
 
 def check_target(file: Path, overwrite: bool = False) -> None:

@@ -87,8 +87,7 @@ def join_at_contact(
         stores = (*stores, *other.stores)
     else:
         # Momenta of wheels are absolute, and those of locked wheels that turn with W are not in its spin.
-        rate = drift.rate()
-        frame = np.zeros(3) if rate is None else two.turn.inv().apply(rate.columns())
+        frame = two.turn.inv().apply(_rate(drift))
         wheels = zip(second.wheels, _wheel_momenta(second, other), strict=True)
         for wheel, stored in wheels:
             axis = np.array(wheel.axis)
@@ -104,6 +103,7 @@ def part(
     position: Sequence[float],
     attitude: float | Sequence[float],
     state: Any,
+    drift: Drift = FREE,
 ) -> tuple[Any, Any]:
     """States of two joined craft that part without an impulse: each moves on as the part that it was.
 
@@ -116,6 +116,7 @@ def part(
         position: origin of the second's frame G in that of the first, m.
         attitude: of the second's G in that of the first, as for `rans.model.joined.joined`.
         state: of the joined craft.
+        drift: of W: where it turns, spins are relative to it.
 
     Raises:
         ConfigError: see `rans.model.joined.joined`.
@@ -141,7 +142,8 @@ def part(
     ):
         arm = turn.apply(place - np.array(whole.centre_of_mass))
         if len(stores) != len(craft.stores):
-            body_spin = (turn * relative).inv().apply(spin)
+            # Momenta of wheels are absolute: at rest in the craft they turn with W too.
+            body_spin = (turn * relative).inv().apply(spin + _rate(drift))
             stores = tuple(
                 float(wheel.inertia * (np.array(wheel.axis) @ body_spin)) for wheel in craft.wheels
             )
@@ -170,6 +172,12 @@ def _moving(craft: Spacecraft, state: Any, which: str) -> _Moving:
         turn,
         _in_world(np.array(craft.inertia), turn),
     )
+
+
+def _rate(drift: Drift) -> np.ndarray:
+    """Angular velocity of W, (3,) rad/s."""
+    rate = drift.rate()
+    return np.zeros(3) if rate is None else np.array(rate.columns(), dtype=float)
 
 
 def _wheel_momenta(craft: Spacecraft, state: Any) -> tuple[float, ...]:

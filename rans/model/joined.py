@@ -80,7 +80,7 @@ def joined(
     thrusters = first.thrusters
     wheels = first.wheels
     if effectors == "both":
-        supplies = 1 + max(thruster.supply for thruster in first.thrusters)
+        supplies = 1 + max((thruster.supply for thruster in first.thrusters), default=-1)
         thrusters += tuple(
             Thruster(
                 _triple(offset + rotation @ np.array(thruster.position)),

@@ -94,7 +94,16 @@ class Task(Settings, ABC):
         """Motion of a free point from now on; by default `drift`.
 
         A drift that depends on when a motion begins has its time in the ``notes`` of the goal, which `later` moves.
+
+        Raises:
+            ConfigError: `drift` is such a one, and would begin anew in every control period.
         """
+        if not self.drift.steady:
+            raise ConfigError(
+                f"the drift of {type(self).__name__} changes with time ({type(self.drift).__name__}), so that the "
+                "task must have a method drift_at(goal), with the time in the notes of the goal; drift alone would "
+                "begin anew in every control period."
+            )
         return self.drift
 
     def later(self, goal: State, time: Field) -> State:

@@ -11,13 +11,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rans_missions.orbits.earth import EARTH
 from rans_missions.orbits.elliptic import EllipticOrbit, eccentric_anomaly, mean_anomaly
+from rans_missions.script import Script
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from rans.errors import ConfigError
+from rans.flight import fly
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire
 from rans.model.dynamics import PlanarState, Wrench, advance
 from rans.model.fields import Heading, Vec2, Vec3, leaves
+from rans.model.timing import Timing
+from rans.scenario import scenarios
+from rans.tasks import GoToPose
+from tests.support.engines import PLATFORM
 
 N = 0.001027
 """rad/s, a low orbit."""
@@ -123,3 +130,14 @@ def test_a_pushed_and_turning_craft_moves_by_its_equations() -> None:
     reached = [*leaves(after.p), *leaves(after.v)]
     # The push moves the craft by tens of metres; the quadrature of six nodes is exact to 1e-12 of it.
     np.testing.assert_allclose(reached, expected, rtol=1e-9)
+
+
+def test_a_task_without_the_time_of_its_orbit_is_refused() -> None:
+    class Forgetful(GoToPose):
+        @property
+        def drift(self) -> Any:
+            return EllipticOrbit(0.06, 0.7, 0.0)
+
+    starts = scenarios(Forgetful(), PLATFORM, 1, 1)
+    with pytest.raises(ConfigError, match=r"must have a method drift_at\(goal\)"):
+        fly(PLATFORM, Forgetful(), Script(np.zeros((2, 1, 8))), starts, Timing(episode_steps=2))
