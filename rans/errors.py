@@ -430,6 +430,29 @@ def require(module: str) -> Any:
         raise MissingPackage(module) from error
 
 
+class Late:
+    """A module of `EXTRAS` that is imported when one of its names is first used.
+
+    What needs it for a part of its work does the rest without it.
+
+    Args:
+        module: name of the module.
+
+    Raises:
+        MissingPackage: by ``late.name``: it is not installed.
+    """
+
+    def __init__(self, module: str) -> None:
+        self._module = module
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # Python asks for names such as __wrapped__
+            raise AttributeError(name)
+        value = getattr(require(self._module), name)
+        vars(self)[name] = value
+        return value
+
+
 class RansWarning(UserWarning):
     """Base class of the warnings of RANS, for ``warnings.filterwarnings("error", category=rans.RansWarning)``."""
 

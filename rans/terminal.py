@@ -49,11 +49,10 @@ _HEADING = 12
 
 
 _NEEDS = {
-    "compare": "casadi",
     "optimal": "casadi",
-    "report": "matplotlib",
+    "prove": "flint",
+    "stress": "matplotlib",
     "validate": "pydrake",
-    "prove": "onnx",
 }
 """Modules without which commands do nothing; `rans.errors.EXTRAS` has the extra of each."""
 

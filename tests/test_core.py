@@ -213,7 +213,6 @@ MISSING = [
     ],
     [("clarabel", "optimal dock")],
     [
-        ("matplotlib", "report ."),
         ("matplotlib", "stress go-to-pose-2d --episodes 2"),
         ("tensorboard", f"train go-to-pose {TINY} --log hparams"),
     ],

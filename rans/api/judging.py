@@ -240,7 +240,13 @@ def compare(
     Raises:
         ConfigError: a contestant does not exist, or is not for the same task, spacecraft and rate.
     """
-    from rans.evaluation.compare.entrants import contest_of, curves, enlisted, invitations
+    from rans.evaluation.compare.entrants import (
+        contest_of,
+        curves,
+        enlisted,
+        invitations,
+        ready_opponents,
+    )
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.fly.agent import LoadedRun
     from rans.show.progress import watched
@@ -273,7 +279,11 @@ def compare(
     cache = None if folder is None else inside(folder, "compare-bounds.json")
     begun: list[str] = []
 
-    fly = partial(result.fly, certified=bounded, cache=cache, workers=workers, returns=full)
+    opponents = ready_opponents(contest.task, beside)
+    asked = beside is not None
+    fly = partial(
+        result.fly, certified=bounded, cache=cache, workers=workers, returns=full, asked=asked
+    )
 
     def noting(shown: Stages) -> Stages:
         def begin(name: str, total: int | None, /) -> Progress:
@@ -290,7 +300,7 @@ def compare(
                 write(result, folder, made_by("rans.compare"))
 
     # Quick opponents first; results so far are written even after an interrupt.
-    quick, slow = result.quick_and_slow(beside)
+    quick, slow = result.quick_and_slow(opponents)
     with writing_at_end(end):
         try:
             with watched() as shown:

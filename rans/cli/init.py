@@ -13,7 +13,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.api.drafting import init_spacecraft
 from rans.cli.door import Options, argument_texts, command_of
-from rans.errors import ConfigError, brief, meant
+from rans.errors import ConfigError, brief, is_installed, meant
 from rans.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -74,9 +74,10 @@ class Init(Options):
             raise ConfigError(
                 f"name the file to write, such as mine.toml, got {str(self.file)!r}, which is a folder."
             )
-        picture = self.file.with_suffix(".svg")
+        picture = self.file.with_suffix(".svg") if is_installed("matplotlib") else None
         check_target(self.file)
-        check_free(picture)
+        if picture is not None:
+            check_free(picture)
         asks = sys.stdin is not None and sys.stdin.isatty()
         try:
             draft = self._asked() if asks else self._unasked()
@@ -191,7 +192,7 @@ class Init(Options):
             answers["wheels"] = _ask_each("Wheel", lambda text: wheel_of(text, dimension), 0)
         return self._drafted(answers)
 
-    def _show(self, draft: Draft, picture: Path) -> None:
+    def _show(self, draft: Draft, picture: Path | None) -> None:
         """Print control authority, recoverable faults, and the next commands."""
         from rans.api.drafting import AUTHORITY_COLUMNS
         from rans.cli.details import prospects
@@ -214,7 +215,7 @@ class Init(Options):
         steerable = is_steerable(craft)
         for sentence in prospects(craft) if steerable else slips(craft):
             console.say(sentence)
-        console.say(f"Written: {self.file} and {picture}")
+        console.say(f"Written: {self.file}" + (f" and {picture}" if picture else ""))
         file = shlex.quote(str(self.file))
         agent = FOR_ANY_CRAFT[craft.dimension]
         console.suggest(

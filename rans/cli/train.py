@@ -302,12 +302,13 @@ def _beside_the_agent(what: str) -> Iterator[None]:
     """
     try:
         yield
-    except RansError:
-        raise
     except Exception as error:
-        Terminal().say(
-            f"The agent is complete, but {what} could not be made: {type(error).__name__}: {first_line(error)}."
+        why = (
+            str(error)
+            if isinstance(error, RansError)
+            else f"{type(error).__name__}: {first_line(error)}."
         )
+        Terminal().say(f"The agent is complete, but {what} could not be made: {why}")
 
 
 def _is_setting(config: TrainConfig, change: str) -> bool:
@@ -402,8 +403,8 @@ def _flying_beside(trainer: Trainer) -> Iterator[_Rivals | None]:
     if config.guard or config.conditions.or_none or not flies_to_a_pose(config.settings, craft):
         yield None
         return
-    # As for `rans compare`; and a short training that is not solved is not compared.
-    if not is_installed("casadi") or config.total_timesteps < _MUCH:
+    # A short training that is not solved is not compared.
+    if config.total_timesteps < _MUCH:
         yield None
         return
     job = trainer.run.path, craft.dimension, _COMPARED

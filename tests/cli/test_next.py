@@ -144,8 +144,8 @@ def test_a_suggestion_says_what_is_not_installed(
     monkeypatch.setattr("rans.terminal.is_installed", lambda module: module not in EXTRAS)
     Terminal().suggest(
         "rans evaluate runs/a",
-        "rans compare runs/a",
-        "rans report runs/a",
+        "rans optimal go-to-pose",
+        "rans stress runs/a",
         "rans view runs/a",
         "rans evaluate runs/a --engine drake",
     )
@@ -153,4 +153,4 @@ def test_a_suggestion_says_what_is_not_installed(
     extras = ["", "optimal", "plots", "", "verify"]
     assert [line.partition("[")[2].partition("]")[0] for line in lines] == extras
     monkeypatch.setattr("rans.terminal.is_installed", lambda module: True)
-    assert lacking("rans compare runs/a") == ""
+    assert lacking("rans optimal go-to-pose") == ""

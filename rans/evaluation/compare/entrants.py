@@ -5,18 +5,28 @@ Names and efforts that it gives stand in every table; the first contestant decid
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike
 from typing import Any, cast
 
 from rans.episode import Setup
-from rans.errors import ConfigError, RansError, brief
+from rans.errors import (
+    EXTRAS,
+    ConfigError,
+    RansError,
+    RansWarning,
+    brief,
+    installing,
+    is_installed,
+    require,
+)
 from rans.evaluation.compare.contest import Contest, Contestant
 from rans.evaluation.fly.agent import Agent, LoadedRun, run_of
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.controllers import CONTROLLERS, Maker
+from rans.evaluation.fly.controllers import CONTROLLERS, MODULES, Maker, default_opponents
 from rans.evaluation.fly.episodes import EngineName
 from rans.evaluation.fly.exported import OBSERVERS, is_exported
 from rans.evaluation.fly.flights_file import FlightsFile
@@ -30,6 +40,7 @@ from rans.flight import Controller
 from rans.model.random import seed_words
 from rans.randomization.conditions import Conditions
 from rans.scenario import EVALUATION_SEED
+from rans.tasks import Task
 from rans.tasks.derived import check_dimension
 
 Guest = Controller | Maker
@@ -330,6 +341,36 @@ def _budget(name: str, contest: Contest) -> str:
     """Effort of the tuning of a controller."""
     result = tuned(name, contest.setup)
     return result.budget() if result else _UNTUNED
+
+
+def ready_opponents(task: Task, names: Sequence[str] | None) -> list[str]:
+    """Opponents whose modules are installed; a warning names those of `default_opponents` that are left out.
+
+    Args:
+        task: what is flown.
+        names: of controllers, and "optimal", that the user asks for; None: those of `default_opponents`.
+
+    Raises:
+        MissingPackage: one that the user asks for needs a module that is not installed.
+    """
+    if names is not None:
+        for module in dict.fromkeys(m for name in names for m in MODULES.get(name, ())):
+            require(module)
+        return [*names]
+    opponents = default_opponents(task)
+    lacking = {
+        name: [m for m in MODULES.get(name, ()) if not is_installed(m)] for name in opponents
+    }
+    if absent := {m: EXTRAS[m] for modules in lacking.values() for m in modules}:
+        left_out = [name.replace("mpc", "MPC") for name in opponents if lacking[name]]
+        who = " and ".join(left_out).replace("optimal", "certified bounds")
+        warnings.warn(
+            f"{who} are left out, without {' and '.join(absent)}: "
+            f"{' and '.join(installing(extra) for extra in dict.fromkeys(absent.values()))}",
+            RansWarning,
+            stacklevel=2,
+        )
+    return [name for name in opponents if not lacking[name]]
 
 
 def simple_controller(name: str, contest: Contest) -> Contestant:

@@ -228,6 +228,7 @@ class Comparison(NotebookRepr):
         workers: int | None = None,
         returns: bool = True,
         in_detail: bool = True,
+        asked: bool = True,
     ) -> None:
         """Fly all contestants and compute optima and bounds; failures are noted, and the rest goes on.
 
@@ -242,6 +243,7 @@ class Comparison(NotebookRepr):
             workers: processes, by default one per processor.
             returns: whether the optima of the task's return are computed too, which take longer than all others.
             in_detail: whether actions are timed and controllers fly with other weights, too, which only pages have.
+            asked: whether somebody has named the opponents, so that one that cannot fly is a failure.
         """
         if opponents is None:
             opponents = default_opponents(self.contest.task)
@@ -253,15 +255,23 @@ class Comparison(NotebookRepr):
         if of_mission and certified:
             # Before the others, which may be slow: an interrupted comparison has this bound.
             _bound_mission(self, 1, stages)
+        grounded: dict[str, list[str]] = {}
         for name in dict.fromkeys(name for name in opponents if name != "optimal"):
-            with _noted(self, name):
+            try:
                 simple = entrants.simple_controller(name, self.contest)
+            except RansError as reason:
+                grounded.setdefault(str(reason), []).append(name)
+                continue
+            with _noted(self, name):
                 if simple.name not in self.names():  # A controller flies once.
                     self.entries.append(_entry(self, simple, stages, workers, in_detail))
                 self.curve += [
                     _entry(self, contestant, stages, workers)
                     for contestant in (entrants.swept(name, self.contest) if in_detail else ())
                 ]
+        for reason, names in grounded.items():
+            who = self.failures if asked else self.notes
+            who.append(f"{' and '.join(names)} cannot fly here: {reason}")
         if of_mission:
             if certified > 1:
                 _bound_mission(self, certified, stages)

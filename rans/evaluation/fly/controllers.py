@@ -43,6 +43,13 @@ WRAPPERS: Registry[Callable[[LoadedRun], Controller]] = Registry(
 """What installed packages make of other contestants, by the word before their names, as in ``WORD:AGENT``:
 functions of a loaded contestant, which give the controller that flies in its place."""
 
+MODULES = {
+    "mpc": ("casadi",),
+    "mpc-observer": ("casadi",),
+    "optimal": ("casadi", "numba"),
+}
+"""Modules of `rans.errors.EXTRAS` that opponents of a comparison need."""
+
 BESIDE = ("lqr", "switching", "mpc", "optimal")
 """Default opponents of a comparison: controllers, and the best that is possible."""
 

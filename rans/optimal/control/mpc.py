@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from rans.errors import checked, require, whole
+from rans.errors import Late, checked, whole
 from rans.flight import Controller
 from rans.model.body import Body
 from rans.model.coordinates import around, coordinates
@@ -49,7 +49,7 @@ from rans.tasks.derived import goal_stands_still
 if TYPE_CHECKING:
     import casadi as ca
 else:
-    ca = require("casadi")
+    ca = Late("casadi")
 
 
 @dataclass(frozen=True)

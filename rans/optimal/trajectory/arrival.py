@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from rans.errors import ConfigError, require
+from rans.errors import ConfigError, Late
 from rans.files import first_line
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
@@ -20,7 +20,7 @@ from rans.tasks.goal_set import aims
 if TYPE_CHECKING:
     import casadi as ca
 else:
-    ca = require("casadi")
+    ca = Late("casadi")
 
 Ending = Literal["exact", "set", "free"]
 """At the goal; within the task's tolerances of it; or anywhere."""

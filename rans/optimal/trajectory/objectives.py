@@ -10,7 +10,7 @@ from operator import index
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast, get_args
 
 from rans.choices import ObjectiveName
-from rans.errors import ConfigError, brief, fits, one_of, require
+from rans.errors import ConfigError, Late, brief, fits, one_of
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import MOST_STEPS
@@ -23,7 +23,7 @@ from rans.tasks.rewards import Transition
 if TYPE_CHECKING:
     import casadi as ca
 else:
-    ca = require("casadi")
+    ca = Late("casadi")
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rans.errors import ConfigError, require
+from rans.errors import ConfigError, Late
 from rans.model.body import Body
 from rans.model.drift import Drift, steady
 from rans.model.dynamics import State, Wrench, advance
@@ -40,7 +40,7 @@ from rans.tasks.goal_set import aims
 if TYPE_CHECKING:
     import casadi as ca
 else:
-    ca = require("casadi")
+    ca = Late("casadi")
 
 _OPTIONS = {
     "expand": True,

@@ -9,20 +9,16 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rans.errors import counted
+from rans.errors import Late, counted, is_installed
 from rans.evaluation.compare.front import Front
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.problems import problem_of
 from rans.files import environment, write_json
 from rans.flight import Flight, fly
-from rans.show.figures import comparison_figures as figures
-from rans.show.figures import mission_figures
-from rans.show.figures.chart_figure import save_chart
-from rans.show.figures.layout_figure import draw_layout
 from rans.show.pages.chart import Chart
 from rans.show.pages.comparison_charts import front_chart, plane_chart
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header
@@ -34,6 +30,15 @@ from rans.show.tables import comparison_tables as tables
 from rans.show.tables import front_tables
 from rans.table import Table
 from rans.terminal import doing
+
+if TYPE_CHECKING:
+    from rans.show.figures import chart_figure, layout_figure, mission_figures
+    from rans.show.figures import comparison_figures as figures
+else:  # with Matplotlib, without which a page has no pictures
+    chart_figure = Late("rans.show.figures.chart_figure")
+    figures = Late("rans.show.figures.comparison_figures")
+    layout_figure = Late("rans.show.figures.layout_figure")
+    mission_figures = Late("rans.show.figures.mission_figures")
 
 TEXT = (
     "All fly the same craft from the same starts at the same rate. The settling time is that from which a flight "
@@ -122,22 +127,26 @@ def write(comparison: Comparison, folder: Path, command: str) -> None:
         result.write(folder / "compare.html")
         comparison.files.insert(0, folder / "compare.html")
         write_json(folder / "screen-compare.json", Screen.of(result).to_json())
-        if chart := time_and_impulse(comparison):
-            comparison.files += save_chart(chart, folder / "compare")
+        if is_installed("matplotlib") and (chart := time_and_impulse(comparison)):
+            comparison.files += chart_figure.save_chart(chart, folder / "compare")
 
 
 def _craft(comparison: Comparison) -> Section:
     """What flies."""
     craft = comparison.contest.craft
-    picture = Picture.of(draw_layout(craft), f"Forces of the thrusters of {craft.name}.")
+    picture = Picture.of(
+        lambda: layout_figure.draw_layout(craft), f"Forces of the thrusters of {craft.name}."
+    )
     return Section("Spacecraft", pictures=[picture])
 
 
 def _final_errors(comparison: Comparison) -> Iterator[Section]:
     """Errors over the last fifth of flights that have no end before; of one start they are in the scores."""
     if not comparison.entries[0].ends and comparison.contest.episodes > 1:
-        curves = figures.final_error_curves(comparison.entries)
-        errors = Picture.of(curves, "Distribution of final errors over all starts.")
+        errors = Picture.of(
+            lambda: figures.final_error_curves(comparison.entries),
+            "Distribution of final errors over all starts.",
+        )
         yield Section("Final errors", pictures=[errors])
 
 
@@ -158,20 +167,24 @@ def _mission(comparison: Comparison) -> Iterator[Section]:
     result = []
     # Paths and whatever else the kind of mission needs.
     problem = problem_of(comparison.contest.task)
-    if problem is not None and problem.pictures is not None:
+    if problem is not None and problem.pictures is not None and is_installed("matplotlib"):
         drawn = problem.pictures(entries, bounds)
         pictures += [Picture.of(figure, text) for figure, text in drawn]
     # Cost beside the certified bounds.
     if bounds is not None:
         result.append(Table(*bounds.table(entries), "Over the certified least, start by start"))
         if len(bounds.times):
-            figure = mission_figures.spent_over_time(entries, bounds)
-            pictures.append(Picture.of(figure, _BOUNDED[bounds.spending]))
+            pictures.append(
+                Picture.of(
+                    lambda: mission_figures.spent_over_time(entries, bounds),
+                    _BOUNDED[bounds.spending],
+                )
+            )
     # Margins to the constraints.
     if entries[0].flight.margins:
         text = "Least margin of all starts in every control period. Flights that have succeeded do not count."
-        pictures.append(Picture.of(mission_figures.margins_over_time(entries), text))
-    if pictures:
+        pictures.append(Picture.of(lambda: mission_figures.margins_over_time(entries), text))
+    if pictures or result:
         yield Section("Mission", "", result, pictures)
 
 
@@ -404,8 +417,12 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
     several = len(starts) > 1
     pictures = []
     if several:
-        histograms = figures.gap_histograms(gaps, headings)
-        pictures.append(Picture.of(histograms, "Flights from each start over the bound."))
+        pictures.append(
+            Picture.of(
+                lambda: figures.gap_histograms(gaps, headings),
+                "Flights from each start over the bound.",
+            )
+        )
     median = ", median" if several else ""
     columns = ("event", *tables.gap_names(gaps))
     caption = "Median multiple of the bound" if several else "Multiple of the bound"
@@ -422,7 +439,9 @@ def _starts(comparison: Comparison) -> Section:
     chosen = dict.fromkeys((ranking[(len(ranking) - 1) // 2], ranking[-1]))
     count = len(comparison.entries)
     pictures = [
-        Picture.of(figures.side_by_side([*_flights(comparison, k)], count), f"Start {k}.")
+        Picture.of(
+            lambda k=k: figures.side_by_side([*_flights(comparison, k)], count), f"Start {k}."
+        )
         for k in chosen
     ]
     first = comparison.entries[0].name
@@ -468,8 +487,9 @@ def _returns(comparison: Comparison) -> Section:
             f"{counted(len(solved), 'start')}; 100 % is its relaxed optimum from there, which may "
             "throttle; the mean of the former over the mean of the latter."
         )
-    figure = figures.shares_and_computing_time(tables.scoreboard(comparison))
-    return Section(title, text, pictures=[Picture.of(figure, f"{title}.")])
+    board = tables.scoreboard(comparison)
+    picture = Picture.of(lambda: figures.shares_and_computing_time(board), f"{title}.")
+    return Section(title, text, pictures=[picture])
 
 
 def _differences(comparison: Comparison) -> Iterator[Section]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from rans.errors import counted, installing, is_installed
 from rans.files import write_text
 from rans.show import markup
 from rans.table import Table, cell_text
@@ -31,16 +32,18 @@ class Picture:
     """Also read out to those who cannot see it."""
 
     @classmethod
-    def of(cls, figure: Figure | str, caption: str) -> Picture:
-        """A picture from a figure, or from the text of an SVG file that is ours."""
-        from rans.show.figures.svg import (
-            data_uri,
-            panels,
-            svg,
-        )  # a page without pictures needs no Matplotlib
+    def of(cls, figure: Callable[[], Figure | str] | Figure | str, caption: str) -> Picture:
+        """A picture from a figure or what draws it, or from the text of an SVG file that is ours.
 
+        Where Matplotlib is not installed it has no panels, and its page goes without it.
+        """
+        if not is_installed("matplotlib"):
+            return cls((), caption)
+        from rans.show.figures.svg import data_uri, panels, svg
+
+        drawn = figure() if callable(figure) else figure
         return cls(
-            [*map(data_uri, panels(figure if isinstance(figure, str) else svg(figure)))], caption
+            [*map(data_uri, panels(drawn if isinstance(drawn, str) else svg(drawn)))], caption
         )
 
 
@@ -92,6 +95,20 @@ class Section:
     sure: Tile | None = None
     """How sure a result is: a tile of every first screen."""
 
+    @property
+    def undrawn(self) -> int:
+        """Number of pictures and charts that Matplotlib would draw, and that are left out without it."""
+        if is_installed("matplotlib"):
+            return 0
+        charts = [chart for chart in self.charts if not chart.is_empty]
+        return len(charts) + sum(not picture.sources for picture in self.pictures)
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether it has more than pictures that are left out."""
+        more = self.text, self.tables, self.link, self.race
+        return any(more) or self.undrawn < len(self.pictures) + len(self.charts)
+
 
 @dataclass(frozen=True)
 class Page:
@@ -123,7 +140,13 @@ class Page:
     @property
     def notes(self) -> list[Finding]:
         """Findings of which nothing is to pass."""
-        return [finding for finding in self.findings if finding.passed is None]
+        left_out = sum(section.undrawn for section in self.sections)
+        sentence = (
+            f"{counted(left_out, 'picture')} left out, which the package matplotlib draws: "
+            f"{installing('plots')}"
+        )
+        notes = [finding for finding in self.findings if finding.passed is None]
+        return [*notes, *([Finding(sentence)] if left_out else [])]
 
     @property
     def passed(self) -> bool | None:
@@ -155,7 +178,12 @@ class Page:
     def html(self) -> str:
         """The page."""
         written = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
-        return filled("page.html.j2", page=self, written=written)
+        return filled(
+            "page.html.j2",
+            page=self,
+            sections=[s for s in self.sections if s.is_shown],
+            written=written,
+        )
 
     def write(self, file: Path) -> None:
         """Write the page: readers see the old or the new one; `ConfigError` if it cannot be written."""

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rans.errors import ConfigError, brief, counted, meant_file
+from rans.errors import ConfigError, Late, brief, counted, meant_file
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.evaluation.measure.statistics import figure, interval, quantity
 from rans.evaluation.stress.outcome import WANTED, too_few
@@ -22,7 +22,6 @@ from rans.files import folders_with, inside, number, read_json, read_json_lines,
 from rans.model.spacecraft_file import read_spacecraft
 from rans.registry import Registry
 from rans.show.curve import learning_charts
-from rans.show.figures.layout_figure import draw_layout
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header, named, show
 from rans.show.pages.screen import Screen
 from rans.table import Table
@@ -199,7 +198,10 @@ def _pictured(run: Path, evaluations: Sequence[Path]) -> Iterator[Section]:
     if not pictures and craft.is_file():
         spacecraft = read_spacecraft(craft)
         pictures.append(
-            Picture.of(draw_layout(spacecraft), f"Forces of the thrusters of {spacecraft.name}.")
+            Picture.of(
+                lambda: Late("rans.show.figures.layout_figure").draw_layout(spacecraft),
+                f"Forces of the thrusters of {spacecraft.name}.",
+            )
         )
     if pictures:
         title = "Paths and spacecraft" if screen.pictures else "Spacecraft"
@@ -431,11 +433,9 @@ def _evaluation(file: Path, evaluation: Any) -> Section:
 
 def _kept_picture(file: Path, caption: str) -> Picture:
     """A figure from a run folder, perhaps a stranger's; `ConfigError` if it does more than to draw."""
-    from rans.show.figures.svg import without_scripts
-
     text = read_text(file)
     try:
-        return Picture.of(without_scripts(text), caption)
+        return Picture.of(lambda: Late("rans.show.figures.svg").without_scripts(text), caption)
     except ConfigError as error:
         raise ConfigError(
             f"the picture {file} was not put into the report: {error} Delete it to "
