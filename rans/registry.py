@@ -381,10 +381,15 @@ def resolve(reference: str, file: str = "") -> Any:
         ):  # as hatchling, but not setuptools, takes it
             return (resources.files(module) / (name or f"{file}.toml")).read_text("utf-8")
         result: Any = importlib.import_module(module)
+        if "<locals>" in name:
+            raise ConfigError(
+                f"{name} is defined inside a function, where nobody finds it by its name: define it at the "
+                "top of its module."
+            )
         # Only objects that the module itself names: no module within it.
         for part in name.split("."):
             if not hasattr(result, part):
-                raise ConfigError(f"{module} has no {brief(part)}{meant(part, vars(result))}.")
+                raise ConfigError(f"{module} has no {brief(part)}{meant(part, dir(result))}.")
             result = getattr(result, part)
             if isinstance(result, ModuleType):
                 raise ConfigError(

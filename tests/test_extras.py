@@ -25,7 +25,7 @@ sys.meta_path.insert(0, Blocked())
 RUN_EACH = (
     BLOCK
     + """
-import shlex, time, webbrowser
+import shlex, webbrowser
 import rans.evaluation.compare.contest, rans.evaluation.compare.entrants
 from rans.cli import main
 sys.stdout = sys.stderr
@@ -34,8 +34,7 @@ rans.evaluation.compare.contest._TIMED_STARTS = 1
 webbrowser.open = lambda *_, **__: True
 for line in sys.argv[2:]:
     print("$", line, flush=True)
-    code = main(shlex.split(line))
-    print("code of exit:", code, flush=True)
+    print("code of exit:", main(shlex.split(line)), flush=True)
 """
 )
 """Runs commands, and prints each one's code of exit after what it says."""
@@ -62,15 +61,15 @@ SHORTER = {
 
 
 def shortened(line: str) -> str:
-    """A command line with what it lacks of `SHORTER`, and a folder of its own for a training."""
+    """A command line with the options of `SHORTER`, and a folder of its own for a training."""
     name = line.split()[0]
+    if name == "train" and "--resume" in line:
+        return line
+    line = re.sub(r" --(episodes|certified|total-timesteps|quality) \S+", "", line)
+    if name == "train" and "--output" not in line:  # a folder with a training is refused
+        line += f" --output runs/{crc32(line.encode())}"
     options = SHORTER.get(name, "")
-    if name == "train":
-        # A training in a folder that is there is refused, as it should be.
-        steps = r"--total-timesteps \S+|--quality \S+"
-        line = line if "--resume" in line else f"{re.sub(steps, '', line)} {options}"
-        return line if "--output" in line or "--resume" in line else f"{line} --output runs/{crc32(line.encode())}"
-    return line if options.split()[:1] and options.split()[0] in line else f"{line} {options}"
+    return line if "--save" in line else f"{line} {options}"
 
 
 def ran(lines: list[str], hidden: set[str], folder: Path) -> list[tuple[str, int, str]]:
@@ -96,6 +95,8 @@ def test_commands_do_what_they_can_with_an_extra_alone(alone: str, tmp_path: Pat
             command, _, comment = printed.partition("   # ")
             following[shortened(command)] = comment
     assert following
+    if alone not in ("", "optimal", "plots", "verify"):  # the others change none of these
+        return
     for line, code, text in ran([*following], hidden, tmp_path):
         lacks = following[line].removeprefix("first: ") if "first: " in following[line] else ""
         assert code == (2 if lacks else 0), f"{line}\n{text}"

@@ -20,7 +20,9 @@ def with_spacecraft(craft: Spacecraft, name: str) -> tuple[str, ...]:
     pilot = FOR_ANY_CRAFT[craft.dimension]
     if task != "go-to-pose" or not _is_flown_without_training(craft):
         pilot = f"lqr:{task}-{craft.dimension}d"
-    flight = [shlex.join(["rans", "evaluate", f"{pilot}@{name}"])] if task else []
+    # Controllers command thrusters and reaction wheels alone.
+    is_flown = task and craft.command_count == craft.thruster_count + craft.wheel_count
+    flight = [shlex.join(["rans", "evaluate", f"{pilot}@{name}"])] if is_flown else []
     return *flight, *training(craft, name)
 
 

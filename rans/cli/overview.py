@@ -7,7 +7,8 @@ from typing import Any
 
 from rans.errors import EXTRAS, ConfigError, counted, installing
 from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.model.spacecraft_file import SPACECRAFT
+from rans.fast.learn.learners import LEARNERS
+from rans.model.spacecraft_file import EFFECTORS, SPACECRAFT
 from rans.pretrained import PACKAGE, missing_agents, pretrained_card, pretrained_names
 from rans.randomization.conditions_file import CONDITIONS
 from rans.registry import Registry
@@ -20,6 +21,8 @@ def _everything() -> Iterable[str | Table]:
     yield _tasks()
     yield _all_conditions()
     yield _all_controllers()
+    yield f"Learners (rans train --set algorithm=NAME): {_in_a_line(LEARNERS)}"
+    yield f"Effectors (tables of a spacecraft's file): {_in_a_line(EFFECTORS)}"
     yield from _all_agents()
 
 
@@ -73,9 +76,11 @@ def _all_conditions() -> Table:
 
 
 def _all_controllers() -> str:
-    return (
-        f"Controllers (NAME:TASK-2d): {', '.join(named(CONTROLLERS, name) for name in CONTROLLERS)}"
-    )
+    return f"Controllers (NAME:TASK-2d): {_in_a_line(CONTROLLERS)}"
+
+
+def _in_a_line(registry: Registry[Any]) -> str:
+    return ", ".join(named(registry, name) for name in registry)
 
 
 def _filled(row: tuple[str, ...], count: int) -> tuple[str, ...]:
@@ -133,6 +138,8 @@ def _names() -> dict[str, list[str]]:
         "agents": pretrained_names(),
         "conditions": list(CONDITIONS),
         "controllers": list(CONTROLLERS),
+        "learners": list(LEARNERS),
+        "effectors": list(EFFECTORS),
     }
 
 

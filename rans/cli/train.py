@@ -25,10 +25,18 @@ from rans.choices import LoggerName
 from rans.cli import STARTED
 from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import whole_number
-from rans.errors import ConfigError, RansError, RansWarning, brief, is_installed, meant_file
+from rans.errors import (
+    ConfigError,
+    MissingPackage,
+    RansError,
+    RansWarning,
+    brief,
+    is_installed,
+    meant_file,
+)
 from rans.executors import use_one_thread
 from rans.files import as_command, command_line, first_line, inside, write_text
-from rans.model.spacecraft_file import load_spacecraft
+from rans.model.spacecraft_file import effector_kind, load_spacecraft
 from rans.processes import beside, submitted
 from rans.randomization.conditions_file import load_conditions
 from rans.registry import trust_files, typed
@@ -139,6 +147,11 @@ class Train(Options):
         from rans.fast.learn.run_folder import RunFolder
 
         if self.resume is not None:
+            if not self.resume.exists():
+                near = meant_file(self.resume)
+                raise ConfigError(
+                    f"{self.resume} is not a run folder: there is nothing of that name{near}."
+                )
             rest = tuple(x for x in self.set if x.partition("=")[0] not in _RESUMED)
             own = replace(self, resume=None, total_timesteps=None, view=False, log=(), set=rest)
             if own != Train():
@@ -146,11 +159,6 @@ class Train(Options):
                     "--resume reads everything from the run folder but the number of steps, which "
                     "--total-timesteps N raises; give no other options. To change more, start again with "
                     f"rans train {self.resume / 'config.json'}."
-                )
-            if not self.resume.exists():
-                near = meant_file(self.resume)
-                raise ConfigError(
-                    f"{self.resume} is not a run folder: there is nothing of that name{near}."
                 )
             RunFolder(self.resume).config()
             return
@@ -302,13 +310,14 @@ def _beside_the_agent(what: str) -> Iterator[None]:
     """
     try:
         yield
+    except MissingPackage as error:
+        Terminal().say(f"The agent is complete, but {what} is left out. {error}")
+    except RansError:
+        raise
     except Exception as error:
-        why = (
-            str(error)
-            if isinstance(error, RansError)
-            else f"{type(error).__name__}: {first_line(error)}."
+        Terminal().say(
+            f"The agent is complete, but {what} could not be made: {type(error).__name__}: {first_line(error)}."
         )
-        Terminal().say(f"The agent is complete, but {what} could not be made: {why}")
 
 
 def _is_setting(config: TrainConfig, change: str) -> bool:
@@ -322,8 +331,9 @@ def _is_setting(config: TrainConfig, change: str) -> bool:
 def trust_option(config: TrainConfig, craft: Spacecraft) -> list[str]:
     """--trust, if the files of a training name code as MODULE:NAME, which commands then run; else nothing."""
     expert = str(config.learner.get("expert", ""))
-    named = (config.task, config.spacecraft, config.algorithm, expert)
-    return ["--trust"] if craft.further_effectors or any(":" in name for name in named) else []
+    kinds = map(effector_kind, craft.further_effectors)
+    named = (config.task, config.spacecraft, config.algorithm, expert, *kinds)
+    return ["--trust"] if any(":" in name for name in named) else []
 
 
 def compile_in_this_process() -> None:

@@ -240,14 +240,21 @@ def to_toml(craft: Spacecraft) -> str:
     return f"{_lines(table)}\n[actuators]\n{_lines(actuators)}{tables}"
 
 
-def _effector_lines(effector: Any) -> str:
-    """Table of a further effector as TOML lines; a kind of no package is then allowed in files of this process."""
-    settings = dataclasses.asdict(effector)
-    kind = f"{type(effector).__module__}:{type(effector).__qualname__}"
+def effector_kind(effector: object) -> str:
+    """Kind of a further effector in files: its name in `EFFECTORS`, else MODULE:NAME."""
     for name in EFFECTORS:
         with contextlib.suppress(ConfigError):  # of a package that cannot be imported
             if EFFECTORS[name] is type(effector):
-                return f"\n[{name}]\n{_lines(settings)}"
+                return name
+    return f"{type(effector).__module__}:{type(effector).__qualname__}"
+
+
+def _effector_lines(effector: Any) -> str:
+    """Table of a further effector as TOML lines; a kind of no package is then allowed in files of this process."""
+    settings = dataclasses.asdict(effector)
+    kind = effector_kind(effector)
+    if kind in EFFECTORS:
+        return f"\n[{kind}]\n{_lines(settings)}"
     typed(kind)
     return f"\n[[effector]]\n{_lines({'kind': kind} | settings)}"
 

@@ -179,6 +179,7 @@ def test_wrong_changes(refused: Any, change: str, message: str) -> None:
 
 def test_wrong_options(refused: Any) -> None:
     Path("file").write_text("")
+    Path("there").mkdir()
     for typed, said in (
         ("", "say what to train"),
         ("hover", "no task and no recipe named 'hover'"),
@@ -186,13 +187,14 @@ def test_wrong_options(refused: Any) -> None:
         ("go-to-pose --spacecraft nowhere.toml", "nowhere.toml"),
         ("go-to-pose --device tpu", "device must be cpu or cuda, got 'tpu'"),
         ("--resume nowhere", "nowhere is not a run folder"),
-        ("--seed 0 --resume nowhere", "give no other options"),
-        ("--device cpu --resume nowhere", "give no other options"),
-        ("--output x --resume nowhere", "give no other options"),
-        ("--spacecraft floating-platform --resume nowhere", "give no other options"),
-        ("--set seed=1 --resume nowhere", "give no other options"),
-        ("go-to-pose --resume nowhere", "give no other options"),
+        ("--seed 0 --resume there", "give no other options"),
+        ("--device cpu --resume there", "give no other options"),
+        ("--output x --resume there", "give no other options"),
+        ("--spacecraft floating-platform --resume there", "give no other options"),
+        ("--set seed=1 --resume there", "give no other options"),
+        ("go-to-pose --resume there", "give no other options"),
         ("--view --resume nowhere", "nowhere is not a run folder"),
+        ("go-to-pose --resume nowhere", "nowhere is not a run folder"),
         ("go-to-pose --device cpu --output file/run", "cannot write into file/run: file is a file"),
     ):
         assert said in refused(f"train {typed}"), typed

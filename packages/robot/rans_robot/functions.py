@@ -6,6 +6,7 @@ Arguments and their texts are those of the commands (`rans.cli.door`); a new one
 from __future__ import annotations
 
 import contextlib
+import shlex
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -268,7 +269,11 @@ def fly_on_robot(
         index_bag(bag)
     except ConfigError as error:
         _say(f"The bag has no index, and tools read it from its beginning: {error}")
-    _say(f"The flight is recorded in {bag}; rans replay {bag} repeats its commands.")
+    _say(f"The flight is recorded in {bag}.")
+    # Replay runs an agent that is code.
+    again = ["rans", "replay", str(bag), *(["--trust"] if runs_code(folder) else [])]
+    identify = ["rans", "identify", str(bag), "--spacecraft", str(folder / "spacecraft.toml")]
+    report.next_commands = (shlex.join(again), shlex.join(identify))
     return report
 
 

@@ -24,6 +24,7 @@ import numpy as np
 from rans.evaluation.fly.exported import read_contract
 from rans.extend import TASKS, ConfigError, Task, are_files_trusted, brief, parse_json, positive
 from rans.structure import structure
+from rans.tasks.quantities import QUANTITIES
 from rans_robot.bag import BagMessage, Recorder, bag_entries
 from rans_robot.bus import Bus
 from rans_robot.frames import Motion
@@ -70,6 +71,10 @@ class Report:
     """What was said, each once in a row."""
     guarded: int | None = None
     """Control periods in which the safety filter replaced the agent's command; None: there was no filter."""
+    errors: dict[str, float] = field(default_factory=dict)
+    """Errors of the task at the last decision, SI units, by name."""
+    next_commands: tuple[str, ...] = ()
+    """Commands that a user may want to run next."""
     fault: str = ""
     """Why the flight ended before its time, or was none, since no state ever came; else ""."""
 
@@ -85,8 +90,14 @@ class Report:
             if self.guarded is None
             else f", in {self.guarded} of which the safety filter replaced the command"
         )
+        displays = {name: q.display for name, q in QUANTITIES.items() if name in self.errors}
+        ended = [
+            f"{name} {factor * self.errors[name]:.3g} {unit}"
+            for name, (factor, unit) in displays.items()
+        ]
+        goal = f"Errors at the end: {', '.join(ended)}. " if ended else ""
         return (
-            f"{self.decisions} control periods{replaced}, {self.missed} missed; computation median "
+            f"{goal}{self.decisions} control periods{replaced}, {self.missed} missed; computation median "
             f"{np.median(of):.2f} ms, 99 % below {np.percentile(of, 99):.2f} ms, largest {of.max():.2f} ms "
             f"(of the processor's time 99 % below {np.percentile(used, 99):.2f} ms); begun at most "
             f"{late.max():.1f} ms late."
@@ -193,6 +204,7 @@ def fly_over(
             for message in messages:
                 record(moment, *message)
             report.decisions += 1
+            report.errors = pilot.errors
             if report.guarded is not None:
                 report.guarded += decision.guarded
             report.computed.append((sent - began) * 1e-9)

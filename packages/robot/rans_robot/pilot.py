@@ -255,6 +255,8 @@ class MessagePilot:
         # The goal, and what filters commands and readings.
         self._task = _with_trade_off(task, plan.trade_off)
         self._goal = _goal(self.craft, self._task, plan)
+        self.errors: dict[str, float] = {}
+        """Errors of the task at the last decision, SI units, by name."""
         self._goal_came: int | None = None
         """Time of the goal, ns, from which on it moves; None: the first decision."""
         self._world: World | None = None
@@ -384,6 +386,7 @@ class MessagePilot:
         state = self._state()
         since = self._began if self._goal_came is None else self._goal_came
         goal = self._task.later(self._goal, (now - since) * 1e-9)
+        self.errors = {name: float(error) for name, error in self._task.errors(state, goal).items()}
         row = observation(self._task, state, goal)
         try:
             given = command(self.agent.act(np.array(row, dtype=np.float32)), *self._limits)

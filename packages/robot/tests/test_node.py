@@ -184,6 +184,7 @@ def test_a_filtered_flight_comes_out_of_its_bag_again(avoider: Path, tmp_path: P
         robot.join()
     assert report.guarded
     assert "safety filter" in report.text()
+    assert "Errors at the end: position" in report.text()
     again = replay_bag(bag)
     assert again.decisions == report.decisions
     assert again.equal == again.decisions

@@ -86,6 +86,8 @@ class Comparison(NotebookRepr):
     """Sentences about parts that do not exist for this task or craft."""
     failures: list[str] = field(default_factory=list)
     """Sentences about failed parts."""
+    grounded: dict[str, list[str]] = field(default_factory=dict)
+    """Names of opponents that cannot fly the craft, by the reason."""
     waiting: Sequence[str] = ()
     """Names of opponents that have not flown yet."""
     files: list[Path] = field(default_factory=list)
@@ -255,12 +257,11 @@ class Comparison(NotebookRepr):
         if of_mission and certified:
             # Before the others, which may be slow: an interrupted comparison has this bound.
             _bound_mission(self, 1, stages)
-        grounded: dict[str, list[str]] = {}
         for name in dict.fromkeys(name for name in opponents if name != "optimal"):
             try:
                 simple = entrants.simple_controller(name, self.contest)
             except RansError as reason:
-                grounded.setdefault(str(reason), []).append(name)
+                self._ground(name, str(reason), self.failures if asked else self.notes)
                 continue
             with _noted(self, name):
                 if simple.name not in self.names():  # A controller flies once.
@@ -269,9 +270,6 @@ class Comparison(NotebookRepr):
                     _entry(self, contestant, stages, workers)
                     for contestant in (entrants.swept(name, self.contest) if in_detail else ())
                 ]
-        for reason, names in grounded.items():
-            who = self.failures if asked else self.notes
-            who.append(f"{' and '.join(names)} cannot fly here: {reason}")
         if of_mission:
             if certified > 1:
                 _bound_mission(self, certified, stages)
@@ -284,6 +282,14 @@ class Comparison(NotebookRepr):
             _find_relaxed(self, stages, workers, returns)
             _find_certified(self, certified, cache, stages, workers)
             self.failures += self.impossible()
+
+    def _ground(self, name: str, reason: str, sentences: list[str]) -> None:
+        """Say that an opponent cannot fly; those of one reason have one sentence."""
+        names = self.grounded.setdefault(reason, [])
+        said = f"{' and '.join(names)} cannot fly here: {reason}"
+        names.append(name)
+        sentences[:] = [each for each in sentences if each != said]
+        sentences.append(f"{' and '.join(names)} cannot fly here: {reason}")
 
     def trace(
         self,

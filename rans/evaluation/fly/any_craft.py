@@ -21,7 +21,7 @@ from rans.policy.any_craft import frugal as at_value
 from rans.policy.network import Network
 from rans.policy.timing import timing_for
 from rans.pretrained import ADAPTIVE, FOR_ANY_CRAFT
-from rans.tasks import Task
+from rans.tasks import GoToPose, Task, registered_name
 
 _ADAPTS = f"name one that can adapt, such as {ADAPTIVE}:{FOR_ANY_CRAFT[2]}"
 
@@ -94,6 +94,12 @@ def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = No
         raise ConfigError(
             f"{run.controller.name} flies its own spacecraft only: name {FOR_ANY_CRAFT[craft.dimension]} for "
             f"{craft.name}."
+        )
+    if not is_for_any_craft(run.network.architecture) and not isinstance(run.task, GoToPose):
+        task = registered_name(run.task)
+        raise ConfigError(
+            f"{run.controller.name} flies its own spacecraft only, and no agent for {task} flies any craft: type "
+            f"lqr:{task}-{craft.dimension}d@FILE, or rans train {task} --spacecraft FILE."
         )
     timing = timing or timing_for(craft, run.timing)
     network = for_craft(run.network, craft, timing.control_period)

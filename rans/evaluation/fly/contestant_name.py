@@ -174,6 +174,11 @@ class ContestantName:
             raise ConfigError(
                 f"{whole} is a task, and a contestant is who flies it: type {_who_flies(task, agents)}."
             )
+        if craft and not _exists(whole) and (task := _task_alone(agent)):
+            raise ConfigError(
+                f"no agent for {task} flies any craft: type {_CONTROLLER_OF.get(task, 'lqr')}:{whole}, or "
+                f"rans train {task} --spacecraft {craft}."
+            )
         is_path = whole != Path(whole).name
         if not _exists(whole) and not is_path and (near := CONTROLLERS.meant(whole, agents)):
             raise ConfigError(

@@ -107,7 +107,7 @@ class Section:
     def is_shown(self) -> bool:
         """Whether it has more than pictures that are left out."""
         more = self.text, self.tables, self.link, self.race
-        return any(more) or self.undrawn < len(self.pictures) + len(self.charts)
+        return not self.undrawn or any(more) or self.undrawn < len(self.pictures) + len(self.charts)
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,8 @@ def spacecraft_listing(craft: Spacecraft) -> Table:
         moments = f"{craft.inertia[2][2]:.4g}"
     metre = "never: it has no thruster"
     if craft.thrusters:
-        metre = f"{seconds_for_a_metre(craft):.3g} s"
+        alone = " by its thrusters alone" if craft.acting_effectors else ""
+        metre = f"{seconds_for_a_metre(craft):.3g} s{alone}"
     half_a_turn = "never: it cannot turn"
     if can_turn(craft):
         half_a_turn = f"{seconds_for_half_a_turn(craft):.3g} s"
@@ -61,6 +62,9 @@ def _further(craft: Spacecraft) -> Iterator[tuple[str, str]]:
     for effector in further:
         if effector.summary:
             yield effector.label, effector.summary
+    for number, command in enumerate(craft.commands):
+        if number >= craft.thruster_count + craft.wheel_count:
+            yield f"command {number}", f"{command.name}, from {command.low:g} to {command.high:g}"
     for i, wheel in enumerate(craft.wheels):
         yield (
             f"wheel {i}",

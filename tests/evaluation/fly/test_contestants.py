@@ -156,6 +156,8 @@ def test_the_number_of_dimensions_may_be_left_out(spec: str, spacecraft: str) ->
             "go-to-pose-2",
             r"not a run folder, and no agent or controller \(did you mean go-to-pose-2d\?\)",
         ),
+        ("go-to-position-2d@atmos", "lqr:go-to-position-2d@atmos, or rans train go-to-position"),
+        ("track-velocity-2d@atmos", "lqr:track-velocity-2d@FILE, or rans train track-velocity"),
         ("sb3:mine.zip", "sb3:mine.zip has no task: .*, as in rans compare RUN sb3:mine.zip"),
     ],
 )

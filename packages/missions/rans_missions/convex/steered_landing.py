@@ -21,13 +21,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import expm, solve
 
-from rans.errors import Late
+from rans.extend import require
 from rans_missions.convex.landing import Descent, Lander, Landing
 
 if TYPE_CHECKING:
     import casadi as ca
 else:
-    ca = Late("casadi")
+    ca = require("casadi")
 
 _UNITS = np.array([100.0] * 3 + [10.0] * 3 + [1.0] * 4 + [1000.0] + [1.0] * 2)
 """Units in which the solver has states: m, m/s, rad, rad/s, kg; then rad and rad/s of roll, if plans have any."""

@@ -7,6 +7,7 @@ from typing import Annotated
 from tyro.conf import arg
 
 from rans.cli.door import POSE, Options, command_of, word
+from rans.extend import Terminal
 from rans_robot.functions import fly_on_robot
 
 
@@ -30,9 +31,12 @@ class Fly(Options):
     examples = ("rans fly pretrained:go-to-pose-2d --goal 1 0 90deg",)
 
     def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return ("rans identify FLIGHT.mcap --spacecraft SPACECRAFT",)
+        """See `rans.cli.commands.Command`; `run` suggests commands with the names of its files."""
+        return ()
 
     def run(self) -> int:
         """Fly; the exit code is 0, or 1 after a fault or if no state ever came."""
-        return 1 if self.call().fault else 0
+        report = self.call()
+        if not report.fault:
+            Terminal().suggest(*report.next_commands)
+        return 1 if report.fault else 0
