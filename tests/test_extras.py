@@ -9,7 +9,7 @@ from zlib import crc32
 import pytest
 
 from rans.errors import EXTRAS, installing
-from tests.support.processes import PATIENCE, ROOT, python
+from tests.support.processes import PATIENCE, python
 
 BLOCK = """
 import importlib.abc, sys
@@ -119,9 +119,3 @@ def test_a_comparison_writes_its_numbers_without_a_package(hidden: str, tmp_path
     assert (installing("plots") in page.replace("&#39;", "'")) is (hidden == "matplotlib")
     assert refused == (2 if hidden == "casadi" else 0)
     assert ("flying" in sentence) is (hidden != "casadi")
-
-
-def test_the_readme_has_these_commands() -> None:
-    text = (ROOT / "README.md").read_text("utf-8")
-    for line in README:
-        assert f"rans {line.split()[0]} " in text, line

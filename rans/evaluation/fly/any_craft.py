@@ -19,9 +19,9 @@ from rans.model.timing import Timing
 from rans.policy.any_craft import for_craft, is_for_any_craft
 from rans.policy.any_craft import frugal as at_value
 from rans.policy.network import Network
-from rans.policy.timing import timing_for
+from rans.policy.timing import flies_to_a_pose, timing_for
 from rans.pretrained import ADAPTIVE, FOR_ANY_CRAFT
-from rans.tasks import GoToPose, Task, registered_name
+from rans.tasks import Task, registered_name
 
 _ADAPTS = f"name one that can adapt, such as {ADAPTIVE}:{FOR_ANY_CRAFT[2]}"
 
@@ -95,7 +95,7 @@ def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = No
             f"{run.controller.name} flies its own spacecraft only: name {FOR_ANY_CRAFT[craft.dimension]} for "
             f"{craft.name}."
         )
-    if not is_for_any_craft(run.network.architecture) and not isinstance(run.task, GoToPose):
+    if not (is_for_any_craft(run.network.architecture) or flies_to_a_pose(run.task, craft)):
         task = registered_name(run.task)
         raise ConfigError(
             f"{run.controller.name} flies its own spacecraft only, and no agent for {task} flies any craft: type "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from typing import Annotated
 
 from tyro.conf import arg
@@ -31,8 +32,8 @@ class Fly(Options):
     examples = ("rans fly pretrained:go-to-pose-2d --goal 1 0 90deg",)
 
     def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`; `run` suggests commands with the names of its files."""
-        return ()
+        """See `rans.cli.commands.Command`; after a flight `run` suggests others, with the names of its files."""
+        return (shlex.join(["rans", "evaluate", self.agent]),)
 
     def run(self) -> int:
         """Fly; the exit code is 0, or 1 after a fault or if no state ever came."""
