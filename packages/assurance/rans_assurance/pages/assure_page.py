@@ -164,14 +164,12 @@ def _rare(assurance: Assurance) -> Iterator[Section]:
     counted = assurance.campaign.bound()
     if result is None:
         return
-    # Without an interval, subset simulation gives no probability.
-    figures = (
-        (None, None, None)
-        if result.interval is None
-        else (f"{x:.3g}" for x in (result.probability, *result.interval))
-    )
+    figures: tuple[str | None, ...] = (None, None, None)
+    if result.is_estimated:
+        ends = result.interval or (min(result.groups), max(result.groups))
+        figures = tuple(f"{x:.3g}" for x in (result.probability, *ends))
     bounds = (f"{x:.3g}" for x in (counted.rate, counted.low, counted.high))
-    gain = f"{result.gain:.3g}" if result.interval else None
+    gain = f"{result.gain:.3g}" if result.is_estimated else None
     rows = [
         ["by counting", *bounds, f"{counted.events:,}", f"{counted.flights:,}", None],
         ["by subset simulation", *figures, f"{result.events:,}", f"{result.flights:,}", gain],
@@ -180,10 +178,10 @@ def _rare(assurance: Assurance) -> Iterator[Section]:
         "Rarer failures",
         (
             f"Flights that lead to ever larger errors, in {GROUPS} independent groups (subset simulation). From "
-            "and to are at 99 %, from the differences between groups where they are not counted: an estimate, "
-            "no bound, which knows no cause of failure that errors do not grow towards. Where groups differ "
-            "too much, or another way to failures meets more of them, there is none. The gain is how many times "
-            "as many counted flights would tell as much; near 1, what a flight draws before it begins says little "
+            "and to are at 99 % where failures are counted, and else the least and the largest group: an estimate, "
+            "no bound, which may miss failures that need several large errors at once. Where groups differ too "
+            "much, or another way to failures meets more of them, there is none. The gain is how many times as "
+            "many counted flights would tell as much; near 1, what a flight draws before it begins says little "
             "about whether it fails."
         ),
         [Table(("", "probability of failure", "from", "to", "failed", "flights", "gain"), rows)],
