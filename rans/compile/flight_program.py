@@ -63,7 +63,7 @@ class PolicyInFlight(NamedTuple):
     """Traced computation of a policy in every control period of a flight."""
 
     carried: tuple[StateVariable, ...]
-    """Memory of its filters, or state of its recurrent core."""
+    """Memory of its filters."""
     history: tuple[StateVariable, ...]
     """Memory of its history."""
     stages: tuple[Stage, ...]
@@ -204,20 +204,14 @@ def _policy_in_flight(
     for name in ("mean", "scale", "zoom"):
         if tables is not None and name in program.parameters:
             values[name] = tables[name].tolist()
-    sizes = (
-        {"memory": architecture.units}
-        if architecture.units
-        else {"history": architecture.rows, "filters": architecture.filtering}
-    )
+    sizes = {"history": architecture.rows, "filters": architecture.filtering}
     memory = {name: inputs(name, size) for name, size in sizes.items() if size}
     values |= memory
 
-    # Layers, commands and view; the next state of a recurrent core, which comes before the commands.
+    # Layers, commands and view.
     requested = [name for name in ("command", "view") if program.has(name)]
     memory_rows = ["memory_out"] if memory else []
-    rows, stages = symbols(
-        program, values, requested + (memory_rows if architecture.units else []), gather
-    )
+    rows, stages = symbols(program, values, requested, gather)
     # Lookups of commands alone: those of a history are repeated for a row by itself, below.
     last_outputs = stages[-1].outputs
     command_lookups = tuple(
@@ -225,10 +219,9 @@ def _policy_in_flight(
     )
 
     # The next memory of histories and filters, from the commands.
-    if not architecture.units:
-        newest = ["newest"] if architecture.recalled else []
-        with_commands = values | {"command": commands}
-        rows |= symbols(program, with_commands, memory_rows + newest, gather)[0]
+    newest = ["newest"] if architecture.recalled else []
+    with_commands = values | {"command": commands}
+    rows |= symbols(program, with_commands, memory_rows + newest, gather)[0]
     state_symbols = [symbol for part in memory.values() for symbol in part]
     state = tuple(
         StateVariable(symbol, Symbol.constant(0.0), new)

@@ -20,7 +20,7 @@ from rans.policy.capabilities import Capabilities
 from rans.policy.program import inputs
 from rans.policy.scalars import Stage
 
-JAVASCRIPT = Capabilities(backbones=("dense", "allocated"), recurrent=True)
+JAVASCRIPT = Capabilities(backbones=("dense", "allocated"))
 """Kinds of policies that are printed here: any of dense layers. Allocation is the page's own script."""
 
 _LONGEST = 120

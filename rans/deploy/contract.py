@@ -492,7 +492,7 @@ def golden(
         output, columns = exact.forward(rows, memory)
         commands.append(output.policy.mode())
         margins.append(output.policy.margin())
-        memory = exact.next_state(columns, memory, commands[-1], output.core)
+        memory = exact.next_state(columns, memory, commands[-1])
     # The flights whose closest choice is the clearest, one after the other.
     clearest = torch.stack(margins).amin(dim=(0, 2)).argsort(descending=True)[:GOLDEN].numpy()
     outputs = torch.stack(commands).numpy()

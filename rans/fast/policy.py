@@ -145,7 +145,7 @@ class AgentPolicy(ActorCriticPolicy):
 
     def forward(self, obs: Tensor, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:
         """As SB3: actions (N, thrusters), values (N, 1), log-probabilities (N,)."""
-        policy, value, _ = self._evaluated(obs)
+        policy, value = self._evaluated(obs)
         action = policy.mode() if deterministic else policy.sample(torch.rand_like(policy.mode()))
         returned = action.long() if isinstance(policy, OnOff | Patterns) else action
         return returned, value[:, None], policy.log_prob(action)
@@ -165,7 +165,7 @@ class AgentPolicy(ActorCriticPolicy):
 
     def evaluate_actions(self, obs: Any, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """As SB3: values (N, 1), log-probabilities and entropies (N,) of actions (N, thrusters)."""
-        policy, value, _ = self._evaluated(obs)
+        policy, value = self._evaluated(obs)
         return value[:, None], policy.log_prob(actions.to(value.dtype)), policy.entropy()
 
     def predict_values(self, obs: Any) -> Tensor:

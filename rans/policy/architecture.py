@@ -96,8 +96,6 @@ class Architecture:
     """Besides, exponential moving averages of all of them: the share that each keeps from step to step."""
     filters: Filters | None = None
     """Besides, what each of a bank of Kalman filters makes of the columns (docs/decisions/robustness.md)."""
-    units: int = 0
-    """Of a recurrent core after the trunk; 0: none."""
     privileged: int = 0
     """Numbers that only the critic, which then has a trunk of its own, is given."""
     nominal: tuple[float, ...] = ()
@@ -237,7 +235,7 @@ class Architecture:
     @property
     def memory(self) -> int:
         """Numbers that the network remembers of a spacecraft from step to step."""
-        return self.units or self.rows + self.filtering
+        return self.rows + self.filtering
 
     @property
     def rows(self) -> int:
@@ -292,7 +290,7 @@ class Architecture:
     @property
     def features(self) -> int:
         """Width of what actor and critic are heads on."""
-        return self.units or self.layers[-1]
+        return self.layers[-1]
 
     def filtered(self, row: Columns) -> list[tuple[Layout, Columns]]:
         """The gated reading, which is always the first, and the estimate of every filter, each with its layout.
@@ -327,8 +325,6 @@ class Architecture:
         Names become those of tensors in agents' files.
         """
         modules: dict[str, nn.Module] = {"trunk": self._layers(self.inputs, self.layers)}
-        if self.units:
-            modules["core"] = nn.GRUCell(self.layers[-1], self.units)
         if self.privileged:
             modules["critic"] = self._layers(
                 self.inputs + self.privileged, (*self.layers[:-1], self.features)

@@ -1,6 +1,6 @@
 """Backbones: how what a policy has made of an observation becomes the outputs for its commands.
 
-Every policy has a trunk of dense layers, and a recurrent core if it has one, which make features of what is
+Every policy has a trunk of dense layers, which make features of what is
 observed and remembered. A backbone is one class that makes the commands' outputs of them, and its name in
 `rans.policy.backbone_registry.BACKBONES`. Torch computes it; if it is also traced, files have it. Executors that
 do not state it (`rans.policy.capabilities`) leave such a policy to torch.

@@ -20,7 +20,6 @@ class Capabilities(NamedTuple):
     """None: any, by its formula."""
     memory: bool = True
     """Histories, averages and filters."""
-    recurrent: bool = False
     privileged_critic: bool = True
     """Executors of commands alone need no critic."""
 
@@ -39,9 +38,7 @@ class Capabilities(NamedTuple):
             yield f"the head {architecture.head!r}"
         if self.activations is not None and architecture.activation not in self.activations:
             yield f"the activation {architecture.activation!r}"
-        if architecture.units and not self.recurrent:
-            yield "a recurrent memory"
-        if architecture.memory and not architecture.units and not self.memory:
+        if architecture.memory and not self.memory:
             yield "a memory"
         if architecture.privileged and not self.privileged_critic:
             yield "a critic that is given privileged observations"

@@ -1,4 +1,4 @@
-"""Memory of networks from step to step: a history, the state of filters, or a recurrent state.
+"""Memory of networks from step to step: a history, and the state of filters.
 
 A history (N, m) has rows of columns in the body frame and the command they were answered with, or of commands
 alone: first exponential moving averages of all of them, then the last ones, the oldest first. What filters
@@ -7,20 +7,20 @@ remember stands behind it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import torch
 from torch import Tensor
 
-from rans.model.fields import Field, tanh
+from rans.model.fields import Field
 from rans.policy.architecture import Architecture
 from rans.policy.preprocess import ColumnExecutor
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Layout
 
 PolicyState = Tensor | None
-"""What a policy remembers of N spacecraft from step to step, (N, m): a history, what filters expect, or a recurrent
-state; None of a policy without memory. Zeros where an episode begins (`Remembering.initial_state`)."""
+"""What a policy remembers of N spacecraft from step to step, (N, m): a history, and what filters expect; None of
+a policy without memory. Zeros where an episode begins (`Remembering.initial_state`)."""
 
 MakePreprocessor = Callable[[Architecture, Symmetries | None, Tensor], ColumnExecutor]
 """Makes an executor of preprocessing for an architecture, its symmetries in tensors, and networks with tensors like
@@ -53,7 +53,7 @@ class Remembering:
         return self._like.new_zeros(count, width) if width else None
 
     def _parted(self, memory: Tensor | None, count: int) -> tuple[Tensor | None, Tensor | None]:
-        """History or recurrent state (N, m), and what filters remember, which know nothing without a memory.
+        """History (N, m), and what filters remember, which know nothing without a memory.
 
         A history comes first in the memory, filters behind it.
         """
@@ -65,19 +65,16 @@ class Remembering:
         history, filters = memory.tensor_split([architecture.rows], dim=1)
         return history if architecture.recalled else None, filters
 
-    def next_state(
-        self, columns: Tensor, memory: PolicyState, command: Tensor, core: Tensor
-    ) -> PolicyState:
+    def next_state(self, columns: Tensor, memory: PolicyState, command: Tensor) -> PolicyState:
         """The memory (N, m) after a command to columns in the body frame.
 
         Args:
             columns: (N, k) columns in the body frame.
             memory: (N, m) before the command.
             command: (N, thrusters).
-            core: (N, features) that the heads of the network received, `rans.policy.network.Output.core`.
         """
-        if memory is None or self.architecture.units:
-            return memory if memory is None else core
+        if memory is None:
+            return None
         history, filters = self._parted(memory, len(columns))
         parts = []
         if history is not None:
@@ -120,59 +117,9 @@ def by_row(function: Callable[[Tensor], Tensor], x: Tensor, count: int) -> Tenso
     return rows.unflatten(-2, (-1, count)).flatten(-2)
 
 
-def recurrent(
-    inputs: Tensor,
-    state: Tensor,
-    going_on: Sequence[Tensor] | None,
-    recalled: Callable[[Tensor], Tensor],
-) -> Tensor:
-    """The states (..., T, n, units) of a gated recurrent unit (Cho et al., 2014), torch's `GRUCell`.
-
-    Args:
-        inputs: (..., T, n, 3 units), what a linear layer makes of each step's features.
-        state: (..., n, units) before the first step.
-        going_on: of each step, (..., n, 1), zero where an episode began with it; None: nowhere.
-        recalled: a linear layer from states to 3 units.
-    """
-    states: list[Tensor] = []  # not `list[Tensor]()`, which the compiler of torch 2.11 cannot read
-    for t in range(inputs.shape[-3]):
-        if going_on is not None and t > 0:
-            state = state * going_on[t]
-        reset, update, fresh = inputs.select(-3, t).chunk(3, dim=-1)
-        old_reset, old_update, old = recalled(state).chunk(3, dim=-1)
-        state = gated(reset, update, fresh, old_reset, old_update, old, state)
-        states.append(state)
-    return torch.stack(states, dim=-3)
-
-
 # Formulas on fields, of which the traced program has the same (`rans.policy.traced`).
 
 
 def averaged(average: Field, newest: Field, decay: Field) -> Field:
     """An exponential moving average that keeps this share of itself."""
     return newest + decay * (average - newest)
-
-
-def gated(
-    reset: Field,
-    update: Field,
-    fresh: Field,
-    old_reset: Field,
-    old_update: Field,
-    old: Field,
-    state: Field,
-) -> Field:
-    """The next state of a gated recurrent unit (Cho et al., 2014), torch's `GRUCell`.
-
-    The first three are what a layer makes of its input, the next three what one makes of the state.
-    """
-    retained = sigmoid(update + old_update)
-    new = tanh(fresh + sigmoid(reset + old_reset) * old)
-    return new + retained * (state - new)
-
-
-def sigmoid(x: Field) -> Field:
-    """The logistic function."""
-    if type(x).__module__.partition(".")[0] == "torch":
-        return torch.sigmoid(x)
-    return tanh(x * 0.5) * 0.5 + 0.5

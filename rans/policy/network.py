@@ -16,7 +16,7 @@ from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.backbone_registry import BACKBONES
 from rans.policy.backbones import product
 from rans.policy.heads import Distribution, OnOff
-from rans.policy.memory import MakePreprocessor, PolicyState, Remembering, by_row, recurrent, viewed
+from rans.policy.memory import MakePreprocessor, PolicyState, Remembering, by_row, viewed
 from rans.policy.preprocess import (
     TorchPreprocessor,
     magnified,
@@ -37,8 +37,6 @@ class Output(NamedTuple):
     policy: Distribution
     value: Tensor
     """(N,)."""
-    core: Tensor
-    """(N, features) that the heads saw: what a recurrent network remembers."""
 
 
 class Network(Remembering):
@@ -140,9 +138,7 @@ class Network(Remembering):
         is given beside, (N, p), is by default that of a nominal craft.
         """
         if (whole := self._preprocessor.whole(observation, self.tensors)) is not None:
-            return Output(
-                OnOff(whole[0]), *whole[::-1]
-            ), observation  # nothing of which is remembered
+            return Output(OnOff(whole[0]), whole[1]), observation  # nothing of which is remembered
         columns = self.in_body(observation)
         preprocessed, recalled, permutation = self.look(columns, memory)
         output = self.evaluate_seen(preprocessed, recalled, privileged)
@@ -157,7 +153,7 @@ class Network(Remembering):
         """Deterministic commands (N, n), from 0 to 1, of observations (N, width), and the state after them."""
         output, columns = self.forward(observation, state)
         command = output.policy.mode()
-        return command, self.next_state(columns, state, command, output.core)
+        return command, self.next_state(columns, state, command)
 
     def in_body(self, observation: Tensor) -> Tensor:
         """The columns (N, k) of observations (N, width) in the body frame."""
@@ -193,19 +189,14 @@ class Network(Remembering):
         preprocessed: Tensor,
         memory: Tensor | None = None,
         privileged: Tensor | None = None,
-        going_on: Tensor | None = None,
     ) -> Output:
-        """Outputs for columns (N, k) that `look` returned; thrusters are in the order of that view.
-
-        A recurrent network that is given ``going_on`` (T, N / T), zero where an episode began with that step,
-        sees T steps one after the other; of its memories those of the first step count.
-        """
+        """Outputs for columns (N, k) that `look` returned; thrusters are in the order of that view."""
         architecture = self.architecture
         columns = preprocessed
         known: list[Tensor] = []
         if architecture.adapts:
             columns, *known = preprocessed.tensor_split([architecture.column_count], dim=1)
-        features, critic = self.features(columns, memory, privileged, going_on)
+        features, critic = self.features(columns, memory, privileged)
         # The allocation is given whether the goal is far, the pose, then what is estimated.
         single = columns.unbind(-1)
         given = [x[:, None] for x in (*architecture.away(single), *architecture.pose(single))]
@@ -216,14 +207,11 @@ class Network(Remembering):
         preprocessed: Tensor,
         memory: Tensor | None = None,
         privileged: Tensor | None = None,
-        going_on: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Features (members, N, width) of actor and critic; the same tensor unless the critic is privileged."""
         architecture = self.architecture
         x = self.inputs(preprocessed, memory)
         features = self._through(self._trunk, x)
-        if architecture.units and memory is not None:
-            features = self._core(features, memory, going_on)
         if not architecture.privileged:
             return features, features
         privileged_values = (
@@ -311,25 +299,6 @@ class Network(Remembering):
                 x = self.activation(product(x, weight, bias))
         return x.to(dtype)
 
-    def _core(self, x: Tensor, memory: Tensor, going_on: Tensor | None) -> Tensor:
-        """Outputs (..., T n, units) of the recurrent core for features (..., T n, i).
-
-        With ``going_on`` (T, N) rows are of T steps, and the memory is that of each step's begin, of which the
-        first counts.
-        """
-        of_inputs, of_memory = (
-            [self.tensors[f"{EXTRACTOR}core.{kind}_{of}"] for kind in ("weight", "bias")]
-            for of in ("ih", "hh")
-        )
-        begins = None if going_on is None else [self._rows(row)[..., None] for row in going_on]
-        steps = (1 if begins is None else len(begins), -1)
-        inputs, state = (
-            rows.unflatten(-2, steps) for rows in (product(x, *of_inputs), self._rows(memory))
-        )
-        return recurrent(
-            inputs, state.select(-3, 0), begins, lambda x: product(x, *of_memory)
-        ).flatten(-3, -2)
-
     def _heads(
         self, features: Tensor, critic: Tensor, advice: Tensor | None, given: Sequence[Tensor]
     ) -> Output:
@@ -352,12 +321,12 @@ class Network(Remembering):
             backbone = BACKBONES[architecture.backbone]
             value = self._flat(product(critic, worth, constant)[..., 0])
             if (patterns := backbone.patterns(self, known)) is not None:
-                return Output(patterns, value, self._flat(features))
+                return Output(patterns, value)
             action = self._flat(backbone.outputs(self, known))
         spread = self.tensors.get("log_std")
         if spread is not None and self.members > 1:
             spread = spread.repeat_interleave(len(action) // self.members, dim=0)
-        return Output(head.distribution(action, spread, advice), value, self._flat(features))
+        return Output(head.distribution(action, spread, advice), value)
 
     @torch.no_grad()
     def update_statistics(

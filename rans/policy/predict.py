@@ -50,7 +50,7 @@ def predict(
     command = output.policy.mode()
     if not deterministic:
         command = output.policy.command(output.policy.sample(torch.rand_like(command)))
-    memory = network.next_state(columns, memory, command, output.core)
+    memory = network.next_state(columns, memory, command)
     # Back to arrays in the shape of the observation.
     action = command.cpu().numpy().astype(np.float32 if architecture.continuous else np.int64)
     action = action.reshape(*np.shape(observation)[:-1], action.shape[1])

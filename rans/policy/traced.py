@@ -18,14 +18,14 @@ from rans.policy.adaptation import AWAY, POSE, SHUT, WHEELS, Rows
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.backbone_registry import BACKBONES
 from rans.policy.capabilities import Capabilities
-from rans.policy.memory import averaged, gated
+from rans.policy.memory import averaged
 from rans.policy.network import Network
 from rans.policy.preprocess import magnified, normalised
 from rans.policy.program import Program, inputs
 from rans.policy.symmetry import AIM, Symmetries
 from rans.tasks.observation_terms import Columns, Layout
 
-TRACED = Capabilities(backbones=None, recurrent=True)
+TRACED = Capabilities(backbones=None)
 """Parts of an architecture that can be traced, and so executed by anything but torch."""
 
 
@@ -35,8 +35,7 @@ def policy_program(architecture: Architecture, command: str = "command") -> Prog
     Commands, numbers from 0 to 1 (N, commands), are the row called ``command``. Executors may ask for these rows
     too, each if the architecture has it:
 
-    - "body": columns of the preprocessor; "history" and "filters": the parts of the memory, which for a recurrent
-      core is its state instead;
+    - "body": columns of the preprocessor; "history" and "filters": the parts of the memory;
     - "view": side of the spacecraft that has the goal ahead; "seen": columns, gated and filtered, from that side;
     - "shown": features, the input of the trunk;
     - "newest": the row that is appended to the history; "filters_after" and "memory_out": the next memory.
@@ -58,7 +57,7 @@ def policy_program(architecture: Architecture, command: str = "command") -> Prog
         name="body",
     )
     history = filter_memory = ""
-    if architecture.memory and not architecture.units:
+    if architecture.memory:
         history, filter_memory = program.split(
             "memory", (architecture.rows, architecture.filtering), ("history", "filters")
         )
@@ -93,7 +92,7 @@ def policy_program(architecture: Architecture, command: str = "command") -> Prog
     )
 
     # The next memory.
-    if architecture.memory and not architecture.units:
+    if architecture.memory:
         rows = _next_history(program, architecture, history, body, command_row) if history else []
         if filter_memory:
             rows.append(
@@ -179,16 +178,13 @@ class ProgramRows(Rows[str]):
 def _commands(
     program: Program, architecture: Architecture, view: _View | None, x: str, command: str
 ) -> str:
-    """Row of commands from features: trunk, recurrent core, backbone and head.
+    """Row of commands from features: trunk, backbone and head.
 
     The head's outputs are those of thrusters as the view numbers them, and are put back in the craft's order.
     """
-    # Trunk and recurrent core.
     widths = (architecture.inputs, *architecture.layers)
     for number, (width, units) in enumerate(zip(widths, architecture.layers, strict=False)):
         x = program.dense(x, f"trunk.{2 * number}", units, width, architecture.activation)
-    if architecture.units:
-        x = _recurrent_core(program, architecture, x)
     outputs = program.split(
         BACKBONES[architecture.backbone].traced(program, architecture, x),
         [architecture.thrusters] * architecture.last.outputs,
@@ -217,7 +213,7 @@ def parameters(network: Network) -> dict[str, np.ndarray]:
 
     These names are in exports and in machine code's tables; the scale is 1 / sqrt(variance + 1e-6), as in training.
     """
-    # Layers before the heads, without the critic's; gates of a recurrent core are layers of their own.
+    # Layers before the heads, without the critic's.
     tensors = {name: x.detach().cpu().float() for name, x in network.tensors.items()}
     architecture = network.architecture
     result = {
@@ -225,10 +221,6 @@ def parameters(network: Network) -> dict[str, np.ndarray]:
         for name, x in tensors.items()
         if name.startswith(EXTRACTOR) and not name.startswith(f"{EXTRACTOR}critic.")
     }
-    for gate in ("ih", "hh"):
-        for kind in ("weight", "bias"):
-            if (x := result.pop(f"core.{kind}_{gate}", None)) is not None:
-                result[f"core.{gate}.{kind}"] = x
     # Both outputs of an on/off thruster become its log-odds; scales are computed once.
     result["head.weight"], result["head.bias"] = architecture.last.folded(
         tensors["action_net.weight"], tensors["action_net.bias"]
@@ -407,12 +399,3 @@ def _next_filter_memory(
         architecture.next_filter_memory(symbols), dict(zip(symbols, rows, strict=True))
     )
     return program.joined(*result, name="filters_after")
-
-
-def _recurrent_core(program: Program, architecture: Architecture, x: str) -> str:
-    """Gated recurrent unit, as torch's `GRUCell`; its output is its next state."""
-    units = architecture.units
-    from_input = program.dense(x, "core.ih", 3 * units, architecture.layers[-1])
-    hidden = program.dense("memory", "core.hh", 3 * units, units)
-    gates = [part for row in (from_input, hidden) for part in program.split(row, [units] * 3)]
-    return program.apply("Identity", program.each(gated, *gates, "memory"), name="memory_out")

@@ -141,7 +141,6 @@ KINDS: list[dict[str, Any]] = [
         "symmetric": True,
         "filters": FilterSettings((0.1,)),
     },
-    {"memory": MemorySettings("recurrent")},
     {"privileged_critic": True},
 ]
 

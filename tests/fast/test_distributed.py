@@ -49,11 +49,7 @@ SETTINGS = Clipped(**_VALUES)
 
 def started(world: Processes = ALONE, members: int = 1) -> PPOLearner:
     """Members of 16 environments, or of this process's share of them, in float64; the second remembers."""
-    settings = (
-        replace(SETTINGS, memory=MemorySettings("recurrent"), symmetric=False)
-        if members > 1
-        else SETTINGS
-    )
+    settings = replace(SETTINGS, memory=MemorySettings("history")) if members > 1 else SETTINGS
     seeds = range(4, 4 + members)
     engine = Engine(
         PLATFORM,

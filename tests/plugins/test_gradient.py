@@ -217,8 +217,6 @@ def test_what_has_no_gradient_is_refused() -> None:
     for craft in (PLATFORM, replace(PLATFORM, actuators=Pulsed(10))):
         with pytest.raises(ConfigError, match="needs thrusters that are throttled"):
             gradient_learner(craft)
-    with pytest.raises(ConfigError, match="does not support recurrent memory"):
-        gradient_learner(memory=MemorySettings("recurrent"), symmetric=False)
     engine = Engine(THROTTLED, NEAR, 16, SHORT)
     with pytest.raises(ConfigError, match="plain engine"):
         begin(engine, [TINY], [0], None, partial(GradientLearner, own=OWN))

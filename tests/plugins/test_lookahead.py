@@ -59,7 +59,7 @@ class Told:
         command = output.policy.mode()
         if self._periods < len(self._first):
             command = torch.from_numpy(self._first[self._periods]).float()
-        self._memory = self._network.next_state(columns, self._memory, command, output.core)
+        self._memory = self._network.next_state(columns, self._memory, command)
         self._periods += 1
         return command.numpy()
 
@@ -101,7 +101,7 @@ NEAR = GoToPose(spawn_distance=(0.2, 0.35), position_tolerance=0.4, attitude_tol
     [
         (NEAR, spared, {}),
         (NEAR, spared, {"memory": MemorySettings("history", 3, (0.5,))}),
-        (CHATTERING, earned, {"memory": MemorySettings("recurrent")}),
+        (CHATTERING, earned, {"memory": MemorySettings("commands", 2)}),
     ],
 )
 def test_it_gives_what_brute_force_finds_best(

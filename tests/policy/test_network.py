@@ -30,7 +30,6 @@ def test_many_members_say_what_each_says_alone() -> None:
         {},
         {"history": 2},
         {"history": 1, "averages": (0.5, 0.9)},
-        {"units": 8},
         {"privileged": 2},
         {"zoom": 20.0, "continuous": True},
         {"zoom": 20.0, "filters": BANK},
@@ -61,11 +60,9 @@ def test_many_members_say_what_each_says_alone() -> None:
             before, columns = together.forward(
                 seen(PLATFORM, 12, seed=5).double(), together.initial_state(12)
             )
-            memory = together.next_state(
-                columns, together.initial_state(12), before.policy.mode(), before.core
-            )
+            memory = together.next_state(columns, together.initial_state(12), before.policy.mode())
         output, shown = together.forward(observations, memory, known)
-        remembered = together.next_state(shown, memory, output.policy.mode(), output.core)
+        remembered = together.next_state(shown, memory, output.policy.mode())
         for number, network in enumerate(alone):
             own = slice(4 * number, 4 * number + 4)
             one, looked = network.forward(
@@ -77,7 +74,7 @@ def test_many_members_say_what_each_says_alone() -> None:
             torch.testing.assert_close(output.policy[0][own], one.policy[0], rtol=0, atol=1e-12)  # type: ignore
             torch.testing.assert_close(output.value[own], one.value, rtol=0, atol=1e-12)
             if remembered is not None:
-                expected = network.next_state(looked, memory[own], one.policy.mode(), one.core)  # type: ignore[index]
+                expected = network.next_state(looked, memory[own], one.policy.mode())  # type: ignore[index]
                 torch.testing.assert_close(remembered[own], expected, rtol=0, atol=1e-12)
 
 

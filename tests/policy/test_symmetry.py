@@ -131,7 +131,7 @@ def test_what_is_remembered_is_seen_from_the_same_side(
             ).double()
             command = torch.empty_like(told)
             command[:, place] = told  # the same nozzles, wherever they are now
-            kept = network.next_state(columns, kept, command, output.core)
+            kept = network.next_state(columns, kept, command)
             said = output.policy[0][:, place]  # type: ignore
         return said
 

@@ -64,7 +64,6 @@ POLICIES: dict[str, tuple[Any, dict[str, Any]]] = {
     "averages of commands": (PLATFORM, {"averages": (0.5, 0.9), "commands_only": True}),
     "gated throttles, history": (THROTTLED, {"head": "gated", "history": 2}),
     "filters": (PLATFORM, {"filters": BANK, "zoom": 4.0}),
-    "recurrent": (PLATFORM, {"units": 8}),
     "patterns that share a supply": (
         SUPPLIED,
         {"sided": False, "backbone": "allocated", "tokens": effects(SUPPLIED, 0.2)},
@@ -107,7 +106,7 @@ def known(kind: str) -> tuple[Network, np.ndarray, np.ndarray]:
             if not network.architecture.last.spread or network.architecture.head == "gated":
                 clear &= (margin > 1e-3).all(dim=1)
             commands.append(output.policy.mode())
-            memory = exact.next_state(columns, memory, commands[-1], output.core)
+            memory = exact.next_state(columns, memory, commands[-1])
     assert clear.sum() > COUNT // 2
     return network, rows[:, clear].numpy(), torch.stack(commands)[:, clear].numpy()
 

@@ -112,7 +112,7 @@ def own_answers(network: Network, batches: list[np.ndarray]) -> Own:
     for batch in batches:
         output, columns = network.forward(torch.from_numpy(batch), memory)
         command = output.policy.mode()
-        memory = network.next_state(columns, memory, command, output.core)
+        memory = network.next_state(columns, memory, command)
         commands.append(command.numpy())
         memories.append(_columns(memory, batch))
     return Own(network, batches, commands, memories)

@@ -36,9 +36,7 @@ class CpuLayers:
         tables: the policy's parameters (`rans.policy.traced.parameters`).
     """
 
-    capabilities: ClassVar[Capabilities] = Capabilities(
-        backbones=("dense", "allocated"), recurrent=True
-    )
+    capabilities: ClassVar[Capabilities] = Capabilities(backbones=("dense", "allocated"))
     """Kinds of policies that `rans.compile.cpu.flights` flies with these layers."""
 
     @classmethod

@@ -348,6 +348,11 @@ def _architecture(table: dict[str, Any]) -> Architecture:
             f"the agent observes vectors in the {brief(frame)} frame, which this version does not compute: train "
             "it anew."
         )
+    if table.pop("units", 0):  # 0 in files of before
+        raise ConfigError(
+            "the agent has a recurrent memory, which this version does not have: train it anew with the memory "
+            "'history'."
+        )
     blocks = Layout(tuple(_block(row) for row in table.pop("layout")))
     architecture = Architecture(
         blocks,
@@ -415,7 +420,7 @@ def _check_craft(architecture: Architecture) -> None:
             raise ValueError(
                 "it has symmetries or filters, which are for columns without authority"
             )
-        if architecture.adapts and (architecture.units or architecture.recalled):
+        if architecture.adapts and architecture.recalled:
             raise ValueError("it adapts, and has another memory")
         dimension = DIMENSIONS.get(len(architecture.authority) - 1, 0)
         is_positive = all(x > 0.0 for x in architecture.authority)

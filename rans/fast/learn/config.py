@@ -30,7 +30,7 @@ Precision = Literal["float32", "tf32", "bf16"]
 """Precision of a GPU's matrix products: 24, 11 or, in hidden layers, 8 significant bits (docs/speed.md)."""
 
 Head = Literal["auto", "gated", "guided"]
-MemoryKind = Literal["none", "history", "commands", "recurrent"]
+MemoryKind = Literal["none", "history", "commands"]
 
 MOST_LAYERS = 32
 MOST_UNITS = 65_536
@@ -64,8 +64,8 @@ class MemorySettings(Settings):
     """
 
     kind: MemoryKind = "none"
-    """"none"; "history" of the last observations and commands; "commands", the last commands alone, which suffice
-    beside filters; or "recurrent", a gated recurrent unit."""
+    """"none"; "history" of the last observations and commands; or "commands", the last commands alone, which
+    suffice beside filters."""
     history: int = 4
     """Number of last observations and commands in the memory."""
     averages: tuple[float, ...] = ()
@@ -73,9 +73,6 @@ class MemorySettings(Settings):
     of it: the fraction of the average that remains at every step. They separate constant signals from noise and
     reach further back than a history. The average of commands that halves at every step has the last command as its
     first binary digit, the one before as its second."""
-
-    units: ClassVar[int] = 64
-    """Hidden units of the recurrent memory: as many as the last layer of the plain agents has."""
 
     def __post_init__(self) -> None:
         kinds = get_args(MemoryKind)
@@ -310,16 +307,6 @@ class PPOSettings:
             lambda x: 1 <= len(x) <= MOST_LAYERS and 1 <= min(x) <= max(x) <= MOST_UNITS,
             "layers",
         )
-        if self.filters.drift and self.memory.kind == "recurrent":
-            raise ConfigError(
-                "filters can be combined with memory 'none', 'history' or 'commands', not with "
-                "memory 'recurrent'."
-            )
-        if self.memory.kind == "recurrent" and self.symmetric:
-            raise ConfigError(
-                "memory 'recurrent' needs symmetric to be false: its state belongs to one symmetry "
-                "of the spacecraft, and the next step may use another."
-            )
 
 
 class Coefficients(NamedTuple):

@@ -168,7 +168,7 @@ class CpuGradient:
     def fits(network: Network, samples: int) -> bool:
         """Whether the network and minibatches of ``samples`` transitions are supported.
 
-        Thrusters must be on/off, and actor and critic share float32 layers without recurrent memory.
+        Thrusters must be on/off, and actor and critic share float32 layers.
         """
         architecture = network.architecture
         tensor = next(iter(network.tensors.values()))

@@ -72,7 +72,6 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
         commands_only=memory.kind == "commands",
         averages=tuple(memory.averages) if has_history else (),
         filters=bank,
-        units=memory.units if memory.kind == "recurrent" else 0,
         privileged=engine.privileged_quantities.width if settings.privileged_critic else 0,
         nominal=engine.privileged_quantities.nominal if settings.privileged_critic else (),
         bounds=engine.observation_bounds,

@@ -214,13 +214,7 @@ class PPOLearner:
             self.backend,
             privileged_columns,
         )
-        # 0 where a step begins an episode, so that a recurrent core forgets.
         shape = reward.shape
-        going_on = (
-            1.0 - torch.cat((torch.zeros_like(steps.ended[:1]), steps.ended[:-1]))
-            if self.network.architecture.units
-            else None
-        )
         return Batch(
             columns.unflatten(0, shape),
             action.unflatten(0, shape),
@@ -229,7 +223,6 @@ class PPOLearner:
             advantage + steps.value,
             None if memory is None else memory.unflatten(0, shape),
             steps.privileged if self.backend is None else None,
-            going_on,
         )
 
     def _update(self) -> Tensor:
@@ -300,7 +293,7 @@ def act(
         policy.log_prob(action),
         output.value,
         command,
-        network.next_state(columns, memory, command, output.core),
+        network.next_state(columns, memory, command),
     )
 
 
@@ -330,7 +323,7 @@ def losses(
 ) -> Losses:
     """Clipped surrogate, squared value error and entropy bonus of a minibatch, equal to those of SB3."""
     by_member = lambda x: x.view(network.members, -1)  # noqa: E731
-    output = network.evaluate_seen(batch.columns, batch.memory, batch.privileged, batch.going_on)
+    output = network.evaluate_seen(batch.columns, batch.memory, batch.privileged)
     # Clipped surrogate objective.
     advantage = by_member(batch.advantage)
     log_ratio = by_member(output.policy.log_prob(batch.action) - batch.log_prob)

@@ -54,8 +54,6 @@ class Batch(NamedTuple):
     """Value target: the advantage plus the value at collection."""
     memory: Tensor | None
     privileged: Tensor | None
-    going_on: Tensor | None
-    """Zero where an episode began with this step; only for recurrent networks."""
 
 
 class Rollout:
@@ -220,7 +218,7 @@ def minibatches(batch: Batch, members: int, count: int) -> list[Batch]:
     """Cut (T, N, ...) into ``count`` minibatches of whole environments, independent of the other members.
 
     Environments are independent, so they need no shuffling. Fields become (K T n, ...) with n environments of
-    each member; `Batch.going_on` becomes (T, K n).
+    each member.
     """
 
     def chunks(field: Tensor) -> Sequence[Tensor]:
@@ -229,8 +227,6 @@ def minibatches(batch: Batch, members: int, count: int) -> list[Batch]:
     none: list[Tensor | None] = [None] * count
     flat: list[Sequence[Tensor | None]] = [
         none if x is None else [part.transpose(0, 1).flatten(0, 2) for part in chunks(x)]
-        for x in batch._replace(going_on=None)
+        for x in batch
     ]
-    if batch.going_on is not None:
-        flat[-1] = [part.flatten(1) for part in chunks(batch.going_on)]
     return [Batch._make(fields) for fields in zip(*flat, strict=True)]

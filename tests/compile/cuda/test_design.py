@@ -33,7 +33,6 @@ def test_designs_of_shipped_sizes() -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"units": 8}, "a recurrent memory"),
         ({"layers": (520, 16)}, "layers of \\(520, 16\\) units"),
         ({"history": 4000}, "bytes for 32 flights"),
     ],

@@ -163,7 +163,7 @@ class Chip:
 @pytest.mark.parametrize(
     ("settings", "error", "message"),
     [
-        ({"units": 8}, None, "their kernel has no place for a recurrent memory"),
+        ({"layers": (520, 16)}, None, "their kernel has no place for"),
         ({}, CudaError("no kernel image"), "stepped, which is slower: no kernel image"),
         ({}, OSError("libnvrtc.so.12: cannot open"), "stepped, which is slower: libnvrtc"),
     ],

@@ -178,11 +178,6 @@ def test_numbers_out_of_range(name: str, value: float) -> None:
         PPOSettings(**{name: -1 if whole else value})  # type: ignore[arg-type]
 
 
-RECURRENT_FILTERS: dict[str, Any] = {
-    "filters": FilterSettings((1.0,)),
-    "memory": MemorySettings("recurrent"),
-    "symmetric": False,
-}
 LAYERS = "layers must be 1 to 32 numbers >= 1 and <= 65,536"
 
 
@@ -202,14 +197,13 @@ LAYERS = "layers must be 1 to 32 numbers >= 1 and <= 65,536"
         (PPOSettings, {"layers": (64, -1)}, LAYERS),
         (PPOSettings, {"layers": "x"}, LAYERS),
         (PPOSettings, {"matmul": "fp8"}, "matmul must be one of float32, tf32, bf16, got 'fp8'"),
-        (PPOSettings, RECURRENT_FILTERS, "not with memory 'recurrent'"),
         (PPOSettings, {"gamma": "x"}, r"gamma must be in \(0, 1\], got 'x'"),
         # One transition has no spread to normalise.
         (PPOSettings, {"batch_size": 1}, r"batch_size must be >= 2 and < 2\^31, got 1"),
         (
             MemorySettings,
             {"kind": "histori"},
-            "kind must be one of none, history, commands, recurr",
+            "kind must be one of none, history, commands, got",
         ),
         (MemorySettings, {"history": -1}, "history must be >= 0 and <= 65,536, got -1"),
         (MemorySettings, {"averages": (0.5,)}, "so that memory.kind must be 'history'"),

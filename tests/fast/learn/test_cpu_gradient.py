@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from rans.compile.cpu.matmul import WIDTH
-from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.cpu_gradient import CpuGradient
 from rans.fast.learn.ppo import losses
 from rans.fast.learn.rollout import minibatches
@@ -39,7 +38,6 @@ def test_gradients_are_autograds(craft: Any, settings: Any) -> None:
 @pytest.mark.parametrize(
     "settings",
     [
-        {"memory": MemorySettings("recurrent")},
         {"privileged_critic": True},
         {"continuous": True},
         {"n_envs": 4, "batch_size": WIDTH // 2},

@@ -88,7 +88,6 @@ def test_products_find_what_autograd_finds(craft: Any, settings: Any, own_critic
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"memory": MemorySettings("recurrent")}, "recurrent"),
         ({"continuous": True}, "gaussian"),
         ({"layers": (16,)}, "1 layers"),
     ],

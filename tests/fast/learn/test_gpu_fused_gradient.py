@@ -54,7 +54,7 @@ def clipped(learner: PPOLearner, part: Batch, bf16: bool) -> Tensor:
     set_precision("bf16" if bf16 else "float32", part.columns.device)
     network.architecture = replace(given, bf16=bf16)
     with torch.no_grad():
-        output = network.evaluate_seen(part.columns, part.memory, part.privileged, part.going_on)
+        output = network.evaluate_seen(part.columns, part.memory, part.privileged)
         ratio = (output.policy.log_prob(part.action) - part.log_prob).exp()
     network.architecture = given
     return (ratio - 1).abs() > learner.coefficients.clip_range

@@ -14,7 +14,6 @@ import pytest
 import torch
 
 from rans.fast.learn import adam, ppo, selection
-from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.graph import as_written, fused, graphed
 from rans.fast.learn.recipes import training
 from rans.fast.learn.run_folder import RunFolder
@@ -93,11 +92,6 @@ def test_python_collects_no_garbage_while_a_graph_is_recorded(usually: bool, fai
     [
         pytest.param("floating-platform", {}, id="dense"),
         pytest.param("floating-platform-shared", {"backbone": "allocated"}, id="allocated"),
-        pytest.param(
-            "floating-platform",
-            {"memory": MemorySettings("recurrent"), "symmetric": False},
-            id="recurrent",
-        ),
     ],
 )
 def test_what_a_gpu_compiles_is_traced_whole(

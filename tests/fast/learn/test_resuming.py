@@ -132,11 +132,10 @@ def test_a_checkpoint_of_an_early_version_is_not_opened(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "kind",
     [
-        {"memory": MemorySettings("history", 2)},
-        {"memory": MemorySettings("recurrent"), "privileged_critic": True},
+        {"memory": MemorySettings("history", 2), "privileged_critic": True},
         {"filters": FilterSettings((0.01, 1.0))},
     ],
-    ids=["history", "recurrent and privileged", "filters"],
+    ids=["history and privileged", "filters"],
 )
 def test_what_remembers_resumes_bit_by_bit_too(tmp_path: Path, kind: dict[str, Any]) -> None:
     config = replace(CONFIG, ppo=replace(TINY, symmetric=False, **kind), total_timesteps=768)

@@ -80,10 +80,10 @@ def trained(learner: PPOLearner, iterations: int) -> PPOLearner:
         (PLATFORM, {}),
         (
             FLYER,
-            {"memory": MemorySettings("recurrent"), "symmetric": False, "privileged_critic": True},
+            {"memory": MemorySettings("history"), "privileged_critic": True},
         ),
     ],
-    ids=["plain", "recurrent"],
+    ids=["plain", "history"],
 )
 def test_a_member_learns_what_it_would_alone(craft: Any, kind: dict[str, Any]) -> None:
     """Rollout, advantages, losses, clipping, Adam, step size and statistics, for two whole iterations."""

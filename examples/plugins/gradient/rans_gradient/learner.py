@@ -92,7 +92,7 @@ class GradientLearner:
         own: further hyper-parameters of this learner, for all members.
 
     Raises:
-        ConfigError: thrusters are not throttled, the engine is not plain, or the network is recurrent.
+        ConfigError: thrusters are not throttled, or the engine is not plain.
     """
 
     statistics = ("loss", "value_loss", "noise", "grad_norm", "critic_grad_norm")
@@ -186,7 +186,7 @@ class GradientLearner:
             privileged = self._privileged(episode)
             output, columns = network.forward(observation, memory)
             action, command = output.policy.differentiable(uniform)
-            after = network.next_state(columns, memory, command, output.core)
+            after = network.next_state(columns, memory, command)
             step, episode = engine.stepped(episode, engine.commands(command))
             # Bound the gradients that are passed back to the period before.
             episode = replace(episode, state=map_leaves(self._bounded, episode.state))
@@ -269,7 +269,6 @@ class GradientLearner:
             kept.reward,
             None if memory is None else memory.unflatten(0, shape),
             kept.privileged,
-            None,
         )
         # One minibatch of all steps, member by member, as networks expect them.
         (whole,) = minibatches(batch, self.members, 1)
@@ -346,10 +345,6 @@ def _check(engine: Engine, network: Network) -> None:
         )
     if not engine.plain:
         raise ConfigError("the algorithm 'gradient' learns on a plain engine only.")
-    if network.architecture.units:
-        raise ConfigError(
-            "the algorithm 'gradient' does not support recurrent memory; use memory 'history' or 'commands'."
-        )
 
 
 _PRESET: dict[str, Any] = {

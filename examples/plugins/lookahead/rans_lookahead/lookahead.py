@@ -127,7 +127,7 @@ class _AgentPolicy:
         """See `_Policy`."""
         output, columns = self._network.forward(torch.from_numpy(observations), memory)
         command = (output.policy.mode() - torch.from_numpy(change)).abs()
-        after = self._network.next_state(columns, memory, command, output.core)
+        after = self._network.next_state(columns, memory, command)
         return command.double().numpy(), after
 
 
