@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from rans_value.learner import GreedyController, ValueLearner, ValueSettings
+from rans_value.learner import GreedyController, Value, ValueLearner, ValueSettings
 from rans_value.problem import equivalent
 from torch import Tensor
 
@@ -18,12 +18,14 @@ from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.member import begin
+from rans.fast.learn.recipes import training
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.flight import fly
 from rans.model.actuators import Throttle
 from rans.model.timing import Timing
 from rans.policy.symmetry import symmetries
+from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenarios
 from rans.tasks import GoToPosePriced
 from tests.support import plugins
@@ -76,12 +78,11 @@ def test_flights_from_equivalent_sides_are_equal() -> None:
 def test_no_single_valve_is_better_than_the_command() -> None:
     made = learner()
     state = made._ends[:, :64]
-    label, regret = made.greedy.label(state)
+    label, _ = made.greedy.label(state)
     single = torch.cat((torch.zeros(1, 8), torch.eye(8)))[:, None].repeat(1, 64, 1)
     least = made.greedy._costs(state, single).amin(dim=0)
     cost = made.greedy._costs(state, label[None])[0]
     assert (cost <= least + 1e-5).all()  # rounding
-    assert (regret > 0.0).any()
 
 
 @pytest.mark.slow
@@ -97,8 +98,7 @@ def test_training_makes_flights_cheaper_and_they_stay_at_the_goal() -> None:
         for period in range(100):
             state, cost, _ = made.greedy.period(state, made.greedy.command(state))
             total += cost
-            near = (state[:2].norm(dim=0) < 0.05) & (state[2].abs() < 0.0873)
-            held += 0.05 * near * (period >= 80)
+            held += 0.05 * made.problem._inside(state, 1.0)[0] * (period >= 80)
         return float(total.mean()), float(held.mean())
 
     first, _ = flown()
@@ -134,14 +134,16 @@ def test_a_training_leaves_its_policy_and_its_value_function(tmp_path: Path) -> 
     flight = fly(PLATFORM, TASK, controller, starts, Timing(episode_steps=2))
     # The value function is the learner's, not a new one.
     now = learnt.greedy.command(learnt.states())
-    like = controller._greedy.command(learnt.states())
-    torch.testing.assert_close(now, like)
-    assert set(np.unique(flight.commands)) <= {0.0, 1.0}
+    torch.testing.assert_close(now, controller._greedy.command(learnt.states()))
+    assert np.isin(flight.commands, (0.0, 1.0)).all()
     run.checkpoint_file.unlink()
     with pytest.raises(ConfigError, match="has no value function"):
         GreedyController(run.path)
 
 
-def test_other_craft_are_refused() -> None:
+def test_other_craft_and_conditions_are_refused() -> None:
     with pytest.raises(ConfigError, match="another problem"):
         learner(replace(PLATFORM, actuators=Throttle()))
+    noisy = replace(training("go-to-pose", device="cpu"), conditions=load_conditions("lab"))
+    with pytest.raises(ConfigError, match="leave out the conditions"):
+        Value.making(noisy, PLATFORM, SMALL)

@@ -248,7 +248,7 @@ class ValueLearner:
         # Flights of the last rounds, and labels of the last iterations.
         self._ends = example
         self._flights: list[tuple[Tensor, Tensor]] = []
-        self._labels: list[tuple[Tensor, Tensor, Tensor]] = []
+        self._labels: list[list[Tensor]] = []
         self._batch: tuple[Tensor, ...] = ()
         self._batch_size = first.batch_size
         self._unclipped = torch.full_like(self.adam.rate, torch.inf)
@@ -388,27 +388,27 @@ class ValueLearner:
             state = self.states()
             label, regret = self.greedy.label(state)
             columns, _, order = network.look(network.in_body(observation))
-            output = network.evaluate_seen(columns)
-            policy = output.policy if order is None else output.policy.placed(order)
+            seen = network.evaluate_seen(columns).policy
+            policy = seen if order is None else seen.placed(order)
             action = torch.where(samples, policy.sample(uniform), policy.mode())
             differs.append((policy.mode() != label).any(dim=1).to(label.dtype).mean())
             command = torch.where(own, action, label)
-            acted = Acted(command, policy.log_prob(command), output.value.flatten(), command, None)
+            acted = Acted(command, slot.log_prob, slot.value, command, None)
             decided = regret / (regret + _DECIDED * (1.0 + self.problem.price(state)[:, None]))
             # Thrusters of columns are numbered as the craft is looked at.
-            viewed = (
+            answer = (
                 (label, decided)
                 if order is None
                 else (torch.empty_like(x).scatter(1, order, x) for x in (label, decided))
             )
-            labels.append((columns, *viewed))
+            labels.append((columns, *answer))
             pool.append(state)
             step = engine.step(engine.commands(command))
             remember(observation, acted, None, step, slot, rollout)
             observation = step.observation
-        seen, label, decided = (torch.stack(x) for x in zip(*labels, strict=True))
-        network.update_statistics(seen)
-        flat = tuple(x.flatten(0, 1) for x in (seen, label, decided))
+        viewed, *answers = (torch.stack(x) for x in zip(*labels, strict=True))
+        network.update_statistics(viewed)
+        flat = [x.flatten(0, 1) for x in (viewed, *answers)]
         self._labels = [*self._labels[1 - _LABELLED :], flat]
         self._pool = torch.cat(pool, dim=1)
         return torch.stack(differs).mean()
@@ -437,9 +437,9 @@ class ValueLearner:
         return {
             "weights": {name: x.detach() for name, x in self.network.tensors.items()},
             "adam": self.adam.state(),
-            "value": {name: x.detach() for name, x in self.value.state_dict().items()},
-            "average": {name: x.detach() for name, x in self.average.state_dict().items()},
-            "generators": [self._generator.get_state()],
+            "value": self.value.state_dict(),
+            "average": self.average.state_dict(),
+            "generator": self._generator.get_state(),
         }
 
     @torch.no_grad()
@@ -450,7 +450,7 @@ class ValueLearner:
         self.adam.load(saved["adam"])
         self.value.load_state_dict(saved["value"])
         self.average.load_state_dict(saved["average"])
-        self._generator.set_state(saved["generators"][0].cpu())
+        self._generator.set_state(saved["generator"].cpu())
         self._flights = [self._flown()]
 
 
@@ -515,14 +515,22 @@ class GreedyController:
         return self._greedy.command(relative(state, goal, like, self._trade_off)).numpy()
 
 
+_ITERATIONS = 560
+"""Iterations of a training; what more of them gain was not tried (docs/decisions/value.md)."""
 _POLICY: dict[str, Any] = {
+    "n_envs": 24576,
+    "n_steps": 8,
+    "batch_size": 16384,
     "learning_rate": 1e-3,
     "layers": (512, 512),
     "matmul": "float32",
     "zoom": 16.0,
 }
+"""Hyper-parameters of the policy. As many states are labelled at once as begin a round of flights, as compiled
+functions are for one number."""
 _SMALL: dict[str, Any] = {"units": 96, "states": 512, "rounds": 2, "updates": 16, "batch": 2048}
-"""Settings of the value function on a CPU."""
+_SMALL_POLICY: dict[str, Any] = {"n_envs": 256, "batch_size": 1024}
+"""The same on a CPU."""
 
 
 class Value(Algorithm):
@@ -535,18 +543,13 @@ class Value(Algorithm):
     def started(cls, config: TrainConfig) -> TrainConfig:
         """Config with hyper-parameters known to work."""
         is_small = config.device.startswith("cpu")
-        sizes = (
-            {"n_envs": 256, "batch_size": 1024}
-            if is_small
-            else {"n_envs": 8192, "batch_size": 16384}
-        )
-        ppo = replace(config.ppo, **_POLICY | sizes)
-        iterations = 240
+        own = _SMALL if is_small else {}
+        ppo = replace(config.ppo, **_POLICY | (_SMALL_POLICY if is_small else {}))
         return replace(
             config,
             ppo=ppo,
-            learner=config.learner | (_SMALL if is_small else {}),
-            total_timesteps=iterations * ppo.n_envs * ppo.n_steps,
+            learner=config.learner | own,
+            total_timesteps=_ITERATIONS * ppo.n_envs * ppo.n_steps,
             report_interval=40,
             solved_share=None,
             compiled=None if is_small else True,
@@ -554,5 +557,14 @@ class Value(Algorithm):
 
     @classmethod
     def making(cls, config: TrainConfig, craft: Any, own: ValueSettings) -> Any:
-        """Constructor of the learner."""
+        """Constructor of the learner.
+
+        Raises:
+            ConfigError: the training has conditions.
+        """
+        if config.conditions.or_none is not None:
+            raise ConfigError(
+                "the algorithm 'value' computes with the craft as designed: leave out the conditions, or train "
+                'with the algorithm "ppo".'
+            )
         return partial(ValueLearner, own=own)

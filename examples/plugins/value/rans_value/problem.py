@@ -48,9 +48,8 @@ def relative(state: State, goal: State, like: Tensor, trade_off: float) -> Tenso
     The trade-off counts where the goals note none.
     """
     number = partial(torch.as_tensor, dtype=like.dtype, device=like.device)
-    now: Any
-    aim: Any
-    now, aim = (map_leaves(number, x) for x in (state, goal))
+    now: Any = map_leaves(number, state)
+    aim: Any = map_leaves(number, goal)
     cos, sin = aim.attitude.angle.cos(), aim.attitude.angle.sin()
     turned = [
         turn
@@ -137,7 +136,8 @@ class PoseProblem:
     def burnt(self, command: Sequence[Tensor]) -> Tensor:
         """Impulse of a control period as a time of full thrust, s."""
         mean = mean_thrust(self.craft, command)
-        return self.period * sum(x * y for x, y in zip(mean, self.thrust, strict=True))
+        weighted = [x * y for x, y in zip(mean, self.thrust, strict=True)]
+        return self.period * torch.stack(weighted).sum(dim=0)
 
     def inside(self, state: Tensor) -> Tensor:
         """Whether states are in the goal set."""
@@ -212,16 +212,9 @@ class PoseProblem:
         columns += [time / self.scale for time in self.quickest(state)]
         # Close to the goal.
         widths = [bound / _INSIDE for bound in self._bounds]
-        errors = (
-            (x, widths[0]),
-            (y, widths[0]),
-            (heading, widths[1]),
-            (vx, widths[2]),
-            (vy, widths[2]),
-            (spin, widths[3]),
-        )
+        errors = [state[i] / widths[kind] for i, kind in enumerate((0, 0, 1, 2, 2, 3))]
         for scale in _SCALES:
-            columns += [torch.tanh(scale * error / width) for error, width in errors]
+            columns += [torch.tanh(scale * error) for error in errors]
         columns.append(torch.tanh(distance / widths[0] - 1.0))
         # Where between the spins and headings that pulses can reach.
         turn = 2 * math.pi / self.spin_step
