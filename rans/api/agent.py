@@ -15,6 +15,7 @@ from rans.api.names import conditions_if_named, load_spacecraft, load_task
 from rans.errors import ConfigError, brief
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL
+from rans.pretrained import FOR_ANY_CRAFT
 from rans.randomization.conditions import Conditions
 from rans.scenario import EVALUATION_SEED
 from rans.settled import settled, settled_alone
@@ -290,9 +291,10 @@ def load_agent(
             Opening files runs no code, except with ``trust``.
     """
     from rans.episode import Setup
-    from rans.evaluation.fly.agent import LoadedRun, run_of
+    from rans.evaluation.fly.agent import LoadedRun, load_policy, run_of
     from rans.evaluation.fly.any_craft import for_spacecraft
-    from rans.evaluation.fly.contestants import contestant
+    from rans.evaluation.fly.contestant_name import ContestantName
+    from rans.evaluation.fly.contestants import contestant, for_craft
     from rans.evaluation.fly.object_policy import ObjectPolicy
 
     # The task that a policy or a name is flown on; agents of RANS have their own.
@@ -303,7 +305,17 @@ def load_agent(
         check_dimension(task_value, craft.dimension)
         setup = Setup(craft, task_value, task_value.timing)
     text = str(agent) if isinstance(agent, str | Path) else ""
-    run = contestant(text, default_setup=setup, trust=trust) if text else run_of(agent)
+    name = ContestantName.parse(text) if text else None
+    if name and name.kind == "pretrained" and name.name in FOR_ANY_CRAFT.values():
+        # Flights choose for this craft, and a task's own tolerances are those that it flies to.
+        own = load_policy(name.own_folder)
+        if setup is not None and type(setup.task) is type(own.task):
+            own = own._replace(task=setup.task)
+        run: LoadedRun | None = for_craft(
+            own, name, craft=None if spacecraft is None else load_spacecraft(spacecraft)
+        )
+    else:
+        run = contestant(text, default_setup=setup, trust=trust) if text else run_of(agent)
     if run is not None:
         if task is not None and type(load_task(task)) is not type(run.task):
             raise ConfigError(
@@ -313,7 +325,7 @@ def load_agent(
         craft = run.craft if spacecraft is None else load_spacecraft(spacecraft)
         if craft != run.craft:
             return Agent(for_spacecraft(run, craft))
-        return Agent(run, text if setup is None else "")
+        return Agent(run, text if setup is None and spacecraft is None else "")
     # A policy made elsewhere, which needs a task.
     is_policy = callable(getattr(agent, "predict", None)) or callable(agent)
     if not is_policy or isinstance(agent, type):

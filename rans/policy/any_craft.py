@@ -25,6 +25,7 @@ from rans.policy.authority import DIMENSIONS, WAYS, Authority, braking_distance
 from rans.policy.frugality import AS_TRAINED, Frugality, Leisure, cruise_speed
 from rans.policy.network import Network
 from rans.pretrained import FOR_ANY_CRAFT
+from rans.tasks.go_to_pose import GoToPose
 
 
 class Range(NamedTuple):
@@ -284,12 +285,21 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
     return Network(new, fitted(network.tensors), at=at)
 
 
-def frugal(network: Network, value: float, distance: float, seconds: float = math.inf) -> Network:
+def frugal(
+    network: Network,
+    value: float,
+    distance: float,
+    seconds: float = math.inf,
+    tolerances: tuple[float, float] = (GoToPose.position_tolerance, GoToPose.attitude_tolerance),
+) -> Network:
     """The network for any craft at a frugality from 0 (fast) to 1, for starts at a distance (m) from their goals.
 
     Its weights are linear in the value between those that it has for some (`Network.at`), and above 0.5 as frugal
     as flights of so many seconds allow (`rans.policy.frugality.Leisure`). Without any, its own weights are given
     other numbers (`rans.policy.frugality`).
+
+    ``tolerances`` of the position (m) and of the attitude (rad) need no other weights: a craft flies within 2 cm as
+    a larger and quicker one within 5 cm (`rans.policy.authority.finer`).
 
     Raises:
         ConfigError: the value is not from 0 to 1.
@@ -306,7 +316,11 @@ def frugal(network: Network, value: float, distance: float, seconds: float = mat
             dimension == 3 and is_continuous and architecture.coast > 0.0 and WHEEL not in kinds
         )
         own = Authority.of_numbers(architecture.authority)
-        period, least = float(own.period), float(own.least_linear)
+        period = float(own.period)
+        # Tolerances by similarity: lengths and accelerations of the craft are those that the network is given.
+        length = GoToPose.position_tolerance / tolerances[0]
+        angle = GoToPose.attitude_tolerance / tolerances[1]
+        distance, least = length * distance, length * float(own.least_linear)
         margin = authority_margin(_columns(architecture.tokens))
         has_pulses = not is_continuous or architecture.coast > 0.0
         if architecture.adapts:
@@ -320,7 +334,7 @@ def frugal(network: Network, value: float, distance: float, seconds: float = mat
             farthest = braking_distance(speed, least, period)
             numbers = numbers.slower(slow, distance, farthest, dimension)
             # What is estimated in flight would change the pulses.
-            if holds(architecture.tokens) and not architecture.adapts:
+            if holds(architecture.tokens) and not architecture.adapts and length == angle == 1.0:
                 numbers = numbers._replace(hold=1.0)
         beyond = 0.0
         if dimension == 2 and CONTINUOUS not in kinds:
@@ -331,6 +345,7 @@ def frugal(network: Network, value: float, distance: float, seconds: float = mat
             turn = math.pi + fast * (_FAST_TURN - math.pi)
             if fast:
                 numbers = numbers._replace(largest_angle=round(turn, 6))
+        numbers = numbers._replace(finer=round(length, 6), finer_turn=round(angle, 6))
         nodes = network.at
         values = sorted(nodes)
         following = min(int(np.searchsorted(values, value, "right")), len(values) - 1)

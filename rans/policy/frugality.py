@@ -183,6 +183,10 @@ class Frugality(NamedTuple):
     """1: within the tolerances pulses hold the pose (`rans.policy.holding`); 0: the network's demand does."""
     growth: float = 0.0
     """What ``shortened`` grows by for each metre of distance beyond `NEAR`, 1/m."""
+    finer: float = 1.0
+    """5 cm over the tolerance of the position: factor of distances, velocities and linear accelerations."""
+    finer_turn: float = 1.0
+    """5 degrees over that of the attitude: factor of angles, angular velocities and accelerations."""
 
     @classmethod
     def of_value(cls, value: float, distance: float, dimension: int) -> Frugality:

@@ -77,7 +77,9 @@ def _frugal(network: Network, value: float, task: Task, timing: Timing) -> Netwo
         )
     low, high = task.for_evaluation().spawn_distance  # type: ignore[attr-defined]  # it flies to a pose
     seconds = timing.control_period * timing.episode_steps
-    return at_value(network, value, 0.5 * (low + high), seconds)
+    bounds = task.tolerances()
+    tolerances = bounds["position"], bounds["attitude"]
+    return at_value(network, value, 0.5 * (low + high), seconds, tolerances)
 
 
 def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = None) -> LoadedRun:

@@ -19,6 +19,7 @@ from rans.evaluation.fly.contestant_name import ContestantName, Kind
 from rans.evaluation.fly.controllers import WRAPPERS
 from rans.evaluation.fly.exported import is_exported, load_exported
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
+from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder
 from rans.registry import are_files_trusted, typed
@@ -139,16 +140,23 @@ def _controller(name: ContestantName, terms: Terms) -> LoadedRun:
     return LoadedRun(controller(typed(name.name), setup), *setup[:4])
 
 
-def for_craft(run: LoadedRun, name: ContestantName, period: float | None = None) -> LoadedRun:
+def for_craft(
+    run: LoadedRun,
+    name: ContestantName,
+    period: float | None = None,
+    craft: Spacecraft | None = None,
+) -> LoadedRun:
     """The run of an agent for any craft as its name says: adapting, for a craft, at a value.
 
-    The order counts: constants of the craft are computed for the network as it adapts, and frugality for the craft.
+    Without a craft in its name it flies ``craft``; None: its own. The order counts: constants of the craft are
+    computed for the network as it adapts, and frugality for the craft.
     """
     from rans.evaluation.fly.any_craft import adapting, for_spacecraft, frugal
     from rans.evaluation.fly.choice import chosen, chosen_period
     from rans.policy.timing import timing_for
 
-    craft = load_spacecraft(typed(name.craft)) if name.craft else None
+    if name.craft:
+        craft = load_spacecraft(typed(name.craft))
     value = name.frugality
     choice = None
     if value is None and run.network.at:

@@ -391,20 +391,21 @@ def _check_craft(architecture: Architecture) -> None:
         raise ValueError("its tokens are of another spacecraft")
     frugal = architecture.frugal
     by_pulses = holds(architecture.tokens) and not architecture.adapts
-    # Older files have no factor of the price far away, or end with it.
+    # Older files end before the factor of the price far away, with it, or with the growth.
     if frugal and (
         not architecture.authority
-        or len(AS_TRAINED) - len(frugal) not in (0, 2, 3)
+        or len(AS_TRAINED) - len(frugal) not in (0, 2, 4, 5)
         or not 0.0 < frugal[0] <= 1.0
         or min(frugal[1:3]) < 0.0
         or frugal[2] > math.pi
         or min(frugal[3:7]) <= 0.0
         or (frugal[7:] and (frugal[7] not in (0.0, 1.0)[: 1 + by_pulses] or frugal[8] < 0.0))
+        or min(frugal[9:], default=1.0) <= 0.0
     ):
         raise ValueError(
             "its frugality is not a part of a distance, a distance, an angle, factors of a price, of "
-            "accelerations, of a time and of the price far away, whether pulses hold the pose and a growth, or it "
-            "is no agent for any craft that can"
+            "accelerations, of a time and of the price far away, whether pulses hold the pose, a growth and "
+            "factors of finer tolerances, or it is no agent for any craft that can"
         )
     reach = architecture.reach
     if reach and (len(architecture.authority) != 7 or len(reach) != 8 or min(reach) <= 0.0):

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+import rans
 from rans.errors import RansWarning
 from rans.evaluation.fly import choice
 from rans.evaluation.fly.agent import LoadedRun, load_policy
 from rans.evaluation.fly.choice import FLIGHTS, Choice, chosen
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
+from rans.fast.flights import Flights
 from rans.model.actuators import Wheel
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.pretrained import pretrained_folder
@@ -72,6 +75,17 @@ def test_a_craft_that_no_value_settles_is_doubted_wherever_it_is_loaded(
         assert contestant("any-craft-2d@mine.toml").controller.name == "any-craft-2d#0.3"
     with pytest.warns(RansWarning, match=r"any-craft-2d#1: solved 0 of 32"):
         assert ContestantName.parse("any-craft-2d#1@mine.toml").folder.exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("craft", ["floating-platform", "spheres"])
+def test_finer_tolerances_are_held_by_the_same_weights(craft: str) -> None:
+    """Without them 11 and 0 % of the flights are within 2 cm and 2 degrees."""
+    task = rans.GoToPose(position_tolerance=0.02, attitude_tolerance=math.radians(2.0))
+    agent = f"any-craft-{load_spacecraft(craft).dimension}d"
+    run = rans.load_agent(agent, task, craft).run
+    result = Flights(run.network, run.judged).fly(0, 64, 77)
+    assert result.unsolved <= 1  # 98 %: a start of a seed that chose nothing may be lost
 
 
 @pytest.mark.slow
