@@ -202,7 +202,7 @@ def fly_on_robot(
             "settings": asdict(foreign.task),  # pyrefly: ignore[bad-argument-type]
         }
     elif name.kind == "run folder" and is_exported(source):
-        if runs_code(source) and not trust:
+        if (source / "agent.py").exists() and runs_code(source) and not trust:
             raise ConfigError(
                 f"{source} is an export with code, agent.py: add --trust if you made it, or "
                 "name the run folder."

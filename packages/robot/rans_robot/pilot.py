@@ -571,7 +571,7 @@ def exported_agent(folder: Path) -> Any:
     missing = [name for name in names if not (folder / name).exists()]
     if missing:
         raise ConfigError(
-            f"{folder} has no {' and no '.join(missing)}: write it with rans export --format numpy."
+            f"{folder} has no {' and no '.join(missing)}: write it with rans export --format numpy, or onnx."
         )
     file = inside(folder, "agent.py")
     if not runs_code(folder):

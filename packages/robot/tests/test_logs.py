@@ -30,7 +30,7 @@ def test_what_a_robot_said_comes_back(robot: RobotName, tmp_path: Path) -> None:
     ends = interface(robot, 8, 8)
     bag = []
     rows = []
-    for k in range(5):
+    for k in range(8):
         angle = 0.3 * k
         half = 0.5 * angle
         motion = Motion(
@@ -50,8 +50,8 @@ def test_what_a_robot_said_comes_back(robot: RobotName, tmp_path: Path) -> None:
     assert log.attitude == pytest.approx([row[3] for row in rows], abs=1e-6)
     assert log.commands == pytest.approx(np.array([row[4] for row in rows]))
     if ends.has_velocity:
-        assert log.velocity == pytest.approx(np.tile([0.5, 0.25], (5, 1)), abs=1e-6)
-        assert log.spin == pytest.approx(np.full(5, 0.125), abs=1e-6)
+        assert log.velocity == pytest.approx(np.tile([0.5, 0.25], (8, 1)), abs=1e-6)
+        assert log.spin == pytest.approx(np.full(8, 0.125), abs=1e-6)
     else:
         assert np.isnan(log.velocity).all()
 

@@ -44,18 +44,6 @@ def test_a_motion_survives_its_messages(robot: RobotName) -> None:
     assert abs(found["attitude"] @ motion.attitude) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("robot", ["ros", "pose", "odometry", "px4", "roboran", "pingu"])
-def test_a_command_survives_its_messages(robot: RobotName) -> None:
-    command = np.array([1.0, 0, 0, 1, 1, 0, 1, 0])
-    ends = interface(robot, 8, 8)
-    found = [
-        one
-        for message in ends.command(command.tolist(), 10**9)
-        if (one := ends.commanded(message.topic, message.data)) is not None
-    ]
-    np.testing.assert_array_equal(found, [command])
-
-
 def test_messages_of_laboratories() -> None:
     """By hand: RoboRAN's valve 5 is the agent's thruster 0; Pingu's thrusters follow bearing and enable."""
     row = unpack(
