@@ -58,7 +58,6 @@ if TYPE_CHECKING:
     from rans.files import environment as environment
     from rans.files import first_line as first_line
     from rans.files import inside as inside
-    from rans.files import parse_json as parse_json
     from rans.files import read_bytes as read_bytes
     from rans.files import read_json as read_json
     from rans.files import read_text as read_text
@@ -93,7 +92,6 @@ if TYPE_CHECKING:
     from rans.model.spacecraft_file import to_toml as to_toml
     from rans.model.timing import MOST_STEPS as MOST_STEPS
     from rans.model.timing import Timing as Timing
-    from rans.policy.architecture import Architecture as Architecture
     from rans.policy.network import Network as Network
     from rans.policy.program import Program as Program
     from rans.processes import Workers as Workers
@@ -123,7 +121,6 @@ if TYPE_CHECKING:
     from rans.tasks import TASKS as TASKS
     from rans.tasks.base import SingleTask as SingleTask
     from rans.tasks.base import Task as Task
-    from rans.tasks.derived import layout as layout
     from rans.tasks.go_to_pose import GoToPose as GoToPose
     from rans.tasks.observation_terms import ObservationTerm as ObservationTerm
     from rans.tasks.observation_terms import VectorInW as VectorInW

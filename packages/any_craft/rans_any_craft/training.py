@@ -22,12 +22,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.extend import Architecture, Network, NonFiniteState, Spacecraft, Task, Workers, layout
+from rans.extend import Network, NonFiniteState, Spacecraft, Task, Workers
 from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
 from rans.model.twists import authority_margin, balanced, cone_pushes, directions, thrust
 from rans.policy.allocation import continuous_price, in_order, subsets, thrust_price
 from rans.policy.any_craft import RANGES, authority, coast, columns_of, effects, last_layer
-from rans.policy.architecture import EXTRACTOR
+from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.authority import (
     SCALARS,
     TURNS,
@@ -38,6 +38,7 @@ from rans.policy.authority import (
     rotation_vector,
     width,
 )
+from rans.tasks.derived import layout
 from rans_any_craft.layouts import IN_SPACE, LayoutRanges, Shape, canonical, sample_layout
 
 _TABLE = 256

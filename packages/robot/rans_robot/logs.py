@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linprog
 
-from rans.extend import ConfigError, Spacecraft, brief, counted, first_line, parse_json, read_text
+from rans.extend import ConfigError, Spacecraft, brief, counted, first_line, read_text
 from rans_robot.bag import BagMessage, bag_entries
 from rans_robot.identify.log import MOST_READINGS, FlightLog, unstamped, unstamped_note
 from rans_robot.interfaces import WHEELS_TOPIC, Interface, RobotName, interface, read_wheels
-from rans_robot.messages import TEXT, unpack
+from rans_robot.messages import read_json_message
 from rans_robot.node import FLIGHT_TOPIC
 from rans_robot.validator import Validator
 
@@ -239,7 +239,7 @@ def _listed_parts(folder: Path) -> list[str]:
 def _ends_of_plan(source: Path, entry: BagMessage, craft: Spacecraft) -> Interface:
     """Topics of the kind of robot that the plan of a bag of `rans fly` names."""
     try:
-        plan = parse_json(unpack(TEXT, entry.data).data, f"{source}, {FLIGHT_TOPIC}")
+        plan = read_json_message(entry.data, f"{source}, {FLIGHT_TOPIC}")
     except ValueError as error:
         raise ConfigError(f"{source}, {FLIGHT_TOPIC}, is damaged: {error}.") from error
     name = plan.get("robot", "ros") if isinstance(plan, dict) else None

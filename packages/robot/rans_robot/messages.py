@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any
 
 from rans.extend import require
+from rans.files import parse_json
 
 POSE = "geometry_msgs/msg/PoseStamped"
 TWIST = "geometry_msgs/msg/TwistStamped"
@@ -144,6 +145,16 @@ def array(kind: str, values: Any, dtype: Any) -> Any:
 
     layout = make("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
     return make(kind, layout=layout, data=np.asarray(values, dtype))
+
+
+def read_json_message(data: bytes, what: str) -> Any:
+    """Value of the JSON in a std_msgs/msg/String.
+
+    Raises:
+        ValueError: it is no message.
+        ConfigError: its text is no JSON; ``what`` names the message.
+    """
+    return parse_json(unpack(TEXT, data).data, what)
 
 
 def text_message(text: str) -> bytes:

@@ -22,14 +22,14 @@ from typing import NamedTuple
 import numpy as np
 
 from rans.evaluation.fly.exported import read_contract
-from rans.extend import TASKS, ConfigError, Task, are_files_trusted, brief, parse_json, positive
+from rans.extend import TASKS, ConfigError, Task, are_files_trusted, brief, positive
 from rans.structure import structure
 from rans.tasks.quantities import QUANTITIES
 from rans_robot.bag import BagMessage, Recorder, bag_entries
 from rans_robot.bus import Bus
 from rans_robot.frames import Motion
 from rans_robot.interfaces import WHEELS_TOPIC, Message
-from rans_robot.messages import TEXT, text_message, unpack
+from rans_robot.messages import TEXT, read_json_message, text_message
 from rans_robot.pilot import AGENT_TOPIC, NOTE_TOPIC, MessagePilot, Plan, craft_hash, runs_code
 from rans_robot.validator import LARGEST_MESSAGE, announced
 
@@ -555,7 +555,7 @@ def _plan_of(bag: Path, first: BagMessage, folder: Path | None) -> Plan:
         ConfigError: the message is damaged, or it names the code of a task that is not that of the folder.
     """
     try:
-        table = parse_json(unpack(TEXT, first.data).data, f"{bag}, {FLIGHT_TOPIC}")
+        table = read_json_message(first.data, f"{bag}, {FLIGHT_TOPIC}")
     except ValueError as error:
         raise ConfigError(
             f"{bag} is damaged: the plan of its flight is no text: {error}."

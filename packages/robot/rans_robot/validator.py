@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.extend import ConfigError, brief, is_finite, parse_json
-from rans_robot.messages import TEXT, unpack
+from rans.extend import ConfigError, brief, is_finite
+from rans_robot.messages import read_json_message
 
 LARGEST_MESSAGE = 4096
 """Bytes: an Odometry with its covariances has 730."""
@@ -155,7 +155,7 @@ def _table(data: bytes) -> dict[str, Any]:
             f"a message has {len(data):,} bytes, and at most {LARGEST_MESSAGE:,} are read"
         )
     try:
-        table = parse_json(unpack(TEXT, data).data, "the message")
+        table = read_json_message(data, "the message")
     except ConfigError as error:
         raise ValueError(str(error).rstrip(".")) from error
     if not isinstance(table, dict):
