@@ -501,7 +501,8 @@ def outran(flight: Flight, timing: Timing) -> list[str]:
     reached = float(np.max(spin, where=going & np.isfinite(spin), initial=0.0))
     bound = fastest(craft, timing)
     steps = timing.substeps or 1
-    if reached > bound:
+    # A mass that moves in the craft takes steps of its own (`Effector.inaccuracy`).
+    if reached > bound and craft.is_rigid:
         result.append(
             f"{flight.controller} spins {craft.name} at up to {reached:.3g} rad/s, but its motion is accurate up "
             f"to {bound:.3g} rad/s with {counted(steps, 'substep')} of a control period of "

@@ -341,8 +341,9 @@ def compare_with_drake(
     period: float,
     seed: int,
     seconds: float = 10.0,
+    max_step: float | None = None,
 ) -> Apart:
-    """Fly a random craft under some effects in RANS, and its commands again in Drake."""
+    """Fly a random craft under some effects in RANS, and its commands again in Drake, in steps of so many s."""
     flight, starts, conditions, own = flown(effects, dimension, period, seed, seconds)
     again = Played(flight.commands)
     with warnings.catch_warnings():
@@ -355,6 +356,7 @@ def compare_with_drake(
             flight.timing,
             conditions=conditions,
             draws=own,
+            max_step=max_step,
         )
     return _apart(flight, judged.states)
 
