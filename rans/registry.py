@@ -313,6 +313,8 @@ def _of_file(name: str, kind: str, files: Mapping[str, str]) -> str:
         return f" (it is a folder{f'; did you mean {own}?' if own.exists() else ''})"
     if not is_file:
         return meant_file(name)
+    if path.suffix.lower() == ".toml":
+        return f" (it is a file; rename it to {path.with_suffix('.toml').name}, in small letters)"
     if hint := files.get(path.suffix.lower()):
         return f" ({hint.format(name=name, stem=path.stem)})"
     return " (it is a file, but its name does not end in .toml)"

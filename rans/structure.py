@@ -8,6 +8,7 @@ from __future__ import annotations
 import inspect
 import re
 import tomllib
+import unicodedata
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import Field, fields, is_dataclass
 from functools import cache, partial
@@ -73,6 +74,9 @@ def _slip(text: str, error: str) -> str:
         return f": the key {brief(key[1])} is there twice"
     if number := re.search(r"=\s*[-+]?(\d{1,15}),(\d{1,15})", line):
         return f": use a point, as in {brief(float(f'{number[1]}.{number[2]}'))}"
+    if foreign := re.search("[\u2010-\u2015\u2212\u00a0\u2018-\u201f]", re.sub(_STRINGS, "", line)):
+        name = unicodedata.name(foreign[0]).lower()
+        return f": it has a character of a text processor, {name}; type it anew"
     return ""
 
 

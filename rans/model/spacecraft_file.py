@@ -88,7 +88,12 @@ SPACECRAFT = Registry(
         **dict.fromkeys(
             FORMATS, "`rans init {stem}.toml --from {name}` makes a spacecraft of the file"
         ),
-        ".xml": "MJCF is not read; write it as URDF or SDF for `rans init FILE.toml --from FILE`",
+        ".xml": "MJCF is not read; write it as URDF for `rans init FILE.toml --from FILE`",
+        ".xacro": "xacro is a macro language; `xacro {name} > {stem}` writes the URDF that `rans init` reads",
+        **dict.fromkeys(
+            (".usd", ".usda", ".usdc", ".yaml", ".yml", ".json"),
+            "it is not read; `rans init {stem}.toml` asks for the numbers of a spacecraft",
+        ),
     },
 )
 """Spacecraft by name."""

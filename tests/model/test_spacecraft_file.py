@@ -80,6 +80,8 @@ WRONG = [  # what to replace, by what, and what the sentence must say
     ("mass = 4.5", "mass = 4.5\nmas = 1", ["'mas'", "unknown", "mass, name"]),
     ("mass = 4.5", "mass = 4.5\nmass = 4", ["TOML", "line 4", "the key 'mass' is there twice"]),
     ("mass = 4.5", "mass = 4,5", ["TOML", "line 3", "use a point, as in 4.5"]),
+    ("mass = 4.5", "mass = \u22124.5", ["TOML", "minus sign"]),
+    ("mass = 4.5", "mass = \u00a04.5", ["TOML", "no-break space"]),
     ("mass = 4.5", "mass = " + "[" * 20000, ["TOML"]),
     ("mass = 4.5", "mass = 4.5\n[thrusters]", ["'thrusters'", "unknown"]),
     ('name = "probe"', 'name = "  "', ["name", "'  '", "text"]),
@@ -284,3 +286,20 @@ def test_fuzz_values_at_keys(data: st.DataObject) -> None:
         )
         holder[key] = data.draw(fitting if data.draw(st.booleans()) else junk)
     loads_or_refuses("\n".join(f"{key} = {toml(value)}" for key, value in table.items()))
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("a.urdf.xacro", "xacro a.urdf.xacro > a.urdf"),
+        ("a.usda", "rans init"),
+        ("A.TOML", "A.toml"),
+    ],
+)
+def test_a_file_of_another_kind_is_named(
+    name: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_text("")
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        load_spacecraft(name)
