@@ -1035,8 +1035,8 @@ def readings(bounds: Checker) -> None:
             [np.asarray(session.run(None, {"x": x.reshape(shape)})[0]).ravel() for x in states]
         )
         layers = [
-            Layer(bounds._array(weight), bounds._array(bias)[:, 0], kind.lower())
-            for weight, bias, kind, _ in bounds.reader.layers_of(content, (-1.0, -1.0), (1.0, 1.0))
+            Layer(bounds._array(x.weight), bounds._array(x.bias)[:, 0], x.kind.lower())
+            for x in bounds.reader.layers_of(content, (-1.0, -1.0), (1.0, 1.0))
         ]
         np.testing.assert_allclose(answers(layers, states.astype(float)), true, atol=1e-5)
 
