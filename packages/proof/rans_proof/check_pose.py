@@ -73,7 +73,9 @@ _SLACK = 1e-9
 _WIDER = 1e-7
 """Widening of images, in cells."""
 _LOGIT = 1e-3
-"""Log-odds, and inputs of units in log-odds, below which single precision leaves open what happens."""
+"""Log-odds, and inputs of units in log-odds, below which what happens is open, beside the rounding of sums."""
+_UNIT = 2.0**-24
+"""Unit roundoff of single precision, in which an agent flies."""
 _MOST, _STEEPEST = 1e3, 1e9
 """Largest numbers that are computed with, in SI units and in log-odds; single precision has numbers to 3e38."""
 _ROOM = 0.8
@@ -655,34 +657,43 @@ class Network:
         for rows, shifts in (*agent.layers, agent.head):
             steepest = np.abs(rows) @ steepest + np.abs(shifts)
             need(steepest.max() <= _STEEPEST, "its log-odds are too steep for single precision")
+        # Roundings of a term: its scale, as many sums as columns and units, two biases and two products.
+        self._rounding = (8 + 8 + len(self._units)) * _UNIT
         self._pairs = [(i, j) for i in range(len(self._bias)) for j in range(i)]
-        self._sums = np.array([self._second[i] + self._second[j] for i, j in self._pairs])
+        # Bias and weights of each unit, and of the sums of two, with the sizes of their terms.
+        table = np.column_stack((self._bias, self._second))
+        terms = np.abs(table)
+        self._single = table, terms
+        self._sums = tuple(np.array([x[i] + x[j] for i, j in self._pairs]) for x in (table, terms))
 
-    def _range(self, rows: np.ndarray, column: int, interval: Interval) -> Interval:
+    def _range(
+        self, rows: np.ndarray, terms: np.ndarray, column: int, interval: Interval
+    ) -> Interval:
         """Bounds of what units of a column add to rows: a piecewise linear function, extreme at ends and bends.
 
-        It is exact but for rounding, which the last line makes up for by far more than it is.
+        With the rounding of single precision, which is largest where terms are. That of this program is made up for
+        by the last line.
         """
         units = [(k, slope, b) for k, (c, slope, b) in enumerate(self._units) if c == column]
         low, high = (np.asarray(x, float) for x in interval)
 
-        def value(x: np.ndarray) -> np.ndarray:
-            return sum(
-                (
-                    np.multiply.outer(rows[:, k], np.maximum(slope * x + b, 0.0))
-                    for k, slope, b in units
-                ),
-                np.zeros((len(rows), *x.shape)),
-            )
+        def value(x: np.ndarray, sign: float) -> np.ndarray:
+            total = np.zeros((len(rows), *x.shape))
+            for k, slope, b in units:
+                total = total + np.multiply.outer(rows[:, k], np.maximum(slope * x + b, 0.0))
+                size = np.abs(slope * x) + abs(b)
+                total = total + sign * self._rounding * np.multiply.outer(terms[:, k], size)
+            return total
 
-        ends = [value(low), value(high)]
-        for _, slope, b in units:
-            bend = -b / slope
-            ends.append(
-                np.where((low < bend) & (bend < high), value(np.full(low.shape, bend)), ends[0])
-            )
+        bounds = []
+        for sign, extreme in ((-1.0, np.min), (1.0, np.max)):
+            ends = [value(low, sign), value(high, sign)]
+            for bend in (0.0, *(-b / slope for _, slope, b in units)):
+                inside = value(np.full(low.shape, bend), sign)
+                ends.append(np.where((low < bend) & (bend < high), inside, ends[0]))
+            bounds.append(extreme(ends, axis=0))
         size = np.abs(rows).sum() * max(1.0, float(np.abs(low).max()), float(np.abs(high).max()))
-        return np.min(ends, axis=0) - 1e-13 * size, np.max(ends, axis=0) + 1e-13 * size
+        return bounds[0] - 1e-13 * size, bounds[1] + 1e-13 * size
 
     def levels(
         self, columns: Sequence[Interval], across: int, down: int, weights: Sequence[int]
@@ -697,17 +708,14 @@ class Network:
         """
         for ends, scale in zip(columns, self._scale, strict=True):
             need(all(np.abs(scale * x).max() < 9.9 for x in ends), "a column may be clipped")
-        base, ends = self._inputs(self._second, self._bias, columns, across, down)
+        base, ends = self._inputs(*self._single, columns, across, down)
         # Columns of a table between which no unit differs, but for how far below zero it is, are one.
         dead = base[1] + ends[1].max(axis=1, keepdims=True) < -_LOGIT
         base = np.where(dead, -1e9, base)
         base, number = np.unique(base, axis=2, return_inverse=True)
         low, high = (x[:, None, :] + y[:, :, None] for x, y in zip(base, ends, strict=True))
         # Both units of some pairs are never live together.
-        pair_bias = np.array([self._bias[i] + self._bias[j] for i, j in self._pairs])
-        sums: Any = sum(
-            x[1].max(axis=1) for x in self._inputs(self._sums, pair_bias, columns, across, down)
-        )
+        sums: Any = sum(x[1].max(axis=1) for x in self._inputs(*self._sums, columns, across, down))
         apart = {pair for pair, x in zip(self._pairs, sums, strict=True) if x < -2.0 * _LOGIT}
         result: dict[int, np.ndarray] = {}
         shape = low.shape[1:]
@@ -723,23 +731,25 @@ class Network:
 
     def _inputs(
         self,
-        rows: np.ndarray,
-        bias: np.ndarray,
+        table: np.ndarray,
+        terms: np.ndarray,
         columns: Sequence[Interval],
         across: int,
         down: int,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of linear functions of the first layer: the sum of (2, units, columns) and (2, units, rows).
 
+        The functions are a table of a bias and weights, and the sizes of the terms that these are sums of.
         The axis ``across`` is that of a cell's columns (position), ``down`` that of its rows (rate); other columns
         are the same for all cells.
         """
-        along = np.repeat(bias[None, :, None], 2, axis=0)
-        upright = np.zeros((2, len(bias), 1))
+        off = self._rounding * terms[:, 0]
+        along = np.stack((table[:, 0] - off, table[:, 0] + off))[:, :, None]
+        upright = np.zeros((2, len(table), 1))
         for column in range(8):
             if column in (3, 6):
                 continue
-            ends = np.stack(self._range(rows, column, columns[column]))
+            ends = np.stack(self._range(table[:, 1:], terms[:, 1:], column, columns[column]))
             if column == down:
                 upright = upright + ends
             else:
@@ -770,9 +780,14 @@ class Network:
         for key in keys:
             least = np.full(may.shape, key[-1])
             most = least.copy()
+            off = np.abs(least)
             for k, w in zip(on, key[:-1], strict=True):
                 ends = w * np.maximum(low[k] - _LOGIT, 0.0), w * np.maximum(high[k] + _LOGIT, 0.0)
-                least, most = least + np.minimum(*ends), most + np.maximum(*ends)
+                least = least + np.minimum(*ends)
+                most = most + np.maximum(*ends)
+                off = off + np.abs(ends[1])
+            least = least - self._rounding * off
+            most = most + self._rounding * off
             opens.append(may & (most > -_LOGIT))
             shuts.append(may & (least < _LOGIT))
         # Log-odds that are never below others' are open whenever these are: units are never negative.

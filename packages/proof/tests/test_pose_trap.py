@@ -163,6 +163,32 @@ def test_a_column_that_is_clipped_is_refused(
         loop.check_closed(place, heading, loop.bounds(place, heading))
 
 
+def test_units_are_within_their_bounds_in_single_precision(files: dict[str, bytes]) -> None:
+    """Terms of 10^5 that cancel, one sum after another, where the exact unit is its bias."""
+    agent = read_agent(files["agent.safetensors"], 8)
+    weight, bias = (x.copy() for x in agent.layers[0])
+    weight[1], bias[1] = weight[0], bias[0]
+    rows = np.zeros_like(agent.layers[1][0])
+    rows[0, :2] = 1e6, -1e6
+    shift = agent.layers[1][1] - 0.003  # which no number near 10^5 has room for
+    net = check_pose.Network(agent._replace(layers=[(weight, bias), (rows, shift)]))
+    x = np.random.default_rng(0).uniform(-0.05, 0.05, 500).astype(np.float32)
+    columns: list[Any] = [(0.0, 0.0)] * 8
+    columns[2] = np.zeros(1), np.zeros(1)
+    columns[4] = x.astype(float), x.astype(float)
+    base, ends = net._inputs(*net._single, columns, 4, 2)
+    flown = np.full(len(x), shift[0], np.float32)
+    for k in (0, 1):
+        slope, b = net._units[k][1:]
+        unit = np.maximum(np.float32(slope) * columns[4][0].astype(np.float32) + np.float32(b), 0)
+        flown += np.float32(rows[0, k]) * unit
+    low, high = (base + ends)[:, 0]
+    assert (low <= flown).all()
+    assert (flown <= high).all()
+    assert np.abs(flown - shift[0]).max() > 1e-3
+    assert (high - low).max() < 1.0
+
+
 OTHER: dict[str, tuple[str, bytes, bytes]] = {
     "a heavier craft": ("spacecraft.toml", b"mass = 5.32", b"mass = 4.5"),
     "a slower craft": ("spacecraft.toml", b"inertia = 0.2045008", b"inertia = 0.17"),
