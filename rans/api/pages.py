@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -314,6 +315,7 @@ def export(
     *,
     episodes: int = 1024,
     force: bool = False,
+    name: str = "",
 ) -> Path:
     """Export an agent for other software, with a contract, test vectors and a model card; return the folder.
 
@@ -328,19 +330,21 @@ def export(
             numpy or onnx). A spacecraft, by its name or file, is exported as fmu.
         output: folder to write, whose name becomes the agent's name; by default runs/exports/ and the name of the
             agent.
-        format: format of the agent: rans, sb3, onnx, numpy, c, c8 or c4 (c with weights of 8 or 4 bits) or
-            fmu. None has the safety filter, which needs RANS: the contract names it, and `rans fly` on the folder
-            applies it (docs/missions/guard.md).
+        format: format of the agent: rans, sb3, onnx, numpy, c, c8 (c with weights of a byte) or fmu. None has the
+            safety filter, which needs RANS: the contract names it, and `rans fly` on the folder applies it
+            (docs/missions/guard.md).
         episodes: number of evaluation flights for the model card. A quarter as many fly at each latency, mass and
             sensor noise around the conditions of the training, from which the contract states the intervals in
             which the agent solves its task; with fewer than 256 episodes it states none.
         force: whether to export an agent that solves less than half of its flights, too.
+        name: prefix of the public names of C, so that two agents are linked into one program: approach makes
+            approach_act of rans_agent_act.
 
     Raises:
         ConfigError: this is no trained agent, or the folder is another agent's; or it solves less than half of its
             flights.
     """
-    folder, _ = exported(agent, output, format, episodes, force)
+    folder, _ = exported(agent, output, format, episodes, force, name)
     return folder
 
 
@@ -350,6 +354,7 @@ def exported(
     format: str,
     episodes: int,
     force: bool = False,
+    prefix: str = "",
 ) -> tuple[Path, dict[str, Any]]:
     """Write an export and return its folder and card; see `export`, whose arguments these are."""
     from rans.deploy.export import EXPORTERS, write_export
@@ -359,6 +364,11 @@ def exported(
 
     count = whole("episodes", episodes)
     one_of("format", format, forms())
+    if prefix and not (format in ("c", "c8") and re.fullmatch(r"[a-zA-Z]\w{0,30}", prefix, re.A)):
+        raise ConfigError(
+            "name is the prefix of names in C, of at most 31 letters, digits and underscores, and needs the format "
+            f"c or c8, got {brief(prefix)} for {format}."
+        )
     source: Any = agent.folder if isinstance(agent, AgentData) else agent
     if source is None:
         raise ConfigError(f"{agent!r} is no trained agent with a run folder.")
@@ -405,7 +415,9 @@ def exported(
     if write_policy is not None:
         return folder, write_policy(name.text, folder, format, count, margins=margins)
     least = 0.0 if force else _LEAST
-    return folder, write_export(source, folder, format, count, margins=margins, least=least)
+    return folder, write_export(
+        source, folder, format, count, margins=margins, least=least, prefix=prefix
+    )
 
 
 _LEAST = 50.0

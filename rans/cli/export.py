@@ -55,7 +55,9 @@ class Export(Options):
             Terminal().say(f"{output} has the spacecraft.")
             return 0
         with doing(f"flying {self.agent} for its contract and its card"):
-            output, card = exported(self.agent, self.output, self.format, self.episodes, self.force)
+            output, card = exported(
+                self.agent, self.output, self.format, self.episodes, self.force, self.name
+            )
         size = sum(file.stat().st_size for file in output.iterdir() if file.is_file())
         Terminal().say(f"{output} has the agent, its contract and its card, {size / 1000:.0f} kB.")
         if "evaluation" in card:

@@ -99,11 +99,8 @@ _FILES: dict[str, tuple[str, ...]] = {
     "numpy": ("agent.py", "agent.npz"),
     "c": C_FILES,
     "c8": C_FILES,
-    "c4": C_FILES,
 }
 """Files of the agent, by its form."""
-_BITS = {"c8": 8, "c4": 4}
-"""Bits of a weight, by the form, where they are not floats."""
 
 
 def write_export(
@@ -114,13 +111,14 @@ def write_export(
     seed: int = EVALUATION_SEED,
     margins: int = 256,
     least: float = 0.0,
+    prefix: str = "",
 ) -> dict[str, Any]:
     """Write an agent into a folder of its own, to fly it here or elsewhere, and return its card.
 
     "rans": agent.safetensors, without the critic, and config.json, which `load_agent` opens; "sb3":
     policy.zip and config.json, which `load_agent` and ``stable_baselines3.PPO.load`` open; "onnx": agent.onnx, for
     any runtime; "numpy": agent.py and agent.npz, which need NumPy only; "c": agent.h and agent.c, which need
-    nothing, and agent_check.c; "c8" and "c4": the same with weights of 8 and 4 bits. Beside them
+    nothing, and agent_check.c; "c8": the same with weights of a byte. Beside them
     spacecraft.toml, contract.json (`rans.deploy.contract`), golden.json and card.json, the same for every
     form, so that several may share a folder. An agent that was exported before keeps its name; a trained one has
     that of the folder. Everything is written anew: nothing
@@ -130,7 +128,7 @@ def write_export(
     a multi-task agent, with each of its tasks. An agent that was exported before keeps its card. For the
     contract so many flights of every latency, mass and sensor noise are flown as ``margins`` says, around the
     conditions of the training (`rans.deploy.margins.measure_margins`); 0: it does not say what the agent
-    tolerates. A multi-task agent's are not measured.
+    tolerates. A multi-task agent's are not measured. The prefix is that of `rans.deploy.c.files.write_c`.
 
     Raises:
         ConfigError: the run holds no agent, the folder is a run or another agent's, a package is missing, or
@@ -152,9 +150,9 @@ def write_export(
     config = source.config()
     card = _card(source)
     saved = read_policy(source.agent_file)
-    if bits := _BITS.get(form):
+    if form == "c8":
         # From here on this is the agent: golden pairs and margins are its own.
-        saved = saved._replace(network=_rounded(saved.network, bits))
+        saved = saved._replace(network=_rounded(saved.network))
         loaded = loaded._replace(controller=Agent(saved.network, loaded.controller.name, craft))
     network = saved.network
     text = read_text(source.spacecraft_file, LARGEST_TOML)
@@ -195,6 +193,7 @@ def write_export(
         craft,
         chosen,
         setup,
+        prefix,
     )
     if form in ("sb3", "rans"):
         write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
@@ -249,6 +248,7 @@ def write_agent(
     craft: Spacecraft | None = None,
     pairs: dict[str, Any] | None = None,
     setup: Setup | None = None,
+    prefix: str = "",
 ) -> None:
     """The agent alone, in a form of `write_export`; the settings are those that SB3 would train it on with.
 
@@ -265,7 +265,7 @@ def write_agent(
         write_numpy(folder, agent_program(network, craft), ports, title)
     elif _FILES.get(form) is C_FILES:
         program = agent_program(network, craft)
-        write_c(folder, program, ports, title, contract, pairs)
+        write_c(folder, program, ports, title, contract, pairs, prefix)
     elif form not in get_args(Form):
         write = FORMATS[form]
         write(folder, agent_program(network, craft), ports, title, contract, pairs, setup)
@@ -285,15 +285,10 @@ def write_agent(
         )
 
 
-def _rounded(network: Network, bits: int) -> Network:
-    """A network whose layers have weights in whole steps of the largest of their row.
-
-    The first layer, which reads magnified columns, and the last one have a byte in any case: with 4 bits in the
-    first one 88 instead of 100 % of flights of avoid-3d settle.
-    """
-    first = f"{EXTRACTOR}trunk.0.weight"
+def _rounded(network: Network) -> Network:
+    """A network whose layers have weights in whole steps of the largest of their row."""
     tensors = {
-        name: torch.from_numpy(in_steps(x.numpy(), 8 if name == first else bits))
+        name: torch.from_numpy(in_steps(x.numpy()))
         if name.startswith(EXTRACTOR) and x.ndim == 2
         else x
         for name, x in network.member(0).items()

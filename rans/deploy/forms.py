@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rans.episode import Setup
     from rans.policy.program import Program
 
-Form = Literal["sb3", "rans", "onnx", "numpy", "c", "c8", "c4"]
+Form = Literal["sb3", "rans", "onnx", "numpy", "c", "c8"]
 """Forms of the core; `forms` has those of packages too."""
 
 

@@ -67,7 +67,7 @@ from rans.structure import structure
         ("train --resume runs/nowhere", "runs/nowhere is not a run folder"),
         ("train go-to-pose --quality god", "did you mean good?"),
         ("train --resume . --total-timesteps many", "1e6"),
-        ("export x --format torchscript", "sb3 or rans or onnx or numpy or c or c8 or c4 or fmu"),
+        ("export x --format torchscript", "sb3 or rans or onnx or numpy or c or c8 or fmu"),
         ("export x --onnx", "--format onnx"),
         ("export x --format c onnx", "--format takes one value, got c and onnx: run it for each"),
         ("assure x --below 1e-3", "--failure-below"),

@@ -75,7 +75,7 @@ def loaded_size(part: Path) -> int:
 def stack_of(folder: Path) -> int | None:
     """Bytes of stack that agent.h in a folder states; None: there is none, or no compiler measured it."""
     file = folder / "agent.h"
-    line = re.search(r"^#define RANS_STACK (\d+)", read_text(file), re.M) if file.exists() else None
+    line = re.search(r"^#define \w+_STACK (\d+)", read_text(file), re.M) if file.exists() else None
     return int(line[1]) if line else None
 
 
@@ -101,5 +101,5 @@ def measured_stack(folder: Path) -> int | None:
         # A line a function: FILE:LINE:COLUMN:NAME, bytes and kind, with tabs between.
         rows = [line.split("\t") for line in read_text(usage).splitlines()]
     frames = {row[0].rpartition(":")[2]: int(row[1]) for row in rows}
-    own = frames.pop("rans_agent_act")
+    own = next(frames.pop(name) for name in [*frames] if name.endswith("_act"))
     return own + max(frames.values())  # nothing that it calls calls another function of the file

@@ -87,34 +87,26 @@ class Packed(NamedTuple):
         return f"{name}[{start}{which}]"
 
 
-STEPS = {8: 127, 4: 7}
-"""Largest number of steps of a row of weights, by the bits of an entry: what they count with a sign."""
+_STEPS = 127
+"""Largest number of steps of a row of weights: what a byte counts with a sign."""
 
 
 class Stepped(NamedTuple):
-    """A table whose rows are whole steps of their own size, as `in_steps` makes them: 4 or 8 bits an entry."""
+    """A table whose rows are whole steps of their own size, as `in_steps` makes them: a byte an entry."""
 
     values: np.ndarray
     """(rows,) size of a step, float32."""
     indices: np.ndarray
     """(rows, columns) int8."""
-    bits: int
-    """Bits of an entry: 8 or 4. Two of 4 bits are a byte, the first in its lower half, and count from -8."""
 
     @classmethod
     def of(cls, table: np.ndarray) -> Stepped | None:
-        """A float32 table (rows, columns) without loss, in the fewest bits; None: it is no such table."""
-        ways = (cls._in_bits(table, bits) for bits in sorted(STEPS))
-        return next((way for way in ways if way is not None), None)
-
-    @classmethod
-    def _in_bits(cls, table: np.ndarray, bits: int) -> Stepped | None:
-        """Rows as whole steps (of ``bits`` bits) of a size of their own, bit-exact; None: some row is not.
+        """Rows of a float32 table as whole steps of a size of their own, bit-exact; None: some row is not.
 
         The product of count and step must be the entry itself, since exported commands equal those of the agent.
         """
         largest = np.abs(table).max(axis=1)
-        guess = np.where(largest > 0.0, largest / np.float32(STEPS[bits]), np.float32(1.0))
+        guess = np.where(largest > 0.0, largest / np.float32(_STEPS), np.float32(1.0))
         size = guess.copy()
         is_found = np.zeros(len(table), dtype=bool)
         # The largest entry is rounded too: a step is the quotient, or a float beside it.
@@ -126,16 +118,12 @@ class Stepped(NamedTuple):
             is_found |= fits
         if not is_found.all():
             return None
-        return cls(size, np.rint(table / size[:, None]).astype(np.int8), bits)
+        return cls(size, np.rint(table / size[:, None]).astype(np.int8))
 
     @property
     def stored(self) -> np.ndarray:
         """Bytes of the counts."""
-        flat = self.indices.ravel()
-        if self.bits == 8:
-            return flat
-        halves = np.append(flat + 8, [0] * (len(flat) % 2)).astype(np.uint8).reshape(-1, 2)
-        return halves[:, 0] | halves[:, 1] << 4
+        return self.indices.ravel()
 
     @property
     def bytes(self) -> int:
@@ -144,16 +132,12 @@ class Stepped(NamedTuple):
 
     def entry(self, name: str, row: str, column: str, width: int) -> str:
         """Entry of a row and a column, in C."""
-        at = f"({row}) * {width} + {column}"
-        count = f"{name}_index[{at}]"
-        if self.bits == 4:
-            count = f"(({name}_index[({at}) / 2] >> 4 * (({at}) % 2) & 15) - 8)"
-        return f"({name}[{row}] * {count})"
+        return f"({name}[{row}] * {name}_index[({row}) * {width} + {column}])"
 
 
-def in_steps(table: np.ndarray, bits: int = 8) -> np.ndarray:
+def in_steps(table: np.ndarray) -> np.ndarray:
     """A float32 table (rows, columns) rounded to whole steps, of which the largest entry of a row has all."""
-    size = np.abs(table).max(axis=1, keepdims=True) / np.float32(STEPS[bits])
+    size = np.abs(table).max(axis=1, keepdims=True) / np.float32(_STEPS)
     size = np.where(size > 0.0, size, np.float32(1.0))
     return np.rint(table / size) * size
 

@@ -33,10 +33,12 @@ def write_c(
     title: str,
     contract: str = "",
     pairs: Mapping[str, Any] | None = None,
+    prefix: str = "",
 ) -> None:
     """Write agent.h and agent.c, and agent_check.c with golden pairs, where there are some.
 
-    Names are the marks of the files of `rans/data/export`, which must all be filled.
+    A prefix stands in place of rans_agent and RANS in all public names, so that two agents are
+    linked into one program. The marks of the files of `rans/data/export` must all be filled.
 
     Raises:
         ConfigError: the program has an operation that is not known in C, or the disk refuses.
@@ -82,8 +84,16 @@ def write_c(
         "UNUSED": C("" if remembers else "    (void)memory;\n    (void)after;\n"),
         "STACK": C("/* Measure the stack that rans_agent_act needs by gcc -fstack-usage. */"),
     }
+
+    def write(name: str, values: Mapping[str, Any]) -> None:
+        text = filled(_template(name), values)
+        if prefix:
+            text = re.sub(r"\brans_agent(?=\b|_)", prefix, text)
+            text = re.sub(r"\bRANS(?=_[A-Z])", prefix.upper(), text)
+        write_text(folder / name, text)
+
     for name in ("agent.h", "agent.c"):
-        write_text(folder / name, filled(_template(name), names))
+        write(name, names)
     # The stack is measured by compiling what was written; the header then states it.
     if stack := measured_stack(folder):
         note = C(
@@ -92,9 +102,9 @@ def write_c(
             "                          * those of tanhf and its like come on top. Measure yours by "
             "-fstack-usage. */"
         )
-        write_text(folder / "agent.h", filled(_template("agent.h"), names | {"STACK": note}))
+        write("agent.h", names | {"STACK": note})
     if pairs is not None:
-        write_text(folder / "agent_check.c", filled(_template("agent_check.c"), _checked(pairs)))
+        write("agent_check.c", _checked(pairs))
 
 
 def _template(name: str) -> str:

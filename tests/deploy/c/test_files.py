@@ -549,16 +549,37 @@ def test_weights_of_few_bits_take_less_flash_and_fly(tmp_path: Path) -> None:
     """The programs command what their own golden pairs say, in NumPy's arithmetic of the same weights."""
     run = pretrained_folder("go-to-pose-2d")
     exact = load_policy(run)
-    size = {}
-    for form in ("c8", "c4"):
-        write_export(run, tmp_path / form, form, episodes=2, margins=0)
-        assert "500 of 500 golden pairs come out as they should" in compiled_check(tmp_path / form)
-        library(tmp_path / form)
-        size[form] = loaded_size(tmp_path / form / "agent.o")
+    write_export(run, tmp_path, "c8", episodes=2, margins=0)
+    assert "500 of 500 golden pairs come out as they should" in compiled_check(tmp_path)
+    library(tmp_path)
     weights = sum(x.numel() for x in exact.network.tensors.values())
-    assert size["c8"] < 80_000 < 0.3 * 4 * weights
-    assert size["c4"] < 0.6 * size["c8"]
-    # The coarser ones fly: of 256 flights all but two settle, of the agent itself all of 1,024.
-    agent = Agent(export._rounded(exact.network, 4), "rounded", exact.craft)
+    assert loaded_size(tmp_path / "agent.o") < 80_000 < 0.3 * 4 * weights
+    # They fly: of 256 flights all but two settle, of the agent itself all of 1,024.
+    agent = Agent(export._rounded(exact.network), "rounded", exact.craft)
     flights = fly_episodes(agent, exact.judged, 2023, 256, workers=1)
     assert solved(flights).mean() > 0.99
+
+
+@pytest.mark.slow
+def test_two_agents_are_linked_into_one_program(tmp_path: Path) -> None:
+    """Their headers stand in one file, of agents with other numbers of columns and commands."""
+    main_c = ["#include <stdio.h>"]
+    for agent, prefix in (("go-to-pose-2d", "approach"), ("go-to-pose-3d", "Far")):
+        folder = tmp_path / prefix
+        write_export(pretrained_folder(agent), folder, "c", episodes=1, margins=0, prefix=prefix)
+        assert "500 of 500" in compiled_check(folder)
+        assert stack_of(folder)
+        main_c.append(f'#include "{prefix}/agent.h"')
+    main_c.append(
+        """int main(void) {
+    approach near; Far far;
+    float seen[FAR_OBSERVATION] = {0}, command[FAR_COMMANDS];
+    approach_reset(&near); Far_reset(&far);
+    (void)approach_act(&near, seen, command); (void)Far_act(&far, seen, command);
+    return APPROACH_COMMANDS == FAR_COMMANDS;
+}"""
+    )
+    (tmp_path / "main.c").write_text("\n".join(main_c))
+    sources = ["main.c", "approach/agent.c", "Far/agent.c", "-lm", "-o", "both"]
+    subprocess.run(["cc", "-std=c99", *sources], check=True, cwd=tmp_path)
+    subprocess.run([tmp_path / "both"], check=True)
