@@ -32,8 +32,6 @@ MODULES = sorted(
         # Of classes and functions that scripts reach through their modules.
         "rans.model.actuators",
         "rans.model.spacecraft_file",
-        "rans.optimal.control.observer",
-        "rans.optimal.control.sampling",
         "rans.pretrained",
         "rans.randomization.conditions_file",
         *(

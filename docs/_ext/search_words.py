@@ -79,7 +79,6 @@ WORDS: dict[str, tuple[str, ...]] = {
     "controllers": (
         "lqr",
         "mpc",
-        "mppi",
         "pid",
         "pd controller",
         "phase plane",

@@ -294,11 +294,6 @@ def test_it_is_named_before_an_agent() -> None:
     ("spec", "message"),
     [
         (
-            "lookahead:mpc-observer:go-to-pose-2d",
-            "estimates forces from what its own commands lead to",
-        ),
-        ("lookahead:mppi:go-to-pose-2d", "it has no methods memory and recall"),
-        (
             "lookahead:pretrained:go-to-pose-2d-trade-off",
             "a trade-off; fix it, as in lookahead:go-to-pose-2d-trade-off#0.5",
         ),

@@ -43,7 +43,7 @@ from rans.progress import Stages, unseen_stages
 from rans.scenario import each
 from rans.tasks.goal_set import aims
 
-_SLOW = ("mpc", "mpc-observer", "mppi", "convex", "optimal")
+_SLOW = ("mpc", "convex", "optimal")
 """Controllers that solve an optimal control problem at every step, and the bounds."""
 
 _HORIZONS = (1.2, 1.6, 2.0, 3.0, 4.0, math.inf)

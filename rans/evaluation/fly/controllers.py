@@ -22,8 +22,6 @@ CONTROLLERS: Registry[Maker] = Registry(
         "lqr": "rans.optimal.control.lqr:LQR",
         "switching": "rans.optimal.control.switching:Switching",
         "mpc": "rans.optimal.control.mpc:MPC",
-        "mpc-observer": "rans.optimal.control.observer:ObserverMPC",
-        "mppi": "rans.optimal.control.sampling:MPPI",
     },
     "rans.evaluation.fly.make_controller:checked",
     elsewhere={

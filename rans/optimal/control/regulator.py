@@ -17,7 +17,7 @@ import numpy as np
 from rans.errors import ConfigError, RansWarning, checked
 from rans.model.body import Body
 from rans.model.drift import steady
-from rans.model.dynamics import Wrench, advance, wrench
+from rans.model.dynamics import advance, wrench
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
 from rans.optimal.control.arguments import craft_and_task
@@ -121,21 +121,19 @@ class Deadband:
         task: Task,
         state: Any,
         goal: Any,
-        acting: Wrench | None = None,
         period: float = 0.0,
     ) -> np.ndarray:
         """Which episodes may rest, (N,) bool, of a state and a goal of float64 arrays (N,).
 
-        The craft coasts as the task's drift says, and its goal moves. What acts on the craft besides its
-        thrusters, in W, drives it while it rests. Coasts are followed for a control period (s) at least. Where
-        no thruster turns the craft, a spin that the task does not ask for is no reason not to rest.
+        The craft coasts as the task's drift says, and its goal moves. Coasts last a control period (s) at
+        least. Where no thruster turns the craft, a spin that the task does not ask for is no reason not to rest.
         """
         shut = wrench(craft, (0.0,) * craft.thruster_count)
         body = Body.of(craft)
         look_ahead = max(self.look_ahead, period)
         instants = [(state, goal)]
         for time in (0.5 * look_ahead, look_ahead):
-            coasted = advance(state, shut, body, time, disturbance=acting, drift=task.drift)
+            coasted = advance(state, shut, body, time, drift=task.drift)
             instants.append((coasted, task.later(goal, time)))
         bounds = {name: self.share * bound for name, bound in task.tolerances().items()}
         ignored = frozenset() if can_turn(craft) else {"spin", "attitude"}
@@ -213,7 +211,7 @@ class ModelBased:
         if type(self._task).constraints is not Task.constraints and not self.heeds_constraints:
             warnings.warn(
                 f"{self.name} does not know the constraints of {type(self._task).__name__} and may violate "
-                "them; MPC and MPPI keep them.",
+                "them; MPC keeps them.",
                 RansWarning,
                 stacklevel=3,
             )

@@ -21,39 +21,8 @@ _BODY = "#dce6f0"
 _DARK = {INK: "#e4e7eb", LINES: "#3a4552", GREY: "#a3afbd", BLUE: "#2a8fd6", _BODY: "#33475b"}
 """Inks, and what they are where readers like dark pages."""
 _GROUND = ":root{color-scheme:light dark}"
-_ELEMENTS = {
-    "svg",
-    "g",
-    "defs",
-    "style",
-    "title",
-    "desc",
-    "path",
-    "use",
-    "symbol",
-    "clipPath",
-    "rect",
-    "circle",
-    "ellipse",
-    "line",
-    "polyline",
-    "polygon",
-    "text",
-    "tspan",
-    "image",
-    "linearGradient",
-    "radialGradient",
-    "stop",
-    "pattern",
-    "marker",
-    "mask",
-}
-"""What Matplotlib's pictures consist of, and their like: none runs or fetches anything by itself."""
 _DECLARES = re.compile(r"<!DOCTYPE[^>]*\[")
 """A document type with declarations: entities, which may grow without bounds, and attributes."""
-_FETCHES = re.compile(r"""url\(\s*+['"]?+(?!\#)|@import|image-set|\\""", re.IGNORECASE)
-"""Style that names another file, or that hides what it names."""
-_OWN_LINK = re.compile(r"#|data:image/(?:png|jpeg);base64,")
 _MOST_PANELS = 64
 """Of a picture: they may lie within each other, so that each of them repeats others."""
 _PANEL = re.compile(r"panel((?: -?[\d.]+){4})")
@@ -87,50 +56,6 @@ def data_uri(picture: str | bytes) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 
 
-def without_scripts(picture: str) -> str:
-    """The text of somebody's SVG file anew, if all that it does is to draw.
-
-    Comments, metadata and instructions to whoever reads it are left out.
-
-    Raises:
-        ConfigError: it is no SVG, or it could run a script, or fetch something from elsewhere.
-    """
-    if _DECLARES.search(picture):
-        raise ConfigError("it declares entities or attributes, which no picture of RANS does.")
-    try:
-        root = ET.fromstring(picture)
-        if root.tag != f"{{{_SVG}}}svg":
-            raise ConfigError(f"it is no SVG, but begins with the element {brief(root.tag)}.")
-        for parent in [*root.iter()]:
-            for metadata in parent.findall(f"{{{_SVG}}}metadata"):
-                parent.remove(metadata)
-        for element in root.iter():
-            _check_element(element)
-        _name_spaces()
-        return ET.tostring(root, "unicode")
-    except (ET.ParseError, RecursionError, ValueError) as error:
-        raise ConfigError(f"it is damaged, it is no SVG: {error}.") from error
-
-
-def _check_element(element: ET.Element) -> None:
-    """Refuse (`ConfigError`) an element that does more than to draw."""
-    space, _, tag = element.tag.rpartition("}")
-    if space != f"{{{_SVG}" or tag not in _ELEMENTS:
-        raise ConfigError(
-            f"it holds the element {brief(element.tag)}, which no picture of RANS does."
-        )
-    for name, value in element.items():
-        local = name.rpartition("}")[2].lower()
-        foreign = local == "href" and not _OWN_LINK.match(value)
-        if local.startswith("on") or foreign or (local != "href" and _FETCHES.search(value)):
-            raise ConfigError(
-                f"its element {brief(tag)} has {local} = {brief(value)}, which could "
-                "run a script or fetch something from elsewhere."
-            )
-    if tag == "style" and _FETCHES.search(element.text or ""):
-        raise ConfigError("its style could fetch something from elsewhere.")
-
-
 def _name_spaces() -> None:
     """Let elements be written as they are usually read, without made-up prefixes."""
     ET.register_namespace("", _SVG)
@@ -138,9 +63,22 @@ def _name_spaces() -> None:
 
 
 def panels(picture: str) -> list[str]:
-    """The text of an SVG file by `svg` as one for each panel, in order; others, or one panel, as they are."""
+    """The text of an SVG file by `svg` as one for each panel, in order; others, or one panel, as they are.
+
+    It may be a stranger's: pages have it as an ``img``, whose scripts no browser runs and whose links none follows.
+
+    Raises:
+        ConfigError: it is no SVG.
+    """
     _name_spaces()
-    root = ET.fromstring(picture)
+    try:
+        if _DECLARES.search(picture):
+            raise ValueError("it declares entities or attributes")
+        root = ET.fromstring(picture)
+        if root.tag != f"{{{_SVG}}}svg":
+            raise ValueError(f"it begins with the element {brief(root.tag)}")
+    except (ET.ParseError, RecursionError, ValueError) as error:
+        raise ConfigError(f"it is no SVG: {error}.") from error
     marked = [(group, _PANEL.fullmatch(group.get("id", ""))) for group in root.iter(f"{{{_SVG}}}g")]
     results = [(group, match[1].split()) for group, match in marked if match]
     if not 2 <= len(results) <= _MOST_PANELS:

@@ -432,10 +432,10 @@ def _evaluation(file: Path, evaluation: Any) -> Section:
 
 
 def _kept_picture(file: Path, caption: str) -> Picture:
-    """A figure from a run folder, perhaps a stranger's; `ConfigError` if it does more than to draw."""
+    """A figure from a run folder, perhaps a stranger's; `ConfigError` if it is no SVG."""
     text = read_text(file)
     try:
-        return Picture.of(lambda: Late("rans.show.figures.svg").without_scripts(text), caption)
+        return Picture.of(text, caption)
     except ConfigError as error:
         raise ConfigError(
             f"the picture {file} was not put into the report: {error} Delete it to "

@@ -43,7 +43,7 @@ def test_what_ships_fits_what_it_was_tuned_for(file: Path) -> None:
 @pytest.mark.parametrize("world", ["", "-lab"])
 def test_opponents_on_the_platform_had_equal_budgets(world: str) -> None:
     """Of processor time; the last setting of each is finished, and seconds are those of one core."""
-    names = ("lqr", "switching", "mpc", "mppi")
+    names = ("lqr", "switching", "mpc")
     files = [SHIPPED / f"{name}-go-to-pose-floating-platform{world}.json" for name in names]
     assert all("--seconds 150 " in Tuned.read(file).command for file in files)
 
@@ -61,7 +61,6 @@ def test_opponents_on_the_platform_had_equal_budgets(world: str) -> None:
 def test_does_not_fit_another_setup(change: dict[str, Any]) -> None:
     assert tuned("switching", SETUP) is not None
     assert tuned("switching", SETUP._replace(**change)) is None
-    assert tuned("mpc-observer", SETUP) is None
 
 
 def test_fits_other_starts_and_lengths() -> None:

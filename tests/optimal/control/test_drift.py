@@ -25,9 +25,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
 from rans.optimal.control.mpc import MPC, shortest
-from rans.optimal.control.observer import ObserverMPC
 from rans.optimal.control.regulator import Deadband
-from rans.optimal.control.sampling import MPPI
 from rans.optimal.control.switching import Switching
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosition, Task, TrackVelocity
@@ -168,7 +166,7 @@ def test_the_mpcs_prediction_is_the_engines_step(craft: Spacecraft, chased: bool
         np.testing.assert_allclose(leaves(there.v), leaves(engine.v), rtol=0, atol=1e-12)
 
 
-KINDS = (LQR, MPC, ObserverMPC, MPPI, Switching)
+KINDS = (LQR, MPC, Switching)
 
 
 @pytest.mark.parametrize(
@@ -177,7 +175,7 @@ KINDS = (LQR, MPC, ObserverMPC, MPPI, Switching)
 def test_every_controller_settles_in_a_drift(kind: Any, drift: Drift) -> None:
     """On/off, from 3 to 4 m, to a pose; free flight's plans miss it, which the test after this one shows."""
     task = Pose(pulled=drift).for_evaluation()
-    timing = Timing(episode_steps=75 if kind in (MPC, ObserverMPC, MPPI) else 125)
+    timing = Timing(episode_steps=75 if kind is MPC else 125)
     starts = scenarios(task, PLATFORM, 6, 2)
     flight = fly(PLATFORM, task, kind(PLATFORM, task, timing), starts, timing)
     assert np.isfinite(settling_times(flight)).all()

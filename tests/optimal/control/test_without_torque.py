@@ -18,8 +18,6 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
 from rans.optimal.control.mpc import MPC
-from rans.optimal.control.observer import ObserverMPC
-from rans.optimal.control.sampling import MPPI
 from rans.optimal.control.switching import Switching
 from rans.optimal.trajectory.allocation import Allocation
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
@@ -27,7 +25,7 @@ from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosition, TrackTwist, TrackVelocity
 from tests.support.crafts import deputy, point
 
-KINDS = (LQR, MPC, ObserverMPC, MPPI, Switching)
+KINDS = (LQR, MPC, Switching)
 CRAFTS = {"deputy": deputy(), "point": point()}
 
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
@@ -58,7 +56,7 @@ def test_forces_are_met_and_torques_ignored(craft: Spacecraft) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "number"),
-    [(LQR, 0), (MPC, 1), (ObserverMPC, 1), (MPPI, 1), (Switching, 0)],
+    [(LQR, 0), (MPC, 1), (Switching, 0)],
     ids=lambda x: getattr(x, "name", ("place", "velocity")[x] if isinstance(x, int) else None),
 )
 def test_every_controller_settles(kind: Any, number: int) -> None:

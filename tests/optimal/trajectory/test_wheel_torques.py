@@ -20,8 +20,6 @@ from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.observer import ObserverMPC
-from rans.optimal.control.sampling import MPPI
 from rans.optimal.trajectory.allocation import Allocation, rounding
 from rans.optimal.trajectory.wheel_torques import WheelTorques
 from rans.scenario import scenarios
@@ -199,9 +197,6 @@ def test_a_wheel_the_other_way_round_is_noticed() -> None:
 
 
 def test_others_refuse_wheels() -> None:
-    for refused in (MPPI, ObserverMPC):
-        with pytest.raises(ConfigError, match="3 reaction wheels"):
-            refused(CUBESAT, "go-to-pose")
     with pytest.raises(ConfigError, match="optimal trajectories command thrusters alone"):
         rans.optimal_trajectory("go-to-pose", CUBESAT)
     with pytest.raises(ConfigError, match="constant mass"):

@@ -405,9 +405,7 @@ def test_a_comparison_is_its_outcomes_and_what_went_wrong() -> None:
     assert [name for name, _ in section.summary] == ["agent", "least time"]
 
 
-@pytest.mark.parametrize(
-    "picture", ["no picture", '<svg xmlns="http://www.w3.org/2000/svg"><script/></svg>']
-)
+@pytest.mark.parametrize("picture", ["no picture", "<html/>"])
 def test_a_picture_that_is_none_is_one_sentence(run: Path, picture: str) -> None:
     """Or one that brings a script along."""
     (run / "episode.svg").write_text(picture)
