@@ -31,10 +31,8 @@ if TYPE_CHECKING:
     from rans.api.drafting import join_spacecraft as join_spacecraft
     from rans.api.drafting import part as part
     from rans.api.flying import fly as fly
-    from rans.api.judging import benchmark as benchmark
     from rans.api.judging import compare as compare
     from rans.api.judging import evaluate as evaluate
-    from rans.api.judging import validate as validate
     from rans.api.limits import certify as certify
     from rans.api.limits import optimal_trajectory as optimal_trajectory
     from rans.api.limits import state as state

@@ -37,7 +37,7 @@ MODULES = sorted(
         *(
             module
             for module in (getattr(getattr(rans, name), "__module__", "") for name in dir(rans))
-            if module.startswith(("rans.", "rans_"))
+            if module.startswith(("rans.", "rans_", "validation."))
         ),
     }
 )
@@ -63,7 +63,7 @@ def examples() -> list[doctest.DocTest]:
 
 
 SLOW_EXAMPLES = {
-    "rans.api.judging.benchmark",
+    "validation.functions.benchmark",
     "rans_assurance.functions.stress",
     "rans.api.training.sweep",
 }

@@ -60,13 +60,15 @@ LAYERS: list[set[str]] = [
     {"rans.evaluation"},
     {"rans.deploy"},
     {"rans.show"},
+    {"rans.api"},
+    {"rans.cli"},
+    {"rans.extend"},
     {"validation.peers"},
     {"validation.study"},
     {"validation.speed"},
     {"validation.judges"},
-    {"rans.api"},
-    {"rans.cli"},
-    {"rans.extend"},
+    {"validation.functions"},
+    {"validation.commands"},
     {"campaigns"},
     {"rans.__main__"},
 ]
@@ -85,7 +87,15 @@ JUDGES = {"rans.reference.nozzles": {"Pulsed", "Throttle"}}
 
 LOADERS = {"load_spacecraft", "load_task", "load_conditions"}
 """Functions that take a name, a file or an object."""
-DOORS = "rans.api", "rans.cli", "rans.environment", "rans.extend", "rans.fast.engine"
+DOORS = (
+    "rans.api",
+    "rans.cli",
+    "rans.environment",
+    "rans.extend",
+    "rans.fast.engine",
+    "validation.commands",
+    "validation.functions",
+)
 """Where users' names, files and strings become values; below them functions take values."""
 INNER_DOORS = {
     "rans.evaluation.fly.contestants",  # the text of a contestant names a task and a spacecraft

@@ -6,7 +6,9 @@ import importlib.util
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib.metadata import EntryPoint
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import gymnasium
@@ -401,3 +403,16 @@ def test_a_class_of_a_function_has_no_name(here: Path) -> None:
     with pytest.raises(ConfigError, match="defined inside a function"):
         resolve_typed("mine:make.<locals>.Task")
     sys.modules.pop("mine", None)
+
+
+def test_names_of_the_distribution_of_rans_are_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No other package replaces one, and none is called a package's."""
+    entries = [
+        EntryPoint("same", value, "numbers")._for(SimpleNamespace(name=name))
+        for value, name in (("builtins:no", "another"), ("tests.test_registry:BYTE", "rans"))
+    ]
+    monkeypatch.setattr("rans.registry._entry_points", lambda _: entries)
+    found = registry()
+    assert found["same"] == BYTE
+    assert found.package("same") == ""
+    assert found.comes_with_rans("same")

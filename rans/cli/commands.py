@@ -61,8 +61,6 @@ _NAMES = (
     "compare",
     "report",
     "export",
-    "validate",
-    "benchmark",
     "reproduce",
     "init",
     "tune",

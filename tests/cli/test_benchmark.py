@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from rans.cli import main
-from rans.cli.benchmark import Benchmark, _peer
 from rans.tasks import TASKS
 from rans.terminal import Terminal
+from validation.commands.benchmark import Benchmark, _peer
 from validation.peers.runner import Peer, PeerResult
 from validation.speed.measurement import Measurement
 
@@ -26,7 +26,7 @@ def _wide(monkeypatch: pytest.MonkeyPatch) -> None:
 def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     """One batch of 64 on the CPU, also where there is a GPU."""
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
-    monkeypatch.setattr("rans.api.speed._QUICK_SIZES", {"cpu": (64,)})
+    monkeypatch.setattr("validation.speed.measured._QUICK_SIZES", {"cpu": (64,)})
 
 
 QUICK = ["floating-platform", "--quick"]

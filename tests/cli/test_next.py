@@ -14,13 +14,13 @@ from rans.cli import COMMANDS
 from rans.cli.list import List
 from rans.cli.next_commands import with_spacecraft
 from rans.cli.train import Train
-from rans.cli.validate import Validate
 from rans.errors import EXTRAS, ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.policy.any_craft import authority
 from rans.tasks import TASKS
 from rans.terminal import Terminal, lacking
+from validation.commands.validate import Validate
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 from rich.text import Text
 from tyro.conf import arg
 
-from rans.api import laboratory
-from rans.api.judging import validate
 from rans.cli.door import Options, command_of, word
 from rans.cli.next_commands import training
 from rans.errors import ConfigError, require
@@ -18,6 +16,7 @@ from rans.files import ready_folder, write_json
 from rans.model.spacecraft_file import load_spacecraft
 from rans.registry import typed
 from rans.terminal import Terminal, verdict
+from validation.functions import validate
 
 if TYPE_CHECKING:
     from validation.study.checks import Study
@@ -50,7 +49,6 @@ class Validate(Options):
 
     def run(self) -> int:
         """Print a table of layers or checks, write the report, and return 1 if a check failed."""
-        laboratory.enter()
         if self.judges is not None:
             return self._judge(self.judges)
         console = Terminal()

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import arg
 
-from rans.api import laboratory
-from rans.api.judging import benchmark
 from rans.api.names import load_spacecraft
 from rans.cli.door import Options, command_of, word
 from rans.errors import ConfigError
 from rans.files import command_line, environment, ready_folder, write_json, write_text
 from rans.table import Table
 from rans.terminal import Terminal, writing_at_end
+from validation.functions import benchmark
 
 if TYPE_CHECKING:
     from validation.peers.runner import PeerResult
@@ -52,9 +51,8 @@ class Benchmark(Options):
 
     def run(self) -> int:
         """Print ratios first, then the measurements; after an interrupt, those so far."""
-        from rans.api.speed import chosen_device
+        from validation.speed.measured import chosen_device
 
-        laboratory.enter()
         if self.output is not None:
             if self.output.suffix != ".json":
                 raise ConfigError(f"--output must end in .json, got {str(self.output)!r}.")
@@ -70,7 +68,7 @@ class Benchmark(Options):
 
     def _measure(self, console: Terminal, device: str, result: list[Measurement]) -> None:
         """Add each measurement to the list as it ends, so that an interrupt keeps what there is."""
-        from rans.api.speed import measured
+        from validation.speed.measured import measured
 
         crafts = [load_spacecraft(name) for name in self.spacecraft]
         with console.status("measuring ...") as status:

@@ -42,7 +42,7 @@ def chosen_device(device: str | None, quick: bool) -> str:
 def measured(
     crafts: Iterable[Spacecraft], task: str, num_envs: Sequence[int], device: str, quick: bool
 ) -> Iterator[Measurement]:
-    """One measurement after the other; `rans.api.laboratory.enter` comes first."""
+    """One measurement after the other."""
     from validation.speed.suite import effort, measurements
 
     usual = _QUICK_SIZES if quick else _SIZES

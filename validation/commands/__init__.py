@@ -1,0 +1,1 @@
+"""The commands `rans validate` and `rans benchmark`."""
