@@ -9,6 +9,7 @@ import re
 import tomllib
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -67,7 +68,9 @@ def test_extras_name_third_parties_alone() -> None:
     own = {"rans", *(name.replace("_", "-") for name in NAMES), "rans-agents"}
     for lines in (project["dependencies"], *project["optional-dependencies"].values()):
         for line in lines:
-            name, extras = re.match(r"([\w-]+)(\[[\w,]+\])?", line).groups()
+            match = re.match(r"([\w-]+)(\[[\w,]+\])?", line)
+            assert match
+            name, extras = match.groups()
             # An extra may name others of the very distribution, which pip then does not look for.
             assert name not in own or (name == "rans" and extras), line
 
@@ -144,7 +147,7 @@ def test_licences_that_ask_for_something_are_named() -> None:
     asking = re.compile(r"GPL|GNU|EPL|Eclipse|mosek\.com|(?<!Other/)Proprietary")
     unnamed = []
     for package in importlib.metadata.distributions():
-        about = package.metadata
+        about: Any = package.metadata  # a message of the email package
         fields = (about.get("License"), about.get("License-Expression"))
         licences = [*fields, *(x for x in about.get_all("Classifier") or () if "License" in x)]
         if asking.search(" ".join(str(x)[:100] for x in licences)) and package.name not in text:

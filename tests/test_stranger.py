@@ -65,7 +65,8 @@ class Still:
 @pytest.fixture
 def installed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The stranger's kind of effector and controller have names."""
-    for registry, name, value in ((EFFECTORS, "fan", Fan), (CONTROLLERS, "still", Still)):
+    added: list[Any] = [(EFFECTORS, "fan", Fan), (CONTROLLERS, "still", Still)]
+    for registry, name, value in added:
         monkeypatch.setattr(registry, "_own", {})
         registry.register(name)(value)
 

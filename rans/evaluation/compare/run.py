@@ -260,8 +260,8 @@ class Comparison(NotebookRepr):
         for name in dict.fromkeys(name for name in opponents if name != "optimal"):
             try:
                 simple = entrants.simple_controller(name, self.contest)
-            except RansError as reason:
-                self._ground(name, str(reason), self.failures if asked else self.notes)
+            except RansError as error:
+                self._ground(name, str(error), self.failures if asked else self.notes)
                 continue
             with _noted(self, name):
                 if simple.name not in self.names():  # A controller flies once.
