@@ -155,7 +155,7 @@ class AgentPolicy(ActorCriticPolicy):
         policy = self._evaluated(obs).policy
         distribution = cast("Any", self.action_dist)
         if isinstance(policy, ClippedGaussian):
-            return distribution.proba_distribution(policy.mean, policy.log_spread)
+            return distribution.proba_distribution(policy.mean, policy.log_std)
         if not isinstance(policy, OnOff):
             raise ConfigError(
                 "Stable-Baselines3 has no distribution for this agent's head: fly it by its commands."

@@ -58,9 +58,6 @@ class Architecture:
     """Whether on a GPU the hidden layers' products are of bfloat16."""
     head: str = "on-off"
     """Key of `rans.policy.heads.HEADS`: what the last layer's outputs mean for the commands."""
-    levers: tuple[tuple[float, ...], ...] = ()
-    """(thrusters, d): command of each thruster for a change of velocity of 1 m/s along each axis of B in a control
-    period, for a head that is advised."""
     backbone: str = "dense"
     """Name in `BACKBONES`: how features become the commands' outputs."""
     tokens: tuple[tuple[float, ...], ...] = ()

@@ -16,8 +16,6 @@ from torch.nn import functional
 
 from rans.model.fields import Field, where, within
 
-_LEAST_NOISE = 1e-6
-"""Of a command whose recommendations are all zero, so that it has a density."""
 _TEMPERATURE = 0.1
 """Difference of a demand's squared errors by which a pattern is e times less likely."""
 
@@ -175,26 +173,19 @@ class ClippedGaussian(NamedTuple):
     mean: Tensor
     """(N, n)."""
     log_std: Tensor
-    """(N, n), or (n,) for all, of commands divided by their scale."""
-    log_scale: Tensor | None = None
-    """(N, n): logarithm of a scale of the noise of each command, which is given and not learnt; None: 0."""
-
-    @property
-    def log_spread(self) -> Tensor:
-        """Logarithm of the standard deviation of the commands, (N, n) or (n,)."""
-        return self.log_std if self.log_scale is None else self.log_std + self.log_scale
+    """Logarithm of the standard deviation of the commands, (N, n), or (n,) for all."""
 
     def log_prob(self, action: Tensor) -> Tensor:
         """Log-density (N,) of an action (N, n) before it is clipped."""
-        return _log_density(action, self.mean, self.log_spread).sum(dim=1)
+        return _log_density(action, self.mean, self.log_std).sum(dim=1)
 
     def entropy(self) -> Tensor:
-        """Differential entropy (N,) of commands divided by their scale, nats: a scale is no choice."""
+        """Differential entropy (N,) of commands, nats."""
         return (0.5 + 0.5 * math.log(2 * math.pi) + self.log_std).expand_as(self.mean).sum(dim=1)
 
     def sample(self, uniform: Tensor) -> Tensor:
         """The action (N, n) that uniform random numbers (N, n) in [0, 1) choose."""
-        return self.mean + self.log_spread.exp() * _normal(uniform)
+        return self.mean + self.log_std.exp() * _normal(uniform)
 
     def mode(self) -> Tensor:
         """Most likely command (N, n)."""
@@ -216,8 +207,7 @@ class ClippedGaussian(NamedTuple):
     def placed(self, site: Tensor) -> ClippedGaussian:
         """Distribution with its thrusters permuted, see `OnOff.placed`."""
         spread = self.log_std.expand_as(self.mean)
-        scale = None if self.log_scale is None else self.log_scale.gather(1, site)
-        return ClippedGaussian(self.mean.gather(1, site), spread.gather(1, site), scale)
+        return ClippedGaussian(self.mean.gather(1, site), spread.gather(1, site))
 
 
 class GatedGaussian(NamedTuple):
@@ -346,9 +336,6 @@ class Head(ABC):
     spread: ClassVar[bool] = True
     """Whether a standard deviation is learnt for each command, the tensor ``log_std``."""
 
-    is_advised: ClassVar[bool] = False
-    """Whether it is given the command that guidance recommends, beside the outputs."""
-
     def folded(self, weight: Any, bias: Any) -> tuple[Any, Any]:
         """Weights (..., outputs n, features) and biases (..., outputs n) that give the outputs."""
         return weight, bias
@@ -358,14 +345,12 @@ class Head(ABC):
         """Change the biases, (weights n,), for untrained commands to be this number in the mean."""
 
     @abstractmethod
-    def distribution(
-        self, outputs: Tensor, log_std: Tensor | None, advice: Tensor | None = None
-    ) -> Distribution:
-        """Distribution of outputs (N, outputs n) and recommendations (N, n) if it `is_advised`."""
+    def distribution(self, outputs: Tensor, log_std: Tensor | None) -> Distribution:
+        """Distribution of outputs (N, outputs n)."""
 
     @abstractmethod
     def command(self, *outputs: Field) -> Field:
-        """The deterministic command of one thruster from its outputs, then the recommended one."""
+        """The deterministic command of one thruster from its outputs."""
 
 
 class OnOffHead(Head):
@@ -388,9 +373,7 @@ class OnOffHead(Head):
         """See `Head`: the duty is the probability of opening."""
         bias[1::2] = bias[0::2] + math.log(duty / (1.0 - duty))
 
-    def distribution(
-        self, outputs: Tensor, log_std: Tensor | None, advice: Tensor | None = None
-    ) -> OnOff:
+    def distribution(self, outputs: Tensor, log_std: Tensor | None) -> OnOff:
         """See `Head`."""
         return OnOff(outputs)
 
@@ -410,9 +393,7 @@ class GaussianHead(Head):
         """See `Head`."""
         bias.fill_(duty)
 
-    def distribution(
-        self, outputs: Tensor, log_std: Tensor | None, advice: Tensor | None = None
-    ) -> ClippedGaussian:
+    def distribution(self, outputs: Tensor, log_std: Tensor | None) -> ClippedGaussian:
         """See `Head`."""
         assert log_std is not None
         return ClippedGaussian(outputs, log_std)
@@ -435,9 +416,7 @@ class GatedHead(Head):
         gates.fill_(math.log(fires / (1.0 - fires)))
         levels.fill_(duty / fires)
 
-    def distribution(
-        self, outputs: Tensor, log_std: Tensor | None, advice: Tensor | None = None
-    ) -> GatedGaussian:
+    def distribution(self, outputs: Tensor, log_std: Tensor | None) -> GatedGaussian:
         """See `Head`."""
         assert log_std is not None
         logit, level = outputs.chunk(2, dim=1)
@@ -449,49 +428,9 @@ class GatedHead(Head):
         return where(logit > 0.0, within(level, 0.0, 1.0), level * 0.0)
 
 
-class GuidedHead(Head):
-    """Gives each throttled thruster a share of the command that guidance recommends, which the network chooses.
-
-    A mission recommends a change of velocity (`rans.tasks.observation_terms.AdvisedVelocityChange`), from which
-    each thruster's command follows by the craft's mass and its thrust. Shares may be above 1 and below 0; the
-    command is clipped to [0, 1]. A network that has learnt nothing gives all of it, which is guidance. What an
-    error of a share leaves to be done is recommended in the next period, so that errors shrink from period
-    to period.
-
-    Compare residual policies (T. Silver et al., "Residual policy learning", 2018; T. Johannink et al., "Residual
-    reinforcement learning for robot control", ICRA 2019), which add a network's command to that of guidance: a
-    craft that coasts for 1,000 s would need it to be zero within a thousandth of full thrust.
-    """
-
-    outputs = 1
-    weights = 1
-    is_advised = True
-
-    def expect(self, bias: Tensor, duty: float) -> None:
-        """See `Head`: all of what is recommended, whatever duty that is."""
-        bias.fill_(1.0)
-
-    def distribution(
-        self, outputs: Tensor, log_std: Tensor | None, advice: Tensor | None = None
-    ) -> ClippedGaussian:
-        """A command's standard deviation is proportional to the recommendation (N, n); see `Head`.
-
-        Exploration so ends where nothing is left to be done. The entropy is that of the shares.
-        """
-        assert log_std is not None
-        assert advice is not None
-        return ClippedGaussian(outputs * advice, log_std, torch.log(advice.abs() + _LEAST_NOISE))
-
-    def command(self, *outputs: Field) -> Field:
-        """See `Head`."""
-        opening, advice = outputs
-        return within(opening * advice, 0.0, 1.0)
-
-
 HEADS: dict[str, Head] = {
     "on-off": OnOffHead(),
     "gaussian": GaussianHead(),
     "gated": GatedHead(),
-    "guided": GuidedHead(),
 }
 """By their names in settings and agents' files."""

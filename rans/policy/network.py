@@ -65,7 +65,6 @@ class Network(Remembering):
             architecture.nominal or (1.0,) * architecture.privileged
         )
         # Before a CUDA graph is recorded, which may not copy from a CPU.
-        self._levers = self._mean.new_tensor(architecture.levers or [[]]).mT
         self.tables = BACKBONES[architecture.backbone].tables(architecture, self._mean)
         super().__init__(architecture, self._mean, preprocessor)
 
@@ -200,7 +199,7 @@ class Network(Remembering):
         # The allocation is given whether the goal is far, the pose, then what is estimated.
         single = columns.unbind(-1)
         given = [x[:, None] for x in (*architecture.away(single), *architecture.pose(single))]
-        return self._heads(features, critic, self._advice(preprocessed), [*given, *known])
+        return self._heads(features, critic, [*given, *known])
 
     def features(
         self,
@@ -220,14 +219,6 @@ class Network(Remembering):
         return features, self._through(
             self._critic, torch.cat((x, self._rows(privileged_values)), dim=-1)
         )
-
-    def _advice(self, preprocessed: Tensor) -> Tensor | None:
-        """Commands (N, n) that guidance recommends, of columns (N, k); None for heads that are not advised."""
-        architecture = self.architecture
-        if not architecture.last.is_advised:
-            return None
-        first, last = architecture.columns.advice
-        return preprocessed[:, first:last] @ self._levers
 
     def inputs(self, preprocessed: Tensor, memory: Tensor | None = None) -> Tensor:
         """Inputs of the trunk from columns (N, k) and a history (N, m), by member.
@@ -299,12 +290,10 @@ class Network(Remembering):
                 x = self.activation(product(x, weight, bias))
         return x.to(dtype)
 
-    def _heads(
-        self, features: Tensor, critic: Tensor, advice: Tensor | None, given: Sequence[Tensor]
-    ) -> Output:
+    def _heads(self, features: Tensor, critic: Tensor, given: Sequence[Tensor]) -> Output:
         """Actor and critic, in one product where they share features.
 
-        Recommended commands are (N, n); the backbone is given further columns (N, k) behind the features.
+        The backbone is given further columns (N, k) behind the features.
         """
         architecture = self.architecture
         head = architecture.last
@@ -326,7 +315,7 @@ class Network(Remembering):
         spread = self.tensors.get("log_std")
         if spread is not None and self.members > 1:
             spread = spread.repeat_interleave(len(action) // self.members, dim=0)
-        return Output(head.distribution(action, spread, advice), value)
+        return Output(head.distribution(action, spread), value)
 
     @torch.no_grad()
     def update_statistics(

@@ -189,7 +189,7 @@ def _commands(
         BACKBONES[architecture.backbone].traced(program, architecture, x),
         [architecture.thrusters] * architecture.last.outputs,
     )
-    # Outputs in the order of the craft's thrusters, and guidance's advice as a last one.
+    # Outputs in the order of the craft's thrusters.
     by_thruster = [
         program.apply("Identity", output, name=f"placed_{k}")
         if view is None
@@ -198,11 +198,6 @@ def _commands(
         )
         for k, output in enumerate(outputs)
     ]
-    if architecture.last.is_advised:
-        first, last = architecture.columns.advice
-        advice = program.joined(*program.single("body", architecture.column_count)[first:last])
-        levers = program.constant(np.asarray(architecture.levers).T, "levers")
-        by_thruster.append(program.apply("MatMul", advice, levers))
     return program.apply(
         "Identity", program.each(architecture.last.command, *by_thruster), name=command
     )

@@ -294,16 +294,6 @@ class Layout(NamedTuple):
             (mine for block, mine in [*self.split(columns)][3:] if block.kind is VectorInW), None
         )
 
-    @property
-    def advice(self) -> tuple[int, int]:
-        """First of the columns that are a recommended change of velocity, and the one after them; none: equal."""
-        start = 0
-        for block in self.blocks:
-            if block.kind is AdvisedVelocityChange:
-                return start, start + block.width
-            start += block.width
-        return start, start
-
     def mirrored(self, columns: Columns, view: Turned, hand: Field) -> list[Field]:
         """Columns in the layout `body` under a symmetry of the spacecraft."""
         blocks = list(self.split(columns))

@@ -71,8 +71,6 @@ def test_a_view_of_the_spacecraft_takes_each_thrusters_own() -> None:
     duty = ClippedGaussian(own, torch.tensor([0.0, 1.0, 2.0])).placed(place)
     assert duty.mean.tolist() == expected
     assert duty.log_std.tolist() == [[2.0, 0.0, 1.0], [1.0, 2.0, 0.0]]
-    guided = ClippedGaussian(own, torch.tensor([0.0, 1.0, 2.0]), -own).placed(place)
-    assert guided.log_spread.tolist() == [[-10.0, -10.0, -10.0], [-20.0, -20.0, -20.0]]
 
 
 def patterns(demand: list[list[float]]) -> Patterns:
@@ -184,9 +182,7 @@ def test_untrained_commands_have_the_duty_in_the_mean(name: str, duty: float) ->
     head.expect(bias, duty)
     _, outputs = head.folded(torch.zeros(len(bias), 1), bias)
     count = 4000
-    # An advised head commands what is recommended, before it has learnt anything.
-    advice = torch.full((count, 3), duty, dtype=torch.float64)
-    policy = head.distribution(outputs.expand(count, -1), torch.full((3,), -9.0).double(), advice)
+    policy = head.distribution(outputs.expand(count, -1), torch.full((3,), -9.0).double())
     uniform = (torch.arange(count, dtype=torch.float64)[:, None] + 0.5) / count
     command = policy.command(policy.sample(uniform.expand(count, 3)))
     assert abs(command.mean() - duty) < 1e-3  # four deviations of noise of e^-9 are 5e-4
@@ -196,9 +192,6 @@ def test_untrained_commands_have_the_duty_in_the_mean(name: str, duty: float) ->
 def test_the_deterministic_command_on_fields_is_the_distributions_mode(name: str) -> None:
     head = HEADS[name]
     outputs = torch.randn(50, head.outputs * 3, generator=GENERATOR, dtype=torch.float64)
-    advice = torch.randn(50, 3, generator=GENERATOR, dtype=torch.float64)
-    policy = head.distribution(outputs, torch.zeros(3, dtype=torch.float64), advice)
-    given = (outputs, advice) if head.is_advised else (outputs,)
-    columns = [torch.cat([one[:, i::3] for one in given], dim=1) for i in range(3)]
-    commands = [head.command(*one.unbind(dim=1)) for one in columns]
+    policy = head.distribution(outputs, torch.zeros(3, dtype=torch.float64))
+    commands = [head.command(*outputs[:, i::3].unbind(dim=1)) for i in range(3)]
     assert torch.equal(torch.stack(commands, dim=1), policy.mode())

@@ -11,10 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from rans_missions.tasks import Dock
 
 from rans.deploy.export import Form, write_agent
-from rans.effectors.commands import per_velocity
 from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.flights import Flights
 from rans.fast.learn.config import PPOSettings
@@ -39,14 +37,6 @@ PLATFORM_SHARED = load_spacecraft("floating-platform-shared")
 # Of eight there are more patterns than machine code compares.
 SUPPLIED = replace(PLATFORM_SHARED, thrusters=PLATFORM_SHARED.thrusters[:7])
 BANK = Filters.of(PLATFORM, WIDE, BRIEF.control_period, (0.1, 1.0), (), (), 0.0)
-DEPUTY = load_spacecraft("afrl-deputy")
-GUIDED = {
-    "task": Dock(),
-    "head": "guided",
-    "levers": per_velocity(DEPUTY, Dock.timing.control_period),
-    "sided": False,
-    "zoom": 2.0,
-}
 POLICIES: dict[str, tuple[Any, dict[str, Any]]] = {
     "on/off": (PLATFORM, {}),
     "space": (FLYER, {}),
@@ -58,8 +48,6 @@ POLICIES: dict[str, tuple[Any, dict[str, Any]]] = {
     "throttles": (THROTTLED, {}),
     "gated throttles": (THROTTLED, {"head": "gated"}),
     "gated throttles, one side": (THROTTLED, {"head": "gated", "sided": False}),
-    "guided throttles": (DEPUTY, GUIDED),
-    "guided throttles, history": (DEPUTY, {**GUIDED, "history": 2}),
     "history": (PLATFORM, {"history": 2}),
     "averages of commands": (PLATFORM, {"averages": (0.5, 0.9), "commands_only": True}),
     "gated throttles, history": (THROTTLED, {"head": "gated", "history": 2}),

@@ -53,7 +53,6 @@ _LISTS: dict[str, Callable[[Any], Any]] = {
     "frugal": float,
     "reach": float,
     "tokens": lambda row: tuple(map(float, row)),
-    "levers": lambda row: tuple(map(float, row)),
 }
 
 
@@ -348,10 +347,11 @@ def _architecture(table: dict[str, Any]) -> Architecture:
             f"the agent observes vectors in the {brief(frame)} frame, which this version does not compute: train "
             "it anew."
         )
-    if table.pop("units", 0):  # 0 in files of before
+    # Empty in most files of before.
+    if table.pop("units", 0) or table.pop("levers", ()):
         raise ConfigError(
-            "the agent has a recurrent memory, which this version does not have: train it anew with the memory "
-            "'history'."
+            "the agent has a recurrent memory or the head 'guided', which this version does not have: train it "
+            "anew with the memory 'history' and the head 'auto'."
         )
     blocks = Layout(tuple(_block(row) for row in table.pop("layout")))
     architecture = Architecture(
@@ -440,14 +440,7 @@ def _check_craft(architecture: Architecture) -> None:
             raise ValueError(
                 "its filling is not a number above 0 for each wheel of one that adapts"
             )
-    # What guidance recommends, symmetries, and what a critic observes.
-    if architecture.last.is_advised:
-        first, last = architecture.columns.advice
-        if (
-            first == last
-            or [*map(len, architecture.levers)] != [last - first] * architecture.thrusters
-        ):
-            raise ValueError("what guidance recommends to it is of another spacecraft or task")
+    # Symmetries, and what a critic observes.
     if views is not None and not _are_views(views, architecture):
         raise ValueError("its symmetries are of another spacecraft")
     if architecture.nominal and len(architecture.nominal) != architecture.privileged:
@@ -469,7 +462,6 @@ def _check_numbers(architecture: Architecture) -> None:
         "filling": architecture.filling,
         "frugal": architecture.frugal,
         "reach": architecture.reach,
-        "levers": architecture.levers,
         "clip": architecture.clip,
     }
     for name, values in numbers.items():

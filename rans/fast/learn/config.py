@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Precision = Literal["float32", "tf32", "bf16"]
 """Precision of a GPU's matrix products: 24, 11 or, in hidden layers, 8 significant bits (docs/speed.md)."""
 
-Head = Literal["auto", "gated", "guided"]
+Head = Literal["auto", "gated"]
 MemoryKind = Literal["none", "history", "commands"]
 
 MOST_LAYERS = 32
@@ -232,8 +232,7 @@ class PPOSettings:
     (examples/plugins/attention)."""
     head: Head = "auto"
     """Distribution of the commands: "auto" is Bernoulli for on/off thrusters and Gaussian for others; "gated" first
-    decides whether a throttled or pulsed thruster fires at all, so that 0 is exactly 0; "guided"
-    gives shares of the commands that a mission's guidance recommends, and begins as guidance."""
+    decides whether a throttled or pulsed thruster fires at all, so that 0 is exactly 0."""
     symmetric: bool = True
     """Whether the policy is equivariant under the symmetries of the spacecraft."""
     zoom: float = 0.0

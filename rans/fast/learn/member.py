@@ -11,7 +11,6 @@ import torch
 from torch import Tensor
 
 from rans.compile.preprocess import compiled_preprocessor
-from rans.effectors.commands import per_velocity
 from rans.errors import ConfigError, NonFiniteState
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings, Precision, TrainConfig
@@ -65,7 +64,6 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
         symmetries=symmetries(craft) if is_symmetric else None,
         bf16=settings.matmul == "bf16",
         head=_head(engine, settings),
-        levers=per_velocity(craft, period) if settings.head == "guided" else (),
         backbone=settings.backbone,
         tokens=tokens,
         history=memory.history if has_history else 0,
@@ -142,15 +140,6 @@ def _head(engine: Engine, settings: PPOSettings) -> str:
     """Key of `rans.policy.heads.HEADS`; ConfigError if the spacecraft or the task does not fit it."""
     craft = engine.craft
     head_name = settings.head
-    if head_name == "guided":
-        first, last = engine.layout.advice
-        if first == last:
-            raise ConfigError(
-                "the head 'guided' gives shares of what guidance recommends, which "
-                f"{type(engine.task).__name__} does not observe: it is for missions on an orbit."
-            )
-        if settings.symmetric:
-            raise ConfigError("the head 'guided' needs symmetric to be false.")
     if head_name == "auto":
         return "gaussian" if craft.is_continuous else "on-off"
     odd = [
