@@ -85,7 +85,6 @@ def test_it_is_the_agent_that_sb3_unpickles(name: str, tmp_path: Path) -> None:
         "continuous",
         "history",
         "averages",
-        "units",
         "clip",
         "filters",
     ):
