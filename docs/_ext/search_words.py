@@ -240,7 +240,6 @@ WORDS: dict[str, tuple[str, ...]] = {
         "6dof",
         "3dof",
         "urdf",
-        "sdf",
         "own spacecraft",
         "custom robot",
         "reaction wheel",

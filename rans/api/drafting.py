@@ -102,7 +102,7 @@ class Draft:
 
 
 def begun(base: str | Path | Spacecraft | Foreign | None) -> Spacecraft | Foreign | None:
-    """What a new spacecraft begins from: one of RANS, or what a URDF, an SDF or a table of 42 says of one.
+    """What a new spacecraft begins from: one of RANS, or what a URDF says of one.
 
     Raises:
         ConfigError: the spacecraft or file does not exist, or is damaged.
@@ -141,7 +141,7 @@ def init_spacecraft(
     Args:
         name: name of the spacecraft.
         base: begin from this spacecraft (name or TOML file) and keep its values where you give none; or from a file
-            of other software: URDF (.urdf), SDF (.sdf), or a table of the simulator 42 (.txt).
+            of other software: URDF (.urdf).
         dimension: 2: the plane, 3: space.
         mass: kg.
         inertia: kg m^2, about the centre of mass: one number, or in space three about the axes of the frame of the
@@ -187,7 +187,6 @@ def init_spacecraft(
         if centre_of_mass is None:
             centre_of_mass = start.centre_of_mass[:dimension]
         thrusters = thrusters or start.thrusters(dimension)
-        wheels = wheels or start.wheels
         radius = start.radius if radius is None else radius
         start = None
     elif start is not None:

@@ -12,12 +12,11 @@ from pathlib import Path
 
 from rans.errors import ConfigError
 from rans.files import read_text
-from rans.model.actuators import Wheel
 from rans.model.spacecraft import MOST_THRUSTERS
 from rans.registry import Registry
 
-FORMATS = (".urdf", ".sdf", ".txt")
-"""Suffixes of URDF, SDF and tables of 42."""
+FORMATS = (".urdf",)
+"""Suffixes of URDF."""
 _LARGEST = 2**24
 """Bytes: descriptions have some ten thousand, their meshes lie in other files."""
 _OUT_OF_PLANE = 1e-3
@@ -58,7 +57,6 @@ class Foreign:
     centre_of_mass: tuple[float, float, float]
     """m, in G."""
     nozzles: tuple[Nozzle, ...] = ()
-    wheels: tuple[Wheel, ...] = ()
     remarks: tuple[str, ...] = ()
     """What the file says and a spacecraft of RANS cannot have, or what it does not say and is assumed; clauses."""
 
@@ -112,7 +110,7 @@ def is_foreign(name: object) -> bool:
 
 
 def read_foreign(file: Path) -> Foreign:
-    """Mass properties, thrusters and wheels of a URDF (.urdf), an SDF (.sdf) or a table of 42 (.txt).
+    """Mass properties and thrusters of a URDF.
 
     Raises:
         ConfigError: the file cannot be read, is damaged, or describes what is not one rigid body; or no installed

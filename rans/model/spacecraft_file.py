@@ -91,7 +91,7 @@ SPACECRAFT = Registry(
         ".xml": "MJCF is not read; write it as URDF for `rans init FILE.toml --from FILE`",
         ".xacro": "xacro is a macro language; `xacro {name} > {stem}` writes the URDF that `rans init` reads",
         **dict.fromkeys(
-            (".usd", ".usda", ".usdc", ".yaml", ".yml", ".json"),
+            (".sdf", ".usd", ".usda", ".usdc", ".yaml", ".yml", ".json"),
             "it is not read; `rans init {stem}.toml` asks for the numbers of a spacecraft",
         ),
     },

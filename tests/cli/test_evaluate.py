@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from rans.cli import main
-from rans.cli.evaluate import Evaluate
+from rans.cli.evaluate import Evaluate, _remedy
 from rans.evaluation.fly.contestant_name import ContestantName
+from rans.evaluation.fly.contestants import contestant
 from rans.model.spacecraft_file import load_spacecraft
 from rans.show.pages.report import report_from_run
 from rans.tasks.multi_task import MultiTask
@@ -212,3 +213,17 @@ def test_drake_is_suggested_for_craft_that_it_can_fly(
     for flown, is_known in ((craft, True), (turned, kind is Torquer)):
         command._suggest(flown)
         assert ("--engine drake" in capsys.readouterr().out) == is_known
+
+
+@pytest.mark.parametrize(
+    ("text", "command"),
+    [
+        ("any-craft-2d#1@atmos", "rans evaluate any-craft-2d@atmos"),
+        ("any-craft-2d@atmos", "rans list atmos"),
+        ("lqr:go-to-pose-2d@atmos", "rans list atmos"),
+        ("go-to-pose-2d", "rans view go-to-pose-2d"),
+    ],
+)
+def test_lost_flights_lead_to_a_command_that_may_help(text: str, command: str) -> None:
+    name = ContestantName.parse(text)
+    assert _remedy(name, contestant("lqr:go-to-pose-2d@atmos")).endswith(command)

@@ -101,11 +101,8 @@ def test_unknown_name(refused: Any) -> None:
         assert part in text
 
 
-@pytest.mark.parametrize("ending", ["urdf", "sdf"])
-def test_a_file_of_other_software_is_imported_first(
-    refused: Any, tmp_path: Path, ending: str
-) -> None:
-    file = tmp_path / f"craft.{ending}"
+def test_a_file_of_other_software_is_imported_first(refused: Any, tmp_path: Path) -> None:
+    file = tmp_path / "craft.urdf"
     file.write_text("<robot/>")
     assert f"`rans init craft.toml --from {file}`" in refused(f"list {file}")
 

@@ -1,29 +1,25 @@
-"""Spacecraft of other software's files: URDF, SDF, and the spacecraft tables of the simulator 42.
+"""Spacecraft of URDF files.
 
 All links of a robot count as one rigid body with its joints at zero. Thrusters are the links that Gazebo's plugins
 ``SpacecraftThrusterModel`` name, with their ``max_thrust``, or else links whose names say that they are thrusters.
 As in that plugin the force acts at the link's centre of mass along its z axis. What a file does not say is None.
 
-Sources: wiki.ros.org/urdf/XML, sdformat.org/spec, gz-sim ``SpacecraftThrusterModel.cc``, and ``42init.c`` of
-github.com/ericstoneking/42.
+Sources: wiki.ros.org/urdf/XML and gz-sim ``SpacecraftThrusterModel.cc``.
 
-`rans.model.foreign` finds the two readers by entry points; everything here is in SI units and in the axes of the
-file's root, and refusals are `ConfigError`. The files that `packages/any_craft/tests` reads come from those
-programs.
+`rans.model.foreign` finds the reader by its entry point; everything here is in SI units and in the axes of the
+file's root, and refusals are `ConfigError`.
 """
 
 from __future__ import annotations
 
-import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from rans.extend import ConfigError, brief, counted
-from rans.model.actuators import Wheel
 from rans.model.foreign import Foreign, Nozzle
 
 _DECLARES = re.compile(r"<!\s*(ENTITY|ATTLIST|DOCTYPE)", re.IGNORECASE)
@@ -45,11 +41,6 @@ _MOST_LINKS = 10_000
 def urdf(text: str, name: str) -> Foreign:
     """See `rans.model.foreign.Importer`."""
     return _urdf(_xml(text), name)
-
-
-def sdf(text: str, name: str) -> Foreign:
-    """See `rans.model.foreign.Importer`."""
-    return _sdf(_xml(text), name)
 
 
 # rigid bodies
@@ -80,7 +71,7 @@ class _Link:
 
 
 def _rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Rotation matrix (3, 3) of angles (rad) about fixed x, then y, then z, as URDF and SDF have it."""
+    """Rotation matrix (3, 3) of angles (rad) about fixed x, then y, then z."""
     cr, cp, cy = np.cos([roll, pitch, yaw])
     sr, sp, sy = np.sin([roll, pitch, yaw])
     return np.array(
@@ -355,247 +346,3 @@ def _distinct(root: ET.Element, tag: str, read: Callable[[ET.Element], _Link]) -
     if not result or len(result) > _MOST_LINKS:
         raise ConfigError(f"it must have 1 to {_MOST_LINKS:,} links, got {len(result):,}.")
     return result
-
-
-# SDF
-
-
-def _sdf(root: ET.Element, name: str) -> Foreign:
-    """Mass properties and thrusters of an SDF's only model, in the frame of the model.
-
-    Poses are resolved through any chain of frames, as SDF's specification has it.
-    """
-    if root.tag != "sdf":
-        raise ConfigError(f"an SDF's root is <sdf>, got <{brief(root.tag)[1:-1]}>.")
-    # What never moves, such as a floor, is no spacecraft.
-    models = [
-        model
-        for model in (*root.findall("model"), *root.findall("world/model"))
-        if (model.findtext("static") or "").strip() not in ("true", "1")
-    ]
-    if len(models) != 1:
-        hint = (
-            "; it includes another file: name the model.sdf or model.urdf of that one"
-            if root.find(".//include") is not None
-            else ""
-        )
-        raise ConfigError(f"it must have one model that moves, got {len(models)}{hint}.")
-    (model,) = models
-    for tag in ("include", "model"):
-        if model.find(tag) is not None:
-            raise ConfigError(f"its model has an <{tag}> within, and only links are read.")
-    links = _distinct(model, "link", _sdf_link)
-
-    # Poses are relative to a frame that each names, or to its usual one.
-    placed: dict[str, tuple[str, _Pose]] = {}
-    for tag, usual in (("link", ""), ("joint", "child"), ("frame", "attached_to")):
-        for element in model.findall(tag):
-            own = element.get("name", "")
-            if tag == "joint":
-                child = element.find(usual)
-                text = "" if child is None else (child.text or "").strip()
-            else:
-                text = element.get(usual, "") if usual else ""
-            pose = element.find("pose")
-            relative = "" if pose is None else pose.get("relative_to", "")
-            if own in placed:
-                raise ConfigError(f"two links, joints or frames have the name {brief(own)}.")
-            placed[own] = (relative or text or "__model__", _sdf_pose(pose, own))
-    poses = {"__model__": _AT_ORIGIN}
-    waiting = dict(placed)
-    while waiting:
-        ready = [own for own, (parent, _) in waiting.items() if parent in poses]
-        if not ready:
-            own, (parent, _) = next(iter(waiting.items()))
-            raise ConfigError(
-                f"the pose of {brief(own)} is relative to {brief(parent)}, which is none or depends on it."
-            )
-        for own in ready:
-            parent, pose = waiting.pop(own)
-            poses[own] = poses[parent].then(pose)
-    remarks: list[str] = []
-    silent = [link.get("name", "") for link in model.findall("link") if _is_silent(link)]
-    if silent:
-        remarks.append(
-            f"a mass of 1 kg and moments of 1 kg m^2, SDF's defaults, are assumed where {brief(silent)} state none"
-        )
-    forces = _forces(model.iterfind("plugin"), links, remarks)
-    return _lumped(name, links, poses, forces, remarks)
-
-
-def _is_silent(link: ET.Element) -> bool:
-    """Whether a link leaves its mass or its inertia to the format's defaults."""
-    inertial = link.find("inertial")
-    return inertial is None or inertial.find("mass") is None or inertial.find("inertia") is None
-
-
-def _sdf_link(link: ET.Element) -> _Link:
-    """Mass, centre and inertia of a link of SDF; what it leaves out is 1 kg and the unit tensor, as SDF says."""
-    inertial = link.find("inertial")
-    name = link.get("name", "")
-    if inertial is None:  # SDF's default
-        return _Link(1.0, _AT_ORIGIN, np.eye(3))
-    if inertial.get("auto", "false").strip().lower() in ("true", "1"):
-        raise ConfigError(
-            f"the inertia of {brief(name)} is computed from its shape (auto), which is not read; write it out."
-        )
-    pose = inertial.find("pose")
-    if pose is not None and pose.get("relative_to"):
-        raise ConfigError(f"the pose of the inertia of {brief(name)} may not be relative_to.")
-    inertia = inertial.find("inertia")
-    tensor = np.eye(3)  # SDF's default
-    if inertia is not None:
-        tensor = _inertia(inertia, lambda element, entry: element.findtext(entry))
-    mass = inertial.findtext("mass", "1")
-    return _Link(
-        float(_numbers(mass, 1, f"the mass of {brief(name)}")[0]), _sdf_pose(pose, name), tensor
-    )
-
-
-def _sdf_pose(pose: ET.Element | None, name: str) -> _Pose:
-    """The pose that an element of SDF states: a rotation and a position."""
-    if pose is None:
-        return _AT_ORIGIN
-    what = f"the pose of {brief(name)}"
-    if pose.get("rotation_format", "euler_rpy") == "quat_xyzw":
-        x, y, z, *quaternion = _numbers(pose.text, 7, what)
-        length = math.hypot(*quaternion)
-        if not length > 0.0:
-            raise ConfigError(f"{what} has a quaternion of zeros.")
-        i, j, k, w = np.array(quaternion) / length
-        across = np.array([[0.0, -k, j], [k, 0.0, -i], [-j, i, 0.0]])
-        return _Pose(np.eye(3) + 2.0 * w * across + 2.0 * across @ across, np.array([x, y, z]))
-    text = pose.text if (pose.text or "").strip() else "0 0 0 0 0 0"
-    x, y, z, *angles = _numbers(text, 6, what)
-    if pose.get("degrees", "false").strip().lower() in ("true", "1"):
-        angles = list(np.radians(angles))
-    return _Pose(_rpy(*angles), np.array([x, y, z]))
-
-
-# tables of 42
-
-
-class _Lines:
-    """Lines "value ! comment" of a section, by the beginnings of their comments."""
-
-    def __init__(self, section: str) -> None:
-        self.section = section
-        self.rows: list[tuple[int, str, str]] = []
-
-    def all(self, comment: str) -> list[tuple[int, str]]:
-        """Line numbers and values whose comments begin so."""
-        return [(k, value) for k, value, remark in self.rows if remark.startswith(comment)]
-
-    def numbers(self, comment: str, count: int, entry: int = 0) -> np.ndarray:
-        """The numbers (count,) of the ``entry``-th line with this comment in the section.
-
-        `ConfigError` if it is not there.
-        """
-        rows = self.all(comment)
-        if len(rows) <= entry:
-            raise ConfigError(
-                f"its {self.section} parameters have {counted(len(rows), 'line')} {comment!r} instead of at least "
-                f"{entry + 1}."
-            )
-        line, value = rows[entry]
-        return _numbers(value, count, f"line {line}, {comment},")
-
-    def count(self, comment: str) -> int:
-        """Whole number of a line; 0 if there is none."""
-        if not self.all(comment):
-            return 0
-        value = float(self.numbers(comment, 1)[0])
-        if value != int(value) or not 0 <= value <= 1000:
-            raise ConfigError(f"{comment} must be a whole number up to 1000, got {value:g}.")
-        return int(value)
-
-
-def table(text: str, name: str) -> Foreign:
-    """Mass properties, thrusters and wheels of a spacecraft file of 42 (InOut/SC_*.txt) with one body."""
-    lines = text.split("\n")
-    if "42" not in lines[0] or "description" not in lines[0].lower():
-        raise ConfigError(
-            "a .txt file must be a spacecraft file of 42, whose first line has '42: Spacecraft Description File', "
-            f"got {brief(lines[0])}."
-        )
-    # Sections and their lines, by the titles between asterisks.
-    words = ("body", "wheel", "thruster", "mtb", "dynamics flags")
-    sections = {word: _Lines(word) for word in words}
-    current: _Lines | None = None
-    for number, line in enumerate(lines, 1):
-        title = re.match(r"\*+\s*(\w[\w\s]*?)\s*\*+\s*$", line)
-        if title:
-            current = sections.get(title[1].lower().removesuffix(" parameters"))
-        elif current is not None and "!" in line:
-            value, _, comment = line.partition("!")
-            current.rows.append((number, value.strip(), comment.strip().lower()))
-    body, wheel, thruster, *_ = sections.values()
-    # Mass properties. Products of inertia of 42 have the other sign than a tensor's entries.
-    bodies = body.count("number of bodies")
-    if bodies != 1:
-        raise ConfigError(f"it must have one body, got {bodies}: joints are not read.")
-    mass = float(body.numbers("mass", 1)[0])
-    x, y, z = body.numbers("moments of inertia", 3)
-    # 42's products are integrals of x y dm; the entries of the tensor are their negatives.
-    xy, xz, yz = -body.numbers("products of inertia", 3)
-    tensor = np.array([[x, xy, xz], [xy, y, yz], [xz, yz, z]])
-    _check_body("its body", mass, tensor)
-    # Thrusters, then wheels.
-    nozzles = []
-    for k in range(thruster.count("number of thrusters")):
-        position = None
-        if thruster.all("location"):
-            position = _triple(thruster.numbers("location", 3, k))
-        axis = thruster.numbers("thrust axis", 3, k)
-        length = float(np.linalg.norm(axis))
-        if not length > 0.0:
-            raise ConfigError(f"the thrust axis of thruster {k} is zero.")
-        force = float(thruster.numbers("thrust force", 1, k)[0])
-        nozzles.append(Nozzle(f"thruster {k}", position, _triple(axis / length), force))
-    wheels = []
-    for k in range(wheel.count("number of wheels")):
-        axis = wheel.numbers("wheel axis", 3, k)
-        length = float(np.linalg.norm(axis))
-        if not length > 0.0:
-            raise ConfigError(f"the axis of wheel {k} is zero.")
-        torque, momentum = wheel.numbers("max torque", 2, k)
-        inertia = float(wheel.numbers("wheel rotor inertia", 1, k)[0])
-        wheels.append(Wheel(_triple(axis / length), float(torque), float(momentum), inertia))
-    return Foreign(
-        name,
-        mass,
-        _tensor(tensor),
-        _triple(body.numbers("location of mass center", 3)),
-        tuple(nozzles),
-        tuple(wheels),
-        tuple(_unread(sections)),
-    )
-
-
-def _unread(sections: Mapping[str, _Lines]) -> Iterator[str]:
-    """What a table of 42 says and a spacecraft of RANS does not have, as clauses."""
-    body, wheel, thruster, mtb, flags = sections.values()
-    # A table with no thruster or wheel still has the lines of one, as a pattern.
-    modes = thruster.all("mode")[: thruster.count("number of thrusters")]
-    if proportional := sum("PROPORTIONAL" in mode.upper() for _, mode in modes):
-        yield (
-            f"{proportional} of {counted(thruster.count('number of thrusters'), 'thruster')} are PROPORTIONAL and "
-            "become valves that are open or shut, unless --set actuators=throttle"
-        )
-    stored = wheel.all("initial momentum")[: wheel.count("number of wheels")]
-    for rows, what in (
-        (body.all("constant embedded momentum"), "constant embedded momentum"),
-        (stored, "initial momentum of wheels"),
-    ):
-        values = [value for _, value in rows]
-        if any(_is_nonzero(value) for value in values):
-            yield f"its {what} is not read, {brief('; '.join(values))} N m s"
-    if count := mtb.count("number of mtb"):
-        yield f"its {counted(count, 'magnetic torquer')} are not read"
-    if any(value.upper() == "TRUE" for _, value in flags.all("flex active")):
-        yield "its flexible modes are not read"
-
-
-def _is_nonzero(text: str) -> bool:
-    """Whether a text has anything besides zeros."""
-    return bool(re.search(r"[^0.\s+-]", re.sub(r"[eE][+-]?\d+", "", text)))

@@ -20,47 +20,58 @@ from tests.support.reader_questions import (
 )
 
 
-def link(name: str, mass: str = "17", pose: str = "", i: str = "0.3") -> str:
-    tensor = f"<ixx>{i}</ixx><iyy>{i}</iyy><izz>{i}</izz>"
-    inertial = f"<inertial><mass>{mass}</mass><inertia>{tensor}</inertia></inertial>"
-    return f"<link name='{name}'>{pose}{inertial}</link>"
+def link(name: str, mass: str = "17", xyz: str = "0 0 0", parent: str = "b", i: str = "0.3") -> str:
+    """A link, and its fixed joint unless it is the root."""
+    joint = (
+        f"<joint name='j{name}' type='fixed'><origin xyz='{xyz}'/><parent link='{parent}'/>"
+        f"<child link='{name}'/></joint>"
+    )
+    inertia = f"<inertia ixx='{i}' iyy='{i}' izz='{i}'/>"
+    inertial = f"<inertial><mass value='{mass}'/>{inertia}</inertial>"
+    return f"<link name='{name}'>{inertial}</link>{joint if name != 'b' else ''}"
 
 
 def jet(name: str, number: int) -> str:
     return (
-        f"<plugin name='gz::sim::systems::SpacecraftThrusterModel'><link_name>{name}</link_name>"
-        f"<actuator_number>{number}</actuator_number><max_thrust>1</max_thrust></plugin>"
+        f"<gazebo><plugin name='gz::sim::systems::SpacecraftThrusterModel'><link_name>{name}</link_name>"
+        f"<actuator_number>{number}</actuator_number><max_thrust>1</max_thrust></plugin></gazebo>"
     )
 
 
-def sdf(*parts: str, read: Callable[[Path], object] = read_foreign) -> Any:
-    return written("m.sdf", f"<sdf><model name='m'>{''.join(parts)}</model></sdf>", read)
+def urdf(*parts: str, read: Callable[[Path], object] = read_foreign) -> Any:
+    return written("m.urdf", f"<robot name='m'>{''.join(parts)}</robot>", read)
 
 
 def drafted(file: Path) -> object:
     return rans.init_spacecraft("mine", base=file, dimension=3)
 
 
-FAR = "<pose>120 0 0 0 0 0</pose>"
 ANSWERS: Answers = {
     "read_foreign": {
         "units": Answer(
-            sdf(link("b"), link("jet", "0.1", FAR), jet("jet", 0), read=drafted),
+            urdf(link("b"), link("jet", "0.1", "120 0 0"), jet("jet", 0), read=drafted),
             "positions in mm or cm",
             is_warning=True,
         ),
-        "frames": Answer(sdf(link("b", pose="<pose relative_to='x'/>")), "relative to 'x'"),
+        "frames": Answer(urdf(link("b"), link("c", parent="x")), "must be links"),
         "times": "a body has none",
         "order": Answer(
-            sdf(link("b"), link("c"), link("d"), jet("c", 1), jet("d", 1)), "one actuator_number, 1"
+            urdf(link("b"), link("c"), link("d"), jet("c", 1), jet("d", 1)),
+            "one actuator_number, 1",
         ),
         "dropped": Answer(
-            sdf(link("b"), link("jet"), jet("jet", 0), "<plugin name='Camera'/>", read=drafted),
+            urdf(
+                link("b"),
+                link("jet"),
+                jet("jet", 0),
+                "<gazebo><plugin name='Camera'/></gazebo>",
+                read=drafted,
+            ),
             r"\['Camera'\] are not read",
             is_warning=True,
         ),
-        "sizes": Answer(sdf(link("b"), "<!--" + "x" * 2**24 + "-->"), "are read; it is probably"),
-        "evidence": Answer(sdf(link("b"), link("leg", "-1")), "mass of the link 'leg'"),
+        "sizes": Answer(urdf(link("b"), "<!--" + "x" * 2**24 + "-->"), "are read; it is probably"),
+        "evidence": Answer(urdf(link("b"), link("leg", "-1")), "mass of the link 'leg'"),
     },
 }
 
