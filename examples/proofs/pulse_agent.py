@@ -21,9 +21,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from rans.extend import layout, write_text
+from rans.extend import write_text
 from rans.fast.agent_files.agent import actor_bytes
 from rans.policy.architecture import Architecture
+from rans.tasks.derived import layout
 from rans.tasks.go_to_pose import GoToPose
 
 PERIOD = 0.1  # s

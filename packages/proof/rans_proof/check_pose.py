@@ -664,7 +664,8 @@ class Network:
         table = np.column_stack((self._bias, self._second))
         terms = np.abs(table)
         self._single = table, terms
-        self._sums = tuple(np.array([x[i] + x[j] for i, j in self._pairs]) for x in (table, terms))
+        sums, sizes = (np.array([x[i] + x[j] for i, j in self._pairs]) for x in (table, terms))
+        self._sums = sums, sizes
 
     def _range(
         self, rows: np.ndarray, terms: np.ndarray, column: int, interval: Interval

@@ -103,7 +103,7 @@ def test_what_is_no_number_in_flight_is_never_proved(
         ends = min(widest, 38.0) * random.uniform(-1.0, 1.0, 2)
         scales = dict(zip(("alpha", "beta"), (10.0**ends).tolist(), strict=True))
         shapes = {"W": (2, 1), "V": (2, 3), "U": (3, 1), "b": (1,), "c": (1,)}
-        tables = {name: drawn(*shape) for name, shape in shapes.items()}
+        tables: dict[str, Any] = {name: drawn(*shape) for name, shape in shapes.items()}
         divisor = np.abs(drawn(2)) + precision(10.0**-widest)
         content = graph(form.format(**scales), precision=precision, d=divisor, **tables)
         verdicts = is_proved(content), is_accepted(content)
@@ -133,7 +133,8 @@ def test_a_large_factor_counts_with_the_largest_state(
     for module in (network, network_reader):
         monkeypatch.setattr(module, "_compare", lambda *_: None)
     large = 10.0**exponent
-    ones, tables = np.ones((2, 1)), {"b": np.zeros(1), "c": np.array([large])}
+    ones = np.ones((2, 1))
+    tables: dict[str, Any] = {"b": np.zeros(1), "c": np.array([large])}
     tables |= {"W": np.array([[1.0], [large]]), "d": np.array([1.0, 1.0 / large])}
     content = graph(form.format(large=large), V=ones, **tables)
     finite = is_finite(content, np.float32)

@@ -124,8 +124,8 @@ def test_cells_whose_rounding_would_count_are_refused(
 
 
 STEEP: dict[str, Callable[[AgentWeights], AgentWeights]] = {
-    "of units": lambda a: a._replace(layers=[a.layers[0], tuple(1e3 * x for x in a.layers[1])]),
-    "of scores": lambda a: a._replace(head=tuple(1e3 * x for x in a.head)),
+    "of units": lambda a: a._replace(layers=[a.layers[0], (1e3 * a.layers[1][0], a.layers[1][1])]),
+    "of scores": lambda a: a._replace(head=(1e3 * a.head[0], a.head[1])),
     "that cancel in a bias": lambda a: a._replace(
         layers=[(a.layers[0][0] - 3e38 * FLAG, a.layers[0][1] + 3e38), a.layers[1]]
     ),
