@@ -108,7 +108,7 @@ def excite(
 
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     sorted(file.name for file in rans.excite("floating-platform", f"{folder}/excitation").iterdir())
-    ['contract.json', 'excitation.npz', 'golden.json', 'spacecraft.toml']
+    ['contract.json', 'excitation.json', 'golden.json', 'spacecraft.toml']
 
     Args:
         spacecraft: name, TOML file or `Spacecraft`: the data sheet.
