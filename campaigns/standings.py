@@ -1,8 +1,9 @@
 """What is known at least of every mission, the first table of its page.
 
 It measures nothing: it gathers proven bound, least known flight, guidance and agent of each mission from the
-evidence of `campaigns.missions`, `campaigns.inspection`, `campaigns.front`, `campaigns.least` and
-`campaigns.passive`. The cheapest known flight is of whoever spends least, optimal trajectories included.
+evidence of `campaigns.missions`, `campaigns.inspection`, `campaigns.least` and
+`campaigns.passive`. The cheapest known flight is of whoever spends least with the thrusters of the craft: optimal
+trajectories of throttled ones are in tables of their own.
 """
 
 from __future__ import annotations
@@ -122,20 +123,21 @@ def rows(docs: Path, mission: str) -> tuple[Sequence[str], list[list[str]]]:
     found = _found(docs, mission)
     # What gains nothing is no other flight, and its starts may be others.
     better = {who: row for who, row in found.items() if row["gains"]}
-    entries = [(_CHEAPEST, *one) for one in _cheapest({**flown, **better}, _optima(docs, mission))]
-    for who, row in found.items():
-        if row["gains"]:
-            entries.append((_FOUND, who, row))
-        else:
-            name = f"{who}: gains below 0.1 %"
-            lines.append(
-                [_FOUND, name, f"{row['starts']:,}", f"{100.0 * row['won']:.1f}", *"-----"]
-            )
-    entries += [(what, who, flown.get(who)) for what, who in asked.rows]
+    entries = [(_CHEAPEST, *one) for one in _cheapest({**flown, **better})]
+    # The least known flights stand once, whoever flies them.
+    least = {who for _, who, _ in entries}
+    entries += [(_FOUND, who, row) for who, row in better.items() if who not in least]
+    entries += [
+        (what, who, flown.get(who))
+        for what, who in asked.rows
+        if not (what == _GUIDANCE and who in least)
+    ]
     for what, who, row in entries:
         orbital = bool(asked.passive and asked.condition) and who in flown
         name = f"{who}, by {asked.condition}" if orbital else who
-        lines.append([what, name, *_cells(row, of_safety.get(who), evidence, asked.unit)])
+        # Flights by one deadline are others than those of `campaigns.passive`, which have their own.
+        safety_of_row = None if asked.condition else of_safety.get(who)
+        lines.append([what, name, *_cells(row, safety_of_row, evidence, asked.unit)])
     if _SAFE in of_safety:
         name = dict(asked.passive)[_SAFE].partition(", ")[2]
         row = of_safety[_SAFE]
@@ -162,29 +164,6 @@ def over(row: Mapping[str, Any]) -> str:
     return f"{ratio:.3f}" if compared == row.get("starts") else f"{ratio:.3f} of {compared}"
 
 
-def _optima(docs: Path, mission: str) -> dict[str, Any]:
-    """Optimal trajectories of a mission's front, as rows by their names, where it has one (`campaigns.front`).
-
-    They have the longest of its times, which costs least, and the bound of that time; starts without a trajectory
-    are not won.
-    """
-    file = docs / "validation" / f"{mission}-front.json"
-    if not file.exists():
-        return {}
-    rows = read_json(file)["rows"]
-    time = max(row["time"] for row in rows)
-    of_time = [row for row in rows if row["time"] == time]
-    found = [row for row in of_time if math.isfinite(number(row["flight"]))]
-    return {
-        f"optimal trajectories, throttled, by {time:g} s": {
-            "starts": len(of_time),
-            "won": len(found) / len(of_time),
-            "ratio": sum(row["flight"] / row["bound"] for row in found) / len(found),
-            "spent": sum(row["flight"] for row in found) / len(found),
-        }
-    }
-
-
 def _found(docs: Path, mission: str) -> dict[str, Any]:
     """What `rans improve` found of a mission, as rows by what it began from (`campaigns.least`)."""
     file = docs / "validation/least-known.json"
@@ -193,7 +172,7 @@ def _found(docs: Path, mission: str) -> dict[str, Any]:
     return {row["who"]: row for row in read_json(file)["rows"] if row["mission"] == mission}
 
 
-def _cheapest(flown: dict[str, Any], optima: dict[str, Any]) -> list[tuple[str, Any]]:
+def _cheapest(flown: dict[str, Any]) -> list[tuple[str, Any]]:
     """Who has the lowest mean ratio to the bound of all that win from every start, from whichever hand.
 
     Where nobody wins from every start, of those that win from the largest part of them. Empty: nobody has a ratio,
@@ -202,7 +181,7 @@ def _cheapest(flown: dict[str, Any], optima: dict[str, Any]) -> list[tuple[str, 
     # Drake flies the same guidance once more, from fewer starts.
     candidates = {
         who: row
-        for who, row in {**flown, **optima}.items()
+        for who, row in flown.items()
         if math.isfinite(_ratio(row)) and not who.endswith(_AGAIN)
     }
     most = max(map(_won, candidates.values()), default=0.0)
