@@ -103,7 +103,7 @@ EDITS: dict[str, Edit] = {
     "an unused tensor": lambda h, t, d: t["weights"].update(core={"$tensor": "weights/core"}),
 }
 WHOLE: dict[str, Callable[[bytes], bytes]] = {
-    "a key twice": lambda x: x.replace(b'\\"zoom\\": 0.0', b'\\"units\\": 0 ', 1),
+    "a key twice": lambda x: x.replace(b'\\"zoom\\": 0.0', b'\\"bf16\\": 0.0', 1),
     "a long header": lambda x: (2**40).to_bytes(8, "little") + x[8:],
     "nothing": lambda x: b"",
 }
