@@ -118,4 +118,4 @@ def test_a_comparison_writes_its_numbers_without_a_package(hidden: str, tmp_path
     assert ("<img" in page) is (hidden != "matplotlib")
     assert (installing("plots") in page.replace("&#39;", "'")) is (hidden == "matplotlib")
     assert refused == (2 if hidden == "casadi" else 0)
-    assert ("flying" in sentence) is (hidden != "casadi")
+    assert ("starts of seed" in sentence) is (hidden != "casadi")
