@@ -20,7 +20,7 @@ Rows = Sequence[Mapping[str, Any]]
 
 _MOST_POINTS = 100
 """Of a learning curve."""
-_SOME = [{"steps": 1, "seconds": 1.0, "success": 0.5, "return/term": 1.0}]
+_SOME = 2 * [{"steps": 1, "seconds": 1.0, "success": 0.5, "return/term": 1.0}]
 
 
 def learning_charts(rows: Rows) -> Iterator[Chart]:
