@@ -208,7 +208,8 @@ class Circumnavigation(VelocityGuidance[Inspect]):
         change = np.where(not listens, change, 0.0).T
         if self._filter is not None:
             self._filter.burn(change)
-        return change, change.any(axis=1)
+        burns: np.ndarray = np.any(change, axis=1)
+        return change, burns
 
     def _change_to_leave(self, state: Any) -> np.ndarray:
         """(3, N) change of velocity in W, m/s, with which craft go behind the target and stay there.
