@@ -25,7 +25,6 @@ TERMS = {
     "Clohessy-Wiltshire": "missions/dock",
     "curriculum": "tasks",
     "custom environment": "own_task",
-    "DAgger": "learners",
     "disturbance": "conditions",
     "duty cycle": "glossary",
     "dwell time": "glossary",

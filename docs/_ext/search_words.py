@@ -145,13 +145,7 @@ WORDS: dict[str, tuple[str, ...]] = {
         "requirements",
         "uv",
     ),
-    "learners": (
-        "imitation learning",
-        "dagger",
-        "behaviour cloning",
-        "behavior cloning",
-        "differentiable simulation",
-    ),
+    "learners": ("differentiable simulation",),
     "limits": ("limitations", "known issues", "contact dynamics"),
     "memory": (
         "kalman filter",
@@ -268,6 +262,9 @@ WORDS: dict[str, tuple[str, ...]] = {
     "terminal": ("command line", "cli", "shell completion"),
     "training": (
         "ppo",
+        "imitation learning",
+        "behaviour cloning",
+        "behavior cloning",
         "asymmetric actor-critic",
         "privileged observation",
         "early stopping",

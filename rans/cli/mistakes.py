@@ -173,14 +173,13 @@ def _check_is_spacecraft(name: str, words: Sequence[str]) -> None:
 
 def _craft_of(text: str) -> tuple[str, str]:
     """What a text names in place of a spacecraft, and the spacecraft of that; each is empty if it is not known."""
-    from rans.evaluation.fly.controllers import WRAPPERS
     from rans.pretrained import missing_agents, pretrained_folder, pretrained_names
     from rans.tasks import TASKS
 
     whole = text.partition("#")[0]
     before, _, craft = whole.partition("@")
     first, _, last = before.rpartition(":")
-    if first in ("", "pretrained", "adaptive", *WRAPPERS):
+    if first in ("", "pretrained", "adaptive"):
         if last in pretrained_names():
             file = pretrained_folder(last) / "spacecraft.toml"
             return "an agent", craft or read_toml(read_text(file, LARGEST_TOML))["name"]

@@ -61,7 +61,7 @@ class Architecture:
     backbone: str = "dense"
     """Name in `BACKBONES`: how features become the commands' outputs."""
     tokens: tuple[tuple[float, ...], ...] = ()
-    """What each effector is, for a backbone that is given that: `rans.policy.backbones.effector_tokens`, or
+    """What each effector is, for a backbone that is given that: `rans.policy.any_craft.effects`, or
     `rans.policy.any_craft.effects`."""
     authority: tuple[float, ...] = ()
     """Control period (s), and largest accelerations along +x, -x, +y, -y (m/s^2) and about +z, -z (rad/s^2), of a

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rans.errors import ConfigError, brief, installing_folder
+from rans.errors import ConfigError, brief
 from rans.registry import Registry
 
 if TYPE_CHECKING:
@@ -32,5 +32,3 @@ BACKBONES: Registry[Backbone] = Registry(
     _checked,
 )
 """Backbones by their names in settings and agents' files."""
-ATTENTION = f"attention is a plug-in: {installing_folder('examples/plugins/attention')}"
-"""What to do about a name that earlier versions had."""

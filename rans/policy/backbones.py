@@ -14,7 +14,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from rans.model.spacecraft import Spacecraft
 from rans.policy.heads import Patterns
 from rans.policy.parts import ArchitectureView, NetworkView
 from rans.policy.program import Program
@@ -27,7 +26,7 @@ class Backbone(ABC):
     """Whether it is given the effectors of the craft, as `Architecture.tokens`."""
 
     token_widths: tuple[int, ...] = (8,)
-    """Possible numbers of such a token: of `effector_tokens`, unless it has its own."""
+    """Possible numbers of such a token: of `rans.policy.any_craft.effects`, unless it has its own."""
 
     is_traced: bool = False
     """Whether `traced` writes it down; without, torch alone computes it."""
@@ -84,30 +83,6 @@ class Dense(Backbone):
     def traced(self, program: Program, architecture: ArchitectureView, features: str) -> str:
         """See `Backbone`."""
         return program.dense(features, "head", architecture.outputs, architecture.features)
-
-
-def effector_tokens(craft: Spacecraft) -> tuple[tuple[float, ...], ...]:
-    """Token of each effector of a craft, in the order of its commands.
-
-    Place and direction in B about the centre of mass, three numbers each, places in units of the craft's
-    radius; strength over the largest of its kind; 0 for a thruster and 1 for a reaction wheel.
-    """
-    strongest = max(thruster.force for thruster in craft.thrusters)
-    thrusters = [
-        (
-            *(
-                (p - c) / craft.radius
-                for p, c in zip(t.position, craft.centre_of_mass, strict=True)
-            ),
-            *t.direction,
-            t.force / strongest,
-            0.0,
-        )
-        for t in craft.thrusters
-    ]
-    largest = max((wheel.max_torque for wheel in craft.wheels), default=1.0)
-    wheels = [(0.0, 0.0, 0.0, *w.axis, w.max_torque / largest, 1.0) for w in craft.wheels]
-    return tuple(tuple(map(float, token)) for token in (*thrusters, *wheels))
 
 
 def product(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:

@@ -44,7 +44,7 @@ class ArchitectureView(Protocol):
 
     @property
     def tokens(self) -> tuple[tuple[float, ...], ...]:
-        """A description of each effector, see `rans.policy.backbones.effector_tokens`."""
+        """A description of each effector, see `rans.policy.any_craft.effects`."""
         ...
 
     @property

@@ -19,18 +19,14 @@ from rans.fast.learn.config import PPOSettings
 from rans.model.actuators import Throttle
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.any_craft import effects
-from rans.policy.backbones import effector_tokens
 from rans.policy.filter_bank import Filters
 from rans.policy.network import Network
 from rans.policy.program import Step
 from rans.policy.scalars import fields
 from rans.policy.traced import parameters, policy_program
-from tests.support import plugins
 from tests.support.engines import FLYER, PLATFORM
 from tests.support.kernel_flights import BRIEF, WIDE, policy, setup
 from validation.speed.exported import ANSWERS
-
-plugins.register()
 
 THROTTLED = replace(PLATFORM, actuators=Throttle())
 PLATFORM_SHARED = load_spacecraft("floating-platform-shared")
@@ -56,21 +52,10 @@ POLICIES: dict[str, tuple[Any, dict[str, Any]]] = {
         SUPPLIED,
         {"sided": False, "backbone": "allocated", "tokens": effects(SUPPLIED, 0.2)},
     ),
-    "attention": (
-        PLATFORM,
-        {"sided": False, "backbone": "attention", "tokens": effector_tokens(PLATFORM)},
-    ),
-    "attention from several sides, gated throttles": (
-        THROTTLED,
-        {"head": "gated", "backbone": "attention", "tokens": effector_tokens(PLATFORM)},
-    ),
 }
-ROWS_ALONE = ("attention", "attention from several sides, gated throttles")
-"""Those that only files have, which print rows: executors of single numbers leave their flights to torch."""
 STEPS = 4
 COUNT = 200
 each_policy = pytest.mark.parametrize("kind", POLICIES)
-each_of_numbers = pytest.mark.parametrize("kind", [x for x in POLICIES if x not in ROWS_ALONE])
 
 
 @cache
@@ -123,7 +108,7 @@ def test_torch_in_single_precision(kind: str) -> None:
     agree(torch.stack(found), expected)
 
 
-@each_of_numbers
+@each_policy
 def test_the_traced_program_on_fields(kind: str) -> None:
     """The program that all other executors are printed from, run by NumPy."""
     network, rows, expected = known(kind)
@@ -151,7 +136,7 @@ def test_the_traced_program_on_fields(kind: str) -> None:
 @pytest.mark.parametrize(
     ("kind", "form"),
     [(kind, form) for kind in POLICIES for form in ("onnx", "numpy")]
-    + [(kind, "c") for kind in ("attention", "gated throttles, history")],
+    + [("gated throttles, history", "c")],
 )
 def test_exported_files(kind: str, form: Form, tmp_path: Path) -> None:
     """C takes its compiler a second each; other kinds are in ``tests/deploy/test_forms.py``."""
@@ -174,7 +159,7 @@ def test_flights_as_machine_code(kind: str) -> None:
     given = setup(craft, settings.get("task", WIDE))
     ours, theirs = (Flights(network, given, generated=generated) for generated in (True, False))
     found, expected = (one.fly(1000, COUNT, 2**40 + 5) for one in (ours, theirs))
-    assert found.ways == {"stepping, cpu" if kind in ROWS_ALONE else "CPU, float32"}
+    assert found.ways == {"CPU, float32"}
     # Sums of float32 in another order: of 200 flights two may be judged otherwise.
     assert abs(found.unsolved - expected.unsolved) <= 2
     for name, sums in expected.sums.items():

@@ -278,18 +278,18 @@ def enlist(
     if isinstance(run.controller, FlightsFile):
         run.controller.check_starts(contest.episodes)
         return Contestant(run.controller.name, run.controller, _NOTHING, _UNKNOWN)
-    if name := named.alone.controller:
+    if name := named.controller:
         effort = _budget(name, contest)
         return Contestant(
             run.controller.name, run.controller, _MODEL, effort, registered=named.controller
         )
     # An agent for any craft is given mass, inertia and thrusters of the craft that it flies.
-    sees = _MODEL if named.wrapper or named.is_for_a_craft else _OBSERVATION
+    sees = _MODEL if named.is_for_a_craft else _OBSERVATION
     return Contestant(
         run.controller.name,
         run.controller,
         sees,
-        _tuning(named.alone),
+        _tuning(named),
         getattr(run.controller, "trade_off", None),
     )
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Literal
 
 from rans.errors import ConfigError, RansWarning, brief, meant, meant_file
-from rans.evaluation.fly.controllers import CONTROLLERS, WRAPPERS
+from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.policy_text import is_flights_file, is_user_policy, split_policy
 from rans.files import distinct
 from rans.model.spacecraft_file import load_spacecraft
@@ -95,8 +95,6 @@ class ContestantName:
     craft decide (`rans.evaluation.fly.choice`)."""
     adapts: bool = False
     """Whether an agent for any craft estimates in flight what its file does not state ("adaptive:" before it)."""
-    wrapper: str = ""
-    """Word before the others, of what flies in its place (`WRAPPERS`); empty: none."""
 
     def __str__(self) -> str:
         """The text, as sentences have it."""
@@ -132,18 +130,11 @@ class ContestantName:
         whole += at + craft
         first, _, rest = whole.partition(":")
         # Forms with a colon.
-        if first in WRAPPERS and rest:
-            inner = cls.parse(text.removeprefix(f"{first}:"))
-            if inner.wrapper:
-                raise ConfigError(
-                    f"{brief(text)} has {first}: before {inner.wrapper}:; write {inner.text}."
-                )
-            return replace(inner, text=text, wrapper=first)
         if first == ADAPTIVE and rest:
             inner = cls.parse(text.removeprefix(f"{ADAPTIVE}:"))
             if inner.adapts:
                 raise ConfigError(f"{brief(text)} has {ADAPTIVE}: twice; write {inner.text}.")
-            if inner.wrapper or inner.kind not in ("run folder", "pretrained"):
+            if inner.kind not in ("run folder", "pretrained"):
                 raise ConfigError(
                     f"{brief(rest)} is no agent for any craft, and no other adapts in flight: name "
                     f"{ADAPTIVE}:any-craft-2d or {ADAPTIVE}:any-craft-3d."
@@ -160,7 +151,7 @@ class ContestantName:
             own, _, setup = rest.partition(":")
             if own and setup:
                 return cls(text, "controller", f"{first}:{own}", setup, part=part)
-            near = CONTROLLERS.meant(first, ("pretrained", ADAPTIVE, *WRAPPERS))
+            near = CONTROLLERS.meant(first, ("pretrained", ADAPTIVE))
             raise ConfigError(f"there is no contestant {brief(whole)}{near}; known are {FORMS}.")
         advice = _FOREIGN_FILES.get(Path(whole).suffix.lower())
         if advice and not Path(whole).is_dir():
@@ -244,13 +235,6 @@ class ContestantName:
         return bool(self.craft or self.adapts or self.frugality is not None or is_shipped)
 
     @property
-    def alone(self) -> ContestantName:
-        """The contestant in whose place a wrapper flies, or this one."""
-        if not self.wrapper:
-            return self
-        return replace(self, text=self.text.removeprefix(f"{self.wrapper}:"), wrapper="")
-
-    @property
     def needs_setup(self) -> bool:
         """Whether it flies only in the setup of an earlier contestant: a controller's name alone, or a file."""
         return self.kind == "flights" or (self.kind == "controller" and not self.setup)
@@ -275,7 +259,7 @@ class ContestantName:
     @property
     def controller(self) -> str:
         """Name of the controller without training; empty for other contestants."""
-        return self.name if self.kind == "controller" and not self.wrapper else ""
+        return self.name if self.kind == "controller" else ""
 
     @property
     def folder(self) -> Path:
@@ -313,7 +297,7 @@ class ContestantName:
             ConfigError: it is no trained agent, or one that is not in the package.
         """
         name = self.without_earlier()
-        if self.wrapper or name.kind not in ("run folder", "pretrained"):
+        if name.kind not in ("run folder", "pretrained"):
             raise ConfigError(
                 f"{brief(self.text)} is no trained agent: name a run folder, or pretrained:NAME."
             )
@@ -334,9 +318,7 @@ class ContestantName:
             ConfigError: it needs the setup of an earlier contestant.
         """
         name = self.without_earlier()
-        if self.wrapper:
-            text = self.text.partition("#")[0]
-        elif name.kind == "run folder" and not name.is_for_a_craft:
+        if name.kind == "run folder" and not name.is_for_a_craft:
             return Path(name.name)
         elif name.craft:
             text = f"{name.name}:{name.craft}"
@@ -370,7 +352,7 @@ def _is_bare_controller(text: str) -> bool:
     if text in CONTROLLERS:
         return True
     module, _, name = text.partition(":")
-    if module in ("pretrained", ADAPTIVE, *WRAPPERS, *CONTROLLERS) or _exists(text):
+    if module in ("pretrained", ADAPTIVE, *CONTROLLERS) or _exists(text):
         return False
     if not all(part.isidentifier() for part in f"{module}.{name}".split(".")):
         return False

@@ -16,7 +16,6 @@ from rans.episode import Setup
 from rans.errors import ConfigError, RansWarning, brief
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_policy, run_of
 from rans.evaluation.fly.contestant_name import ContestantName, Kind
-from rans.evaluation.fly.controllers import WRAPPERS
 from rans.evaluation.fly.exported import is_exported, load_exported
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.model.spacecraft import Spacecraft
@@ -80,19 +79,9 @@ def contestant(
 
 def _loaded(name: ContestantName, terms: Terms) -> LoadedRun:
     """Load a contestant by what is of its kind."""
-    if name.wrapper:
-        return _wrapped(name, terms)
     if not (name.needs_setup and terms.setup is not None):
         name = name.without_earlier()
     return _LOADERS[name.kind](name, terms)
-
-
-def _wrapped(name: ContestantName, terms: Terms) -> LoadedRun:
-    """What flies in a contestant's place, in its setup."""
-    # A controller's name alone takes the earlier setup; everybody else has one.
-    setup = terms.setup if name.needs_setup else None
-    run = _loaded(name.alone, terms._replace(setup=setup, trust=False))
-    return run._replace(controller=WRAPPERS[name.wrapper](run))
 
 
 def _flights(name: ContestantName, terms: Terms) -> LoadedRun:

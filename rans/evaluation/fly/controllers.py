@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from rans.registry import Registry
 
 if TYPE_CHECKING:
-    from rans.evaluation.fly.agent import LoadedRun
     from rans.flight import Controller
     from rans.tasks import Task
 
@@ -34,12 +33,6 @@ CONTROLLERS: Registry[Maker] = Registry(
 )
 """Makers of controllers by name, with default settings; `controller` of the module `make_controller` makes one with
 tuned settings."""
-
-WRAPPERS: Registry[Callable[[LoadedRun], Controller]] = Registry(
-    kind="wrapper of contestants", group="rans.wrappers", built_in={}, checked=lambda wrap: wrap
-)
-"""What installed packages make of other contestants, by the word before their names, as in ``WORD:AGENT``:
-functions of a loaded contestant, which give the controller that flies in its place."""
 
 MODULES = {
     "mpc": ("casadi",),

@@ -17,7 +17,6 @@ class FixedTradeOff:
         self.name = f"{agent.name}#{trade_off:g}"
         self.trade_off = trade_off
         self._agent = agent
-        self.slow = getattr(agent, "slow", False)  # with look-ahead
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""

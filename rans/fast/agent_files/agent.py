@@ -29,7 +29,7 @@ from rans.files import first_line, plain, read_bytes, replace_file
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.allocated import holds
 from rans.policy.architecture import EXTRACTOR, Architecture
-from rans.policy.backbone_registry import ATTENTION, BACKBONES
+from rans.policy.backbone_registry import BACKBONES
 from rans.policy.frugality import AS_TRAINED
 from rans.policy.heads import HEADS
 from rans.policy.network import Network
@@ -375,8 +375,7 @@ def _check_names(architecture: Architecture) -> None:
     }
     for name, (key, available) in choices.items():
         if key not in available:
-            hint = f"; {ATTENTION}" if key == "attention" else ""
-            raise ValueError(f"its {name} {brief(key)} is unknown here{hint}")
+            raise ValueError(f"its {name} {brief(key)} is unknown here")
 
 
 def _check_craft(architecture: Architecture) -> None:

@@ -18,7 +18,7 @@ from rans.errors import ConfigError, brief, fits
 from rans.fast.learn.curriculum import Ramp, check_ramps
 from rans.fast.learn.learners import complete
 from rans.model.timing import Timing
-from rans.policy.backbone_registry import ATTENTION, BACKBONES
+from rans.policy.backbone_registry import BACKBONES
 from rans.randomization.conditions import Conditions
 from rans.structure import structure
 from rans.tasks import TASKS, Task
@@ -228,8 +228,7 @@ class PPOSettings:
     """Units of the hidden layers, which actor and critic share."""
     backbone: str = "dense"
     """Network from features to commands: "dense" has a last layer; "allocated" demands a change of twist, after
-    which on/off thrusters open together; installed packages have others, such as attention over the effectors
-    (examples/plugins/attention)."""
+    which on/off thrusters open together; installed packages may have others."""
     head: Head = "auto"
     """Distribution of the commands: "auto" is Bernoulli for on/off thrusters and Gaussian for others; "gated" first
     decides whether a throttled or pulsed thruster fires at all, so that 0 is exactly 0."""
@@ -296,9 +295,8 @@ class PPOSettings:
                 self, f"one of {', '.join(choices)}", lambda x, choices=choices: x in choices, name
             )
         if self.backbone not in [*BACKBONES]:
-            hint = f"; {ATTENTION}" if self.backbone == "attention" else ""
             raise ConfigError(
-                f"backbone must be one of {', '.join(BACKBONES)}, got {brief(self.backbone)}{hint}."
+                f"backbone must be one of {', '.join(BACKBONES)}, got {brief(self.backbone)}."
             )
         require_bounds(
             self,

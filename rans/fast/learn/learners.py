@@ -33,7 +33,7 @@ LEARNERS = Registry(
     "rans.learners",
     {"ppo": "rans.fast.learn.algorithms:PPOAlgorithm"},
     _checked,
-    "; gradient, imitation and value are folders of examples/plugins in the repository, for pip install",
+    "; gradient and value are folders of examples/plugins in the repository, for pip install",
 )
 """Class of every learning algorithm by its name in ``rans train --set algorithm=NAME``."""
 

@@ -19,7 +19,6 @@ from rans.fast.learn.ppo import PPOLearner
 from rans.policy.any_craft import effects
 from rans.policy.architecture import Architecture
 from rans.policy.backbone_registry import BACKBONES
-from rans.policy.backbones import effector_tokens
 from rans.policy.network import Network
 from rans.policy.preprocess import TorchPreprocessor
 from rans.policy.symmetry import symmetries
@@ -52,7 +51,7 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
         )
     tokens: tuple[tuple[float, ...], ...] = ()
     if BACKBONES[settings.backbone].has_tokens:
-        tokens = effects(craft, period) if allocates else effector_tokens(craft)
+        tokens = effects(craft, period)
     # A demand is in B: no side of the spacecraft has one of its own.
     is_symmetric = settings.symmetric and not allocates
     return Architecture(

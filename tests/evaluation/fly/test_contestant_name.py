@@ -9,33 +9,27 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestant_name import ContestantName
-from tests.support import plugins
-
-plugins.register()
 
 
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
-        ("runs/first", ("run folder", "runs/first", "", "", "")),
-        ("runs/first#go-to-pose", ("run folder", "runs/first", "", "go-to-pose", "")),
-        ("go-to-pose-2d", ("pretrained", "go-to-pose-2d", "", "", "")),
-        ("pretrained:any#0.3", ("pretrained", "any", "", "0.3", "")),
-        ("lqr", ("controller", "lqr", "", "", "")),
-        ("lqr:dock@atmos", ("controller", "lqr", "dock@atmos", "", "")),
-        ("mine.py:Best:dock-3d", ("controller", "mine.py:Best", "dock-3d", "", "")),
-        ("onnx:a/b.onnx:dock", ("policy", "onnx:a/b.onnx", "dock", "", "")),
-        ("python:mine:act", ("policy", "python:mine:act", "", "", "")),
-        ("lookahead:lqr", ("controller", "lqr", "", "", "lookahead")),
-        ("lookahead:pretrained:any#0.3", ("pretrained", "any", "", "0.3", "lookahead")),
+        ("runs/first", ("run folder", "runs/first", "", "")),
+        ("runs/first#go-to-pose", ("run folder", "runs/first", "", "go-to-pose")),
+        ("go-to-pose-2d", ("pretrained", "go-to-pose-2d", "", "")),
+        ("pretrained:any#0.3", ("pretrained", "any", "", "0.3")),
+        ("lqr", ("controller", "lqr", "", "")),
+        ("lqr:dock@atmos", ("controller", "lqr", "dock@atmos", "")),
+        ("mine.py:Best:dock-3d", ("controller", "mine.py:Best", "dock-3d", "")),
+        ("onnx:a/b.onnx:dock", ("policy", "onnx:a/b.onnx", "dock", "")),
+        ("python:mine:act", ("policy", "python:mine:act", "", "")),
     ],
 )
 @pytest.mark.usefixtures("here")
-def test_every_form_has_its_parts(text: str, parts: tuple[str, str, str, str, str]) -> None:
+def test_every_form_has_its_parts(text: str, parts: tuple[str, str, str, str]) -> None:
     name = ContestantName.parse(text)
-    assert (name.kind, name.name, name.setup, name.part, name.wrapper) == parts
+    assert (name.kind, name.name, name.setup, name.part) == parts
     assert name.text == text
-    assert name.alone == ContestantName.parse(text.removeprefix("lookahead:"))
 
 
 @pytest.mark.parametrize(
@@ -96,9 +90,6 @@ def test_an_agent_that_adapts_has_files_of_its_own() -> None:
         ContestantName.parse("adaptive:lqr:hold-3d")
 
 
-@pytest.mark.parametrize(
-    ("prefix", "where"), [("adaptive", "twice"), ("lookahead", "before lookahead:")]
-)
-def test_a_prefix_stands_before_a_name_once(prefix: str, where: str) -> None:
-    with pytest.raises(ConfigError, match=f"has {prefix}: {where}; write {prefix}:any-craft-2d"):
-        ContestantName.parse(f"{prefix}:{prefix}:any-craft-2d")
+def test_a_prefix_stands_before_a_name_once() -> None:
+    with pytest.raises(ConfigError, match="has adaptive: twice; write adaptive:any-craft-2d"):
+        ContestantName.parse("adaptive:adaptive:any-craft-2d")

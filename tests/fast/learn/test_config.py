@@ -256,5 +256,5 @@ def test_every_setting_of_ppo_is_set_by_somebody() -> None:
             elif all(json.dumps(value) == json.dumps(default) for value in given):
                 yield place + field.name
 
-    # examples/plugins/attention sets the backbone on its command line.
+    # The recipe of a shared supply sets the backbone where it is made.
     assert [*never_set(PPOSettings(), tables)] == ["backbone"]

@@ -1,1 +1,0 @@
-"""Backbone of RANS's policies that attends to effectors."""

@@ -1,1 +1,0 @@
-"""Look-ahead for RANS: `rans compare lookahead:go-to-pose-2d-trade-off#0`."""
