@@ -19,13 +19,18 @@ if TYPE_CHECKING:
     from rans.api.names import load_spacecraft as load_spacecraft
     from rans.choices import EngineName as EngineName
     from rans.cli import check_count as check_count
+    from rans.cli.door import Options as Options
+    from rans.cli.door import command_of as command_of
+    from rans.cli.door import word as word
     from rans.csv_file import read_csv as read_csv
+    from rans.deploy.export import evaluated as evaluated
     from rans.episode import Setup as Setup
     from rans.episode import World as World
     from rans.episode import step as step
     from rans.errors import ConfigError as ConfigError
     from rans.errors import NonFiniteState as NonFiniteState
     from rans.errors import RansError as RansError
+    from rans.errors import RansWarning as RansWarning
     from rans.errors import brief as brief
     from rans.errors import checked as checked
     from rans.errors import counted as counted
@@ -41,6 +46,7 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.contestant_name import ContestantName as ContestantName
     from rans.evaluation.fly.contestants import contestant as contestant
     from rans.evaluation.fly.controllers import CONTROLLERS as CONTROLLERS
+    from rans.evaluation.fly.protocols import fitting_protocols as fitting_protocols
     from rans.evaluation.measure.metrics import Sample as Sample
     from rans.fast.device import torch_device as torch_device
     from rans.fast.engine import Engine as Engine
@@ -50,6 +56,7 @@ if TYPE_CHECKING:
     from rans.fast.learn.config import PPOSettings as PPOSettings
     from rans.fast.learn.config import TrainConfig as TrainConfig
     from rans.fast.learn.config import require_bounds as require_bounds
+    from rans.fast.learn.config import to_table as to_table
     from rans.fast.learn.rollout import Acted as Acted
     from rans.fast.learn.rollout import Rollout as Rollout
     from rans.fast.learn.rollout import remember as remember
@@ -73,6 +80,7 @@ if TYPE_CHECKING:
     from rans.model.dynamics import SpatialState as SpatialState
     from rans.model.dynamics import State as State
     from rans.model.dynamics import Wrench as Wrench
+    from rans.model.dynamics import advance as advance
     from rans.model.fields import Field as Field
     from rans.model.fields import Heading as Heading
     from rans.model.fields import Quat as Quat
@@ -84,6 +92,7 @@ if TYPE_CHECKING:
     from rans.model.fields import leaves as leaves
     from rans.model.fields import map_leaves as map_leaves
     from rans.model.fields import sqrt as sqrt
+    from rans.model.fields import unflatten as unflatten
     from rans.model.fields import where as where
     from rans.model.fields import within as within
     from rans.model.random import Random as Random
@@ -101,22 +110,28 @@ if TYPE_CHECKING:
     from rans.randomization.conditions import Conditions as Conditions
     from rans.randomization.conditions import bounds as bounds
     from rans.randomization.conditions_file import conditions_text as conditions_text
+    from rans.randomization.parameters import StepInputs as StepInputs
     from rans.reference.flight import DrakeMover as DrakeMover
+    from rans.reference.flight import fly_in_drake as fly_in_drake
     from rans.registry import are_files_trusted as are_files_trusted
     from rans.scenario import EVALUATION_SEED as EVALUATION_SEED
     from rans.scenario import Scenario as Scenario
+    from rans.scenario import draws as draws
     from rans.scenario import scenario as scenario
     from rans.scenario import scenarios as scenarios
     from rans.show.figures.figures import styled as styled
     from rans.show.figures.panels import label as label
     from rans.show.figures.plotting import Axes as Axes
     from rans.show.figures.plotting import Figure as Figure
+    from rans.show.figures.plotting import ListedColormap as ListedColormap
     from rans.show.pages.page import Finding as Finding
     from rans.show.pages.page import Section as Section
     from rans.show.palette import GREY as GREY
     from rans.show.palette import INK as INK
     from rans.show.palette import RED as RED
     from rans.show.palette import series_style as series_style
+    from rans.structure import read_toml as read_toml
+    from rans.structure import structure as structure
     from rans.table import Table as Table
     from rans.tasks import TASKS as TASKS
     from rans.tasks.base import SingleTask as SingleTask
@@ -124,6 +139,7 @@ if TYPE_CHECKING:
     from rans.tasks.go_to_pose import GoToPose as GoToPose
     from rans.tasks.observation_terms import ObservationTerm as ObservationTerm
     from rans.tasks.observation_terms import VectorInW as VectorInW
+    from rans.tasks.quantities import QUANTITIES as QUANTITIES
     from rans.tasks.rewards import Transition as Transition
     from rans.tasks.rewards import nearness as nearness
     from rans.tasks.rewards import speed as speed
@@ -131,6 +147,8 @@ if TYPE_CHECKING:
     from rans.terminal import Terminal as Terminal
     from rans.terminal import doing as doing
     from rans.terminal import progress as progress
+    from rans.verdict import Failure as Failure
+    from rans.verdict import last_fifth as last_fifth
 
 _HOMES = homes(__file__)
 

@@ -14,21 +14,21 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from rans.deploy.export import evaluated
-from rans.evaluation.fly.protocols import fitting_protocols
 from rans.extend import (
     EVALUATION_SEED,
     GoToPose,
     Timing,
     TrainConfig,
     environment,
+    evaluated,
+    fitting_protocols,
     load_spacecraft,
+    to_table,
     to_toml,
     write_json,
     write_text,
 )
 from rans.fast.agent_files.agent import AGENT, actor_bytes
-from rans.fast.learn.config import to_table
 from rans_any_craft.training import (
     DemandNetwork,
     DemandSettings,

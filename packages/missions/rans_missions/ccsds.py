@@ -18,14 +18,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.errors import RansWarning, label
 from rans.extend import (
     ConfigError,
     Flight,
+    RansWarning,
     Task,
     brief,
     checked,
     counted,
+    label,
     read_text,
     write_text,
 )

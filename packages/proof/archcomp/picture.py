@@ -18,8 +18,8 @@ from rans_proof.problem import read_problem
 from rans_proof.prove import ClosedLoop
 from run import ROWS, networks  # pyrefly: ignore[missing-import]
 
-from rans.extend import Figure
-from rans.show.figures.plotting import ListedColormap, Rectangle, rcParams
+from rans.extend import Figure, ListedColormap
+from rans.show.figures.plotting import Rectangle, rcParams
 
 LOWER, UPPER = (0.9, -0.2), (1.4, 0.6)
 """Starts of the picture: angle (rad) and rate (rad/s)."""

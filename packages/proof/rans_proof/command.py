@@ -16,9 +16,19 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from tyro.conf import arg
 
-from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import named_numbers
-from rans.extend import ConfigError, Terminal, brief, is_installed, progress, read_bytes, require
+from rans.extend import (
+    ConfigError,
+    Options,
+    Terminal,
+    brief,
+    command_of,
+    is_installed,
+    progress,
+    read_bytes,
+    require,
+    word,
+)
 
 if TYPE_CHECKING:
     from rans_proof.prove import Proof

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import Body, Heading, LoadedRun, PlanarState, Spacecraft, Vec2
-from rans.model.dynamics import advance, wrench
+from rans.extend import Body, Heading, LoadedRun, PlanarState, Spacecraft, Vec2, advance
+from rans.model.dynamics import wrench
 from rans.tasks.base import observation as observed
 
 _NODES = 2

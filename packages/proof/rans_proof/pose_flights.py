@@ -115,7 +115,7 @@ def leaving(
     timing = replace(run.timing, episode_steps=periods)
     scenario = Scenario(start, goal)
     if engine == "drake":
-        from rans.reference.flight import fly_in_drake
+        from rans.extend import fly_in_drake
 
         flight = fly_in_drake(run.craft, run.task, run.controller, scenario, timing)
         states = flight.states

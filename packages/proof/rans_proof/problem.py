@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import ConfigError, brief, counted, read_text
-from rans.structure import read_toml
+from rans.extend import ConfigError, brief, counted, read_text, read_toml
 from rans_proof.formula import formula_value
 
 MOST_STATES = 16

@@ -16,6 +16,7 @@ from rans.extend import (
     positive,
     read_json,
     ready_folder,
+    structure,
     to_toml,
     whole,
     write_json,
@@ -23,7 +24,6 @@ from rans.extend import (
 )
 from rans.files import package_version
 from rans.model.spacecraft_file import read_spacecraft
-from rans.structure import structure
 from rans_robot.identify.excite import Excitation
 from rans_robot.identify.motion import check_identifiable
 

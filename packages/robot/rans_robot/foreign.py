@@ -16,9 +16,8 @@ from rans.deploy.contract import (
     flights_of_policy,
     golden_of_policy,
 )
-from rans.deploy.export import check_alone, evaluated
+from rans.deploy.export import check_alone
 from rans.deploy.margins import measure_margins
-from rans.evaluation.fly.protocols import fitting_protocols
 from rans.extend import (
     EVALUATION_SEED,
     ConfigError,
@@ -28,6 +27,8 @@ from rans.extend import (
     TrainConfig,
     brief,
     contestant,
+    evaluated,
+    fitting_protocols,
     map_leaves,
     read_bytes,
     to_toml,

@@ -22,9 +22,16 @@ from typing import NamedTuple
 import numpy as np
 
 from rans.evaluation.fly.exported import read_contract
-from rans.extend import TASKS, ConfigError, Task, are_files_trusted, brief, positive
-from rans.structure import structure
-from rans.tasks.quantities import QUANTITIES
+from rans.extend import (
+    QUANTITIES,
+    TASKS,
+    ConfigError,
+    Task,
+    are_files_trusted,
+    brief,
+    positive,
+    structure,
+)
 from rans_robot.bag import BagMessage, Recorder, bag_entries
 from rans_robot.bus import Bus
 from rans_robot.frames import Motion

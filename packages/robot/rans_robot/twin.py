@@ -29,6 +29,7 @@ from rans.extend import (
     Timing,
     World,
     bounds,
+    draws,
     is_finite,
     leaves,
     map_leaves,
@@ -38,7 +39,6 @@ from rans.extend import (
     whole,
 )
 from rans.model.fields import finite
-from rans.scenario import draws
 from rans_robot.bus import Bus
 from rans_robot.frames import Motion
 from rans_robot.interfaces import Interface, RobotName, interface, wheels_message

@@ -23,6 +23,7 @@ from rans.extend import (
     Conditions,
     ConfigError,
     ContestantName,
+    Failure,
     LoadedRun,
     Network,
     Progress,
@@ -37,7 +38,7 @@ from rans.extend import environment as this_environment
 from rans.fast.distributed import ALONE, Processes
 from rans.progress import Stages, unseen_stages
 from rans.randomization.conditions_file import conditions_label
-from rans.verdict import Failure, kinds_of_failure
+from rans.verdict import kinds_of_failure
 from rans_assurance.assure.bounds import CampaignPlan, ProbabilityBound
 from rans_assurance.assure.campaign import Campaign
 from rans_assurance.assure.chances import Chances

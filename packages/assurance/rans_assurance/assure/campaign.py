@@ -10,12 +10,11 @@ from functools import reduce
 from operator import add
 from typing import Any, cast
 
-from rans.extend import ConfigError, Controller, Network, Setup
+from rans.extend import ConfigError, Controller, Failure, Network, Setup
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.flights import Flights
 from rans.flight_statistics import FlightStatistics
 from rans.progress import Stages, unseen_stages
-from rans.verdict import Failure
 from rans_assurance.assure.bounds import CampaignPlan, Decision, ProbabilityBound, lower, upper
 from rans_assurance.assure.fleet import ControllerFleet
 

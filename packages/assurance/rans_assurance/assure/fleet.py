@@ -10,10 +10,9 @@ import numpy as np
 import torch
 
 from rans.evaluation.fly.episodes import fly_draws
-from rans.extend import Controller, Flight, Setup, Workers, World, seed_words
+from rans.extend import Controller, Flight, Setup, Workers, World, last_fifth, seed_words
 from rans.flight_statistics import FlightStatistics
 from rans.model.random import Draws
-from rans.verdict import last_fifth
 
 _SHARE = 1024
 _SLOW_SHARE = 16

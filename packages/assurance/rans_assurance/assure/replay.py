@@ -10,9 +10,18 @@ import numpy as np
 
 from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
-from rans.extend import Controller, Flight, Setup, is_installed, leaves, map_leaves, seed_words
+from rans.extend import (
+    Controller,
+    Failure,
+    Flight,
+    Setup,
+    is_installed,
+    last_fifth,
+    leaves,
+    map_leaves,
+    seed_words,
+)
 from rans.model.random import Draws
-from rans.verdict import Failure, last_fifth
 
 Judge = Literal["numpy", "drake"]
 

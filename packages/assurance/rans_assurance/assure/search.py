@@ -21,6 +21,7 @@ from rans.extend import (
     Conditions,
     ConfigError,
     Controller,
+    Failure,
     Flight,
     Network,
     Progress,
@@ -29,7 +30,6 @@ from rans.extend import (
     unseen,
 )
 from rans.model.random import generator
-from rans.verdict import Failure
 from rans_assurance.assure.chances import Chances, Chosen, Sized, sized
 from rans_assurance.assure.rare import episode_numbers
 from rans_assurance.assure.replay import Judge, ending, failure_kinds, has_drake, picked

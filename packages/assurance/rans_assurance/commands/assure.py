@@ -6,8 +6,7 @@ import inspect
 import shlex
 from typing import TYPE_CHECKING
 
-from rans.cli.door import Options, command_of, word
-from rans.extend import Terminal, check_count
+from rans.extend import Options, Terminal, check_count, command_of, word
 from rans_assurance.functions import ASSURED, assure
 
 if TYPE_CHECKING:

@@ -7,9 +7,8 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from rans.cli.door import Options, command_of, word
 from rans.cli.next_commands import training
-from rans.extend import Table, Terminal
+from rans.extend import Options, Table, Terminal, command_of, word
 from rans_assurance.functions import FAULT_COLUMNS, faults
 
 

@@ -4,8 +4,17 @@ from __future__ import annotations
 
 import shlex
 
-from rans.cli.door import Options, command_of, word
-from rans.extend import EVALUATION_SEED, Terminal, check_count, ready_folder, write_json, write_text
+from rans.extend import (
+    EVALUATION_SEED,
+    Options,
+    Terminal,
+    check_count,
+    command_of,
+    ready_folder,
+    word,
+    write_json,
+    write_text,
+)
 from rans_assurance.functions import follow
 
 

@@ -5,8 +5,15 @@ from __future__ import annotations
 import shlex
 from typing import TYPE_CHECKING
 
-from rans.cli.door import Options, command_of, word
-from rans.extend import ConfigError, Terminal, are_files_trusted, check_count
+from rans.extend import (
+    ConfigError,
+    Options,
+    Terminal,
+    are_files_trusted,
+    check_count,
+    command_of,
+    word,
+)
 from rans_assurance.functions import stress
 
 if TYPE_CHECKING:

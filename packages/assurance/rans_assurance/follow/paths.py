@@ -14,8 +14,8 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from rans.errors import RansWarning, meant
-from rans.extend import ConfigError, brief, distinct, read_csv
+from rans.errors import meant
+from rans.extend import ConfigError, RansWarning, brief, distinct, read_csv
 
 SPACING = 0.005
 """Largest distance along a path between neighbouring points, m: a fiftieth of the paper's look-ahead. A

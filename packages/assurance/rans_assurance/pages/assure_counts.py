@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from rans.extend import Table
-from rans.verdict import Failure
+from rans.extend import Failure, Table
 
 
 def decision_sentence(result: Mapping[str, Any]) -> str:

@@ -7,10 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rans.extend import Finding, Flight, Section, Table, is_installed
+from rans.extend import QUANTITIES, Failure, Finding, Flight, Section, Table, is_installed
 from rans.show.pages.page import Page, Picture, header
-from rans.tasks.quantities import QUANTITIES
-from rans.verdict import Failure
 from rans_assurance.assure.assurance import Assurance
 from rans_assurance.assure.rare import GROUPS
 from rans_assurance.assure.replay import CANDIDATES, Judge, Replayed, has_drake

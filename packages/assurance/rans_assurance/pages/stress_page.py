@@ -17,6 +17,7 @@ from rans.evaluation.measure.scope import Scope, conditions_texts, scope
 from rans.evaluation.stress.effects import Effect, Level
 from rans.evaluation.stress.outcome import WANTED, too_few, wanted
 from rans.extend import (
+    QUANTITIES,
     Finding,
     Section,
     Table,
@@ -29,7 +30,6 @@ from rans.extend import (
 )
 from rans.show.pages.notebook import listed
 from rans.show.pages.page import Page, Picture, header
-from rans.tasks.quantities import QUANTITIES
 from rans_assurance.figures import stress_figures as figures
 from rans_assurance.stress.run import Stress
 

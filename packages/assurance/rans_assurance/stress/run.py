@@ -31,11 +31,11 @@ from rans.extend import (
     Controller,
     RansError,
     Workers,
+    draws,
     first_line,
 )
 from rans.flight import informed
 from rans.progress import Stages, unseen_stages
-from rans.scenario import draws
 
 _PERFECT = Level("perfect", None, Conditions())
 _SHARE = 1024

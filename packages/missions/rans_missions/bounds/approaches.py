@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rans.extend import Progress, Spacecraft, fly, scenarios
-from rans.reference.flight import fly_in_drake
+from rans.extend import Progress, Spacecraft, fly, fly_in_drake, scenarios
 from rans.scenario import each
 from rans_missions.bounds.transfers import TransferTable, row_of
 from rans_missions.control.corridor import Corridor

@@ -22,6 +22,7 @@ from rans.extend import (
     Setup,
     Spacecraft,
     SpatialState,
+    StepInputs,
     Table,
     Timing,
     Vec3,
@@ -31,7 +32,6 @@ from rans.extend import (
     unseen,
     write_json,
 )
-from rans.randomization.parameters import StepInputs
 from rans.scenario import each
 from rans_missions.convex.landing import Descent, Lander, Landing, best_landing
 from rans_missions.tasks.land import Land

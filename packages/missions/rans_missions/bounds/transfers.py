@@ -21,10 +21,10 @@ from rans.extend import (
     Spacecraft,
     contestant,
     fly,
+    fly_in_drake,
     scenarios,
 )
 from rans.optimal.control.lqr import LQR
-from rans.reference.flight import fly_in_drake
 from rans.scenario import each
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.convex_guidance import ConvexGuidance

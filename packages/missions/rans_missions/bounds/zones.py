@@ -18,9 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.extend import Scenario, Spacecraft, Timing
+from rans.extend import Scenario, Spacecraft, Timing, last_fifth
 from rans.optimal.certificate import hull
-from rans.verdict import last_fifth
 from rans_missions.convex.waypoints import Waypoint, least_impulse_through
 from rans_missions.tasks import Avoid
 

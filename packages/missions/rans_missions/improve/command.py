@@ -11,16 +11,18 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from rans.cli.door import Options, command_of, word
 from rans.extend import (
     EVALUATION_SEED,
     ConfigError,
+    Options,
     Terminal,
     check_count,
+    command_of,
     counted,
     load_spacecraft,
     progress,
     ready_folder,
+    word,
 )
 from rans.terminal import stages
 

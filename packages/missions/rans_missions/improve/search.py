@@ -24,6 +24,7 @@ from rans.evaluation.fly.tuned import task_name
 from rans.extend import (
     ConfigError,
     Controller,
+    Failure,
     Flight,
     Scenario,
     Setup,
@@ -33,7 +34,6 @@ from rans.extend import (
     map_leaves,
     write_text,
 )
-from rans.verdict import Failure
 from rans_missions.improve.judging import COPIES, Best, judged
 from rans_missions.improve.pulses import rounded, search_pulses
 from rans_missions.script import Script

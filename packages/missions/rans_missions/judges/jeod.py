@@ -15,10 +15,19 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rans.extend import Body, Drift, Quat, SpatialState, Vec3, Wrench, read_text
+from rans.extend import (
+    Body,
+    Drift,
+    Quat,
+    SpatialState,
+    Vec3,
+    Wrench,
+    advance,
+    read_text,
+    read_toml,
+    structure,
+)
 from rans.model.arc import from_arc
-from rans.model.dynamics import advance
-from rans.structure import read_toml, structure
 from rans_missions.orbits.elliptic import MOST_ECCENTRIC, EllipticOrbit, eccentric_anomaly
 from validation.judges.judge import Judge, Largest, Row
 from validation.study.checks import Check

@@ -7,8 +7,8 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from rans.cli.door import POSE, Options, command_of, word
-from rans.extend import Terminal
+from rans.cli.door import POSE
+from rans.extend import Options, Terminal, command_of, word
 from rans_robot.functions import fly_on_robot
 
 

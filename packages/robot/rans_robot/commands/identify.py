@@ -5,8 +5,7 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-from rans.cli.door import Options, command_of, word
-from rans.extend import ConfigError, Terminal, doing
+from rans.extend import ConfigError, Options, Terminal, command_of, doing, word
 from rans_robot.functions import identify
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-from rans.cli.door import Options, command_of, word
+from rans.extend import Options, command_of, word
 from rans_robot.functions import replay
 
 

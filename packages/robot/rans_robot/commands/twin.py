@@ -6,8 +6,8 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from rans.cli.door import POSE, Options, command_of, word
-from rans.extend import Terminal, load_spacecraft
+from rans.cli.door import POSE
+from rans.extend import Options, Terminal, command_of, load_spacecraft, word
 from rans_robot.functions import twin
 
 

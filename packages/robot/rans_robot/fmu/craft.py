@@ -27,6 +27,7 @@ from rans.extend import (
     Setup,
     Spacecraft,
     SpatialState,
+    StepInputs,
     Vec2,
     Vec3,
     World,
@@ -34,14 +35,13 @@ from rans.extend import (
     leaves,
     load_spacecraft,
     to_toml,
+    unflatten,
     write_text,
 )
 from rans.languages import C
-from rans.model.fields import unflatten
 from rans.model.operations import C_DOUBLE
 from rans.model.trace import Symbol
 from rans.policy.program import inputs
-from rans.randomization.parameters import StepInputs
 from rans_robot.fmu.unit import Unit, Variable, write_unit
 
 _PLANE = (
