@@ -62,9 +62,6 @@ The page of differences, `runs/reproduce/differences.md`, has every cell that di
 versions, processor and GPU, and the SHA-256 of every agent. The exit code is 1 if a cell differs or a command
 fails. `--executor` spreads the rows over [many machines](cluster.md). The whole reproduction was not timed.
 
-The tables of [InnoCube's telemetry](../packages/robot/docs/innocube.md) come from data that have no licence yet:
-`rans reproduce` leaves them out.
-
 ## Other figures
 
 Figures in sentences come from these files, and figures of speed from the command beside each. `rans reproduce` does

@@ -132,7 +132,6 @@ WORDS: dict[str, tuple[str, ...]] = {
     ),
     "fly": ("javascript", "browser", "live page", "demo"),
     "glossary": ("duty cycle", "dwell time", "settling time", "impulse", "success rate", "delta-v"),
-    "robot/identified_agents": ("train on an identified spacecraft",),
     "robot/identify": ("system identification", "sysid", "parameter estimation"),
     "install": (
         "installation",

@@ -70,11 +70,11 @@ def test_commands_are_seen() -> None:
     """In a line, over its end, as a row of the table, as a module of a class, and as a file."""
     text = """`python -m campaigns.assurances RUN`, `python -m
     campaigns.pictures`, `python -m campaigns dock-on-ellipses --docs docs`,
-    `rans train campaigns.ram:Ram`, `rans train campaigns/innocube_agent.toml`"""
+    `rans train campaigns.ram:Ram`, `rans train campaigns/agent.toml`"""
     assert commands(text) == {
         "campaigns/assurances",
         "campaigns/pictures",
         "dock-on-ellipses",
         "campaigns/ram",
-        "campaigns/innocube_agent.toml",
+        "campaigns/agent.toml",
     }
