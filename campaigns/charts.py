@@ -192,26 +192,6 @@ def margins() -> Figure:
 
 
 @styled
-def vbar_scores() -> Figure:
-    """Share of V-BAR's episodes that guidance of RANS and V-BAR's own controller complete, by scenario."""
-    scenarios = {row["scenario"]: row for row in _record("vbar")["rows"]}
-    names = [name for name, row in scenarios.items() if row["pd"]]
-    figure, axes = _alone(7.4, 0.26 * len(names) + 1.1)
-    for who, colour, shift, label in (
-        ("rans", BLUE, -0.2, "RANS"),
-        ("pd", GREY, 0.2, "V-BAR's PD"),
-    ):
-        shares = [100.0 * scenarios[n][who]["succeeded"] / scenarios[n]["episodes"] for n in names]
-        bars = axes.barh(np.arange(len(names)) + shift, shares, 0.36, color=colour, label=label)
-        none = ["0" if share == 0.0 else "" for share in shares]  # no bar is to be seen there
-        axes.bar_label(bars, none, padding=2, fontsize=7, color=INK)
-    _name_rows(axes, names)
-    axes.set(xlim=(0.0, 101.0), xlabel="episodes that succeeded, %")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncol=2)
-    return figure
-
-
-@styled
 def multiples() -> Figure:
     """Time and impulse until the first rest over the certified bounds: the table of the page."""
     page = read_text(_DOCS / "measured.md")
@@ -263,7 +243,6 @@ CHARTS: dict[str, Callable[[], Figure]] = {
         multiples,
         perturbations,
         slosh,
-        vbar_scores,
     )
 }
 """Functions of figures by the names of their files."""

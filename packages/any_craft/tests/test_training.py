@@ -21,7 +21,6 @@ from rans_any_craft.training import (
     unit_rows,
 )
 
-from campaigns.any_craft import LinearLaw, gains
 from rans.policy.authority import Authority
 from tests.support.layouts import columns_of
 
@@ -84,39 +83,6 @@ def test_stages_follow_one_another(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(recipe.stages) > 1
     network = train(replace(recipe, dimension=2, crafts=2), pool=draw_pool(2, 4))
     assert begun == [(id(network), one) for one in recipe.stages]
-
-
-@pytest.mark.parametrize("moved", [1e-4, 0.02, 1.0])
-def test_the_linear_law_is_optimal_for_a_double_integrator(moved: float) -> None:
-    """By dynamic programming, backwards over many periods."""
-    motion, push = np.array([[1.0, moved], [0.0, 1.0]]), np.array([0.5 * moved, 1.0])
-    value = np.zeros((2, 2))
-    gain = np.zeros(2)
-    for _ in range(4000):
-        gain = push @ value @ motion / (1.0 + push @ value @ push)
-        value = np.diag([1.0, moved]) + motion.T @ value @ (motion - np.outer(push, gain))
-    assert gains(moved) == pytest.approx(gain, rel=1e-4)  # the recursion has not quite ended
-
-
-@pytest.mark.slow
-def test_the_linear_law_demands_later_what_thrusters_did_not_give() -> None:
-    """Otherwise small errors stay, at which no subset of thrusters is better than none."""
-    pool = draw_pool(6, 8)
-    settings = replace(FEW, crafts=32, steps=160)
-    results = []
-    for forgets in (False, True):
-        generator = torch.Generator().manual_seed(2)
-        batch = draw_batch(pool, settings, generator, continuous=True, perturbed=False)
-        law = LinearLaw()
-
-        def fed_back(*known: Any, law: LinearLaw = law, forgets: bool = forgets) -> torch.Tensor:
-            if forgets:
-                law.demanded = None
-            return law(*known)
-
-        with torch.no_grad():
-            results.append(fly(fed_back, batch, settings, generator, 320).settled.float().mean())
-    assert results[0] > results[1] + 0.2
 
 
 PLANAR = (
