@@ -1,39 +1,28 @@
 """What each error of a spacecraft costs a mission: ``python -m campaigns error-sources``.
 
 Guidance flies the same evaluation starts without errors, with each error alone and with all of them. Percentiles of
-arrival, impulse and margin stand beside each other, and what each error adds. A craft that LQR keeps at the hold
-point is compared with linear covariance (`campaigns.linear_covariance`).
+arrival, impulse and margin stand beside each other, and what each error adds.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from rans_missions.control.mission_guidance import MissionGuidance
-from rans_missions.tasks import Dock, Hold
+from rans_missions.tasks import Dock
 
-from campaigns.linear_covariance import LinearCovariance, linear_covariance, spread
 from campaigns.missions import least_impulses, of_first, row_of
 from campaigns.parts import in_parts
-from campaigns.passive import quantile
 from rans.episode import Setup
 from rans.evaluation.measure.metrics import PERCENTILES, impulses, settling_times, won
 from rans.evaluation.measure.statistics import figure as rounded
 from rans.files import number
 from rans.flight import fly
 from rans.model.actuators import Pulsed
-from rans.model.dynamics import SpatialState
-from rans.model.fields import Quat, Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.optimal.control.lqr import LQR
-from rans.optimal.control.regulator import Deadband
-from rans.processes import Workers
 from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
@@ -42,7 +31,7 @@ from rans.randomization.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.scenario import EVALUATION_SEED, Scenario, draws, scenarios
+from rans.scenario import EVALUATION_SEED, draws, scenarios
 from rans.tasks import TASKS
 
 _JOB = 512
@@ -113,22 +102,17 @@ class ErrorSources:
     """Fly all errors of all missions."""
 
     only: str = ""
-    """Measure one mission alone, or "linear", and keep the others as they are in the evidence."""
+    """Measure one mission alone, and keep the others as they are in the evidence."""
     episodes: int = 512
     """Number of starts of each row."""
-    flights: int = 2048
-    """Number of flights that are compared with linear covariance."""
     workers: int | None = None
     """Number of processes; None: one per processor."""
     seed: int = EVALUATION_SEED
     """Seed of starts and errors."""
 
     def measured(self) -> dict[str, Any]:
-        """Rows of missions and errors, and the comparison with linear covariance."""
-        rows = [x for one in SIZES if self.only in ("", one) for x in self._mission(one)]
-        if self.only not in ("", "linear"):
-            return {"rows": rows}
-        return {"rows": rows, "linear": beside_flights(self.flights, self.seed, self.workers)}
+        """Rows of missions and errors."""
+        return {"rows": [x for one in SIZES if self.only in ("", one) for x in self._mission(one)]}
 
     def _mission(self, mission: str) -> Iterator[dict[str, Any]]:
         """The rows of one mission, by error."""
@@ -238,76 +222,9 @@ def _row(
     }
 
 
-def beside_flights(count: int, seed: int, workers: int | None) -> dict[str, Any]:
-    """Spreads of a craft that LQR keeps at the hold point, by linear covariance and of so many flights."""
-    names = [name for name in sources(SIZES["hold"]) if name != _NONE]
-    jobs = [(name, count, seed) for name in names]
-    rows = {}
-    for name, (linear, flights) in zip(
-        names, Workers(int, (), workers, "flew starts").ordered(largest_spreads, jobs), strict=True
-    ):
-        rows[name] = {"linear": linear, "flights": flights}
-    return {"flights": count, "seconds": _STEPS * Hold.timing.control_period, "rows": rows}
-
-
-def largest_spreads(_: int, name: str, count: int, seed: int) -> tuple[list[float], list[float]]:
-    """Largest spreads of the whole flight with one error, of position (m) and velocity (m/s); a job of a worker."""
-    covariance, flights = spreads(sources(SIZES["hold"])[name], count, seed)
-    linear = spread(covariance.all).max(axis=0)
-    return [float(x) for x in linear], [float(x) for x in flights.max(axis=0)]
-
-
-_OFFSET = (10.0, -15.0, 8.0)
-"""Position from which LQR goes to the hold point, from there, m: near enough that no thruster saturates."""
-_STEPS = 40
-"""Number of control periods: before the ten minutes that end the mission."""
-
-
-def spreads(conditions: Conditions, count: int, seed: int) -> tuple[LinearCovariance, np.ndarray]:
-    """Linear covariance of LQR at the hold point, and `spread` (T + 1, 2) of so many flights of the engine."""
-    task = replace(Hold(), deadline=(2000.0, 2000.0))
-    craft = load_spacecraft("vbar-chaser")
-    timing = Timing(Hold.timing.control_period, _STEPS)
-    # A linear law: without the dead band, in which thrusters stay shut. It stays far from the keep-out ball.
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="LQR does not know the constraints")
-        law = LQR(craft, task, timing, deadband=Deadband(share=0.0))
-    starts = scenarios(task, craft, seed, count)
-    offset = Vec3(*_OFFSET)
-    start = replace(starts.start, p=starts.goal.p + offset)
-    flight = fly(
-        craft,
-        task,
-        law,
-        Scenario(start, task.plan(start, starts.goal, np.full(count, 2000.0))),
-        timing,
-        conditions=conditions,
-        draws=draws(seed, count),
-    )
-    states = np.stack([*flight.states.p.columns(), *flight.states.v.columns()], axis=-1)
-    one = map_leaves(lambda x: np.asarray(x)[:1], starts.goal)
-    commands = partial(_commands, law, one)
-    begin = np.array([*(float(x[0]) for x in start.p.columns()), 0.0, 0.0, 0.0])
-    covariance = linear_covariance(
-        craft, task.drift, commands, begin, timing.control_period, _STEPS, conditions
-    )
-    deviations = states - states.mean(axis=1, keepdims=True)
-    square = (deviations**2).mean(axis=1)
-    return covariance, np.sqrt(
-        np.stack([square[:, :3].sum(axis=1), square[:, 3:].sum(axis=1)], axis=1)
-    )
-
-
-def _commands(law: LQR, goal: Any, states: np.ndarray) -> np.ndarray:
-    """Commands (N, thrusters) of LQR for states (N, 6)."""
-    zero = np.zeros(len(states))
-    still = Vec3(zero, zero, zero)
-    state = SpatialState(
-        Vec3(*states[:, :3].T), Quat(zero + 1.0, zero, zero, zero), Vec3(*states[:, 3:].T), still
-    )
-    goals = map_leaves(lambda x: np.broadcast_to(x, len(states)), goal)
-    law.reset(len(states))
-    return law.act(state, goals, np.zeros((len(states), 0)))
+def quantile(values: np.ndarray, part: float) -> float:
+    """Quantile of one value per flight: the least value that so large a part of the flights do not exceed."""
+    return float(np.quantile(values, part, method="inverted_cdf"))
 
 
 def of_mission(evidence: Any, mission: str) -> Iterator[dict[str, Any]]:
@@ -342,11 +259,3 @@ def costs(evidence: Any, mission: str) -> list[dict[str, Any]]:
             }
         )
     return sorted(cells, key=lambda one: -one["mean"])
-
-
-def linear(evidence: Any) -> Iterator[dict[str, Any]]:
-    """Rows of linear covariance beside flights: position in cm, velocity in mm/s."""
-    for name, row in evidence.get("linear", {"rows": {}})["rows"].items():
-        pairs = zip(row["linear"], row["flights"], (100.0, 1000.0), strict=True)
-        found = [(scale * law, scale * flights, law / flights) for law, flights, scale in pairs]
-        yield {"error": name, "position": found[0], "velocity": found[1]}

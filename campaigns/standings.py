@@ -1,8 +1,8 @@
 """What is known at least of every mission, the first table of its page.
 
 It measures nothing: it gathers proven bound, least known flight, guidance and agent of each mission from the
-evidence of `campaigns.missions`, `campaigns.inspection`, `campaigns.least` and
-`campaigns.passive`. The cheapest known flight is of whoever spends least with the thrusters of the craft: optimal
+evidence of `campaigns.missions`, `campaigns.inspection`, `rans improve` and passive
+safety. The cheapest known flight is of whoever spends least with the thrusters of the craft: optimal
 trajectories of throttled ones are in tables of their own.
 """
 
@@ -38,7 +38,7 @@ class Mission:
     rows: tuple[tuple[str, str], ...]
     """What each row is, and who flies it in the evidence."""
     passive: tuple[tuple[str, str], ...] = ()
-    """Names of `campaigns.passive` for contestants, from which times, margins and coasts are."""
+    """Names in passive-safety.json of contestants, from which times, margins and coasts are."""
     unit: str = "N s"
 
 
@@ -135,7 +135,7 @@ def rows(docs: Path, mission: str) -> tuple[Sequence[str], list[list[str]]]:
     for what, who, row in entries:
         orbital = bool(asked.passive and asked.condition) and who in flown
         name = f"{who}, by {asked.condition}" if orbital else who
-        # Flights by one deadline are others than those of `campaigns.passive`, which have their own.
+        # Flights by one deadline are others than those of passive-safety.json, which have their own.
         safety_of_row = None if asked.condition else of_safety.get(who)
         lines.append([what, name, *_cells(row, safety_of_row, evidence, asked.unit)])
     if _SAFE in of_safety:
@@ -165,7 +165,7 @@ def over(row: Mapping[str, Any]) -> str:
 
 
 def _found(docs: Path, mission: str) -> dict[str, Any]:
-    """What `rans improve` found of a mission, as rows by what it began from (`campaigns.least`)."""
+    """What `rans improve` found of a mission, as rows by what it began from."""
     file = docs / "validation/least-known.json"
     if not file.exists():
         return {}
@@ -240,7 +240,7 @@ def _cells(row: Any, safety: Any, evidence: dict[str, Any], unit: str) -> list[s
 
 
 def _safe(row: Any) -> list[str]:
-    """Median time, least margin and unsafe coasts of the flights of `campaigns.passive`."""
+    """Median time, least margin and unsafe coasts of the flights of passive-safety.json."""
     quantiles = row["percentiles"]
     margins = [
         f"{number(values[-1]):.3g} {name.rpartition(', ')[2]}"

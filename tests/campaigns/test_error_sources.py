@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from campaigns.error_sources import costs, linear
+from campaigns.error_sources import costs
 
 ROW = {
     "arrival": [10.0],
@@ -22,4 +22,3 @@ def test_what_was_not_flown_has_no_rows() -> None:
     assert costs({"rows": rows}, "hold") == []
     (found,) = costs({"rows": rows}, "dock")
     assert (found["mean"], found["spent"]) == (0.5, 0.5)
-    assert [*linear({"rows": rows})] == []
