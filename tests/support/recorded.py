@@ -24,6 +24,8 @@ EPISODES = 32
 FEW = 16
 """Of them, flights whose duty cycles are recorded, which take 32 times as much room as bits."""
 
+VALUES = {"any-craft-2d": "#0.4", "any-craft-3d": "#0.4"}
+"""What follows the name of an agent whose value flights would choose: its commands are those of one value."""
 CUT = {"inspect-3d": 150}
 """Periods after which flights are cut off, whose every period costs 40 ms; others fly to their end."""
 
@@ -33,7 +35,7 @@ def flown(name: str) -> Flight:
 
     All fly in a perfect world, also those that are made for another.
     """
-    loaded = contestant(f"pretrained:{name}")
+    loaded = contestant(f"pretrained:{name}{VALUES.get(name, '')}")
     craft = loaded.craft
     timing = loaded.timing
     timing = replace(timing, episode_steps=CUT.get(name, timing.episode_steps))
