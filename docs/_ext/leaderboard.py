@@ -213,7 +213,7 @@ def settled_gate() -> Table:
     return Table(
         "Settled gate",
         "Share of settled flights by kind of fault, %. The benchmark: "
-        "[Settled gate](../assurance/settled_gate.md).",
+        "[Settled gate](../assurance/robustness.md#the-settled-gate).",
         columns,
         [row for _, row in sorted(rows)],
         _source("settled-gate.json"),
