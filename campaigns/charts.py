@@ -111,33 +111,6 @@ def slosh() -> Figure:
 
 
 @styled
-def any_craft_adaptive() -> Figure:
-    """Flights that settle with a dead thruster and with twice the mass: the tables of the page."""
-    page = read_text(_DOCS / "any_craft/any_craft_adaptive.md")
-    rows = re.findall(
-        r"^\| ([a-z0-9-]+) \| (?:adaptive:)?any-craft-.d \|(.*)\|$", page, re.MULTILINE
-    )
-    cells = [(name, rest.split("|")) for name, rest in rows]
-    figure = Figure(figsize=(7.6, 3.6), layout="constrained")
-    grid = figure.subplots(1, 2, sharey=True)
-    names = [*dict.fromkeys(name for name, _ in cells)]
-    for axes, column, title in ((grid[0], 1, "one dead thruster"), (grid[1], 6, "twice the mass")):
-        # The row without estimates comes before the row with them.
-        for shift, colour, marker, label in (
-            (0, GREY, "o", "any-craft"),
-            (1, BLUE, "D", "adaptive:any-craft"),
-        ):
-            texts = [(name, row[column].strip(" %")) for name, row in cells[shift::2]]
-            points = [(float(text), names.index(name)) for name, text in texts if text != "-"]
-            axes.plot(*np.transpose(points), marker, color=colour, markersize=5, label=label)
-        axes.set_title(title, loc="left")
-        axes.set(xlabel="settled, %", xlim=(0.0, 102.0))
-    _name_rows(grid[0], names, fontsize=7.5)
-    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncol=2)
-    return figure
-
-
-@styled
 def perturbations() -> Figure:
     """Share of flights that robust agents hold, by perturbation."""
     plane, space = (
@@ -235,7 +208,6 @@ def error_sources() -> Figure:
 CHARTS: dict[str, Callable[[], Figure]] = {
     figure.__name__.replace("_", "-"): figure
     for figure in (
-        any_craft_adaptive,
         error_sources,
         failure_probabilities,
         margins,
