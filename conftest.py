@@ -215,7 +215,7 @@ def spatial_craft() -> Spacecraft:
 @pytest.fixture
 def forgotten(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Tasks that a test registers are unknown to the next one."""
-    monkeypatch.setattr(TASKS, "_own", {})
+    monkeypatch.setattr(TASKS, "own", {})
     before = set(gymnasium.registry)
     yield
     for added in set(gymnasium.registry) - before:

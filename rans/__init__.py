@@ -143,9 +143,9 @@ Missions have none: `info["is_success"]` says whether an episode succeeded."""
 def _enrol(task_name: str) -> None:
     """Register the Gymnasium environments of a task, which is loaded when the first is made.
 
-    Gymnasium has had no plug-in mechanism since 1.0. Making one refuses a dimension that the task does not have.
+    Gymnasium has had no plug-in mechanism since 1.0.
     """
-    for dimension, gymnasium_id in zip((2, 3), gymnasium_ids(task_name), strict=True):
+    for dimension, gymnasium_id in gymnasium_ids(task_name).items():
         kwargs = {"task_name": task_name, "dimension": dimension}
         registered = gymnasium.registry.get(gymnasium_id)
         if registered is not None and registered.kwargs == kwargs:

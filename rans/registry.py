@@ -85,7 +85,7 @@ class Registry(Mapping[str, T]):
 
     Args:
         kind: kind of the objects in messages, such as "task".
-        group: group of the entry points.
+        group: group of the entry points; those of the groups GROUP.WORD belong to it too (`subgroup`).
         built_in: "module:Name" of each built-in name, or "package" for the text of its file NAME.toml. Packages
             cannot replace them.
         checked: converts and checks a loaded object; "module:name" of the function where it is loaded with the
@@ -117,7 +117,8 @@ class Registry(Mapping[str, T]):
         self._elsewhere = elsewhere
         self._files = files
         self._loaded: dict[str, T] = {}
-        self._own: dict[str, T] = {}
+        self.own: dict[str, T] = {}
+        """What `register` has added in this process, by name."""
         self.announce: Callable[[str], object] = lambda _: None
         """Callback with every name that `register` adds, for other registries."""
 
@@ -125,7 +126,7 @@ class Registry(Mapping[str, T]):
         return f"<{self._kind} by name: {', '.join(self)}>"
 
     def __iter__(self) -> Iterator[str]:
-        return iter(dict.fromkeys((*self.built_in, *self._offered, *self._own)))
+        return iter(dict.fromkeys((*self.built_in, *self._offered, *self.own)))
 
     def __len__(self) -> int:
         return len(list(iter(self)))
@@ -135,8 +136,8 @@ class Registry(Mapping[str, T]):
 
     def __getitem__(self, name: str) -> T:
         self._check_trust(name)
-        if name in self._own:
-            return self._own[name]
+        if name in self.own:
+            return self.own[name]
         if name not in self._loaded:
             self._loaded[name] = self._load(name)
         return self._loaded[name]
@@ -168,7 +169,7 @@ class Registry(Mapping[str, T]):
             )
 
         def keep(result: T) -> T:
-            self._own[name] = self._checked(result)
+            self.own[name] = self._checked(result)
             self.announce(name)
             return result
 
@@ -208,6 +209,11 @@ class Registry(Mapping[str, T]):
         offered = () if name in self.built_in else self._offered.get(name, ())
         names = [entry.dist.name if entry.dist else "unknown" for entry in offered]
         return "" if _RANS in names else " and ".join(names)
+
+    def subgroup(self, name: str) -> str:
+        """Last word of the group of a name's entry point, as "space" of GROUP.space; empty where that is GROUP."""
+        entries = () if name in self.built_in else self._offered.get(name, ())
+        return next((e.group.removeprefix(self.group).strip(".") for e in entries), "")
 
     def comes_with_rans(self, name: str) -> bool:
         """Whether a name is built in, or of a package in the distribution of RANS."""
@@ -321,19 +327,23 @@ def _of_file(name: str, kind: str, files: Mapping[str, str]) -> str:
 
 
 def _entry_points(group: str) -> list[EntryPoint]:
-    """Entry points of a group; a package whose list cannot be read is left out, with a warning.
+    """Entry points of a group and of GROUP.WORD; a package whose list cannot be read is left out, with a warning.
 
     Python's own `entry_points` fails for all packages if one of them has a line without "=".
     """
+
+    def chosen(points: Iterable[EntryPoint]) -> list[EntryPoint]:
+        return [point for point in points if f"{point.group}.".startswith(f"{group}.")]
+
     with contextlib.suppress(Exception):
-        return list(entry_points(group=group))
+        return chosen(entry_points())
     points: dict[str, list[EntryPoint]] = {}
     for package in distributions():
         try:
-            points.setdefault(package.name, list(package.entry_points.select(group=group)))
+            points.setdefault(package.name, chosen(package.entry_points))
         except Exception as error:  # metadata of other packages may hold anything
             points[package.name] = []
-            if f"[{group}]" in (package.read_text("entry_points.txt") or ""):
+            if f"[{group}" in (package.read_text("entry_points.txt") or ""):
                 warnings.warn(
                     f"the entry points of the package {package.name} cannot be read, and nothing of it is "
                     f"registered: {first_line(error)}; the usual cause is a line without '='.",

@@ -47,7 +47,6 @@ from rans.show.tables.listing import (
 )
 from rans.table import Table
 from rans.tasks import TASKS, gymnasium_ids, load_task
-from rans.tasks.derived import dimensions
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -251,17 +250,14 @@ def _authority(craft: Spacecraft) -> Table:
 
 def tasks_page() -> str:
     """All tasks, and a page each."""
-    rows = []
-    for name in filter(TASKS.comes_with_rans, TASKS):
-        ids = gymnasium_ids(name)
-        possible = TASKS[name].dimensions
-        rows.append(
-            (
-                f"[{name}](tasks/{name}.md)",
-                _first_line(TASKS[name]),
-                "<br>".join(f"`{ids[dimension - 2]}`" for dimension in possible),
-            )
+    rows = [
+        (
+            f"[{name}](tasks/{name}.md)",
+            _first_line(TASKS[name]),
+            "<br>".join(f"`{id}`" for id in gymnasium_ids(name).values()),
         )
+        for name in filter(TASKS.comes_with_rans, TASKS)
+    ]
     body = table(("task", "purpose", "Gymnasium"), rows)
     toc = "\n".join(
         [
@@ -281,8 +277,7 @@ def tasks_page() -> str:
 def task_page(name: str) -> str:
     """One task: its reward, ends, settings and observations."""
     task = load_task(name)
-    ids = gymnasium_ids(name)
-    registered = ", ".join(f"`{ids[dimension - 2]}`" for dimension in dimensions(task))
+    registered = ", ".join(f"`{id}`" for id in gymnasium_ids(name).values())
     parts = "\n".join(listing(part) for part in task_listings(task, "settings."))
     caption = _task_picture(name)
     picture = f"```{{figure}} ../../_pictures/task-{name}.svg\n:width: 30em\n\n{caption}\n```\n\n"

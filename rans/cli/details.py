@@ -164,10 +164,7 @@ def _flag(task: object) -> str:
 
 def _environments(task: str) -> tuple[str, ...]:
     """Gymnasium ids of a task; none for MODULE:NAME, which is not registered."""
-    if ":" in task:
-        return ()
-    pair = gymnasium_ids(task)
-    return tuple(pair[dimension - 2] for dimension in TASKS[task].dimensions)
+    return () if ":" in task else tuple(gymnasium_ids(task).values())
 
 
 def _task_facts(name: str) -> dict[str, Any]:

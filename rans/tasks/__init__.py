@@ -60,14 +60,28 @@ _PUBLISHED = {
 """Names of papers for tasks in the plane and in space, where they differ from NAME2D and NAME3D."""
 
 
-def gymnasium_ids(name: str) -> tuple[str, str]:
-    """Gymnasium ids of a task in the plane and in space, by its name and without loading it.
+_PLACES: dict[str, tuple[int, ...]] = {"plane": (2,), "space": (3,)}
+"""Dimensions of tasks of packages, by the groups of entry points rans.tasks.plane and rans.tasks.space."""
 
-    Those of "my-task" are "rans/MyTask2D-v0" and "rans/MyTask3D-v0".
+
+def gymnasium_ids(name: str) -> dict[int, str]:
+    """Gymnasium ids of a task by its dimensions, 2 in the plane and 3 in space, without loading it.
+
+    Those of "my-task" are "rans/MyTask2D-v0" and "rans/MyTask3D-v0". A package whose task flies in space alone has
+    its entry point in the group ``rans.tasks.space``, of the plane alone in ``rans.tasks.plane``.
+
+    >>> rans.tasks.gymnasium_ids("go-to-attitude")
+    {3: 'rans/GoToAttitude3D-v0'}
     """
     base = "".join(word[:1].upper() + word[1:] for word in re.split(r"\W+", name))
-    plane, space = _PUBLISHED.get(name, (f"{base}2D", f"{base}3D"))
-    return f"rans/{plane}-v0", f"rans/{space}-v0"
+    ids = _PUBLISHED.get(name, (f"{base}2D", f"{base}3D"))
+    if name in TASKS.own:
+        from rans.tasks.derived import dimensions
+
+        works: tuple[int, ...] = dimensions(TASKS.own[name]())
+    else:
+        works = _PLACES.get("space" if name == "go-to-attitude" else TASKS.subgroup(name), (2, 3))
+    return {dimension: f"rans/{ids[dimension - 2]}-v0" for dimension in works}
 
 
 def __getattr__(name: str) -> Any:

@@ -150,7 +150,7 @@ def test_a_craft_that_hardly_turns_flies_an_orbit_in_long_steps() -> None:
 
 # Every task with a craft that the shipped one does not resemble, by turns in the plane and in space.
 NASTY = {
-    gymnasium_ids(task)[number % 2]: (nasty_planar, nasty_spatial)[number % 2]()
+    gymnasium_ids(task)[2 + number % 2]: (nasty_planar, nasty_spatial)[number % 2]()
     for number, task in enumerate(ANY_CRAFT)
 }
 SHIPPED = ["rans/GoToPose2D-v0", "rans/GoToPose3D-v0"]

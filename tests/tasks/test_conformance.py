@@ -67,9 +67,10 @@ def at(index: int, tree: Any) -> Any:
 
 def test_registration(task: Any) -> None:
     name = next(n for n, kind in TASKS.items() if kind is type(task))
-    plane, space = gymnasium_ids(name)
-    assert all(re.fullmatch(r"rans/\w+-v0", gymnasium_id) for gymnasium_id in (plane, space))
-    assert sum({plane, space} <= {*gymnasium_ids(other)} for other in TASKS) == 1
+    ids = gymnasium_ids(name)
+    assert tuple(ids) == dimensions(task)
+    assert all(re.fullmatch(r"rans/\w+-v0", gymnasium_id) for gymnasium_id in ids.values())
+    assert sum(ids.items() <= gymnasium_ids(other).items() for other in TASKS) == 1
     assert dataclasses.is_dataclass(task)
     with pytest.raises(dataclasses.FrozenInstanceError):
         setattr(task, dataclasses.fields(task)[0].name, None)

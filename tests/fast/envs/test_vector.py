@@ -25,7 +25,7 @@ from tests.support.engines import NEAR, SHORT, actions
 
 PLANE = "rans/GoToPose2D-v0"
 # The settings of `NEAR` are go-to-pose's; the other tasks reach the same code through the conformance suite.
-BOTH_IDS = pytest.mark.parametrize("name", gymnasium_ids("go-to-pose"))
+BOTH_IDS = pytest.mark.parametrize("name", gymnasium_ids("go-to-pose").values())
 
 
 def make(name: str = PLANE, count: int = 6, **kwargs: Any) -> SpacecraftVectorEnv:
