@@ -49,8 +49,6 @@ Where a name alone measures a table, the command is `python -m campaigns NAME --
 | table of | measured by | evidence | flights behind each share; with `--quick` | processor time with `--quick`, s |
 |---|---|---|---|---|"""
 _TAIL = """
-A table marked with * needs trainings first, and is left out with a sentence until they are there.
-
 ## What agrees
 
 Flights of a seed are deterministic. On the same processor, with the versions of the evidence, every cell is the
@@ -85,9 +83,7 @@ _DRAWN = """
 
 def _rows() -> Iterator[str]:
     for name, source in ROWS.items():
-        link = f"[{Path(source.page).stem}]({_in_repository(source.page)})" + "*" * bool(
-            source.needs
-        )
+        link = f"[{Path(source.page).stem}]({_in_repository(source.page)})"
         commands = "<br>".join(map(_short, source.measured_by(name)))
         files = ", ".join(f"[{name}](validation/{name})" for name in source.evidence)
         full, quick = source.flights
@@ -110,7 +106,7 @@ def _in_repository(page: str) -> str:
 
 def _duration() -> str:
     """Sentence with the time of all quick rows."""
-    every = {name: one.time(quick=True) for name, one in ROWS.items() if not one.needs}
+    every = {name: one.time(quick=True) for name, one in ROWS.items()}
     total = sum(every.values())
     missing = [name for name, seconds in every.items() if not seconds]
     rest = f" The sum leaves out what was not measured: {', '.join(missing)}." if missing else ""
@@ -121,7 +117,7 @@ def _duration() -> str:
         if ROWS[name].flights[1]
     ]
     return (
-        f"\nWith `--quick` all rows without * take {total:,.0f} s of one processor together, "
+        f"\nWith `--quick` all rows take {total:,.0f} s of one processor together, "
         f"{total / 120.0:.0f} minutes on two (AMD EPYC).{rest} With every flight the {len(grown)} rows whose "
         f"number of flights is stated would take {sum(grown):,.0f} s, if their times grow as the flights do: "
         f"{sum(grown) / 960.0:.0f} minutes on 16 processors. The other {len(every) - len(grown)} rows search or "

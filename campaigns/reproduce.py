@@ -130,11 +130,7 @@ class Reproduce:
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
         terminal.say(f"Written to {self.output / 'differences.md'}.")
-        return int(any(one.beyond or _is_failure(one) for one in results))
-
-
-def _is_failure(result: Result) -> bool:
-    return bool(result.failed) and not result.failed.startswith("left out")
+        return int(any(one.beyond or one.failed for one in results))
 
 
 def _row(_: None, name: str, source: Campaign, quick: bool, output: Path) -> Result:
@@ -155,10 +151,6 @@ def _lost(name: str, *_: object) -> Result:
 def reproduced(name: str, source: Campaign, quick: bool, output: Path) -> Result:
     """Run one row in a folder of its own below ``output``, and compare its tables."""
     result = Result(name)
-    trainings = source.needs.partition(",")[0]
-    if source.needs and not (ROOT / trainings).exists():
-        result.failed = f"left out: it needs {source.needs}"
-        return result
     folder = output / name.replace(" ", "-")
     _prepare(folder, source)
     begun = time.monotonic()
@@ -195,7 +187,7 @@ def reproduced(name: str, source: Campaign, quick: bool, output: Path) -> Result
 
 
 def _prepare(folder: Path, source: Campaign) -> None:
-    """A fresh copy of the pages and of the evidence of others; trainings are those of the checkout."""
+    """A fresh copy of the pages and of the evidence of others."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     shutil.copytree(
@@ -206,8 +198,6 @@ def _prepare(folder: Path, source: Campaign) -> None:
         shutil.rmtree(evidence) if evidence.is_dir() else evidence.unlink()
         if not evidence.suffix:
             evidence.mkdir()
-    if source.needs:
-        (folder / "runs").symlink_to(ROOT / "runs")
 
 
 def _words(command: str) -> list[str]:

@@ -87,8 +87,6 @@ class Campaign:
     """Files in docs/validation that the commands write; the first is that of the tables."""
     moved: tuple[tuple[str, str], ...] = ()
     """Files that the commands write elsewhere, and their names in docs/validation."""
-    needs: str = ""
-    """Folder of trainings that must be there first, and how to make it."""
     deterministic: bool = True
     """Whether two runs on one machine are equal; false where a limit of time ends a search."""
 

@@ -231,14 +231,6 @@ def test_rows_run_on_an_executor_and_a_lost_one_again(
     assert all(f"| {name} |" in text and f"no evidence of {name}" in text for name in idle)
 
 
-def test_trainings_that_are_missing_are_a_sentence(tmp_path: Path) -> None:
-    source = replace(ROWS["agents"], needs="runs/nowhere, trainings")
-    assert (
-        reproduced("agents", source, True, tmp_path).failed
-        == "left out: it needs runs/nowhere, trainings"
-    )
-
-
 def test_an_unknown_row_is_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"got 'stres' .did you mean stress"):
         Reproduce(only=("stres",), output=tmp_path).run()
