@@ -329,6 +329,12 @@ class WrongArgument(ConfigError, TypeError):
     """A call has an argument that its function lacks; a `TypeError`, for libraries that try arguments out."""
 
 
+class NoSuchKey(ConfigError, KeyError):
+    """A mapping of RANS has no such name; a `KeyError`, for Python's ``mapping.get(name)``."""
+
+    __str__ = RansError.__str__  # a KeyError's is the repr of its message
+
+
 EXTRAS = {
     "pydrake": "verify",
     "casadi": "optimal",

@@ -21,7 +21,7 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any, TypeVar
 
-from rans.errors import ConfigError, RansWarning, brief, meant, meant_file, of_user_code
+from rans.errors import ConfigError, NoSuchKey, RansWarning, brief, meant, meant_file, of_user_code
 from rans.files import first_line
 
 T = TypeVar("T")
@@ -95,8 +95,9 @@ class Registry(Mapping[str, T]):
         files: what to write for files of other software, by their suffixes, with {name} and {stem}.
 
     Raises:
-        ConfigError: by ``registry[name]``: there is no such object, it is not valid (the message names its
-            package), or it is a MODULE:NAME that only a file has named.
+        NoSuchKey: by ``registry[name]``: there is no such object.
+        ConfigError: it is not valid (the message names its package), or it is a MODULE:NAME that only a file has
+            named.
     """
 
     def __init__(
@@ -185,7 +186,7 @@ class Registry(Mapping[str, T]):
     def _check_trust(self, name: object) -> None:
         """Reject MODULE:NAME that the user has not typed, because loading it would run code of a file's choice."""
         if not isinstance(name, str):
-            raise ConfigError(f"the {self._kind} must be a name, got {brief(name)}.")
+            raise NoSuchKey(f"the {self._kind} must be a name, got {brief(name)}.")
         if ":" not in name or name in self._offered or name in _typed or are_files_trusted():
             return
         raise ConfigError(
@@ -251,7 +252,7 @@ class Registry(Mapping[str, T]):
             )
             if self._or_else and "=" in name:
                 near = " (write the line into a file, such as mine.toml, and name that)"
-            raise ConfigError(
+            raise NoSuchKey(
                 f"there is no {self._kind} named {brief(name)}{near}; known are "
                 f"{', '.join(self)}; your own is MODULE:NAME{self._or_else}."
             )

@@ -1,12 +1,17 @@
-"""Where an error of a user's code was raised."""
+"""Errors as Python's own protocols expect them, and where one of a user's code was raised."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from rans import errors
+from rans.evaluation.measure.aggregate import Metrics
+from rans.tasks import TASKS, GoToPosePriced
+from rans.tasks.go_to_pose_priced import TradeOffPositions
 from tests.support.scripts import module_of
 
 
@@ -21,3 +26,18 @@ def test_a_users_file_beside_the_package_is_not_the_packages(
     with pytest.raises(LookupError, match="3") as raised:
         module.act()
     assert errors.where_raised(raised.value) == " (rans_mine.py, line 2, in act)"
+
+
+@pytest.mark.parametrize(
+    "names",
+    [TASKS, TradeOffPositions(GoToPosePriced()), Metrics("c", "fast", "s", 1, 1, 0.2, ())],
+    ids=lambda names: type(names).__name__,
+)
+@pytest.mark.parametrize("key", ["nothing", None])
+def test_mappings_are_asked_as_pythons(names: Mapping[Any, Any], key: Any) -> None:
+    assert names.get(key) is None
+    assert key not in names
+    with pytest.raises(errors.NoSuchKey) as raised:
+        names[key]
+    assert repr(key) in str(raised.value)
+    assert str(raised.value).endswith(".")

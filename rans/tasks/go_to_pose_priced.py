@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, NoSuchKey, brief
 from rans.model.dynamics import State
 from rans.model.fields import Field, exp, log
 from rans.model.random import Random
@@ -118,12 +118,12 @@ class TradeOffPositions(Mapping[str, GoToPosePriced]):
         """Task at the trade-off of this name.
 
         Raises:
-            ConfigError: the name is not a number from 0 to 1.
+            NoSuchKey: the name is not a number from 0 to 1.
         """
         try:
             return self.task.with_trade_off(float(name))
-        except (ValueError, ConfigError):
-            raise ConfigError(
+        except (ValueError, TypeError, ConfigError):
+            raise NoSuchKey(
                 f"the trade-off ranges from 0 (fast) to 1 (thrifty), got {brief(name)}."
             ) from None
 

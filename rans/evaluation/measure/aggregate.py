@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from rans.display import NotebookRepr
-from rans.errors import counted, meant
+from rans.errors import NoSuchKey, brief, counted, meant
 from rans.evaluation.measure.metrics import Sample, samples
 from rans.evaluation.measure.statistics import (
     Bootstrap,
@@ -77,8 +77,8 @@ class Metrics(NotebookRepr, Mapping[str, Metric]):
     def __getitem__(self, name: str) -> Metric:
         metrics = {row.name: row for row in self.rows}
         if name not in metrics:
-            raise KeyError(
-                f"there is no metric {name!r}{meant(name, metrics)}; there are {', '.join(metrics)}"
+            raise NoSuchKey(
+                f"there is no metric {brief(name)}{meant(str(name), metrics)}; there are {', '.join(metrics)}."
             )
         return metrics[name]
 
