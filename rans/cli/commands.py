@@ -52,7 +52,7 @@ def _checked(command: Any) -> type[Command]:
     return command
 
 
-_NAMES = (
+BUILT_IN = (
     "train",
     "sweep",
     "evaluate",
@@ -66,10 +66,11 @@ _NAMES = (
     "tune",
     "list",
 )
+"""Names of the commands of the core."""
 COMMANDS: Registry[type[Command]] = Registry(
     kind="command",
     group="rans.commands",
-    built_in={name: f"rans.cli.{name}:{name.capitalize()}" for name in _NAMES},
+    built_in={name: f"rans.cli.{name}:{name.capitalize()}" for name in BUILT_IN},
     checked=_checked,
 )
 """Every command that is installed; each is imported when it is used."""

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from rans.cli.commands import Command
+from rans.cli.commands import BUILT_IN, Command
 from rans.cli.options import EVERYWHERE, is_in_help, option_name, texts_of
 
 _STYLES = re.compile(r"\x1b\[[0-9;]*m")
@@ -39,18 +39,20 @@ class _Page(io.TextIOWrapper):
 
 
 def overview(about: str, commands: Mapping[str, type[Command]]) -> str:
-    """Text of ``rans`` without arguments: usage, first commands, and a summary of every command."""
+    """Text of ``rans`` without arguments: usage, summaries of the core's commands, and names of the others."""
     width = shutil.get_terminal_size().columns
     lines = ["usage: rans COMMAND [OPTIONS]", "", *_filled(about, width), "", "Start here:"]
     for command, gives in START.items():
         whole = f"  {command:<45} # {gives}"
         lines.append(whole if len(whole) <= width else f"  {command}")
-    for title in dict.fromkeys(command.group for command in commands.values()):
+    for title in dict.fromkeys(commands[name].group for name in BUILT_IN):
         lines += ["", f"{title}:"]
-        for name, command in commands.items():
-            if command.group == title:
+        for name in BUILT_IN:
+            if commands[name].group == title:
                 first = f"  {name:<11}"
-                lines += _filled(f"{first}{_summary(command)}", width, " " * len(first))
+                lines += _filled(f"{first}{_summary(commands[name])}", width, " " * len(first))
+    if others := ", ".join(name for name in commands if name not in BUILT_IN):
+        lines += ["", "Of packages:", *_filled(f"  {others}.", width, "  ")]
     lines += ["", *_everywhere(width)]
     lines += ["", *_filled("`rans COMMAND --help` has options and examples.", width)]
     return "\n".join(lines)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 
 import numpy as np
 
@@ -23,7 +24,7 @@ lander), and 8 in the training of the agents for any craft."""
 
 
 def seconds_for_a_metre(craft: Spacecraft) -> float:
-    """Least time from rest to rest over 1 m, s: half of it with all nozzles open that push along the best axis.
+    """Least time from rest to rest over 1 m, s: half of it with all nozzles open that push the best way.
 
     Bang-bang: t = 2 sqrt(d / a). A spacecraft that first turns, or whose brakes are weaker, takes longer. Infinite
     without thrusters.
@@ -61,7 +62,19 @@ def _sums(craft: Spacecraft, wrenches: np.ndarray) -> np.ndarray:
 
 
 def _strongest(craft: Spacecraft, forces: np.ndarray) -> float:
-    return float(max(_sums(craft, forces).max(), _sums(craft, -forces).max()))
+    """Largest force in any direction, N: that of the thrusters that push its own way.
+
+    From each pair of thrusters, and from many directions, those are chosen that push the way of their sum, until
+    none changes.
+    """
+    if craft.thrust_sharing == "split":
+        return float(np.linalg.norm(forces, axis=1).max())
+    width = forces.shape[1]
+    pairs = (forces[:, None] + forces[None]).reshape(-1, width)
+    ways = np.vstack([pairs, np.array(list(product((-1.0, -0.4, 0.0, 0.4, 1.0), repeat=width)))])
+    for _ in forces:
+        ways = (ways @ forces.T > 0.0) @ forces
+    return float(np.linalg.norm(ways, axis=1).max())
 
 
 def misfits(craft: Spacecraft) -> list[str]:

@@ -21,6 +21,7 @@ def test_nothing_typed_shows_the_help(capsys: pytest.CaptureFixture[str]) -> Non
     assert code_of([]) == 0
     printed = capsys.readouterr().out
     assert all(command in printed for command in COMMANDS)
+    assert sum(f"\n  {command} " in printed for command in COMMANDS) <= 15
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])

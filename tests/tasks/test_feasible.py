@@ -80,6 +80,8 @@ def test_times_by_hand() -> None:
     # 2 N on 8 kg: 0.5 m at 0.25 m/s^2 take 2 s. 0.8 N m on 0.1 kg m^2: pi / 2 rad at 8 rad/s^2.
     assert seconds_for_a_metre(craft) == pytest.approx(4.0)
     assert seconds_for_half_a_turn(craft) == pytest.approx(2.0 * math.sqrt(math.pi / 8.0))
+    # Two of its eight thrusters of 1 N push each of two ways at right angles: sqrt(8) N.
+    assert seconds_for_a_metre(PLATFORM) == pytest.approx(2.0 * math.sqrt(5.32 / math.sqrt(8.0)))
     assert seconds_for_half_a_turn(radial()) == math.inf
 
 
