@@ -227,7 +227,7 @@ def text_of_name(what: str, value: object, kind: type) -> str:
     )
 
 
-def label(what: str, value: object) -> str:
+def one_line(what: str, value: object) -> str:
     """A name that goes into files and pages: one printable line of at most `_LINE` characters.
 
     Raises:

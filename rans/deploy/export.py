@@ -32,7 +32,7 @@ from rans.deploy.onnx_file import write_onnx
 from rans.deploy.program import Ports, agent_program
 from rans.effectors.commands import allowed, is_identity
 from rans.episode import Setup
-from rans.errors import ConfigError, label, require
+from rans.errors import ConfigError, one_line, require
 from rans.evaluation.fly.agent import Agent, load_policy
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.fly.episodes import fly_episodes
@@ -139,7 +139,7 @@ def write_export(
     loaded = load_policy(run)  # says what is wrong with it, if anything
     source = RunFolder(run)
     target = RunFolder(folder)
-    name = label("the name of an agent", _agent_name(source) or folder.resolve().name)
+    name = one_line("the name of an agent", _agent_name(source) or folder.resolve().name)
     craft = source.spacecraft()
     if form == "sb3" and not is_identity(craft):
         raise ConfigError(

@@ -18,7 +18,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from rans.display import NotebookRepr
-from rans.errors import ConfigError, RansWarning, brief, checked, counted, label
+from rans.errors import ConfigError, RansWarning, brief, checked, counted, one_line
 from rans.model.actuators import ON_OFF, Actuators, Propellant, Wheel
 
 ThrustSharing = Literal["none", "split"]
@@ -471,7 +471,7 @@ def check_spacecraft(craft: Spacecraft) -> None:
     Raises:
         ConfigError: a value is not physical; the message names the spacecraft, the key and the bound.
     """
-    label("the name of a spacecraft", craft.name)
+    one_line("the name of a spacecraft", craft.name)
     dimension = craft.dimension
     kinds = "OnOff(), Pulsed(counts, least) or Throttle()"
     for key, holds, bound in (
@@ -653,9 +653,9 @@ def _check_further(craft: Spacecraft) -> None:
     for effector in craft.further_effectors:
         effector.check_craft(craft)
         for text in (effector.label, *effector.factors):
-            label(f"spacecraft {craft.name!r}: the label of an effector", text)
+            one_line(f"spacecraft {craft.name!r}: the label of an effector", text)
     for part in (*craft.commands, *craft.stores):
-        label(f"spacecraft {craft.name!r}: the name of a command or store", part.name)
+        one_line(f"spacecraft {craft.name!r}: the name of a command or store", part.name)
     moving = [e.label for e in craft.further_effectors if e.moves_mass]
     if len(moving) > 1:
         raise ConfigError(

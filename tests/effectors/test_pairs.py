@@ -86,16 +86,24 @@ def test_gravity_turns_wheels_and_what_is_left_of_a_tank(effects: tuple[str, ...
     assert found.attitude < 1e-8
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "number",
-    random.Random(SEED).sample(range(len(TRIPLES)), 24),
-    ids=lambda k: _named("-".join(TRIPLES[k])),
+SOME_TRIPLES = sorted(
+    {
+        *random.Random(SEED).sample(range(len(TRIPLES)), 24),
+        *(k for k, triple in enumerate(TRIPLES) if GRADIENT in triple),
+    }
 )
+"""All with the gradient of gravity, which is in no pair, and some others."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", SOME_TRIPLES, ids=lambda k: _named("-".join(TRIPLES[k])))
 def test_triples_of_effects_agree_with_scipy(number: int) -> None:
-    """Every effect beside two others, in inertial axes, with every force by turns."""
+    """In inertial axes, with every force by turns."""
     effects, force = TRIPLES[number], FORCES[number % 4]
-    within(compare(effects, 3, 0.2, 2, 2.0, force), force)
+    found = compare(effects, 3, 0.2, 2, 2.0, force)
+    within(found, force)
+    # Wheels beside a tank are 1.3e-7 rad off, by steps; torque on wheels that lose mass with the tank: 1.1e-6 rad.
+    assert found.attitude < 5e-7
 
 
 def test_a_tank_with_slow_valves_agrees_with_scipy() -> None:

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rans.errors import one_line
 from rans.extend import (
     ConfigError,
     Flight,
@@ -26,7 +27,6 @@ from rans.extend import (
     brief,
     checked,
     counted,
-    label,
     read_text,
     write_text,
 )
@@ -283,7 +283,7 @@ def read_opm(file: str | Path) -> OrbitState:
     epoch, is_leap_second = _instant(fields.get("EPOCH", ""), f"EPOCH of {file}")
     name = fields.get("OBJECT_NAME", "")
     if name:
-        label(f"OBJECT_NAME of {file}", name)
+        one_line(f"OBJECT_NAME of {file}", name)
     return OrbitState(name, frame, epoch, p, v, is_leap_second)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, RansError, brief, label, positive
+from rans.errors import ConfigError, RansError, brief, one_line, positive
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.user_policy import UserPolicy, answered, user_policy
 from rans.files import first_line, inside, read_json, read_text
@@ -54,7 +54,7 @@ def read_contract(folder: Path, for_flight: bool = False) -> dict[str, Any]:
                 f"{brief(table.get(key))}."
             )
     if for_flight:
-        label(f"agent in {file}", table["agent"])
+        one_line(f"agent in {file}", table["agent"])
     positive(f"control_period in {file}", table.get("control_period"))
     if for_flight:
         positive(f"readings.oldest in {file}", table["readings"].get("oldest"))

@@ -15,8 +15,17 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rans.extend import Body, Heading, PlanarState, Spacecraft, State, Vec2, map_leaves
-from rans.model.dynamics import advance, mean_thrust, undelayed
+from rans.extend import (
+    Body,
+    Heading,
+    PlanarState,
+    Spacecraft,
+    State,
+    Vec2,
+    advance,
+    map_leaves,
+)
+from rans.model.dynamics import mean_thrust, undelayed
 from rans.tasks.goal_set import REST_SPEED, REST_SPIN
 
 _NODES = 4

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rans.extend import Spacecraft, Timing, leaves, map_leaves
 from rans.optimal.trajectory.allocation import rounding
 from rans_missions.guidance.arrival import TIME_ROUNDING
-from rans_missions.tasks.orbital import OrbitalMission, Plan
+
+if TYPE_CHECKING:
+    from rans_missions.tasks.orbital import OrbitalMission, Plan
 
 _NEAR = 2.0
 """Position tolerances within which a craft whose mission is over stays."""

@@ -5,16 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rans.extend import Body, ConfigError, Drift, Spacecraft, bounds
 from rans.model.body import numbers
 from rans.randomization.conditions import largest
-from rans_missions.slosh.liquid import MOST, Slosh
 from rans_missions.slosh.swinging import DECAY, MOST_STEPS, STEP, paces
 
+if TYPE_CHECKING:
+    from rans_missions.slosh.liquid import Slosh
+
+MOST = 1.0 - 1e-3
+"""Largest fraction of a mass or an inertia that the liquid may have."""
 _STABLE = 2.5
 """Longest step times the rate at which friction stops the rod under conditions, whose steps are those of the
 designed craft; the method is stable up to 2.78."""

@@ -9,18 +9,18 @@ from typing import Any
 from rans.effectors.effector import Action, Begun, Effector
 from rans.extend import Body, ConfigError, Drift, Field, Spacecraft, Timing, brief, is_finite
 from rans.model.spacecraft import CommandRange
+from rans_missions.slosh import checks, swinging
+from rans_missions.slosh.checks import MOST
+from rans_missions.slosh.swinging import LARGEST
 
 _FIRST_ZERO = 1.841183781
 """First zero of the derivative of the Bessel function J1: the first lateral mode of an upright cylinder."""
 
 
 SMALLEST = 1e-9
-LARGEST = 1e9
-"""Range of a mass and a length, and bound of a coordinate (SI), as of a spacecraft."""
+"""Least mass, kg, and length, m, as of a spacecraft."""
 IN_PLANE = 1e-9
 """Component out of the plane, m, that is accepted as rounding."""
-MOST = 1.0 - 1e-3
-"""Largest share of a mass or an inertia that the liquid may have."""
 
 
 @dataclass(frozen=True)
@@ -143,9 +143,7 @@ class Slosh(Effector):
 
     def of_craft(self, craft: Spacecraft) -> Effector:
         """The pendulum of this liquid in a craft, with its states."""
-        from rans_missions.slosh.swinging import Pendulum
-
-        return Pendulum(self, craft)
+        return swinging.Pendulum(self, craft)
 
     def begin(self, begun: Begun) -> Action | None:
         """Nothing without a craft: see `rans_missions.slosh.swinging.Pendulum`."""
@@ -206,29 +204,21 @@ class Slosh(Effector):
 
     def check_body(self, craft: Spacecraft, body: Body) -> None:
         """See `rans_missions.slosh.checks.check_body`."""
-        from rans_missions.slosh.checks import check_body
-
-        check_body(self, craft, body)
+        checks.check_body(self, craft, body)
 
     def check_conditions(self, craft: Spacecraft, conditions: Any) -> None:
         """See `rans_missions.slosh.checks.check_conditions`."""
-        from rans_missions.slosh.checks import check_conditions
-
-        check_conditions(self, craft, conditions)
+        checks.check_conditions(self, craft, conditions)
 
     def check_flight(
         self, craft: Spacecraft, drift: Drift, period: float, conditions: Any = None
     ) -> None:
         """See `rans_missions.slosh.checks.check_flight`."""
-        from rans_missions.slosh.checks import check_flight
-
-        check_flight(self, craft, drift, period, conditions)
+        checks.check_flight(self, craft, drift, period, conditions)
 
     def inaccuracy(self, craft: Spacecraft, states: Any, going: Any, timing: Timing) -> str:
         """See `rans_missions.slosh.swinging.inaccuracy`."""
-        from rans_missions.slosh.swinging import inaccuracy
-
-        return inaccuracy(self, craft, states, going, timing)
+        return swinging.inaccuracy(self, craft, states, going, timing)
 
 
 def _is_positive(x: object) -> bool:

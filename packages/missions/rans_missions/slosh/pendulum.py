@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rans.extend import (
     Body,
@@ -26,7 +26,9 @@ from rans.extend import (
 )
 from rans.model.fields import cos, sin, wrap
 from rans.model.rotation import symmetric_inverse, symmetric_times
-from rans_missions.slosh.liquid import Slosh
+
+if TYPE_CHECKING:
+    from rans_missions.slosh.liquid import Slosh
 
 
 def _swinging(slosh: Slosh, craft: Spacecraft, body: Body) -> Field:

@@ -10,7 +10,7 @@ import math
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,9 +18,13 @@ from rans.effectors.effector import Begun, Effector, JointMotion
 from rans.extend import Body, Drift, Field, Spacecraft, Timing, Vec3, Wrench, counted, map_leaves
 from rans.model.dynamics import NODES
 from rans.model.spacecraft import CommandRange, Store
-from rans_missions.slosh.liquid import LARGEST, Slosh
 from rans_missions.slosh.pendulum import PlanarPair, SphericalPair
 
+if TYPE_CHECKING:
+    from rans_missions.slosh.liquid import Slosh
+
+LARGEST = 1e9
+"""Largest mass and length, and bound of a coordinate and of a rate (SI), as of a spacecraft."""
 _USUAL_SPIN = 1.0
 """Spin of a craft that steps are chosen for, rad/s: as in `rans.model.accuracy`."""
 STEP = 0.1

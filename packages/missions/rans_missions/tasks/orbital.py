@@ -36,6 +36,7 @@ from rans.tasks.observation_terms import (
 )
 from rans.tasks.rewards import is_used
 from rans.tasks.shapes import Shape, SpeedLimit
+from rans_missions.control.afterwards import Afterwards
 from rans_missions.guidance.arrival import TIME_ROUNDING
 from rans_missions.guidance.coasts import Coasts
 from rans_missions.guidance.limits import Limits
@@ -49,7 +50,6 @@ from rans_missions.orbits.uneven import UnevenOrbit
 
 if TYPE_CHECKING:
     from rans.extend import Spacecraft, Timing
-    from rans_missions.control.afterwards import Afterwards
 
 _EARTH_RADIUS = 1e-3 * EARTH_RADIUS
 """Equatorial radius of the Earth, km."""
@@ -464,8 +464,6 @@ class OrbitalMission(SingleTask):
 
     def afterwards(self, craft: Spacecraft, timing: Timing) -> Afterwards:
         """Stays from the arrival on, and plans again after a deadline that was missed."""
-        from rans_missions.control.afterwards import Afterwards
-
         return Afterwards(craft, self, timing)
 
     def velocity_to_gain(self, state: Any, goal: Any, left: Field) -> Any:

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 from rans_missions.bounds.transfers import row_of
 from rans_missions.control.guidance import VelocityToGain
 from rans_missions.control.mission_guidance import MissionGuidance
@@ -15,7 +14,6 @@ from rans_missions.tasks import Dock, Hold, Rendezvous
 from rans_missions.tasks.orbital import OrbitalMission
 
 import rans
-from rans.effectors.commands import per_velocity
 from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import fly
@@ -23,8 +21,6 @@ from rans.model.actuators import Pulsed
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.policy.architecture import Architecture
-from rans.policy.network import Network
 from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
@@ -35,8 +31,6 @@ from rans.randomization.conditions import (
 )
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, draws, scenarios
-from rans.tasks.base import observation
-from rans.tasks.derived import layout
 from rans.tasks.shapes import Ball
 
 DEPUTY = load_spacecraft("afrl-deputy")
@@ -92,24 +86,6 @@ def test_later_burns_save_impulse() -> None:
     assert ours.docked.all()
     both = ours.docked & theirs.docked
     assert ours.impulse[both].mean() < 0.97 * theirs.impulse[both].mean()
-
-
-def test_a_guided_agent_that_has_learnt_nothing_gives_all_of_it() -> None:
-    task = Dock()
-    given = Architecture(
-        layout(task, 3), 6, (8, 8), head="guided", levers=per_velocity(DEPUTY, 10.0)
-    )
-    tensors, _ = given.initial(0, 0.5)
-    for kind in ("weight", "bias"):
-        tensors[f"action_net.{kind}"].zero_()
-    given.last.expect(tensors["action_net.bias"], 0.5)
-    network = Network.stacked(given, [tensors], torch.device("cpu"), torch.float64)
-    starts = scenarios(task, DEPUTY, 3, 20)
-    wanted = MissionGuidance(DEPUTY, task).act(starts.start, starts.goal, np.zeros((20, 0)))
-    columns = observation(task, starts.start, starts.goal)
-    rows = np.stack([np.broadcast_to(np.asarray(x, float), 20) for x in columns], axis=1)
-    command, _ = network.deterministic_action(torch.from_numpy(rows), network.initial_state(20))
-    np.testing.assert_allclose(command.numpy(), wanted, atol=1e-12)
 
 
 def test_noise_of_thrusts_is_as_uncertain_as_their_range() -> None:
