@@ -434,9 +434,11 @@ LEFT_ALONE = {
         "rans.tasks.",
         "rans.api",
         "rans.cli.door",
-        "rans.fast",
+        "rans.fast.engine",
+        "rans.fast.learn.ppo",  # learners are listed by name
         "rans.optimal",
-        "rans_missions.",  # its files are found beside its package, which is empty
+        "rans_missions.tasks",  # its files are found beside its package, which is empty
+        "rans_missions.control",
         "rans.evaluation.measure",
     ),
     "import rans; rans.Engine; rans.PPO": (

@@ -170,7 +170,7 @@ def test_the_folder_of_ccsds_messages_is_named(
     assert main(["evaluate", "mission:hold-3d", "--episodes", "1", "--trajectories"]) == 0
     [folder] = here.rglob("ccsds")
     assert str(folder.relative_to(here)) in capsys.readouterr().out.replace("\n", "")
-    assert len([*folder.iterdir()]) == 3
+    assert len([*folder.iterdir()]) == 2  # target and craft
 
 
 @pytest.mark.slow

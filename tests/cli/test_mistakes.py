@@ -173,7 +173,7 @@ def test_files_and_folders_of_another_kind(here: Path, capsys: pytest.CaptureFix
         ("train go-to-pose --conditions wind.yaml", "does not end in .toml"),
         ("train go-to-pose --spacecraft runs/first", "did you mean runs/first/spacecraft.toml?"),
         ("evaluate runs", "did you mean runs/first?"),
-        ("evaluate mine.zip", "sb3:mine.zip:TASK-2d"),
+        ("evaluate mine.zip", "sb3:FILE.zip:TASK-2d"),
         ("list pid", "did you mean lqr?"),
     ):
         assert main(typed.split()) == 2  # pyrefly: ignore[bad-argument-type]

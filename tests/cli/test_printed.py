@@ -65,6 +65,7 @@ def test_the_end_of_a_training(
     trainer: Any = SimpleNamespace(
         run=SimpleNamespace(path=Path("runs/a b")),
         solved=solved,
+        imitates="",
         ended=solved or not stopped,
         warm_up=2.5,
         seconds=4.0,

@@ -157,7 +157,6 @@ def test_conditions_are_flown(effect: str) -> None:
         (FLYER, {"history": 3, "averages": (0.5,), "sided": False, "zoom": 4.0}),
         (PLATFORM, {"steady": (), "history": 2, "commands_only": True}),
         (FLYER, {"steady": (25.0, 25.0), "response": (2.0, 2.0), "gate": 5.0}),
-        (PLATFORM, {"sided": False, "units": 8}),
     ],
     ids=lambda x: getattr(x, "name", str(x)),
 )

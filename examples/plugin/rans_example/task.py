@@ -1,6 +1,7 @@
 """Stay at a distance from a point, anywhere around it."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from rans.extend import (
     Field,
@@ -19,15 +20,15 @@ from rans.extend import (
 
 @dataclass(frozen=True)
 class KeepDistance(SingleTask):
-    """Stay at a distance from the origin of W, with any attitude.
+    """Stay at a distance from a point, with any attitude.
 
     Observed task data: the way to the nearest point at that distance, in W (2 or 3 columns, m).
     """
 
     distance: float = 1.0
     """To keep, m."""
-    spawn_distance: tuple[float, float] = (1.5, 3.0)
-    """Range of the start's distance from the origin, m."""
+    spawn_distance: tuple[float, float] = (2.5, 4.0)
+    """Range of the start's distance from the goal, m."""
     position_scale: float = 0.5
     """Error at which the reward has fallen to 1/e, m."""
     position_tolerance: float = 0.1
@@ -36,19 +37,19 @@ class KeepDistance(SingleTask):
     """An episode fails beyond this distance, m."""
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start at rest around the origin."""
+        """Start at rest around the goal, from which the point is at the distance along the x axis of W."""
         return random.around(*self.spawn_distance), random.at_rest(
             random.origin(), random.no_rotation()
         )
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """The way to the nearest point at the distance."""
-        way = goal.p - state.p
+        way = self._way(state, goal)
         return (VectorInW("d", "m", way.scale(1.0 - self.distance / at_least(way.norm(), 0.01))),)
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
         """How far the distance is off, and angular speed."""
-        off = absolute((goal.p - state.p).norm() - self.distance)
+        off = absolute(self._way(state, goal).norm() - self.distance)
         return {"position": off, "spin": speed(state.spin())}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
@@ -62,4 +63,9 @@ class KeepDistance(SingleTask):
 
     def failed(self, state: State, goal: State) -> Field:
         """Too far away."""
-        return (goal.p - state.p).norm() > self.fail_distance
+        return self._way(state, goal).norm() > self.fail_distance
+
+    def _way(self, state: State, goal: State) -> Any:
+        """From the craft to the point, in W (m)."""
+        axes = (self.distance, 0.0, 0.0)[: len(goal.p.columns())]
+        return goal.p + type(goal.p)(*axes) - state.p

@@ -265,10 +265,10 @@ class _Answers:
         self._answer = answer
 
     def get_inputs(self) -> list[SimpleNamespace]:
-        return [SimpleNamespace(name="observation", shape=["N", 10])]
+        return [SimpleNamespace(name="observation", shape=["N", 10], type="tensor(float)")]
 
     def get_outputs(self) -> list[SimpleNamespace]:
-        return [SimpleNamespace(name="command", shape=["N", 8])]
+        return [SimpleNamespace(name="command", shape=["N", 8], type="tensor(float)")]
 
     def run(self, _: None, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
         return [self._answer(inputs["observation"])]

@@ -32,7 +32,12 @@ def _wide(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_arrow_of_a_force(direction: tuple[float, float, float], mark: str) -> None:
     with pytest.warns(UserWarning, match="cannot push"):
         craft = Spacecraft(
-            "one", 3, 1.0, UNIT_INERTIA, (Thruster((0.0, 0.3, 0.0), direction, 1.0),)
+            "one",
+            3,
+            1.0,
+            UNIT_INERTIA,
+            (Thruster((0.0, 0.3, 0.0), direction, 1.0),),
+            radius=0.31,
         )
     lines = layout_text(craft).splitlines()
     rows = [line for line in lines if f"0{mark}" in line]
