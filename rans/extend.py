@@ -26,13 +26,11 @@ if TYPE_CHECKING:
     from rans.deploy.export import evaluated as evaluated
     from rans.episode import Setup as Setup
     from rans.episode import World as World
-    from rans.episode import step as step
     from rans.errors import ConfigError as ConfigError
     from rans.errors import NonFiniteState as NonFiniteState
     from rans.errors import RansError as RansError
     from rans.errors import RansWarning as RansWarning
     from rans.errors import brief as brief
-    from rans.errors import checked as checked
     from rans.errors import counted as counted
     from rans.errors import is_finite as is_finite
     from rans.errors import is_installed as is_installed
@@ -40,7 +38,6 @@ if TYPE_CHECKING:
     from rans.errors import require as require
     from rans.errors import whole as whole
     from rans.evaluation.compare.contest import Contest as Contest
-    from rans.evaluation.fly.agent import Agent as Agent
     from rans.evaluation.fly.agent import LoadedRun as LoadedRun
     from rans.evaluation.fly.agent import load_policy as load_policy
     from rans.evaluation.fly.contestant_name import ContestantName as ContestantName
@@ -102,7 +99,6 @@ if TYPE_CHECKING:
     from rans.model.timing import MOST_STEPS as MOST_STEPS
     from rans.model.timing import Timing as Timing
     from rans.policy.network import Network as Network
-    from rans.policy.program import Program as Program
     from rans.processes import Workers as Workers
     from rans.progress import Progress as Progress
     from rans.progress import unseen as unseen

@@ -18,14 +18,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.errors import one_line
+from rans.errors import checked, one_line
 from rans.extend import (
     ConfigError,
     Flight,
     RansWarning,
     Task,
     brief,
-    checked,
     counted,
     read_text,
     write_text,

@@ -18,6 +18,7 @@ import numpy as np
 
 from rans.effectors.commands import command_bounds
 from rans.effectors.wheels import wheel_speeds
+from rans.episode import step
 from rans.extend import (
     MOST_STEPS,
     Conditions,
@@ -35,7 +36,6 @@ from rans.extend import (
     map_leaves,
     positive,
     seed_words,
-    step,
     whole,
 )
 from rans.model.fields import finite

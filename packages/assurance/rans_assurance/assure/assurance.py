@@ -15,11 +15,11 @@ from typing import Any
 
 import torch
 
+from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import judged_separately, view_command
 from rans.evaluation.fly.policy_text import is_user_policy
 from rans.evaluation.measure.scope import Scope, scope
 from rans.extend import (
-    Agent,
     Conditions,
     ConfigError,
     ContestantName,

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from rans.errors import checked
 from rans.extend import (
     ConfigError,
     Heading,
@@ -20,7 +21,6 @@ from rans.extend import (
     Spacecraft,
     Task,
     Timing,
-    checked,
     is_finite,
     leaves,
     map_leaves,

@@ -13,7 +13,8 @@ from typing import Any
 
 from rans.deploy.c.files import write_c
 from rans.deploy.program import Ports
-from rans.extend import ConfigError, Program, Setup
+from rans.extend import ConfigError, Setup
+from rans.policy.program import Program
 from rans_robot.fmu.craft import write_craft
 from rans_robot.fmu.unit import Unit, Variable, write_unit
 
