@@ -199,7 +199,6 @@ rans_command.run()
 MISSING = [
     [
         ("pydrake", "evaluate lqr:go-to-pose-2d --engine drake --episodes 2"),
-        ("pydrake", "view go-to-pose-2d --save frames.png"),
         ("casadi", "optimal go-to-pose"),
         ("casadi", "evaluate mpc:go-to-pose-2d --episodes 2"),
         ("numba", "optimal go-to-pose --certify"),
