@@ -107,6 +107,7 @@ def _own(part: Any, copies: dict[int, Any]) -> Any:
     """Copy of a part of a controller if it may remember, else the part; ``copies`` has earlier ones, by `id`."""
     if id(part) in copies:
         return copies[id(part)]
+    result: Any
     if isinstance(part, _COPIED_WHOLE):
         result = copies[id(part)] = copy.deepcopy(part)
     elif isinstance(part, tuple):
@@ -118,9 +119,9 @@ def _own(part: Any, copies: dict[int, Any]) -> Any:
         result = part if owner is part.__self__ else MethodType(part.__func__, owner)
     elif isinstance(part, list | dict | set | deque):
         result = copies[id(part)] = copy.copy(part)
-        if isinstance(result, dict):
+        if isinstance(part, dict):
             result.update({key: _own(x, copies) for key, x in part.items()})
-        elif not isinstance(result, set):
+        elif not isinstance(part, set):
             result.clear()
             result.extend(_own(x, copies) for x in part)
     elif not callable(getattr(part, "reset", None)) or isinstance(part, type):

@@ -16,7 +16,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property, wraps
 from importlib import resources
-from importlib.metadata import EntryPoint, distributions, entry_points
+from importlib.metadata import EntryPoint, distributions
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any, TypeVar
@@ -336,8 +336,6 @@ def _entry_points(group: str) -> list[EntryPoint]:
     def chosen(points: Iterable[EntryPoint]) -> list[EntryPoint]:
         return [point for point in points if f"{point.group}.".startswith(f"{group}.")]
 
-    with contextlib.suppress(Exception):
-        return chosen(entry_points())
     points: dict[str, list[EntryPoint]] = {}
     for package in distributions():
         try:

@@ -408,7 +408,7 @@ def test_a_class_of_a_function_has_no_name(here: Path) -> None:
 def test_names_of_the_distribution_of_rans_are_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """No other package replaces one, and none is called a package's."""
     entries = [
-        EntryPoint("same", value, "numbers")._for(SimpleNamespace(name=name))
+        EntryPoint("same", value, "numbers")._for(SimpleNamespace(name=name))  # pyrefly: ignore[missing-attribute]
         for value, name in (("builtins:no", "another"), ("tests.test_registry:BYTE", "rans"))
     ]
     monkeypatch.setattr("rans.registry._entry_points", lambda _: entries)

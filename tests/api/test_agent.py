@@ -125,7 +125,7 @@ def test_an_argument_that_is_none_is_a_type_error_as_in_python(make: Any) -> Non
 
 def test_an_attitude_may_be_scipys() -> None:
     turn = Rotation.from_euler("xyz", (0.1, 0.2, 0.3))
-    found = rans.state((0.0, 0.0, 0.0), turn).attitude
+    found: Any = rans.state((0.0, 0.0, 0.0), turn).attitude
     np.testing.assert_allclose(
         [found.w, found.x, found.y, found.z], turn.as_quat(scalar_first=True), rtol=1e-15
     )

@@ -145,7 +145,7 @@ def test_a_package_may_export_controllers(tmp_path: Path) -> None:
     try:
         assert rans.export("lqr:go-to-pose-2d", tmp_path, "c", episodes=4) == tmp_path
     finally:
-        del EXPORTERS._own["controller"]
+        del EXPORTERS.own["controller"]
     assert asked == [("lqr:go-to-pose-2d", tmp_path, "c", 4)]
 
 

@@ -85,6 +85,7 @@ def test_it_gives_the_agents_commands(agent: Path) -> None:
 
 def test_states_that_come_too_seldom_end_a_flight(agent: Path) -> None:
     pilot = MessagePilot(plan(agent), GoToPose())
+    slow: Any = None
     for k in range(1, 25):
         now = k * 350_000_000
         for message in pilot.interface.state(AWAY, now):

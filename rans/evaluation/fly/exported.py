@@ -166,16 +166,15 @@ class ExportedPython:
         `_KEPT` names the arrays that files of earlier exports have too.
         """
         count = len(observation)
-        own: Any = self
         with failing_as_config_error(self._folder / "agent.py"):
-            own = begin_flight(own, count)
+            begun: Any = begin_flight(self, count)
             if memory is not None:
                 begins = np.zeros(count, bool) if episode_start is None else episode_start
                 for name, before in zip(_KEPT, memory, strict=True):
                     rows = begins.reshape(-1, *[1] * (before.ndim - 1))
-                    setattr(own._agent, name, np.where(rows, getattr(own._agent, name), before))
-        commands = own.act(None, None, observation)
-        return commands, tuple(getattr(own._agent, name) for name in _KEPT)
+                    setattr(begun._agent, name, np.where(rows, getattr(begun._agent, name), before))
+        commands = begun.act(None, None, observation)
+        return commands, tuple(getattr(begun._agent, name) for name in _KEPT)
 
 
 OBSERVERS = (UserPolicy, ExportedPython)

@@ -331,7 +331,7 @@ def _check_spaces(
         raise ConfigError(
             f"{name} observes {observation_space.shape}, but {craft.name} has ({width},){stacked}."
         )
-    accepted = [MultiDiscrete([2] * count), MultiBinary(count), action_space(craft)]
+    accepted: list[Any] = [MultiDiscrete([2] * count), MultiBinary(count), action_space(craft)]
     if action_space(craft) == accepted[0] and count <= MOST_THRUSTERS:
         accepted.append(Discrete(2**count))  # DiscreteThrusters
     if expected not in accepted:

@@ -96,7 +96,11 @@ def test_pulses_that_are_long_for_a_heavy_craft_are_flown_more_often(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     start = load_spacecraft("free-flyer")
     thrusters = tuple(
-        replace(one, force=5.0, position=tuple(3.0 * x for x in one.position))
+        replace(
+            one,
+            force=5.0,
+            position=(3.0 * one.position[0], 3.0 * one.position[1], 3.0 * one.position[2]),
+        )
         for one in start.thrusters
     )
     wheels = tuple(Wheel(axis, 0.5, 20.0, 0.1) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))

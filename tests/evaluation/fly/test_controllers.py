@@ -138,7 +138,7 @@ def test_registered_in_python() -> None:
         assert contestant("every-second:go-to-pose-3d").controller.name == "alternating"
         assert pickle.loads(pickle.dumps(controller("every-second", SETUP))).name == "alternating"
     finally:
-        del CONTROLLERS._own["every-second"]
+        del CONTROLLERS.own["every-second"]
 
 
 CRAFT = load_spacecraft("floating-platform")
