@@ -107,7 +107,6 @@ def _own(part: Any, copies: dict[int, Any]) -> Any:
     """Copy of a part of a controller if it may remember, else the part; ``copies`` has earlier ones, by `id`."""
     if id(part) in copies:
         return copies[id(part)]
-    result: Any
     if isinstance(part, _COPIED_WHOLE):
         result = copies[id(part)] = copy.deepcopy(part)
     elif isinstance(part, tuple):
@@ -118,12 +117,13 @@ def _own(part: Any, copies: dict[int, Any]) -> Any:
         owner = _own(part.__self__, copies)
         result = part if owner is part.__self__ else MethodType(part.__func__, owner)
     elif isinstance(part, list | dict | set | deque):
-        result = copies[id(part)] = copy.copy(part)
+        filled: Any = copy.copy(part)
+        result = copies[id(part)] = filled
         if isinstance(part, dict):
-            result.update({key: _own(x, copies) for key, x in part.items()})
+            filled.update({key: _own(x, copies) for key, x in part.items()})
         elif not isinstance(part, set):
-            result.clear()
-            result.extend(_own(x, copies) for x in part)
+            filled.clear()
+            filled.extend(_own(x, copies) for x in part)
     elif not callable(getattr(part, "reset", None)) or isinstance(part, type):
         result = part
     elif hasattr(part, "__copy__") or not hasattr(part, "__dict__"):
