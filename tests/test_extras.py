@@ -13,6 +13,7 @@ from tests.support.processes import PATIENCE, python
 
 BLOCK = """
 import importlib.abc, sys
+import torch._dynamo  # it asks for onnx, and takes a refusal by a finder for an error
 
 class Blocked(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path=None, target=None):
