@@ -67,7 +67,7 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The stranger's kind of effector and controller have names."""
     added: list[Any] = [(EFFECTORS, "fan", Fan), (CONTROLLERS, "still", Still)]
     for registry, name, value in added:
-        monkeypatch.setattr(registry, "_own", {})
+        monkeypatch.setattr(registry, "own", {})
         registry.register(name)(value)
 
 
@@ -84,7 +84,7 @@ def test_its_commands_kind_and_learner_are_listed(
     rows = {row[0]: row[1] for row in spacecraft_listing(CRAFT).rows}
     assert rows["command 8"] == "fan, from 0 to 1"
     assert "thrusters alone" in rows["1 m from rest to rest, at the quickest"]
-    monkeypatch.setattr(LEARNERS, "_own", {"reinforce": LEARNERS["ppo"]})
+    monkeypatch.setattr(LEARNERS, "own", {"reinforce": LEARNERS["ppo"]})
     assert main(["list"]) == 0
     text = capsys.readouterr().out
     assert "fan" in text

@@ -61,7 +61,7 @@ def test_the_entry_point_is_the_function_of_the_seam() -> None:
 def test_without_the_package_space_has_the_hull_bound_and_the_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(BOUNDERS, "_own", {})
+    monkeypatch.setattr(BOUNDERS, "own", {})
     monkeypatch.setattr(BOUNDERS, "_offered", {})  # of who has it installed
     assert "examples/plugins/space_certificates" in no_certificate(FLYER, aims(TASK), 0.2)
     [scenario] = each(scenarios(TASK, FLYER, 5, 1))
