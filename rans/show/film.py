@@ -22,7 +22,7 @@ SUFFIXES = (".mp4", ".gif")
 _RATE = {".mp4": 25, ".gif": 12}
 """Frames a second."""
 _SIZE = {".mp4": (640, 480), ".gif": (432, 324)}
-"""Of one flight in a film, pixels; even, as the codec wants."""
+"""Width and height of one flight in a film, pixels; even, as the codec wants."""
 _ENCODER = {
     ".mp4": {
         "codec": "libx264",
@@ -47,7 +47,7 @@ _REST = 2.0
 _ROWS = 2
 _COLUMNS = 5
 _FRAME = (480, 420)
-"""Of one of the ten frames, pixels."""
+"""Width and height of one of the ten frames, pixels."""
 _HEAD = 0.15
 """Part of the height for what stands above a frame."""
 _INK = "#1F2933"

@@ -46,7 +46,7 @@ class Numbers:
     steps: int
     """Control periods after which all valves stay shut."""
     seed: int
-    """Of the random commands among which the best are chosen."""
+    """Seed of the random commands among which the best are chosen."""
 
     def __post_init__(self) -> None:
         """Reject (`ConfigError`) numbers out of their ranges."""

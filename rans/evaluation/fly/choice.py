@@ -34,7 +34,7 @@ ENOUGH = 0.95
 _COARSE = 0.2
 """Control period above which a shorter one is tried, s."""
 _VERSION = 1
-"""Of the rule; another one decides anew."""
+"""Version of the rule of choice; a cached choice of another version is made anew."""
 
 
 class Choice(NamedTuple):

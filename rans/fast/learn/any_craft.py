@@ -249,7 +249,7 @@ class _Lessons:
         self._rows = torch.empty(batch // network.members, dtype=torch.int64, device=engine.device)
         self._step = graphed(self._descend, engine.device)
         self.loss = torch.zeros((), device=engine.device)
-        """Of the last gradient step."""
+        """Loss of the last gradient step, a scalar."""
 
     def add(self, new: _Labels) -> None:
         """Add the labels of a round; values are learnt of the last own rounds alone, as commands change."""

@@ -530,7 +530,7 @@ _POLICY: dict[str, Any] = {
 functions are for one number."""
 _SMALL: dict[str, Any] = {"units": 96, "states": 512, "rounds": 2, "updates": 16, "batch": 2048}
 _SMALL_POLICY: dict[str, Any] = {"n_envs": 256, "batch_size": 1024}
-"""The same on a CPU."""
+"""Sizes of fit and policy on a CPU, in place of those of a GPU."""
 
 
 class Value(Algorithm):
