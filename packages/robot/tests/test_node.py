@@ -433,7 +433,7 @@ def test_a_command_to_which_no_robot_answers_fails(
 
 
 def test_one_sentence_for_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, name in (("zenoh", "zenoh"), ("cyclonedds.core", "dds")):
+    for module, name in (("zenoh", "zenoh"), ("cyclonedds", "dds")):
         monkeypatch.setitem(sys.modules, module, None)
         with pytest.raises(ConfigError, match=r"pip install .*\[robot\]"):
             open_bus(name)  # type: ignore[arg-type]
