@@ -327,7 +327,7 @@ def export(
     Args:
         agent: run folder of the agent, or the name of one that comes with RANS; any-craft-2d@mine.toml is exported
             for that craft. onnx:FILE:TASK-2d@SPACECRAFT is a network of another library, exported as it is (c,
-            numpy or onnx). A spacecraft, by its name or file, is exported as fmu.
+            numpy or onnx).
         output: folder to write, whose name becomes the agent's name; by default runs/exports/ and the name of the
             agent.
         format: format of the agent: rans, sb3, onnx, numpy, c, c8 (c with weights of a byte) or fmu. None has the
@@ -372,16 +372,7 @@ def exported(
     source: Any = agent.folder if isinstance(agent, AgentData) else agent
     if source is None:
         raise ConfigError(f"{agent!r} is no trained agent with a run folder.")
-    if is_craft_alone(str(source)):
-        write_craft = EXPORTERS["spacecraft"]
-        default = Path("runs/exports") / Path(str(source)).stem
-        folder = default if output is None else Path(text_of_name("output", output, Path))
-        return folder, write_craft(str(source), folder, format, count)
     name = ContestantName.parse(str(source))
-    if name.kind == "controller" and name.kind in EXPORTERS:
-        folder = Path("runs/exports") / name.output_folder.name
-        folder = folder if output is None else Path(text_of_name("output", output, Path))
-        return folder, EXPORTERS[name.kind](name.text, folder, format, count)
     is_foreign = name.kind == "policy"
     source = name.policy_file if is_foreign else name.folder
     if source is None and name.name.startswith("onnx:"):
@@ -426,15 +417,6 @@ WITH_MARGINS = 256
 """Fewest evaluation flights of an export whose contract has margins."""
 _PACKAGES = {"onnx": "onnx", "sb3": "stable_baselines3"}
 """Modules that formats need beside the core."""
-
-
-def is_craft_alone(text: str) -> bool:
-    """Whether a text names a spacecraft and no agent; AGENT@mine.toml is an agent, unless a file has this name."""
-    from rans.model.spacecraft_file import SPACECRAFT
-
-    is_agent = text in pretrained_names() or Path(text).is_dir()
-    is_agent |= "@" in text and not Path(text).is_file()
-    return not is_agent and (text.endswith(".toml") or text in SPACECRAFT)
 
 
 def _comes_with_rans(folder: Path) -> bool:

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 from tyro.conf import arg
 
-from rans.api.pages import WITH_MARGINS, export, exported, is_craft_alone
+from rans.api.pages import WITH_MARGINS, export, exported
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.deploy.forms import forms
@@ -24,7 +24,7 @@ class Export(Options):
     stable_baselines3.PPO.load opens, to continue the training there. onnx is one file for any ONNX runtime. numpy
     is a Python file and its tables. c is a header and a source in C99, without allocation or dependencies; it
     is compiled and checked if there is a compiler. fmu is a unit of FMI 2.0 for co-simulation, as Simulink and
-    Dymola read it, with one of its spacecraft; a spacecraft in place of the agent gives its unit alone.
+    Dymola read it.
     """
 
     group = "Deploy"
@@ -38,8 +38,6 @@ class Export(Options):
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        if is_craft_alone(self.agent):
-            return (shlex.join(["rans", "list", self.agent]),)
         return (shlex.join(["rans", "view", self.agent]),)
 
     def run(self) -> int:
@@ -50,10 +48,6 @@ class Export(Options):
         from rans.evaluation.fly.policy_text import is_user_policy
 
         check_count("--episodes", self.episodes)
-        if is_craft_alone(self.agent):
-            output, _ = exported(self.agent, self.output, self.format, self.episodes)
-            Terminal().say(f"{output} has the spacecraft.")
-            return 0
         with doing(f"flying {self.agent} for its contract and its card"):
             output, card = exported(
                 self.agent, self.output, self.format, self.episodes, self.force, self.name

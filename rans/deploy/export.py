@@ -192,7 +192,6 @@ def write_export(
         json.dumps(plain(about)),
         craft,
         chosen,
-        setup,
         prefix,
     )
     if form in ("sb3", "rans"):
@@ -247,7 +246,6 @@ def write_agent(
     contract: str = "",
     craft: Spacecraft | None = None,
     pairs: dict[str, Any] | None = None,
-    setup: Setup | None = None,
     prefix: str = "",
 ) -> None:
     """The agent alone, in a form of `write_export`; the settings are those that SB3 would train it on with.
@@ -268,7 +266,7 @@ def write_agent(
         write_c(folder, program, ports, title, contract, pairs, prefix)
     elif form not in get_args(Form):
         write = FORMATS[form]
-        write(folder, agent_program(network, craft), ports, title, contract, pairs, setup)
+        write(folder, agent_program(network, craft), ports, title, contract, pairs)
     elif form == "rans":
         content = actor_bytes(network.architecture, network.member(0), saved.steps)
         replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))

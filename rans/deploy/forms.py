@@ -10,7 +10,6 @@ from rans.registry import Registry
 
 if TYPE_CHECKING:
     from rans.deploy.program import Ports
-    from rans.episode import Setup
     from rans.policy.program import Program
 
 Form = Literal["sb3", "rans", "onnx", "numpy", "c", "c8"]
@@ -28,9 +27,8 @@ class ProgramWriter(Protocol):
         title: str,
         contract: str,
         pairs: Mapping[str, Any] | None = ...,
-        setup: Setup | None = ...,
     ) -> None:
-        """Write the program of an agent, whose craft, task and timing the setup has."""
+        """Write the program of an agent."""
         ...
 
 

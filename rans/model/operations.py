@@ -226,26 +226,6 @@ C = Dialect(
 )
 """C99 in single precision, as agent.c has it; a truth value is an int."""
 
-C_DOUBLE = Dialect(
-    "C in double precision",
-    "{0} {sign} {1}",
-    "{name}",
-    ("real", "bool"),
-    _OF_ROWS,
-    {
-        "neg": "-{0}",
-        "==": "{0} >= {1} && {0} <= {1}",
-        "!=": "!({0} >= {1} && {0} <= {1})",
-        "where": "{0} ? {1} : {2}",
-        "maximum": "fmax({0}, {1})",
-        "minimum": "fmin({0}, {1})",
-        "abs": "fabs({0})",
-        "real": "(double)({0})",
-    },
-    bools={"&": "{0} && {1}", "|": "{0} || {1}", "==": "{0} == {1}", "!=": "{0} != {1}"},
-)
-"""C99 in double precision, as the motion of a craft has it; a truth value is an int."""
-
 NUMPY = Dialect(
     "NumPy",
     "{0} {sign} {1}",

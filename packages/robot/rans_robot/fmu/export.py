@@ -1,4 +1,4 @@
-"""``rans export --format fmu``: an agent, and its craft, as functional mock-up units of FMI 2.0 for co-simulation.
+"""``rans export --format fmu``: an agent as a functional mock-up unit of FMI 2.0 for co-simulation.
 
 The agent's unit is the C export: its inputs are the columns of an observation, its outputs the commands.
 """
@@ -13,10 +13,9 @@ from typing import Any
 
 from rans.deploy.c.files import write_c
 from rans.deploy.program import Ports
-from rans.extend import ConfigError, Setup
+from rans.extend import ConfigError
 from rans.policy.program import Program
-from rans_robot.fmu.craft import write_craft
-from rans_robot.fmu.unit import Unit, Variable, write_unit
+from rans_robot.fmu.unit import Variable, write_unit
 
 
 def write_fmu(
@@ -26,9 +25,8 @@ def write_fmu(
     title: str,
     contract: str,
     pairs: Mapping[str, Any] | None = None,
-    setup: Setup | None = None,
 ) -> None:
-    """Write agent.fmu, and craft.fmu of the setup; see `rans.deploy.forms.ProgramWriter` for the arguments.
+    """Write agent.fmu; see `rans.deploy.forms.ProgramWriter` for the arguments.
 
     Raises:
         ConfigError: the agent has no contract, the program has an operation that is not known in C, the compiler
@@ -42,19 +40,15 @@ def write_fmu(
     with tempfile.TemporaryDirectory() as name:
         build = Path(name)
         write_c(build, program, ports, title, contract, pairs)
-        unit = Unit(
-            "agent",
+        write_unit(
+            folder,
+            build,
             str(about["agent"]),
             title,
             float(about["control_period"]),
-            True,
             _variables(about),
-            ("agent_unit.c", "agent.c"),
-            ("agent.h",),
+            contract.encode(),
         )
-        write_unit(folder, build, unit, {"resources/contract.json": contract.encode()})
-    if setup is not None:
-        write_craft(folder, setup)
 
 
 def _variables(about: Mapping[str, Any]) -> list[Variable]:
@@ -65,7 +59,6 @@ def _variables(about: Mapping[str, Any]) -> list[Variable]:
             f"{column['name']}, frame {column['frame']}: {column['meaning']}",
             "input",
             str(column["unit"]),
-            start=0.0,
         )
         for at, column in enumerate(about["observation"])
     ]
@@ -74,12 +67,11 @@ def _variables(about: Mapping[str, Any]) -> list[Variable]:
             f"command[{at}]",
             f"{command['name']}, {command['kind']}",
             "output",
-            start=0.0,
             low=float(command["low"]),
             high=float(command["high"]),
         )
         for at, command in enumerate(about["command"]["ranges"])
     ]
     meaning = "sum of the flags RANS_HELD and others of agent.h; 0 where all is well"
-    notes = Variable("notes", meaning, "output", start=0.0, is_integer=True)
+    notes = Variable("notes", meaning, "output", is_integer=True)
     return [*columns, *commands, notes]

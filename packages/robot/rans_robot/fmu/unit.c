@@ -1,4 +1,4 @@
-/* A functional mock-up unit: FMI 2.0 for co-simulation, around what unit.h asks of an agent or a craft.
+/* A functional mock-up unit: FMI 2.0 for co-simulation, around what unit.h asks of an agent.
  *
  * The types and values below are declared after the FMI 2.0.4 specification (sections 2.1 and 4.2); no header of the
  * standard is part of this file.

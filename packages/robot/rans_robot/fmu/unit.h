@@ -1,4 +1,4 @@
-/* What a unit of FMI 2.0 is made of: an agent (agent_unit.c) or a craft (craft_unit.c). */
+/* What a unit of FMI 2.0 is made of: an agent (agent_unit.c). */
 #ifndef RANS_UNIT_H
 #define RANS_UNIT_H
 
