@@ -8,7 +8,6 @@ they are independent, which curvature matrices and linear dynamics ask for.
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -38,6 +37,7 @@ from rans.optimal.control.regulator import (
     Regulator,
     Weights,
 )
+from rans.optimal.solver import solution_of
 from rans.optimal.trajectory.allocation import Allocation, rounding
 from rans.optimal.trajectory.arrival import path_margins
 from rans.optimal.trajectory.guess import rotation_vector
@@ -80,8 +80,6 @@ _RESERVE = 0.01
 _WHEEL_EFFORT = 1e-2
 """Price of a wheel's largest torque over that of a thruster's full thrust: wheels take no impulse, and a program
 whose curvature were zero in them would be solved less well."""
-_SOLVING = threading.Lock()
-"""Held from a solution to the reading of its status, which CasADi keeps of the last one in any thread."""
 _SHARES = (1.0, 0.5, 0.25, 0.1, 0.03, 0.0)
 """Parts of the way from a plan to the next one, of which the best is gone where there are constraints."""
 
@@ -353,10 +351,10 @@ class _Program:
             )
             low = ca.vertcat(low, least)
             high = ca.vertcat(high, ca.inf * ca.DM.ones(self._slacks))
-        with _SOLVING:
-            answer = self._solver(**self._fixed, g=slope, a=limits, lba=low, uba=high)
-            solved = self._solver.stats()["success"]
-        if not solved:
+        answer, statistics = solution_of(
+            self._solver, **self._fixed, g=slope, a=limits, lba=low, uba=high
+        )
+        if not statistics["success"]:
             return None
         commands = np.array(answer["x"])[: plan.size].reshape(plan.shape, order="F")
         better = np.clip(

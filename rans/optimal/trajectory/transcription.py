@@ -21,6 +21,7 @@ from rans.model.drift import Drift, steady
 from rans.model.dynamics import State, Wrench, advance
 from rans.model.fields import Vec2, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, is_steerable
+from rans.optimal.solver import solution_of
 from rans.optimal.trajectory.allocation import Allocation, check_aims, check_relaxation
 from rans.optimal.trajectory.arrival import (
     LEAST_MARGIN,
@@ -397,9 +398,9 @@ class Transcription:
         for corner in self._corners:
             begun = time.perf_counter()
             parameters = [*leaves(start), *leaves(goal), corner]
-            solution = self._solver(p=parameters, **problem)
+            solution, statistics = solution_of(self._solver, p=parameters, **problem)
             seconds = time.perf_counter() - begun
-            trajectory = self._trajectory(solution, start, goal, seconds)
+            trajectory = self._trajectory(solution, statistics, start, goal, seconds)
             if trajectory.solved:
                 optimality = Optimality.of(self._solver, problem, parameters, solution, self._rows)
                 trajectory = replace(trajectory, optimality=optimality)
@@ -410,22 +411,26 @@ class Transcription:
         return _best(results)
 
     def _trajectory(
-        self, solution: dict[str, Any], start: State, goal: State, seconds: float
+        self,
+        solution: dict[str, Any],
+        statistics: dict[str, Any],
+        start: State,
+        goal: State,
+        seconds: float,
     ) -> Trajectory:
         """The trajectory of a solution of the nonlinear program, whose variables are in the order of `_build`."""
-        statistics = self._solver.stats()
         variables = np.array(solution["x"]).ravel()
         table = variables[:-1].reshape(self._objective.intervals, -1)
         (nozzles, forces, _) = self._rows
         states = unflatten(self._like, np.vstack([leaves(start), table[:, nozzles + forces :]]).T)
         # Interior point methods leave bounds by up to 1e-8.
         commands = np.clip(table[:, :nozzles], self._low.T, self._high.T)
-        solved = statistics["success"]
-        cost = float(self._cost(variables, leaves(start), leaves(goal))) if solved else math.nan
+        success = statistics["success"]
+        cost = float(self._cost(variables, leaves(start), leaves(goal))) if success else math.nan
         return Trajectory(
             objective=self._objective.name,
             status=statistics["return_status"],
-            solved=solved,
+            solved=success,
             cost=cost,
             states=states,
             commands=commands,

@@ -102,8 +102,7 @@ FLYERS: dict[str, Any] = {
     "trade-off": lambda: of_agent("any-craft-2d#0.5"),
     "recurrent of SB3": lambda: of_agent(Counting(), "go-to-pose"),
     "own": lambda: (Delayed(), of_agent("go-to-pose-2d")[1]),
-} | {name: lambda name=name: of_controller(name) for name in CONTROLLERS if name != "landing"}
-"""Plans of a landing, which take minutes, are kept as those of the other missions are."""
+} | {name: lambda name=name: of_controller(name) for name in CONTROLLERS}
 
 
 @pytest.mark.slow

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.linalg import expm, solve
 
 from rans.extend import require
+from rans.optimal.solver import solution_of
 from rans_missions.convex.landing import Descent, Lander, Landing
 
 if TYPE_CHECKING:
@@ -425,8 +426,8 @@ class _Program:
         Other local optima come from other guesses, and no solution says that there is none.
         """
         scales = _UNITS[: self._size]
-        answer = self._solver(x0=guess, p=state / scales, **self._bounds)
-        if not self._solver.stats()["success"]:
+        answer, statistics = solution_of(self._solver, x0=guess, p=state / scales, **self._bounds)
+        if not statistics["success"]:
             return None
         x = np.array(answer["x"]).ravel()
         split = self._size * self._count

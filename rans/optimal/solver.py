@@ -1,0 +1,20 @@
+"""Answers of CasADi's solvers, which flights in several threads may share."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+_SOLVING = threading.Lock()
+"""Held from a solution to the reading of its statistics, which CasADi keeps of the last one in any thread."""
+
+
+def solution_of(solver: Any, **problem: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What a solver of CasADi answers, and the statistics of this very solution.
+
+    Args:
+        solver: of `casadi.nlpsol` or `casadi.conic`.
+        problem: arguments of the solver, such as bounds and a guess.
+    """
+    with _SOLVING:
+        return solver(**problem), solver.stats()
