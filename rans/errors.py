@@ -173,8 +173,8 @@ def one_of(what: str, value: object, known: Iterable[str]) -> None:
         raise ConfigError(f"{what} must be one of {', '.join(names)}, got {brief(value)}{near}.")
 
 
-def whole(what: str, value: object, least: int = 1) -> int:
-    """The value, checked to be a whole number >= ``least`` and < 2^31; 1e6 is one.
+def whole(what: str, value: object, least: int = 1, bits: int = 31) -> int:
+    """The value, checked to be a whole number >= ``least`` and < 2^``bits``; 1e6 is one.
 
     Raises:
         ConfigError: it is not.
@@ -182,10 +182,10 @@ def whole(what: str, value: object, least: int = 1) -> int:
     if (
         isinstance(value, bool)
         or not (isinstance(value, Integral) or (isinstance(value, float) and value.is_integer()))
-        or not least <= int(value) < 2**31
+        or not least <= int(value) < 2**bits
     ):
         raise ConfigError(
-            f"{what} must be a whole number >= {least} and < 2^31, got {brief(value)}."
+            f"{what} must be a whole number >= {least} and < 2^{bits}, got {brief(value)}."
         )
     return int(value)
 

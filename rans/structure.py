@@ -15,6 +15,7 @@ from functools import cache, partial
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import cattrs
+import numpy as np
 
 from rans.errors import ConfigError, RansError, brief, meant
 from rans.files import check_depth
@@ -237,6 +238,8 @@ def _strict(value: Any, kind: type) -> Any:
 
     JSON and TOML write 1 and 1.0 for one number, hence the exception.
     """
+    if isinstance(value, np.generic):  # as in a loop over a range of NumPy
+        value = value.item()
     if kind is float and type(value) is int:
         return float(value)
     if kind is int and type(value) is float and value.is_integer():

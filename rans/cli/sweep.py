@@ -77,7 +77,7 @@ class Sweep(Options):
                 lambda batch: (
                     plain.say(f"sweep: {describe_batch(sweep, batch)}") if first else None
                 ),
-                lambda: stop.requested,
+                stop,
             )
         if not first:
             return stop.code

@@ -228,7 +228,7 @@ class Train(Options):
             trainer = self._trainer()
         if not trainer.processes.is_first:
             with StopGently() as stop:
-                run_training(trainer, (), (), lambda: stop.requested)
+                run_training(trainer, (), (), stop)
             return stop.code
         with _flying_beside(trainer) as rivals:
             return self._shown(trainer, curve, rivals)
@@ -251,7 +251,7 @@ class Train(Options):
             )
         showing = TrainingProgress(trainer.config.total_timesteps, "terms" in self.log)
         with watched, showing as progress, StopGently() as stop:
-            run_training(trainer, self._elsewhere, [progress.show], lambda: stop.requested)
+            run_training(trainer, self._elsewhere, [progress.show], stop)
         # Result: curve, summary, and a warning where the training left the nominal craft out.
         Terminal().say(_summary(trainer, begun_at, stop.requested, time.monotonic() - STARTED))
         rows = trainer.run.metrics()
@@ -627,10 +627,13 @@ def value_of(text: str) -> Any:
 class StopGently:
     """Context in which a signal requests a stop after the iteration; a second one or a long wait interrupts it.
 
-    An interrupt loses only the iteration, because checkpoints are frequent. Windows waits without an end.
+    An interrupt loses only the iteration, because checkpoints are frequent. Windows waits without an end. Trainings
+    call it after every iteration to ask whether to stop. In the first one, in which kernels are compiled, a signal
+    interrupts at once, because nothing is lost.
     """
 
     requested = False
+    _has_begun = False
     code = 0
     """Exit code: 0, or once a stop was requested 128 and the signal's number: 130 of Ctrl-C, 143 of SIGTERM."""
 
@@ -647,8 +650,13 @@ class StopGently:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
+    def __call__(self) -> bool:
+        """Whether a stop was requested; asked after every iteration."""
+        self._has_begun = True
+        return self.requested
+
     def _ask(self, number: int, frame: FrameType | None) -> None:
-        """Ask the training to stop at the first signal; at the second one end at once.
+        """Ask the training to stop at the first signal; at the second one, or before it has begun, end at once.
 
         Sets ``requested`` and ``code``, which the training loop reads.
         """
@@ -656,12 +664,13 @@ class StopGently:
             self.requested = True
             self._number = number
             self.code = 128 + number
-            set_alarm(_GENTLE)
-            if os.environ.get("RANK", "0") == "0":
-                said = b"\nrans: stopping after this iteration; Ctrl-C again stops at once.\n"
-                # Not by a buffered stream, which may be in use when a signal comes.
-                with contextlib.suppress(OSError):
-                    os.write(2, said)
-            return
+            if self._has_begun:
+                set_alarm(_GENTLE)
+                if os.environ.get("RANK", "0") == "0":
+                    said = b"\nrans: stopping after this iteration; Ctrl-C again stops at once.\n"
+                    # Not by a buffered stream, which may be in use when a signal comes.
+                    with contextlib.suppress(OSError):
+                        os.write(2, said)
+                return
         interrupt = self._before.get(signal.SIGINT)  # the previous handler may defer it
         (interrupt if callable(interrupt) else signal.default_int_handler)(self._number, frame)

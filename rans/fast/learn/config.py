@@ -9,12 +9,11 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from numbers import Integral
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, get_args
 
 from rans.display import Settings
-from rans.errors import ConfigError, brief, fits
+from rans.errors import ConfigError, brief, fits, whole
 from rans.fast.learn.curriculum import Ramp, check_ramps
 from rans.fast.learn.learners import complete
 from rans.model.timing import Timing
@@ -402,26 +401,14 @@ class TrainConfig:
     training ends. None: train for all steps."""
 
     def __post_init__(self) -> None:
-        for name in ("total_timesteps", "report_interval"):
-            steps = getattr(self, name)
-            if isinstance(steps, float) and steps.is_integer():  # 1e6 is a whole number
-                object.__setattr__(self, name, int(steps))
-        # The range of NumPy's generator, which Stable-Baselines3 seeds too.
-        require_bounds(
-            self,
-            "a whole number between 0 and 2^32 - 1",
-            lambda x: isinstance(x, Integral) and not isinstance(x, bool) and 0 <= int(x) < 2**32,
-            "seed",
-        )
+        for name, least, bits in (
+            ("seed", 0, 32),  # the range of NumPy's generator, which Stable-Baselines3 seeds too
+            ("total_timesteps", 1, 63),
+            ("report_interval", 1, 63),
+        ):
+            object.__setattr__(self, name, whole(name, getattr(self, name), least, bits))
         require_bounds(
             self, ">= 1 and < 2^31, or null", lambda x: x is None or 1 <= x < 2**31, "episode_steps"
-        )
-        require_bounds(
-            self,
-            "a whole number >= 1 and < 2^63",
-            lambda x: isinstance(x, int) and 1 <= x < 2**63,
-            "total_timesteps",
-            "report_interval",
         )
         require_bounds(self, ">= 1 and <= 1,024", lambda x: 1 <= x <= 1024, "threads")
         require_bounds(
