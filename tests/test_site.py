@@ -44,7 +44,6 @@ TERMS = {
     "Monte Carlo": "assurance/assurance",
     "MPC": "controllers",
     "ONNX": "export",
-    "Pareto front": "pareto",
     "safety filter": "missions/guard",
     "settling time": "glossary",
     "path following": "agents",

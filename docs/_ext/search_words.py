@@ -202,7 +202,6 @@ WORDS: dict[str, tuple[str, ...]] = {
         "reward function",
         "curriculum design",
     ),
-    "pareto": ("pareto front", "multi-objective", "trade-off"),
     "plain": ("debugging", "debugger", "breakpoint"),
     "proof/proofs": (
         "formal verification",

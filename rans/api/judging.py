@@ -185,8 +185,6 @@ def compare(
     zones: Sequence[Sequence[float]] = (),
     period: float | None = None,
     full: bool = False,
-    front: bool = False,
-    front_seconds: float = 300.0,
     trust: bool = False,
     output: str | Path | None = None,
     workers: int | None = None,
@@ -222,9 +220,6 @@ def compare(
         period: control period, s, of controllers and of any-craft with a spacecraft; by default the first
             contestant's.
         full: whether to compare from more starts, in minutes, with the largest return of the task's reward too.
-        front: whether to compare time with impulse too: the curve of an agent with a trade-off, all others, and the
-            certified Pareto front.
-        front_seconds: with a front, processor time for its bounds, s. They are kept for the next run.
         trust: whether ``sb3:`` files that RANS did not write may be opened; they are pickles, which can run code.
         output: folder of the results; by default that of the first contestant, and in Python none is written.
         workers: number of processes; by default one per processor.
@@ -235,8 +230,8 @@ def compare(
         ConfigError: a contestant does not exist, or is not for the same task, spacecraft and rate.
     """
     from rans.evaluation.compare.entrants import (
+        at_values,
         contest_of,
-        curves,
         enlisted,
         invitations,
         ready_opponents,
@@ -250,12 +245,10 @@ def compare(
     beside = (beside,) if isinstance(beside, str) else beside
     check_beside(beside)
     count, bounded = starts_of(episodes, certified, full)
-    if not front_seconds >= 0:
-        raise ConfigError(f"front_seconds must be >= 0, got {front_seconds}.")
     # The first contestant sets task, craft, starts and conditions for all.
-    lines = curves(invited, front)
+    entrants = [entrant for one in invited for entrant in at_values(one)]
     contest = contest_of(
-        first if isinstance(first, LoadedRun) else cast("ContestantName", lines[0][0]),
+        first if isinstance(first, LoadedRun) else cast("ContestantName", entrants[0]),
         count,
         seed,
         engine,
@@ -266,9 +259,7 @@ def compare(
         period,
     ).between(own_endpoints(start, goal, zones))
     result = Comparison(contest)
-    flying = enlisted([entrant for line in lines for entrant in line], contest, trust, period)
-    inner = [str(name) for line in lines for name in line[1:-1]]
-    between = {text: flying.pop(text) for text in inner if text in flying}
+    flying = enlisted(entrants, contest, trust, period)
     folder = None if output is None else ready_folder(Path(output))
     cache = None if folder is None else inside(folder, "compare-bounds.json")
     begun: list[str] = []
@@ -306,9 +297,6 @@ def compare(
                 result.waiting = ()
                 with watched() as shown:
                     fly({}, slow, stages=noting(shown))
-            if front:
-                with watched() as shown:
-                    result.trace(between, front_seconds, cache, noting(shown), workers)
         except KeyboardInterrupt:
             result.note_interrupt(begun, bounded, cache is not None)
             raise

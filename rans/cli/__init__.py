@@ -10,9 +10,8 @@ import time
 import unicodedata
 import warnings
 from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stdout
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 from rans.cli.commands import COMMANDS, divides_work
@@ -233,59 +232,42 @@ def _parse(arguments: list[str]) -> Any:
     if "--trust" in arguments:
         command = _parse([word for word in arguments if word != "--trust"] or ["--help"])
         return replace(command, trust=True) if hasattr(command, "trust") else command
-    from rans.cli.mistakes import check_options
+    from rans.cli.help import explained, overview, print_above, print_below
     from rans.cli.numbers import registry
 
     if arguments[0] == "help":
         arguments = [*arguments[1:], "--help"]
-    bare = arguments[0].removeprefix("--")
-    if arguments[0] not in COMMANDS and (not arguments[0].startswith("-") or bare in COMMANDS):
+    name, *words = arguments
+    if name in ("-h", "--help"):
+        print(overview(_ABOUT, {command: COMMANDS[command] for command in COMMANDS}))
+        raise SystemExit(0)
+    if name.startswith("--tyro-"):  # completion has all commands
+        commands = {command: COMMANDS[command] for command in COMMANDS}
+        with explained(commands.values()):
+            return tyro.extras.subcommand_cli_from_dict(
+                commands, args=arguments, prog="rans", description=_ABOUT, registry=registry()
+            )
+    if name not in COMMANDS:
         raise ConfigError(
-            f"there is no command {brief(arguments[0])}{meant(bare, COMMANDS)}; commands are "
+            f"there is no command {brief(name)}{meant(name.removeprefix('--'), COMMANDS)}; commands are "
             f"{', '.join(COMMANDS)}."
         )
-    candidates = [c for c in COMMANDS if c in arguments[:1]] or COMMANDS
-    commands = {c: COMMANDS[c] for c in candidates}
-    if arguments[0] in ("-h", "--help"):
-        from rans.cli.help import overview
-
-        print(overview(_ABOUT, commands))
-        raise SystemExit(0)
-    if arguments[0] in commands:  # messages then name the help of this command
-        check_options(arguments[0], commands[arguments[0]], arguments[1:])
-        parse = partial(
-            tyro.cli,
-            commands[arguments[0]],
-            args=arguments[1:],
-            prog=f"rans {arguments[0]}",
-            registry=registry(),
-        )
-    else:
-        parse = partial(
-            tyro.extras.subcommand_cli_from_dict,
-            commands,
-            args=arguments,
-            prog="rans",
-            description=_ABOUT,
-            registry=registry(),
-        )
-    from rans.cli.help import explained, with_help
-
-    # Completion treats every line of a text as a word.
-    if arguments[0].startswith("--tyro-"):
-        with explained(commands.values()):
-            return parse()
-    if not {"-h", "--help"} & {*arguments}:
-        try:
-            with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-                return parse()
-        except SystemExit as error:
-            if error.code != 2:
-                return parse()
-        # Once more, with texts of the options in which only meaningful defaults are named.
-        with explained(commands.values(), arguments=arguments):
-            return parse()
-    return with_help(parse, commands)
+    command = COMMANDS[name]
+    asks_help = not {"-h", "--help"}.isdisjoint(words)
+    if asks_help:
+        print_above(command)
+    try:
+        with explained([command], words):
+            return tyro.cli(
+                command,
+                args=words,
+                prog=f"rans {name}",
+                description="",
+                registry=registry(),
+            )
+    finally:
+        if asks_help:
+            print_below(command)
 
 
 def _end(sentence: str, code: int) -> int:

@@ -16,8 +16,6 @@ class Command(Protocol):
         group: title of its group in the overview of ``rans``.
         guide: page of the documentation, as a path in the repository.
         examples: command lines for its help.
-
-    A command may have ``choices`` too: functions that give the words of an option, by the name of its field.
     """
 
     group: ClassVar[str]

@@ -79,9 +79,8 @@ class Compare(Options):
         same += trust
         view = shlex.join(["rans", "view", run, *controllers, *same])
         stress = shlex.join(["rans", "stress", run, *controllers, *guard, *trust])
-        # Only a comparison has opponents, certified bounds and a front.
+        # Only a comparison has opponents and certified bounds.
         again = self.changed("episodes", "certified", "period", "output", "beside")
-        again += ["--front", "--front-seconds", f"{self.front_seconds:g}"] if self.front else []
         full = shlex.join(["rans", "compare", *self.contestants, *same, *again, "--full"])
         Terminal().suggest(*([] if self.full else [full]), view, stress)
 
@@ -101,8 +100,6 @@ class Compare(Options):
                     f"--with takes names with spaces between them: write --with {spaced}."
                 )
         check_count("--episodes", self.episodes)
-        if not self.front and self.changed("front_seconds"):
-            raise ConfigError("--front-seconds needs --front.")
 
 
 def _without_training(contestants: Sequence[ContestantName], contest: Contest) -> str:
@@ -128,7 +125,6 @@ def _without_training(contestants: Sequence[ContestantName], contest: Contest) -
 def _show(comparison: Comparison, full: bool) -> None:
     """Print the scores so far, or at the end those and all else; without ``full`` only the most important ones."""
     from rans.show.tables import comparison_tables as tables
-    from rans.show.tables import front_tables
 
     if comparison.waiting:
         _show_so_far(comparison)
@@ -137,7 +133,7 @@ def _show(comparison: Comparison, full: bool) -> None:
     if not (comparison.entries or comparison.failures):
         console.say("Interrupted before the first contestant had flown: there is no comparison.")
         return
-    # Tables: scores, optima, multiples of bounds, the bound of a mission, and the front.
+    # Tables: scores, optima, multiples of bounds, and the bound of a mission.
     board = tables.scoreboard(comparison)
     for sentence in tables.verdict(comparison):
         console.say(sentence)
@@ -163,14 +159,6 @@ def _show(comparison: Comparison, full: bool) -> None:
             f"Over the certified least {comparison.mission.spending}, start by start",
             *comparison.mission.table(comparison.entries),
         )
-    if board and (front := comparison.front):
-        bounds = counted(len(front.starts()), "start")
-        console.show(
-            "Front of time and impulse" + (f", bounds of {bounds}" if front.starts() else ""),
-            *front_tables.front_table(front),
-        )
-        for sentence in front_tables.sentences(front):
-            console.say(sentence)
     for sentence in (*comparison.notes, *comparison.failures):
         console.say(sentence)
     if comparison.files:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from tyro.conf import arg
 
 from rans.api.pages import WITH_MARGINS, export, exported
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
-from rans.deploy.forms import forms
 from rans.files import read_json
 from rans.terminal import Terminal, doing
 
@@ -33,8 +31,6 @@ class Export(Options):
         "rans export runs/first --output my-agent --format onnx",
         "rans export pretrained:go-to-pose-2d --output my-agent --format numpy",
     )
-
-    choices: ClassVar[dict[str, Callable[[], tuple[str, ...]]]] = {"format": forms}
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""

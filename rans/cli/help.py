@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
+import inspect
 import re
 import shutil
-import sys
 import textwrap
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -16,26 +15,12 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from rans.cli.commands import BUILT_IN, Command
 from rans.cli.options import EVERYWHERE, is_in_help, option_name, texts_of
 
-_STYLES = re.compile(r"\x1b\[[0-9;]*m")
-_QUOTED = re.compile(r"`[^`\n]{1,30}`")
-"""A command short enough for any terminal; no line is broken within."""
-
 START = {
     "rans init mine.toml": "your spacecraft, from its data sheet",
     "rans compare mine.toml": "agents, controllers, bounds",
     "rans train go-to-pose --spacecraft mine.toml": "an agent of its own",
 }
 """First commands, each with its result."""
-
-
-class _Page(io.TextIOWrapper):
-    """Buffer of printed text, with the encoding and the colours of the present standard output."""
-
-    def __init__(self) -> None:
-        super().__init__(
-            io.BytesIO(), encoding=(sys.stdout.encoding or "utf-8").lower(), errors="replace"
-        )
-        self.isatty = sys.stdout.isatty
 
 
 def overview(about: str, commands: Mapping[str, type[Command]]) -> str:
@@ -73,45 +58,23 @@ def _summary(command: type[Command]) -> str:
 
 
 def _filled(text: str, width: int, indent: str = "") -> list[str]:
-    """Lines of a text up to a width; short commands in backticks are not broken."""
-    lines = textwrap.wrap(
-        _joined(text),
-        width,
-        break_long_words=False,
-        break_on_hyphens=False,
-        subsequent_indent=indent,
+    """Lines of a text up to a width."""
+    return textwrap.wrap(
+        text, width, break_long_words=False, break_on_hyphens=False, subsequent_indent=indent
     )
-    return [_parted(line) for line in lines]
 
 
-def _joined(text: str) -> str:
-    """The text with "~" for the spaces of short commands in backticks, so that none is broken."""
-    return _QUOTED.sub(lambda match: match[0].replace(" ", "~"), text)
+def print_above(command: type[Command]) -> None:
+    """Print what stands above the options of a command: its docstring."""
+    width = shutil.get_terminal_size().columns
+    for part in inspect.cleandoc(command.__doc__ or "").split("\n\n"):
+        print("\n".join([*_filled(" ".join(part.split()), width), ""]))
 
 
-def _parted(text: str) -> str:
-    """The text with these spaces again."""
-    return _QUOTED.sub(lambda match: match[0].replace("~", " "), text)
-
-
-def with_help(parse: Callable[[], Any], commands: Mapping[str, type[Command]]) -> Any:
-    """Result of ``parse``; its printed help is wrapped and followed by examples."""
-    page = _Page()
-    try:
-        with explained(commands.values(), joined=True), redirect_stdout(page):
-            return parse()
-    finally:
-        page.seek(0)
-        width = shutil.get_terminal_size().columns
-        text = "\n".join(_lines(page.read(), width))
-        print(re.sub(r"\n{3,}", "\n\n", text))
-        print("\n".join(["", *_everywhere(width)]))
-        for command in commands.values():
-            _print_examples(command, width)
-
-
-def _print_examples(command: type[Command], width: int) -> None:
-    """Print the examples of a command, and its page in the documentation."""
+def print_below(command: type[Command]) -> None:
+    """Print what stands below the options of a command: options of all commands, its examples and its page."""
+    width = shutil.get_terminal_size().columns
+    print("\n".join(["", *_everywhere(width)]))
     print("\nExamples:")
     for line in command.examples:
         whole = f"  {line}"
@@ -120,30 +83,27 @@ def _print_examples(command: type[Command], width: int) -> None:
 
 
 @contextmanager
-def explained(
-    commands: Iterable[type], joined: bool = False, arguments: Sequence[str] = ()
-) -> Iterator[None]:
+def explained(commands: Iterable[type], arguments: Sequence[str] = ()) -> Iterator[None]:
     """Give tyro one-line texts of fields, plain names of values, and only meaningful defaults for a while.
 
     By itself tyro treats the second line of a text as a new paragraph, and writes {None}|STR and (default: None).
 
     Args:
         commands: classes of commands, whose annotations change.
-        joined: whether short commands in backticks have "~" for spaces, which `with_help` undoes.
         arguments: what is parsed. Options of every command among them are known, and otherwise hidden.
     """
     before = {described: described.__annotations__ for described in commands}
     options = {word.partition("=")[0].replace("_", "-") for word in arguments}
     try:
         for described in before:
-            _explain(described, joined, options)
+            _explain(described, options)
         yield
     finally:
         for described, annotations in before.items():
             described.__annotations__ = annotations
 
 
-def _explain(described: type, joined: bool, options: Collection[str]) -> None:
+def _explain(described: type, options: Collection[str]) -> None:
     """Give the fields of a command texts for tyro, and hide options of every command but these."""
     from typing_extensions import Doc
     from tyro.conf import Suppress
@@ -151,11 +111,7 @@ def _explain(described: type, joined: bool, options: Collection[str]) -> None:
     hints = get_type_hints(described, include_extras=True)
     texts = texts_of(described)
     described.__annotations__ = {
-        name: Annotated[
-            hint,
-            Doc(_joined(texts[name]) if joined else texts[name]),
-            *_tyro_options(name, hint),
-        ]
+        name: Annotated[hint, Doc(texts[name]), *_tyro_options(name, hint)]
         if name in texts
         else hint
         for name, hint in hints.items()
@@ -202,34 +158,3 @@ def _metavar(name: str, hint: Any) -> str | None:
     if kind is Path:
         return "FOLDER" if name in ("output", "resume", "peer_folder") else "FILE"
     return {str: "NAME", int: "INT", float: "NUMBER"}.get(kind)
-
-
-def _lines(page: str, width: int) -> Iterator[str]:
-    """Lines of a page of help that tyro printed.
-
-    The texts between usage and boxes are filled again, since tyro begins a new line at some of the source's lines.
-    In boxes it leaves an empty line below a text that ends at the border; these are left out.
-    """
-    paragraph: list[str] = []
-    boxes = False
-    for line in page.splitlines():
-        plain = _STYLES.sub("", line)
-        boxes = boxes or plain[:1] in ("╭", " ")  # their title is indented where there is no frame
-        if not boxes and plain.strip() and plain == line:
-            paragraph.append(line)
-            continue
-        if paragraph:
-            yield from _filled(" ".join(paragraph), width)
-            paragraph = []
-        if not re.fullmatch(r"│\s*│", plain):
-            yield _wrapped(_parted(line), width)
-    yield from _filled(" ".join(paragraph), width)
-
-
-def _wrapped(line: str, width: int) -> str:
-    """Line wrapped to a width; lines of boxes are not changed."""
-    plain = _STYLES.sub("", line)
-    if len(plain) <= width or plain[:1] in "╭│╰":
-        return line
-    names = re.sub(r"\{[\w,]{40,}\}", "COMMAND ...", plain)  # commands are listed below
-    return textwrap.fill(names, width, break_long_words=False, break_on_hyphens=False)

@@ -20,10 +20,8 @@ from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.model.spacecraft_file import load_spacecraft, to_toml
-from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import Objective
-from rans.tasks import GoToPose, GoToPosePriced
-from tests.support.training import CONFIG, tiny_trainer
+from rans.tasks import GoToPose
 
 IDLE = "python:tests.support.policies:idle"
 
@@ -137,11 +135,6 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
             "go-to-pose-2d-trade-off#",
             "go-to-pose-2d-trade-off has a trade-off: fix it, as in go-to-pose-2d-trade-off#0.5",
         ),
-        (
-            "lqr:go-to-pose-2d --front --front-seconds nan",
-            "front_seconds must be >= 0, got nan",
-        ),
-        ("lqr:go-to-pose-2d --front-seconds 9", "--front-seconds needs --front"),
         ("avoid-2d --guard-slack 0.1", "fly behind one, by --guard"),
     ],
 )
@@ -179,45 +172,6 @@ def test_every_option_reaches_the_comparison(
     command = f"compare lqr:go-to-pose-2d --with optimal --output {tmp_path} --full"
     assert main(command.split()) == 0
     assert asked == [False, False, True, True]
-
-
-@pytest.mark.filterwarnings("ignore:.* spins floating-platform")  # an untrained agent does
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_front_of_an_agent_with_a_trade_off(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Both ends of the trade-off are contestants, the positions between fly for the front only."""
-    monkeypatch.setattr(
-        "rans.evaluation.compare.certified.bounds_in_parallel",
-        lambda asked, starts, *_: (
-            (k, Bound(starts[k], one.horizon, 0.1)) for k, one in enumerate(asked)
-        ),
-    )
-    monkeypatch.setattr("rans.evaluation.compare.entrants._POSITIONS", 3)
-    config = replace(
-        CONFIG,
-        task="go-to-pose-priced",
-        settings=GoToPosePriced(),
-        total_timesteps=1,
-        timing=Timing(),
-    )
-    run = tmp_path / "turned"
-    tiny_trainer(run, config).train(lambda _: None)
-    command = f"compare {run} lqr:go-to-pose-2d --front --with lqr --episodes 2"
-    assert main(command.split()) == 0
-    read = json.loads((run / "compare.json").read_text())
-    assert [row["contestant"] for row in read["summary"]] == ["turned#0", "turned#1", "LQR"]
-    front = read["front"]
-    assert front["lines"] == {"turned": ["turned#0", "turned#0.5", "turned#1"]}
-    assert front["certified"]["starts"] == [0, 1]
-    lqr = front["points"]["LQR"]
-    arrival = [row["arrival"] for row in read["per_start"]["contestants"]["LQR"]]
-    assert lqr["time"] == pytest.approx(sum(arrival) / 2)
-    assert lqr["over_bound"]["bound"] == pytest.approx(0.1)
-    assert "turned does not dominate LQR: " in capsys.readouterr().out
-    assert main(["compare", "lqr:go-to-pose-2d", str(run)]) == 2
-    assert f"{run} has a trade-off: fix it, as in {run}#0.5" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -31,15 +30,3 @@ def test_a_switch_has_one_meaning_and_its_number_an_option_beside_it(command: st
     parsed = _parse([command, "avoid-2d", "--guard", "--guard-slack", "0.2"])
     assert (parsed.guard, parsed.guard_slack) == (True, 0.2)
     assert _parse([command, "avoid-2d", "--guard"]).guard_slack is None
-
-
-@pytest.mark.parametrize(
-    ("line", "option"),
-    [
-        ("compare avoid-2d --guard 0.2", "--guard-slack 0.2"),
-        ("compare go-to-pose-2d --front 9", "--front-seconds 9"),
-        ("optimal go-to-pose --certify 60", "--certify-seconds 60"),
-    ],
-)
-def test_a_number_after_a_switch_leads_to_its_option(line: str, option: str, refused: Any) -> None:
-    assert f"takes no number, got {option.split()[1]}: write" in refused(line)

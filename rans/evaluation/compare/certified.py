@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
@@ -33,25 +33,12 @@ def certified_bounds(
     workers: int | None = None,
     progress: Progress = unseen,
 ) -> Iterator[Bound]:
-    """Bounds of events from the first ``count`` starts; see `certify_each`."""
-    pairs = product(range(min(count, contest.episodes)), events)
-    return certify_each(contest, pairs, _EFFORT, cache, workers, progress)
-
-
-def certify_each(
-    contest: Contest,
-    pairs: Iterable[tuple[int, Event]],
-    effort: SearchEffort,
-    cache: Path | None = None,
-    workers: int | None = None,
-    progress: Progress = unseen,
-) -> Iterator[Bound]:
-    """Bounds of events, as soon as each is known; those of the cache come first.
+    """Bounds of events from the first starts, as soon as each is known; those of the cache come first.
 
     Args:
         contest: contest with the starts.
-        pairs: numbers of starts, and the event to bound.
-        effort: effort of each search.
+        count: number of starts.
+        events: what is bounded from each start.
         cache: JSON file that keeps the bounds; other processes may add theirs meanwhile.
         workers: see `bounds_in_parallel`.
         progress: reports bounds.
@@ -64,8 +51,8 @@ def certify_each(
     scenarios = list(each(contest.starts))
     # Bounds of the cache first, by a hash of the question and the craft.
     pending: list[tuple[str, int, Question]] = []
-    for start, event in pairs:
-        item = question(*common, event, effort, scenarios[start])
+    for start, event in product(range(min(count, contest.episodes)), events):
+        item = question(*common, event, _EFFORT, scenarios[start])
         key = hashlib.sha256(f"{_VERSION} {to_toml(item.craft)} {item[1:]!r}".encode()).hexdigest()[
             :32
         ]

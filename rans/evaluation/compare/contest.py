@@ -166,8 +166,6 @@ class Contestant:
     """Inputs: observations, the state, or a model too."""
     tuning: str
     """Effort of its training or tuning."""
-    trade_off: float | None = None
-    """Fixed trade-off of an agent, 0 (fast) to 1 (thrifty), after "#" in its name; None: it has none."""
     registered: str = ""
     """Name of a controller that the user has named; empty for others."""
 

@@ -140,9 +140,7 @@ def _single(text: str, without_training: str, run: LoadedRun) -> LoadedRun:
     """
     if run.task.draws_trade_off:
         name = text.rstrip("#")
-        raise ConfigError(
-            f"{name} has a trade-off: fix it, as in {name}#0.5, or leave it open with --front."
-        )
+        raise ConfigError(f"{name} has a trade-off: fix it, as in {name}#0.5.")
     if first := next(iter(run.task.parts())):
         raise ConfigError(f"{text} has several tasks: pick one, as in {text}#{first}.")
     plain = without_trade_off(run)
@@ -213,44 +211,20 @@ def _guest(guest: Guest, contest: Contest) -> Contestant:
     return Contestant(guest_controller.name, guest_controller, _MODEL, _UNKNOWN)
 
 
-_POSITIONS = 9
-"""Positions of a trade-off, with both ends, on the curve of an agent."""
 _VALUES = 0.4, 0.0, 0.3, 0.5, 1.0
 """Values from fast to frugal at which the agent for any craft flies the file of a user's spacecraft."""
 
 
-def at_values(name: ContestantName) -> list[ContestantName]:
-    """The agent for any craft at several values, where a name is the file of a spacecraft alone."""
+def at_values(invited: Invited) -> Sequence[Invited]:
+    """The agent for any craft at several values where a name is a spacecraft's file alone; others as they are."""
+    if not isinstance(invited, Named):
+        return [invited]
+    name = ContestantName.parse(invited)
     if not name.in_full or name.frugality is not None:
         return [name]
     before, at, craft = name.in_full.rpartition("@")
     texts = [f"{before}#{value:g}{at}{craft}" for value in _VALUES]
     return [*map(ContestantName.parse, texts)]
-
-
-def curves(contestants: Sequence[Invited], front: bool) -> list[Sequence[Invited]]:
-    """Each contestant with all of its values, or with ``front`` at all positions of its trade-off."""
-    lines: list[Sequence[Invited]] = []
-    for invited in contestants:
-        if isinstance(invited, Named):
-            names = at_values(ContestantName.parse(invited))
-            count = _POSITIONS if front else 1
-            lines += [trade_off_positions(name, count) for name in names]
-        else:
-            lines.append([invited])
-    return lines
-
-
-def trade_off_positions(name: ContestantName, count: int) -> list[ContestantName]:
-    """An agent at ``count`` positions of its open trade-off; others, and all at one position, as they are."""
-    if count == 1:
-        return [name]
-    try:
-        is_open = not name.controller and contestant(name).task.draws_trade_off
-    except RansError:
-        is_open = False  # `enlisted` reports what is wrong.
-    positions = [f"{name}#{k / (count - 1):g}" for k in range(count)] if is_open else [name]
-    return [*map(ContestantName.parse, positions)]
 
 
 def enlist(
@@ -285,13 +259,7 @@ def enlist(
         )
     # An agent for any craft is given mass, inertia and thrusters of the craft that it flies.
     sees = _MODEL if named.is_for_a_craft else _OBSERVATION
-    return Contestant(
-        run.controller.name,
-        run.controller,
-        sees,
-        _tuning(named),
-        getattr(run.controller, "trade_off", None),
-    )
+    return Contestant(run.controller.name, run.controller, sees, _tuning(named))
 
 
 def _check_same(spec: str, run: LoadedRun, contest: Contest) -> None:

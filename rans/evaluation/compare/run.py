@@ -27,7 +27,6 @@ from rans.evaluation.compare.bounds import (
 )
 from rans.evaluation.compare.certified import certified_bounds
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
-from rans.evaluation.compare.front import Front, certify_front
 from rans.evaluation.compare.mission_bounds import MissionBounds
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.fly.controllers import default_opponents
@@ -53,12 +52,6 @@ episode. The floating platform's are 6, 8, 10, 15, 20 and 25 s; at 1.2 each craf
 _RELAXED = (2.0, 4.0)
 """Those by which the relaxed optimum is computed too."""
 
-_FRONT_RATIO = 1.08
-"""Ratio of instants of the front, so close that gaps hardly count (`Front.behind`)."""
-_FRONT_INSTANTS = 21
-"""Largest number of them before the end of an episode, which bounds the work; a craft that needs a tenth of the
-episode or less has wider gaps."""
-
 _TYPICAL_STARTS = 64
 """Starts whose median least time is that of a typical one, however few are compared; they take milliseconds."""
 
@@ -78,8 +71,6 @@ class Comparison(NotebookRepr):
     relaxed: dict[str, list[Relaxed]] = field(default_factory=dict)
     """Optima from every start, by objective."""
     certified: list[Bound] = field(default_factory=list)
-    front: Front | None = None
-    """Front of time and impulse; None: not asked for."""
     mission: MissionBounds | None = None
     """Lower bounds of what an orbital mission or a landing spends; None: it has none."""
     notes: list[str] = field(default_factory=list)
@@ -135,12 +126,6 @@ class Comparison(NotebookRepr):
         # A horizon of whole periods needs no further one for its rounding.
         steps = {max(1, math.ceil(time / timing.control_period - 1e-9)) for time in times}
         return tuple(k * timing.control_period for k in sorted(steps))
-
-    def front_horizons(self) -> tuple[float, ...]:
-        """Times of the front, s, from the least time to the episode's end."""
-        span = max(1.0, self.contest.duration / self.least_time)
-        ratio = max(_FRONT_RATIO, span ** (1.0 / _FRONT_INSTANTS))
-        return self.horizons((*(ratio**k for k in range(_FRONT_INSTANTS)), math.inf))
 
     def certified_starts(self) -> list[int]:
         """Numbers of the starts whose bounds are all known."""
@@ -290,42 +275,6 @@ class Comparison(NotebookRepr):
         names.append(name)
         sentences[:] = [each for each in sentences if each != said]
         sentences.append(f"{' and '.join(names)} cannot fly here: {reason}")
-
-    def trace(
-        self,
-        between: Mapping[str, Contestant],
-        seconds: float,
-        cache: Path | None = None,
-        stages: Stages = unseen_stages,
-        workers: int | None = None,
-    ) -> None:
-        """After `fly`, fly the other positions of trade-offs, and certify the front.
-
-        The bounds take about ``seconds``; see `certify_front`. Sets ``front``, and adds to ``notes`` and
-        ``failures``.
-        """
-        # Flights of the other positions.
-        front = Front(self.contest, self.front_horizons(), [*self.entries])
-        self.front = front
-        for spec, contestant in between.items():
-            with _noted(self, spec):
-                front.entries.append(_entry(self, contestant, stages, workers))
-        if not front.lines():
-            self.notes.append("Nobody has a trade-off: the front has points, but no line.")
-        # Bounds, where the task and the spacecraft have any.
-        if reason := _nothing_claimed(self.contest) or _uncertified(self.contest):
-            self.notes += [] if reason in self.notes else [reason]
-            return
-        with _noted(self, "the certified front"):
-            certify_front(
-                front, seconds, cache, workers, stages("certified front", len(front.questions()))
-            )
-        self.failures += front.impossible()
-        if not front.starts() and seconds > 0.0:
-            self.notes.append(
-                f"No start has all bounds of the front after {seconds:g} s: give it more, as in "
-                "--front-seconds 900."
-            )
 
 
 def _nothing_claimed(contest: Contest) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from rans.errors import counted
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.contest import Entry
-from rans.evaluation.compare.front import Front, point
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.statistics import Bootstrap
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
@@ -126,86 +125,3 @@ def _contestant(entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: in
     else:
         mark = Mark(x.value, y.value, text, (x.low, x.high), (y.low, y.high))
     return Series(name, [mark], colour, marker)
-
-
-def front_chart(front: Front, curve: Sequence[Entry] = (), entries: Sequence[Entry] = ()) -> Chart:
-    """Everybody's mean time and impulse above the bounds; the curve is of a controller's weights.
-
-    Those among the entries of the comparison have their colours.
-    """
-    styles = {entry.name: series_style(k) for k, entry in enumerate(entries)}
-
-    def style(names: Sequence[str]) -> tuple[str, str]:
-        """Colour and marker of the first of these names that has one, else the next new ones."""
-        for name in names:
-            if name in styles:
-                return styles[name]
-        styles[names[0]] = series_style(len(styles))
-        return styles[names[0]]
-
-    # From the back to the front: bounds, a curve of weights, trade-offs of agents, and all others.
-    series = []
-    shaded = []
-    if bounds := front.front():
-        least = bounds[Event()]
-        starts = f"mean of {counted(len(front.starts()), 'start')}"
-        shaded.append((0.0, least, f"provably impossible: {starts} is at least {least:.2f} s"))
-        series.append(_bounds(bounds, starts))
-    if curve:
-        name = f"LQR with {counted(len(curve), 'weighting')}"
-        series.append(Series(name, [*map(_placed, curve)], GREY, ".", "solid"))
-    for agent, line in front.lines().items():
-        colour, marker = style([entry.name for entry in line])
-        name = f"{agent}, trade-off at {counted(len(line), 'position')}"
-        series.append(Series(name, [*map(_placed, line)], colour, marker, "solid"))
-        if marks := _bounds_of_line(front, line):
-            name = f"certified least impulse when {agent} was there, from each start"
-            series.append(Series(name, marks, colour, "x"))
-    for rival in front.others():
-        colour, marker = style([rival.name])
-        arrived = point(rival).there
-        name = rival.name if arrived == 1.0 else f"{rival.name} ({100.0 * arrived:.3g} % get there)"
-        series.append(Series(name, [_placed(rival)], colour, marker))
-    contest = front.contest
-    return Chart(
-        "first in the goal set, s",
-        f"impulse of {contest.duration:g} s, N s",
-        series,
-        f"Time against impulse, means over {counted(contest.episodes, 'start')}"
-        f"{'; the shaded times are provably impossible' if shaded else ''}.",
-        shaded,
-        logarithmic=True,
-    )
-
-
-def _bounds(bounds: Mapping[Event, float], starts: str) -> Series:
-    """The certified front; only events with a time have a place on it."""
-    marks = [
-        Mark(
-            event.horizon,
-            impulse,
-            f"certified least impulse by {event.horizon:.3g} s: {impulse:.3g} N s",
-        )
-        for event, impulse in bounds.items()
-        if event.horizon is not None
-    ]
-    name = f"certified least impulse at this time from each start, {starts}"
-    return Series(name, marks, INK, "_", "dotted")
-
-
-def _bounds_of_line(front: Front, line: Sequence[Entry]) -> list[Mark]:
-    """The least impulse at the time at which each position of an agent's trade-off was there, where certified."""
-    multiples = [(entry, own) for entry in line if (own := front.multiple(entry))]
-    return [
-        Mark(
-            own.time,
-            own.bound,
-            f"certified least impulse when {entry.name} was there: {own.bound:.3g} N s",
-        )
-        for entry, own in multiples
-    ]
-
-
-def _placed(entry: Entry) -> Mark:
-    mean = point(entry)
-    return Mark(mean.time, mean.impulse, f"{entry.name}: {mean.time:.3g} s, {mean.impulse:.3g} N s")

@@ -14,20 +14,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rans.errors import Late, counted, is_installed
-from rans.evaluation.compare.front import Front
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.problems import problem_of
 from rans.files import environment, write_json
 from rans.flight import Flight, fly
 from rans.show.pages.chart import Chart
-from rans.show.pages.comparison_charts import front_chart, plane_chart
+from rans.show.pages.comparison_charts import plane_chart
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header
 from rans.show.pages.race import Race, Track, has_place, race
 from rans.show.pages.report import comparison_section
 from rans.show.pages.screen import Screen
 from rans.show.palette import FOUND, series_style
 from rans.show.tables import comparison_tables as tables
-from rans.show.tables import front_tables
 from rans.table import Table
 from rans.terminal import doing
 
@@ -60,19 +58,6 @@ _MISSION_TEXT = (
 )
 """The same for missions that end with their success."""
 
-_FRONT = (
-    "Time is the mean of when flights are first in the goal set (one that never is "
-    "counts with the whole episode), impulse the mean over whole episodes. Positions of a trade-off are joined by "
-    "straight lines. A trade-off dominates whoever spends more than the line at the same time and takes longer "
-    "than the line with the same impulse, if at both places the line is as accurate and as often there."
-)
-_FRONT_BOUNDS = (
-    " Bounds are means over {starts}. A bar is the least impulse of being in the goal set at this "
-    'instant, the same from each start, and nothing spent afterwards. "Over its bound" divides by the least '
-    'impulse of being there when the flight was, start by start: "until there" is the same event above and '
-    "below; the whole episode has to hold the pose as well, which is in no bound."
-)
-
 
 def page(comparison: Comparison, command: str = "") -> Page:
     """Whatever the comparison holds, failures on top, and the command that made it."""
@@ -86,8 +71,6 @@ def page(comparison: Comparison, command: str = "") -> Page:
             sections.insert(0, Section("Replay", race=replay, first=True))
         # What answers "against what" stands before the tables.
         sections[-1:-1] = _plane(comparison)
-        if comparison.front:
-            sections.append(_front(comparison, comparison.front))
         sections += [
             *_mission(comparison),
             *_gaps(comparison),
@@ -334,24 +317,6 @@ def _summary(comparison: Comparison) -> Section:
     result = [scores, known] if rows else []
     text = _MISSION_TEXT if comparison.entries and comparison.entries[0].ends else TEXT
     return Section("Contestants", text, result, findings=findings)
-
-
-def _front(comparison: Comparison, front: Front) -> Section:
-    """The figure, everybody's place in it, and who dominates whom."""
-    starts = front.starts()
-    text = _FRONT + (_FRONT_BOUNDS.format(starts=counted(len(starts), "start")) if starts else "")
-    findings = [Finding(sentence) for sentence in front_tables.sentences(front)]
-    if starts:
-        findings.append(
-            Finding("No flight beats the certified front.", not list(front.impossible()))
-        )
-    return Section(
-        "Front of time and impulse",
-        text,
-        [Table(*front_tables.front_table(front))],
-        findings=findings,
-        charts=[front_chart(front, comparison.curve, comparison.entries)],
-    )
 
 
 def time_and_impulse(comparison: Comparison) -> Chart | None:

@@ -23,7 +23,6 @@ from rans.evaluation.measure.metrics import further_samples
 from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
 from rans.files import environment
 from rans.optimal.trajectory.objectives import MaximumReward
-from rans.show.tables import front_tables
 from rans.tasks.base import Task
 from rans.tasks.quantities import QUANTITIES
 
@@ -401,7 +400,6 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
                     for question, result in gaps(comparison).items()
                 },
             },
-            "front": front_tables.front_json(comparison.front) if comparison.front else None,
             "per_start": {
                 "contestants": {e.name: [*_starts(e)] for e in comparison.entries},
                 "lqr_weights": {e.name: [*_starts(e)] for e in comparison.curve},

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rans.evaluation.compare.bounds import Bound, Event, count_of_periods
+from rans.evaluation.compare.bounds import Bound, Event
 from rans.evaluation.compare.contest import Contestant, Entry
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.user_policy import user_policy
@@ -119,18 +119,6 @@ def test_a_fifth_of_the_episode_stands_for_what_has_no_bound() -> None:
     """A motion with constraints has none."""
     moving = replace(CONTEST, timing=Timing(), task=TASKS["avoid"]())
     assert Comparison(moving).least_time == pytest.approx(5.0)
-
-
-@pytest.mark.parametrize("mass", [0.05, 0.3, 1.0, 4.0, 30.0, 1000.0])
-def test_the_front_has_whole_periods_from_the_least_time_to_the_end(mass: float) -> None:
-    craft = replace(CONTEST.craft, mass=mass * CONTEST.craft.mass)
-    found = Comparison(replace(CONTEST, craft=craft, timing=Timing()))
-    times = [*found.front_horizons()]
-    assert len(times) <= 22
-    assert times == sorted({*times})
-    assert times[0] == pytest.approx(min(found.least_time, 25.0), abs=0.2)
-    assert times[-1] == pytest.approx(25.0)
-    assert all(count_of_periods(time, 0.2) for time in times)
 
 
 def test_bars_of_the_gaps_stand_at_their_own_values() -> None:

@@ -20,7 +20,6 @@ from rans.flight import fly
 from rans.model.timing import Timing
 from rans.optimal.certificate.problem import SearchEffort
 from rans.optimal.trajectory.objectives import MaximumReward
-from rans.randomization.conditions_file import load_conditions
 from rans.show.pages.comparison_page import TEXT, page
 from rans.show.pages.report import comparison_section
 from rans.show.tables.comparison_tables import (
@@ -33,7 +32,6 @@ from rans.show.tables.comparison_tables import (
     scoreboard,
     to_json,
 )
-from rans.show.tables.front_tables import front_table
 from rans.tasks.goal_set import arrived
 from tests.support.contests import CONTEST, IDLE
 from tests.support.played import Played
@@ -174,45 +172,6 @@ def test_controls_found_fly_into_the_goal_set(comparison: Comparison) -> None:
         assert arrived(flight.task, flight.states, flight.goals)[-1, 0]
         spent = 0.2 * commands.sum() if answer.horizon else 0.2 * len(commands)
         assert spent == pytest.approx(answer.upper)
-
-
-@pytest.mark.slow
-def test_a_front_between_flights_and_proofs(
-    comparison: Comparison, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """What somebody spends until it is there is above the bound for its own time."""
-    monkeypatch.setattr("rans.evaluation.compare.front._EFFORT", SearchEffort(0.2, 0.1, 1))
-    monkeypatch.setattr("rans.evaluation.compare.front._MOST_STARTS", 1)
-    told = replace(comparison, failures=[], notes=[])
-    told.trace(enlisted(["switching:go-to-pose-2d"], CONTEST), 1e3, workers=1)
-    front = told.front
-    assert front
-    assert [entry.name for entry in front.entries] == ["LQR", IDLE, "switching"]
-    assert front.starts() == [0]
-    lqr, idle, switching = map(front.multiple, front.entries)
-    assert idle is None
-    for found in (lqr, switching):
-        assert found
-        assert 1.0 <= found.until <= found.episode
-    assert told.failures == []
-    assert told.notes == ["Nobody has a trade-off: the front has points, but no line."]
-    told.trace({}, seconds=1e-9)
-    assert (
-        told.notes[-1]
-        == "No start has all bounds of the front after 1e-09 s: give it more, as in --front-seconds 900."
-    )
-    # None were asked for.
-    asked = replace(comparison, failures=[], notes=[])
-    asked.trace({}, seconds=0.0)
-    assert asked.front
-    assert asked.notes == ["Nobody has a trade-off: the front has points, but no line."]
-    assert len(front_table(asked.front)[0]) == len(front_table(asked.front)[1][0]) == 5
-    assert len(front_table(front)[0]) == len(front_table(front)[1][0]) == 8
-    rough = Comparison(replace(CONTEST, conditions=load_conditions("lab")), [told.entries[0]])
-    rough.trace({}, 1e3)
-    assert rough.front
-    assert not rough.front.certified
-    assert "under these conditions none is claimed" in rough.notes[-1]
 
 
 @pytest.mark.slow

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rans.evaluation.compare.entrants import contest_of, enlist, trade_off_positions
-from rans.evaluation.fly.contestant_name import ContestantName
+from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.contestants import contestant
 from rans.flight import fly
 from rans.model.fields import leaves
@@ -39,11 +37,7 @@ def test_it_flies_as_in_its_own_task(agent: str) -> None:
         own = contestant(f"{agent}#{trade_off}")
         contest = contest_of(f"{agent}#{trade_off}", 40)
         one = enlist(f"{agent}#{trade_off}", contest)
-        assert (one.name, one.trade_off, type(contest.task)) == (
-            f"turned#{trade_off}",
-            float(trade_off),
-            GoToPose,
-        )
+        assert (one.name, type(contest.task)) == (f"turned#{trade_off}", GoToPose)
         plain = contest.fly(one.controller)
         craft, task, timing, _, _ = own.judged
         starts = scenarios(task, craft, contest.seed, 40)
@@ -57,22 +51,6 @@ def test_it_flies_as_in_its_own_task(agent: str) -> None:
 def test_who_needs_no_training_sees_no_trade_off() -> None:
     contest = contest_of("lqr:go-to-pose-priced-2d#0.3", 2)
     one = enlist("lqr:go-to-pose-priced-2d#0.3", contest)
-    assert (one.name, one.trade_off) == ("LQR", None)
+    assert one.name == "LQR"
     assert contest.fly(one.controller).task == contest.task
     assert contest.task == GoToPosePriced(trade_off=(0.3, 0.3)).plain().for_evaluation()
-
-
-@pytest.mark.slow
-def test_a_trade_off_is_turned_where_nobody_holds_it(agent: str, tmp_path: Path) -> None:
-    assert [*map(str, trade_off_positions(ContestantName.parse(agent), 5))] == [
-        f"{agent}#{trade_off}" for trade_off in ("0", "0.25", "0.5", "0.75", "1")
-    ]
-    for other in (
-        f"{agent}#0.3",
-        "lqr:go-to-pose-2d",
-        "pretrained:multi-task-2d",
-        "python:some:policy",
-        str(tmp_path / "nobody"),
-    ):
-        name = ContestantName.parse(other)
-        assert trade_off_positions(name, 5) == [name]
