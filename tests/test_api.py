@@ -17,7 +17,6 @@ import pytest
 import torch
 
 import rans
-from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import Bound
 from rans.scenario import EVALUATION_SEED, scenarios
 from tests.support.processes import modules_loaded
@@ -161,176 +160,11 @@ def test_a_planar_spacecraft_from_two_vectors() -> None:
     assert rans.Engine(craft, "go-to-pose", 2).observation_width == 10
 
 
-@pytest.mark.parametrize(
-    "rows", [[((0.0, 0.0, 0.0), (1.0, 0.0), 1.0)], [(1.0, 2.0)], 3, [rans.GoToPose()]]
-)
-def test_planar_thrusters_that_are_none(rows: Any) -> None:
-    with pytest.raises(ConfigError, match=r"thrusters are \(\(x, y\), \(x, y\), force\) each"):
-        rans.Spacecraft.planar("slider", 5.0, 0.1, rows)
-
-
-def test_a_direction_needs_a_length() -> None:
-    with pytest.raises(ConfigError, match="a zero vector has none"):
-        rans.Spacecraft.planar("slider", 5.0, 0.1, [((0.0, 0.0), (0.0, 0.0), 1.0)])
-
-
 def test_names_do_where_objects_do() -> None:
     engine = rans.Engine("atmos", "track-velocity", 3, conditions="lab")
     assert (engine.craft, engine.task) == (rans.load_spacecraft("atmos"), rans.TrackVelocity())
     env = gymnasium.make("rans/GoToPose2D-v0", conditions="lab")
     assert env.reset(seed=1)[0].shape == (10,)
-
-
-@pytest.mark.parametrize(
-    ("ask", "said"),
-    [
-        (
-            lambda: rans.Engine("floating-platform", {"thrust_weight": 1.0}, 2),  # type: ignore[arg-type]
-            r"a name or an object such as rans\.GoToPose\(thrust_weight=0\.05\), got \{'thrust_weight': 1\.0\}",
-        ),
-        (
-            lambda: rans.load_task(rans.GoToPose),  # type: ignore[arg-type]
-            r"a task is an object of its class: write GoToPose\(\)",
-        ),
-        (lambda: rans.train(3), "a task is a name or an object"),  # type: ignore[arg-type]
-        (
-            lambda: rans.train(total_timesteps=1.5, output="x"),  # type: ignore[arg-type]
-            "^total_timesteps must be a whole number >= 1 and < 2.63, got 1.5",
-        ),
-        (lambda: rans.load_agent(3), "an agent is its name, its run folder, a policy or .*, got 3"),  # type: ignore[arg-type]
-        (
-            lambda: rans.evaluate(rans.LQR("atmos", "go-to-pose")),  # type: ignore[arg-type]
-            r"rans\.load_agent\('lqr:go-to-pose-2d'\), got <LQR: GoToPose for atmos>",
-        ),
-        (lambda: rans.compare("go-to-pose-2d", beside=[3]), "names of controllers .*, got \\[3\\]"),  # type: ignore[list-item]
-        (
-            lambda: rans.Pilot(3, gymnasium.make("rans/GoToPose2D-v0")),  # type: ignore[arg-type]
-            r"a pilot is the name of a controller, or the result of rans\.load_agent, got 3",
-        ),
-        (
-            lambda: rans.Engine("atmos", "go-to-pose", 1).step(np.zeros((1, 8))),  # type: ignore[arg-type]
-            r"actions must be a torch\.Tensor, got array",
-        ),
-        (lambda: rans.certify(horizon=1e300), "of 1 to 1,048,575 whole control periods"),
-        (
-            lambda: rans.optimal_trajectory(horizon=1e300),
-            "at most 10,000 control periods of 0.2 s",
-        ),
-        (
-            lambda: rans.optimal_trajectory(objective="time", intervals="a"),  # type: ignore[arg-type]
-            "intervals must be a whole number >= 1 and <= 1,048,575, got 'a'",
-        ),
-        (
-            lambda: rans.validate(layer="thruster"),
-            r"no layer named 'thruster' \(did you mean thrusters\?\)",
-        ),
-        (
-            lambda: rans.Engine("floating-platform", rans.GoToPose(), 2, {"episode_steps": 9}),  # type: ignore[arg-type]
-            r"timing takes an object, not a dict: rans.Timing\(episode_steps=9\)",
-        ),
-        (
-            lambda: rans.Engine("floating-platform", rans.GoToPose(), 2, conditions={"body": 1}),  # type: ignore[arg-type]
-            r"conditions, .*not a dict: rans.Conditions\(body=1\)",
-        ),
-        (
-            lambda: gymnasium.make("rans/GoToPose2D-v0", timing={"episode_steps": 5}),
-            "not a dict: rans.Timing",
-        ),
-        (
-            lambda: rans.train("go-to-pose", ppo={"n_steps": 32}, output="x"),  # type: ignore[arg-type]
-            r"ppo takes an object, not a dict: rans.PPOSettings\(n_steps=32\)",
-        ),
-        (
-            lambda: rans.load_spacecraft(3),  # type: ignore[arg-type]
-            "spacecraft, unless it is a name or a file, must be a rans.Spacecraft",
-        ),
-        (
-            lambda: rans.evaluate("nobody"),
-            "there is no run folder 'nobody'",
-        ),
-        (
-            lambda: rans.evaluate("go-to-pose-2d", episodes=0),
-            "episodes must be a whole number >= 1",
-        ),
-        (
-            lambda: rans.evaluate("multi-task-2d"),
-            "has several tasks: pick one, as in multi-task-2d#go-to",
-        ),
-        (
-            lambda: rans.evaluate("go-to-pose-2d", engine="fats"),  # type: ignore[arg-type]
-            r"engine must be one of fast, drake, got 'fats' \(did you mean fast\?\)",
-        ),
-        (
-            lambda: rans.evaluate("go-to-pose-2d", protocol="papers"),  # type: ignore[arg-type]
-            "protocol must be one of own, paper, original",
-        ),
-        (
-            lambda: rans.evaluate(rans.load_agent("lqr:go-to-pose-2d"), protocol="original"),
-            "was made for its own setup",
-        ),
-        (
-            lambda: rans.compare("go-to-pose-2d", beside=["lqrr"]),
-            r"named 'lqrr' \(did you mean lqr\?\)",
-        ),
-        (
-            lambda: rans.compare(3),
-            "a contestant is a name, a run folder, a controller or .*, got 3",
-        ),
-        (
-            lambda: rans.compare(rans.LQR, "go-to-pose-2d"),
-            "the first contestant gives task, .*, got <class",
-        ),
-        (
-            lambda: rans.certify(kind="arival"),  # type: ignore[arg-type]
-            r"kind must be one of arrival, settling.*mean arrival",
-        ),
-        (lambda: rans.certify(start=-1), "start must be a whole number >= 0"),
-        (lambda: rans.optimal_trajectory(ending="x"), "ending must be one of exact, set"),  # type: ignore[arg-type]
-        (
-            lambda: rans.Conditions(sensors=rans.SensorsConditions(position={"noise": 0.1})),  # type: ignore[arg-type]
-            r"sensors.position takes an object, not a dict: rans.SensorConditions\(noise=0.1\)",
-        ),
-        (lambda: rans.MultiTask(go_to_pose={"thrust_weight": 1.0}), r"not a dict: rans.GoToPose\("),  # type: ignore[arg-type]
-        (
-            lambda: rans.LQR("atmos", "go-to-pose", weights={"position": 1.0}),  # type: ignore[arg-type]
-            r"not a dict: rans.optimal.control.regulator.Weights\(position=1.0\)",
-        ),
-        (
-            lambda: rans.Engine("atmos", "go-to-pose", 2, seed="x"),  # type: ignore[arg-type]
-            "the seed must be a whole number",
-        ),
-        (
-            lambda: rans.Engine("atmos", "go-to-pose", 2, body=3),  # type: ignore[arg-type]
-            "body must be a rans.model.body.Body",
-        ),
-        (lambda: rans.SB3VecEnv("atmos"), "engine must be a rans.Engine"),  # type: ignore[arg-type]
-        (lambda: rans.Pilot("lqr", None), "a pilot flies one of RANS's environments"),  # type: ignore[arg-type]
-        (lambda: rans.compare(), "name at least one contestant"),
-        (lambda: rans.optimal_trajectory(objective="tim"), "objective must be one of fuel, time"),  # type: ignore[arg-type]
-        (
-            lambda: rans.optimal_trajectory(start=[1, 2]),  # type: ignore[arg-type]
-            r"number of a scenario, or a state such as rans\.state\(.* got \[1, 2\]",
-        ),
-        (lambda: rans.certify(kind="settling", horizon=4.0), "bounded for arrival only"),
-        (
-            lambda: gymnasium.make("rans/GoToPose2D-v0", craft="atmos"),
-            "SpacecraftEnv got an unexpected keyword argument 'craft'; it has task_name, dimension, spacecraft",
-        ),
-        (
-            lambda: gymnasium.make_vec("rans/GoToPose2D-v0", 2, craft="atmos"),
-            "SpacecraftVectorEnv got an unexpected keyword argument 'craft'; it has .*spacecraft",
-        ),
-        (
-            lambda: rans.Conditions(weight=2.0, latency=0.1),  # type: ignore[call-arg]
-            r"write rans.Conditions\(weight=2.0, thrusters=rans.ThrusterConditions\(latency=0.1\)\)",
-        ),
-        (lambda: rans.Conditions(fault=1), r"argument .fault. \(did you mean faults\?\)"),  # type: ignore[call-arg]
-        (lambda: rans.Engine("atmos", "go-to-attitude", 2), "GoToAttitude works in space only"),
-    ],
-)
-def test_mistakes_are_sentences(ask: Any, said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
-        ask()
 
 
 def test_a_derived_class_hands_its_arguments_on() -> None:

@@ -18,7 +18,6 @@ from gymnasium.wrappers.vector import RecordVideo as RecordVideoOfMany
 
 from rans.drawing import Scene
 from rans.errors import ConfigError
-from rans.fast.envs.single import SpacecraftEnv
 from rans.model.timing import Timing
 from rans.scenario import scenario
 from rans.tasks import GoToPose
@@ -165,8 +164,3 @@ def test_wrong_use() -> None:
     unseen = gymnasium.make_vec(PLANE, num_envs=2)
     unseen.reset(seed=1)
     assert unseen.render() is None
-
-
-def test_settings_in_place_of_a_name_are_told_where_they_belong() -> None:
-    with pytest.raises(ConfigError, match="task="):
-        SpacecraftEnv(GoToPose(), 2)  # type: ignore[arg-type]

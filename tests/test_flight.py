@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.api.agent import load_agent
-from rans.api.flying import fly as fly_named
 from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import returns
 from rans.flight import Flight, fly, outran
@@ -22,12 +20,10 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
-from rans.optimal.control.switching import Switching
 from rans.randomization.conditions import Conditions, FaultConditions
-from rans.scenario import draws, scenario, scenarios
+from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose, Transition, observation_width
 from tests.support.evaluation_flights import flight_of
-from tests.support.played import Played
 
 
 @dataclass
@@ -136,64 +132,6 @@ def test_what_is_no_longer_a_number_has_failed_and_stops_there() -> None:
 
 
 PLANAR = load_spacecraft("floating-platform")
-SPATIAL = load_spacecraft("free-flyer")
-
-
-@pytest.mark.parametrize(
-    ("craft", "controller", "sentence"),
-    [
-        (
-            PLANAR,
-            lambda: load_agent("go-to-pose-3d").controller,
-            "observes 22 numbers, but was shown 10",
-        ),
-        (
-            SPATIAL,
-            lambda: load_agent("go-to-pose-2d").controller,
-            "observes 10 numbers, but was shown 22",
-        ),
-        (
-            PLANAR,
-            lambda: load_agent("go-to-pose-2d"),
-            r"a controller has the methods reset\(count\) and act\(state, goal, observation\)",
-        ),
-        (
-            PLANAR,
-            lambda: None,
-            r"a controller has the methods reset\(count\) and act\(state, goal, observation\)",
-        ),
-        (PLANAR, lambda: LQR(SPATIAL, "go-to-pose"), "LQR was made for free-flyer"),
-        (
-            SPATIAL,
-            lambda: Switching(PLANAR, "go-to-pose"),
-            "switching was made for floating-platform",
-        ),
-        (PLANAR, lambda: Played(lambda *_: None), r"the shape \(3, 8\), got \(\)"),
-        (PLANAR, lambda: Played(lambda *_: np.zeros((3, 5))), r"the shape \(3, 8\), got \(3, 5\)"),
-        (PLANAR, lambda: Played(lambda *_: np.zeros((1, 8))), r"the shape \(3, 8\), got \(1, 8\)"),
-    ],
-)
-def test_who_cannot_fly_it_is_told(craft: Spacecraft, controller: Any, sentence: str) -> None:
-    starts = scenarios(GoToPose(), craft, 7, 3)
-    with pytest.raises(ConfigError, match=sentence):
-        fly_named(craft, "go-to-pose", controller(), starts, Timing(episode_steps=2))
-
-
-@pytest.mark.parametrize(
-    ("starts", "sentence"),
-    [
-        (
-            scenarios(GoToPose(), SPATIAL, 7, 3),
-            "the starts are for 3 dimensions, but floating-platform",
-        ),
-        (scenario(GoToPose(), 2, 7, 3), r"starts must have arrays of one length \(N,\)"),
-        (scenarios(GoToPose(), PLANAR, 7, 0), "with at least one start"),
-        ([], r"starts must be a rans\.scenario\.Scenario, got \[\]"),
-    ],
-)
-def test_what_is_no_batch_of_starts_is_told(starts: Any, sentence: str) -> None:
-    with pytest.raises(ConfigError, match=sentence):
-        fly_named(PLANAR, "go-to-pose", Played(lambda *_: None), starts, Timing(episode_steps=2))
 
 
 def test_a_spin_beyond_the_accuracy_is_reported_with_enough_substeps() -> None:

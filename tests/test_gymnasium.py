@@ -105,8 +105,3 @@ def test_the_shorter_of_two_limits_ends_episodes(
         timing=rans.Timing(episode_steps=own),
     )
     assert length(batch) == expected
-
-
-def test_a_limit_that_is_none_is_refused() -> None:
-    with pytest.raises(ConfigError, match="max_episode_steps"):
-        gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=2, max_episode_steps=0)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from rans.cli import help, main
-from rans.errors import EXTRAS, ConfigError, MissingPackage
+from rans.errors import EXTRAS, MissingPackage
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.agent_files.agent import read_policy
 from rans.policy.any_craft import is_for_any_craft
@@ -52,11 +52,6 @@ def test_an_agent_is_small_and_complete(name: str) -> None:
     assert re.fullmatch(
         rf"{card['task'].removesuffix('-priced')}-{found.craft.dimension}d{kinds}", name
     )
-
-
-def test_an_unknown_agent_is_one_sentence() -> None:
-    with pytest.raises(ConfigError, match=r"no agent named 'nobody' comes with RANS; .*AGENTS"):
-        pretrained_folder("nobody")
 
 
 def test_every_agent_has_a_recipe_and_is_in_one_distribution() -> None:

@@ -15,9 +15,6 @@ import gymnasium
 import pytest
 
 from rans.errors import ConfigError, meant
-from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.model.spacecraft_file import SPACECRAFT
-from rans.randomization.conditions_file import CONDITIONS
 from rans.registry import Registry, resolve_typed, typed
 from rans.tasks import TASKS, GoToPose, SingleTask
 from tests.support.processes import printed
@@ -142,17 +139,6 @@ def test_where_names_are_shared_every_package_counts_and_a_broken_one_is_named(
         [*registry().each()]
 
 
-def test_a_wrong_name_is_told_what_may_have_been_meant() -> None:
-    with pytest.raises(
-        ConfigError,
-        match=r"no number named 'bite' \(did you mean byte\?\); known are byte; "
-        r"your own is MODULE:NAME\.$",
-    ):
-        registry()["bite"]
-    with pytest.raises(ConfigError, match="no number named 'xyz'; known are byte"):
-        registry()["xyz"]
-
-
 def test_objects_of_the_current_folder(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (here / "beside_me.py").write_text("class Inner:\n    four = 4\n")
     monkeypatch.setattr(sys, "path", list(sys.path))
@@ -181,34 +167,11 @@ def test_modules_of_the_current_folder_take_nobodys_place(
     assert found.origin != str(here / "this.py")
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "torch:os.abort",
-        "torch:builtins.breakpoint",
-        "rans.errors:sys.exit",
-        "rans:errors",
-        "rans:errors.brief",
-    ],
-)
-def test_what_is_in_a_module_is_not_of_another_that_imported_it(name: str) -> None:
-    with pytest.raises(ConfigError, match="is a module there"):
-        registry()[typed(name)]
-
-
 class NotMade:
     """Nobody makes one to find out what it is."""
 
     def __new__(cls, *_: Any) -> Any:
         raise AssertionError("it was called")
-
-
-@pytest.mark.parametrize("known", [SPACECRAFT, CONTROLLERS, TASKS, CONDITIONS])
-def test_a_class_of_the_wrong_kind_is_not_called(known: Registry[Any]) -> None:
-    with pytest.raises(
-        ConfigError, match=r"the class NotMade|must be a dataclass|conditions must be"
-    ):
-        known[typed("tests.test_registry:NotMade")]
 
 
 def test_a_name_of_a_file_is_refused_until_the_user_types_it(
@@ -303,39 +266,6 @@ class Demanding(GoToPose):
 
 def no_task() -> None:
     """Settings need fields."""
-
-
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        ("tests.test_registry:no_task", "a task must be a dataclass"),
-        (
-            "tests.test_registry:Unfinished",
-            "Unfinished has no errors, failed, observation_terms, reward, sample, which",
-        ),
-        (
-            "tests.test_registry:Boundless",
-            "Boundless has no tolerances, which every task must have",
-        ),
-        (
-            "tests.test_registry:Strange",
-            "Strange has a tolerance of gap; errors can be of position, att",
-        ),
-        (
-            "tests.test_registry:Unheard",
-            "Unheard has an error of gap; errors can be of position, attitude, vel",
-        ),
-        (
-            "tests.test_registry:Soft",
-            "Soft has a tolerance of velocity, but its errors are of position, att",
-        ),
-        ("tests.test_registry:Aside", "Aside has an error of position of 1 where"),
-        ("tests.test_registry:Demanding", "the settings limit of Demanding have no defaults"),
-    ],
-)
-def test_what_is_no_task(name: str, said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
-        TASKS[typed(name)]
 
 
 def test_a_task_by_its_module() -> None:

@@ -74,11 +74,3 @@ def test_a_file_of_another_kind_is_called_by_its_kind(
     else:
         with pytest.raises(ConfigError, match=rf"mine.toml: .*{kind} file.*{expected} file"):
             READERS[expected](file)
-
-
-def test_one_thruster_table_in_conditions_is_a_slip(tmp_path: Path) -> None:
-    """Not a spacecraft, whose thrusters are [[thruster]] tables."""
-    file = tmp_path / "mine.toml"
-    file.write_text("[thruster]\nlatency = 0.1\n")
-    with pytest.raises(ConfigError, match="did you mean thrusters"):
-        load_conditions(file)

@@ -9,8 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from rans.effectors.commands import action_space, check_commands, is_identity, of_outputs
-from rans.errors import ConfigError
+from rans.effectors.commands import action_space, is_identity, of_outputs
 from rans.model.actuators import Propellant, Pulsed, Throttle
 from rans.model.dynamics import thrust
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
@@ -38,22 +37,6 @@ def test_spaces_follow_from_the_ranges() -> None:
     assert isinstance(space, gymnasium.spaces.Box)
     np.testing.assert_array_equal(space.low, [0.0] * 6 + [-1.0] * 3)
     np.testing.assert_array_equal(space.high, [1.0] * 9)
-
-
-@pytest.mark.parametrize(
-    ("craft", "values", "message"),
-    [
-        (LANDER, [0.2] + [0.5] * 5, "0.3 .least thrust. to 0.8 .most thrust., one per thruster"),
-        (SHUT, [0.9] + [0.5] * 7, "0 .no thrust. to 0.8 .most thrust."),
-        (CUBESAT, [0.0] * 8 + [1.1], "-1 to 1"),
-        (CUBESAT, [-0.1] + [0.0] * 8, "0 .no thrust."),
-        (WHEELED, [0.5] + [0.0] * 8, "0 .shut. or 1 .open."),
-        (WHEELED, [0.0] * 8, "must be 9 numbers"),
-    ],
-)
-def test_what_effectors_cannot_do_is_refused(craft: Any, values: Any, message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        check_commands(craft, values)
 
 
 def test_engines_that_may_be_shut_give_nothing_or_their_least_level() -> None:
@@ -91,18 +74,3 @@ def test_a_file_says_all_of_it(craft: Any) -> None:
 def test_files_of_craft_without_them_name_none_of_them() -> None:
     text = to_toml(platform(actuators=Throttle()))
     assert not {"wheel", "propellant", "least", "always_lit"} & {*text.replace("[", " ").split()}
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"least": 0.9, "most": 0.8}, "must not exceed most"),
-        ({"least": -0.1}, "a number from 0 to 1"),
-        ({"most": True}, "a number from 0 to 1"),
-        ({"most": 0.0}, "most must be above 0"),
-        ({"always_lit": 1}, "true or false"),
-    ],
-)
-def test_levels_that_cannot_be_are_refused(settings: Any, message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        Throttle(**settings)

@@ -15,7 +15,6 @@ from gymnasium.utils.env_checker import check_env
 import rans
 from rans.deploy.contract import golden
 from rans.deploy.export import write_agent
-from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.measure.metrics import impulses, samples
 from rans.fast.agent_files.agent import SavedPolicy
@@ -179,18 +178,6 @@ def test_metrics_tell_of_propellant_and_wheels() -> None:
     np.testing.assert_allclose(found["wheel momentum"], 100.0, rtol=1e-12)
     np.testing.assert_allclose(found["duty"], 100.0)
     assert found["on-time"].tolist() == [40.0] * 3
-
-
-def test_no_bound_covers_propellant_and_no_certificate_wheels() -> None:
-    from rans.optimal.certificate.hull import Reach
-    from rans.optimal.certificate.plane.lattice import Lattice
-
-    with pytest.raises(ConfigError, match="it has propellant"):
-        Reach.of(BOTH)
-    with pytest.raises(ConfigError, match="it has reaction wheels"):
-        Lattice(WHEELED, 0.2)
-    with pytest.raises(ConfigError, match="it has propellant"):
-        Lattice(replace(BOTH, wheels=()), 0.2)
 
 
 def test_optimal_control_keeps_to_throttle_levels() -> None:

@@ -107,19 +107,6 @@ def test_craft_without_propellant_count_no_exhaust() -> None:
     assert first.exhaust is None
 
 
-@pytest.mark.parametrize(
-    ("tank", "message"),
-    [
-        (Propellant(5.32, 200.0), "propellant mass must be"),
-        (Propellant(0.0, 200.0), "propellant mass must be"),
-        (Propellant(1.0, 0.0), "specific_impulse must be"),
-    ],
-)
-def test_a_tank_that_cannot_exist_is_refused(tank: Propellant, message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        platform(propellant=tank)
-
-
 LIGHT = replace(BURNING, propellant=Propellant(3.0, 0.5))
 """3 of 5.32 kg are propellant, which its thrusters burn within a second or two."""
 

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from rans.effectors.motion import held
-from rans.errors import ConfigError
-from rans.model.actuators import Wheel
 from rans.model.body import Body
 from rans.model.fields import Vec3
 from rans.model.spacecraft import Spacecraft
@@ -18,7 +16,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
-from tests.support.effector_crafts import CUBESAT, UNEVEN, WHEELED, commands, platform, states
+from tests.support.effector_crafts import CUBESAT, UNEVEN, WHEELED, commands, states
 
 FINE = Timing(control_period=1.0, substeps=32)
 
@@ -87,17 +85,3 @@ def test_a_wheel_makes_up_for_thrusters_that_turn() -> None:
     craft = Spacecraft.planar("cross", 5.0, 0.1, pushes, wheels=WHEELED.wheels)
     assert margin(craft, ()) > 0.0
     assert margin(craft, (0,)) == 0.0
-
-
-@pytest.mark.parametrize(
-    ("wheel", "message"),
-    [
-        (Wheel((1.0, 0.0, 0.0), 1.0, 1.0, 1.0), "only such a wheel turns it in the plane"),
-        (Wheel((0.0, 0.0, 2.0), 1.0, 1.0, 1.0), "its length is 2"),
-        (Wheel((0.0, 0.0, 1.0), 0.0, 1.0, 1.0), "max_torque must be a number from"),
-        (Wheel((0.0, 0.0, 1.0), 1.0, float("nan"), 1.0), "max_momentum must be a number from"),
-    ],
-)
-def test_a_wheel_that_cannot_exist_is_refused(wheel: Wheel, message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        platform(wheels=(wheel,))

@@ -17,7 +17,7 @@ from torch.multiprocessing.spawn import start_processes
 
 from rans.cli import main
 from rans.episode import Setup
-from rans.errors import ConfigError, WorkerLost
+from rans.errors import WorkerLost
 from rans.fast.distributed import ALONE, Processes, join
 from rans.fast.engine import Engine
 from rans.fast.learn.config import MemorySettings, PPOSettings
@@ -187,11 +187,6 @@ def test_alone_nothing_changes() -> None:
     assert ALONE.mine(rows) is ALONE.whole(rows) is ALONE.average(rows) is rows
     assert ALONE.any(True, False) == (True, False)
     assert join("cpu") is ALONE
-
-
-def test_a_share_must_be_whole() -> None:
-    with pytest.raises(ConfigError, match="n_envs must be a multiple of the 3 processes, got 16"):
-        Processes(0, 3).portion("n_envs", 16)
 
 
 MORTAL = """

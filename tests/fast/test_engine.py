@@ -10,7 +10,6 @@ import torch
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
-from rans.fast.learn.config import PPOSettings
 from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -25,7 +24,6 @@ from tests.support.engines import (
     by_turns,
     run,
 )
-from tests.support.training import CONFIG
 
 
 def first_observation(craft: Spacecraft, seed: int, episode: int) -> np.ndarray:
@@ -149,19 +147,6 @@ def test_actions_of_any_dtype_and_layout_mean_the_same(backend: Any) -> None:
         assert torch.equal(other, seen[0])
 
 
-@pytest.mark.parametrize("count", [0, -1, 2.5, True, "4"])
-def test_wrong_number_of_environments(count: Any) -> None:
-    with pytest.raises(ConfigError, match=r"whole number >= 1 and < 2\^31, got"):
-        Engine(PLATFORM, NEAR, count)
-
-
-def test_wrong_dtype_and_seed() -> None:
-    with pytest.raises(ConfigError, match=r"float32 or torch\.float64, got torch\.float16"):
-        Engine(PLATFORM, NEAR, 1, dtype=torch.float16)
-    with pytest.raises(ConfigError, match="64 bits"):
-        Engine(PLATFORM, NEAR, 1, seed=2**64)
-
-
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -0.1, 5.0])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_what_no_thruster_can_be_told_is_told_at_once_on_a_cpu(
@@ -204,18 +189,3 @@ def test_odd_actions(actions: Any, said: str) -> None:
     engine.step(SHUT)
     with torch.no_grad():
         engine.step(SHUT.clone().requires_grad_())
-
-
-@pytest.mark.parametrize("seed", [True, 1.5, -1, 2**32])
-def test_a_seed_is_a_whole_number(seed: Any) -> None:
-    with pytest.raises(ConfigError, match="seed must be a whole number"):
-        replace(CONFIG, seed=seed)
-
-
-def test_sizes_that_would_fill_the_memory() -> None:
-    with pytest.raises(ConfigError, match="n_envs must be at most"):
-        PPOSettings(n_envs=2_000_000_000)
-    with pytest.raises(ConfigError, match="GB of memory"):
-        PPOSettings(n_envs=2**20, n_steps=2**10)
-    with pytest.raises(ConfigError, match="number of environments must be at most"):
-        Engine(PLATFORM, GoToPose(), 2_000_000_000)

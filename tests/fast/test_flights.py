@@ -17,7 +17,7 @@ import torch
 
 from rans import processes
 from rans.episode import Setup
-from rans.errors import ConfigError, RansError
+from rans.errors import RansError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
@@ -247,16 +247,3 @@ def test_a_state_that_is_not_finite_ends_its_flight() -> None:
         found = Flights(policy(PLATFORM, task), setup(PLATFORM, task), generated=how).fly(0, 50, 1)
         assert found.failures[Failure.NOT_FINITE] > 0
         assert np.isfinite([found.sums["impulse"].total, found.sums["duty at rest"].total]).all()
-
-
-@pytest.mark.parametrize(("first", "count"), [(-1, 5), (0, 0), (2**31 - 4, 5)])
-def test_scenarios_there_are_none_of(first: int, count: int) -> None:
-    with pytest.raises(
-        ConfigError, match="scenarios have numbers from 0 to 2147483647: there are none from"
-    ):
-        Flights(policy(PLATFORM), setup(PLATFORM)).fly(first, count, 1)
-
-
-def test_a_device_that_is_not_here() -> None:
-    with pytest.raises(ConfigError, match="device must be cpu or cuda"):
-        Flights(policy(PLATFORM), setup(PLATFORM), "abacus")

@@ -16,7 +16,6 @@ from torch import Tensor
 
 import rans
 from rans.episode import Setup
-from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.flights import Flights
 from rans.fast.learn.config import MemorySettings, PPOSettings, TrainConfig
@@ -206,13 +205,6 @@ def test_environments_hand_the_flag_to_their_engine(witness: Witness) -> None:
     env = gymnasium.make("rans/GoToPose2D-v0", task=GoToPose(), plain=True)
     env.reset(seed=0)
     env.step(env.action_space.sample())
-
-
-def test_plain_and_compiled_exclude_each_other() -> None:
-    with pytest.raises(ConfigError, match="give one of them"):
-        Engine(PLATFORM, "go-to-pose", 2, plain=True, compiled=True)
-    with pytest.raises(ConfigError, match="set one of them"):
-        TrainConfig("go-to-pose", GoToPose(), PLATFORM.name, plain=True, compiled=True)
 
 
 # What a newcomer reads.

@@ -12,7 +12,6 @@ import pytest
 import torch
 from torch._dynamo.utils import counters
 
-from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft
@@ -178,48 +177,6 @@ def test_the_kernel_reads_them_from_memory(craft: Spacecraft, tmp_path: Path) ->
     assert other._kernel is not None
     # Other masses are the same program: nothing would be compiled again.
     assert ours._kernel.source(torch.uint8) == other._kernel.source(torch.uint8)
-
-
-@pytest.mark.parametrize(
-    ("body", "message"),
-    [
-        (
-            Body(torch.ones(3), (1.0,)),
-            r"mass must be one number or one for each of 4 spacecraft, got an array of shape \(3,\)\.",
-        ),
-        (
-            Body(torch.tensor([1.0, -2.0, 1.0, 1.0]), (1.0,)),
-            r"mass must be finite and > 0, got -2\.0\.",
-        ),
-        (Body(5.0, (float("nan"),)), r"I_zz must be finite and > 0, got nan\."),
-        (Body(5.0, (1.0,), gain=(1.0,) * 7), "the body's gain has 7 entries; this craft needs 8"),
-        (
-            Body(5.0, (1.0,), gain=(1.0, -0.1, *[1.0] * 6)),
-            r"gain of thruster 1 must be finite and >= 0, got -0\.1",
-        ),
-        (
-            Body(5.0, (1.0,), leak=(torch.tensor([0.0, 0.0, 0.0, float("inf")]), *[0.0] * 7)),
-            "leak of thruster 0 must be finite and >= 0, got inf",
-        ),
-        (Body(5.0, (1.0,), centre=(0.0, float("nan"))), "centre y must be finite, got nan"),
-        (Body(5.0, Body.of(FLYER).inertia), "6 moments of inertia.* in the plane it has 1"),
-    ],
-)
-def test_wrong_ones_are_one_sentence(body: Body, message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        Engine(PLATFORM, NEAR, 4, body=body)
-
-
-@pytest.mark.parametrize(
-    ("inertia", "found"),
-    [
-        ((1.0, 0.0, 0.0, torch.tensor([1.0, 1.0, 0.4, 1.0]), 0.0, 1.5), "0.4, 1, 1.5"),
-        ((1.0, 2.0, 0.0, 1.0, 0.0, 1.0), "-1, 1, 3"),
-    ],
-)
-def test_an_inertia_that_no_rigid_body_has_is_refused(inertia: Any, found: str) -> None:
-    with pytest.raises(ConfigError, match=f"none above the sum of the other two, got {found} kg"):
-        Engine(FLYER, NEAR, 4, body=Body(5.0, inertia))
 
 
 def test_a_flat_body_in_float32_is_rigid() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +11,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rans
-from rans.errors import ConfigError
 from rans.model.actuators import Wheel
 from rans.model.contact import join_at_contact, part
 from rans.model.drift import FREE, ClohessyWiltshire
@@ -107,39 +105,6 @@ def test_either_craft_may_come_first() -> None:
     turned = np.hstack([back.apply(forces), back.apply(torques)])
     order = [*range(16, 28), *range(16)]
     np.testing.assert_allclose(np.array(two.wrench_map)[order], turned, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "arguments", "says"),
-    [
-        ("atmos", "spheres", ((1.0, 0.0),), "atmos moves in the plane and spheres does not"),
-        (
-            "atmos",
-            "floating-platform",
-            ((1.0, 0.0),),
-            "atmos are pulsed (counts 10000, least 0), and those of floating-platform on-off: a",
-        ),
-        ("atmos", "atmos", ("ab",), "position must be 2 finite numbers, got 'ab'"),
-        ("spheres", "spheres", ((1, 0, 0), "ab"), "attitude must be 4 finite numbers, got 'ab'"),
-        (
-            "floating-platform",
-            "floating-platform-shared",
-            ((1, 0),),
-            "floating-platform-shared has",
-        ),
-        ("atmos", "atmos", ((1.0, 0.0, 0.0),), "position must be 2 finite numbers"),
-        ("atmos", "atmos", ((1.0, math.nan),), "position must be 2 finite numbers"),
-        ("atmos", "atmos", ((1.0, 0.0), (1.0, 0.0, 0.0, 0.0)), "must be a heading, rad"),
-        ("spheres", "spheres", ((1.0, 0.0, 0.0), 0.5), "attitude must be 4 finite numbers"),
-        ("spheres", "spheres", ((1.0, 0.0, 0.0), (0.0,) * 4), "quaternion of zeros"),
-        ("atmos", "atmos", ((1.0, 0.0), 0.0, "second"), "effectors must be both or first"),
-    ],
-)
-def test_what_cannot_be_joined_is_refused_with_the_reason(
-    first: str, second: str, arguments: tuple[Any, ...], says: str
-) -> None:
-    with pytest.raises(ConfigError, match=re.escape(says)):
-        joined(load_spacecraft(first), load_spacecraft(second), *arguments)
 
 
 def _momentum(craft: Spacecraft, state: Any, rate: np.ndarray) -> np.ndarray:

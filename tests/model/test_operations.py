@@ -20,7 +20,7 @@ from rans.compile.cpu.program_code import write_function
 from rans.deploy.c.compiler import FLAGS
 from rans.model import operations
 from rans.model.operations import NUMBERS, OPERATIONS, ROWS, Dialect, Kind, is_truth, of_row
-from rans.model.trace import Symbol, Untraceable
+from rans.model.trace import Symbol
 
 Key = tuple[str, Kind]
 Run = Callable[[Dialect, Mapping[Key, list[np.ndarray]], Path], dict[Key, Any]]
@@ -298,11 +298,6 @@ def test_exports_have_every_operation_of_rows() -> None:
         if of_row(name) not in LANGUAGES[language][0]
     ]
     assert not lacking
-
-
-def test_a_language_without_an_operation_says_so() -> None:
-    with pytest.raises(Untraceable, match="programs in CUDA have no operation 'sigmoid'"):
-        operations.CUDA.text("sigmoid", "real", "a")
 
 
 OWN_TABLES = {

@@ -106,23 +106,6 @@ def test_commands_are_counted_by_effector() -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"mass": "5"}, "mass"),
-        ({"mass": None}, "mass"),
-        ({"dimension": 1}, "dimension"),
-        ({"centre_of_mass": (0.0, 0.0)}, "centre_of_mass"),
-        ({"inertia": 0.2}, "inertia"),
-        ({"thrusters": ()}, "thruster"),
-        ({"thrusters": (Thruster((0.1, 0.1, 0.0), (0.6, 0.6, 0.0), 1.0),)}, "unit vector"),
-    ],
-)
-def test_python_descriptions_are_checked_too(change: dict[str, Any], says: str) -> None:
-    with pytest.raises(ConfigError, match=says):
-        dataclasses.replace(load_spacecraft("floating-platform"), **change)
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
         (
             lambda x: {"thrusters": (Thruster((0.1, 0.1, 0.0), (0.6, 0.8 + x, 0.0), 1.0),)},
             "unit vector",

@@ -28,22 +28,6 @@ from tests.support.crafts import spacecraft as any_spacecraft
 from tests.support.spacecraft_files import VALID, toml
 
 
-def refusal(text: str, source: str = "probe.toml") -> str:
-    """The one sentence with which a text is refused."""
-    with pytest.raises(ConfigError) as caught:
-        parse_spacecraft(text, source)
-    message = str(caught.value)
-    assert message.startswith(f"{source}: ")
-    assert message.endswith(".")
-    assert "\n" not in message
-    return message
-
-
-def edited(old: str, new: str) -> str:
-    assert VALID.count(old) >= 1
-    return VALID.replace(old, new, 1)
-
-
 def test_every_key_of_a_file_arrives() -> None:
     craft = parse_spacecraft(VALID, "probe.toml")
     assert (craft.name, craft.dimension, craft.mass, craft.radius) == ("probe", 2, 4.5, 0.3)
@@ -62,84 +46,10 @@ def test_a_users_own_file_works_where_a_name_does(tmp_path: Path) -> None:
 
 
 def test_directions_are_normalised_and_one_moment_is_a_sphere() -> None:
-    text = edited("direction = [-1, 0]", "direction = [-3, 4]")
+    text = VALID.replace("direction = [-1, 0]", "direction = [-3, 4]")
     assert parse_spacecraft(text, "x").thrusters[0].direction == pytest.approx((-0.6, 0.8, 0.0))
-    text = edited("[[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]]", "0.25")
+    text = VALID.replace("[[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]]", "0.25")
     assert parse_spacecraft(text, "x").inertia == ((0.25, 0, 0), (0, 0.25, 0), (0, 0, 0.25))
-
-
-WRONG = [  # what to replace, by what, and what the sentence must say
-    ("mass = 4.5", "mass = -1.0", ["mass", "-1.0", "1e-09", "kg"]),
-    ("mass = 4.5", "mass = nan", ["mass", "nan"]),
-    ("mass = 4.5", "mass = true", ["mass", "number", "True"]),
-    ("mass = 4.5", 'mass = "heavy"', ["mass", "number", "'heavy'"]),
-    ("mass = 4.5", "mass = 1" + "0" * 400, ["mass", "too large", "1000"]),
-    ("mass = 4.5", "mass = 0x" + "f" * 5000, ["digits"]),
-    ("mass = 4.5", "mass = 2024-05-01", ["mass", "date"]),
-    ("mass = 4.5", "", ["'mass'", "missing"]),
-    ("mass = 4.5", "mass = 4.5\nmas = 1", ["'mas'", "unknown", "mass, name"]),
-    ("mass = 4.5", "mass = 4.5\nmass = 4", ["TOML", "line 4", "the key 'mass' is there twice"]),
-    ("mass = 4.5", "mass = 4,5", ["TOML", "line 3", "use a point, as in 4.5"]),
-    ("mass = 4.5", "mass = \u22124.5", ["TOML", "minus sign"]),
-    ("mass = 4.5", "mass = \u00a04.5", ["TOML", "no-break space"]),
-    ("mass = 4.5", "mass = " + "[" * 20000, ["TOML"]),
-    ("mass = 4.5", "mass = 4.5\n[thrusters]", ["'thrusters'", "unknown"]),
-    ('name = "probe"', 'name = "  "', ["name", "'  '", "text"]),
-    ("dimension = 2", "dimension = 4", ["dimension", "4", "2 (plane) or 3 (space)"]),
-    ("dimension = 2", "dimension = 2.0", ["dimension", "2.0"]),
-    ("dimension = 2", 'dimension = "a\\nb"', ["dimension", r"'a\nb'"]),
-    ("dimension = 2", "dimension = 3", ["thruster 0", "3 numbers", "[-1, 0]"]),
-    ("[0.1, 0.0]", "[0.1]", ["centre_of_mass", "2 or 3", "[0.1]"]),
-    ("[0.1, 0.0]", "[0.1, nan]", ["centre_of_mass", "nan", "three numbers"]),
-    ("[0.1, 0.0]", "[0.1, 0.0, 0.2]", ["thruster 0", "plane", "z = 0.2 m"]),
-    ('"cylinder"', '"cube"', ["shape", "'cube'", '"sphere"']),
-    ('"split"', '"half"', ["thrust_sharing", "'half'", '"none"']),
-    ('"split"', "1", ["thrust_sharing", "1", "text"]),
-    ("[0.0, 0.0, 0.4]]", "[0.0, 0.0, -0.4]]", ["inertia", "-0.4", "about z"]),
-    ("[0.0, 0.3, 0.0]", "[0.0, 0.3]", ["inertia", "three rows of three", "[0.0, 0.3]"]),
-    ("[-1, 0], force", "[0, 0], force", ["thruster 0", "direction", "not zero", "(0.0, 0.0"]),
-    ("[-1, 0], force", "[-1, 0, 0.5], force", ["thruster 0", "plane"]),
-    ("[-1, 0], force", '"left", force', ["thruster 0", "direction", "'left'"]),
-    ("[0.3, 0.2],", "[0.3, 0.2, 0.01],", ["thruster 0", "plane", "0.01"]),
-    ("[0.3, 0.2],", "[0.3, 0.2, 0, 0],", ["thruster 0", "position", "2 or 3"]),
-    ("[0.3, 0.2],", "[1e300, 0.2],", ["thruster 0", "position", "1e+300", "1e+09"]),
-    ("force = 1.0", "force = -1", ["thruster 0", "force", "-1.0", "N"]),
-    ("force = 1.0", "force = 1.0, supply = -1", ["thruster 0 supply", "-1", "whole number from 0"]),
-    ("force = 1.0", "force = 1.0, supply = 3", ["thrust_sharing", "several supplies", "droop"]),
-    ("force = 1.0", "forse = 1.0", ["thruster 0", "'forse'", "unknown"]),
-    (", force = 1.0", "", ["thruster 0", "'force'", "missing"]),
-]
-
-
-@pytest.mark.parametrize(("old", "new", "says"), WRONG, ids=lambda x: str(x)[:30])
-def test_a_wrong_value_is_one_sentence(old: str, new: str, says: list[str]) -> None:
-    message = refusal(edited(old, new))
-    for words in says:
-        assert words in message
-
-
-@pytest.mark.parametrize(
-    ("tensor", "says"),
-    [
-        (
-            "[[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.6]]",
-            ["0.6", "sum of the other two, 0.5 "],
-        ),
-        ("[[0.2, 0.0, 0.0], [0.1, 0.3, 0.0], [0.0, 0.0, 0.4]]", ["symmetric"]),
-        ("[[0.2, 0.0, 0.0], [0.0, -0.3, 0.0], [0.0, 0.0, 0.4]]", ["positive", "-0.3"]),
-    ],
-)
-def test_a_tensor_of_no_rigid_body_is_one_sentence(tensor: str, says: list[str]) -> None:
-    text = to_toml(load_spacecraft("afrl-12kg"))
-    message = refusal(re.sub(r"^inertia = .*$", f"inertia = {tensor}", text, count=1, flags=re.M))
-    for words in ["inertia", *says]:
-        assert words in message
-
-
-@pytest.mark.parametrize("thrusters", ["[]", "3", '["a", "b"]', "[[1, 2]]"])
-def test_thrusters_must_be_tables(thrusters: str) -> None:
-    head = VALID[: VALID.index("thruster = [")]
-    assert "thruster" in refusal(head + f"thruster = {thrusters}")
 
 
 def test_a_craft_of_one_wheel_alone_is_read_with_a_warning_and_one_of_nothing_refused() -> None:
@@ -161,7 +71,8 @@ inertia = 0.001
     assert (craft.thruster_count, craft.wheel_count) == (0, 1)
     assert craft.wrenches.shape == (0, 6)
     nothing = text[: text.index("[[wheel]]")]
-    assert "it needs a thruster, a reaction wheel, or another" in refusal(nothing)
+    with pytest.raises(ConfigError, match="it needs a thruster, a reaction wheel, or another"):
+        parse_spacecraft(nothing, "probe.toml")
 
 
 def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
@@ -209,15 +120,6 @@ def test_spacecraft_made_in_python_by_their_module() -> None:
     ):
         with pytest.raises(ConfigError, match=f"'{here}{name}' cannot be used: {said}"):
             load_spacecraft(typed(here + name))
-
-
-def test_a_wrong_name_says_what_a_user_may_give() -> None:
-    with pytest.raises(
-        ConfigError,
-        match=r"named 'free-flier' \(did you mean free-flyer\?\); known are "
-        r".*; your own is MODULE:NAME, or a file .* ends in \.toml\.",
-    ):
-        load_spacecraft("free-flier")
 
 
 extremes = st.sampled_from(

@@ -117,11 +117,6 @@ def test_what_is_no_field_arithmetic_is_refused(wrong: Any) -> None:
         wrong()
 
 
-def test_a_branch_names_the_way_out() -> None:
-    with pytest.raises(Untraceable, match=r"use `rans\.model\.fields\.where`"):
-        bool(x)
-
-
 # The programs
 
 

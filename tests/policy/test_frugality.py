@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 
 from rans.errors import ConfigError, NonFiniteState
 from rans.evaluation.fly.agent import Agent, load_policy
-from rans.evaluation.fly.any_craft import frugal
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
@@ -318,12 +317,6 @@ def test_names_of_files_crafts_and_values() -> None:
     assert (other.part, other.frugality) == ("0.5", None)
 
 
-@pytest.mark.parametrize("value", ["1.5", "-0.1", "fast", "nan"])
-def test_another_value_is_a_sentence(value: str) -> None:
-    with pytest.raises(ConfigError, match=r"from 0 \(fast\) to 1 \(frugal\)"):
-        ContestantName.parse(f"any-craft-2d#{value}")
-
-
 def test_a_run_folder_keeps_the_value(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     folder = ContestantName.parse("any-craft-2d#0.8@pingu").folder
@@ -397,8 +390,3 @@ def test_weights_that_are_not_finite_are_not_written() -> None:
     tensors[name] = torch.full_like(tensors[name], math.nan)
     with pytest.raises(NonFiniteState, match="not finite"):
         actor_bytes(network.architecture, tensors, 0)
-
-
-def test_an_agent_of_one_craft_has_no_frugality() -> None:
-    with pytest.raises(ConfigError, match="name any-craft-2d"):
-        frugal(contestant("go-to-pose-2d"), 0.5)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +16,6 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
-    FaultConditions,
     SensorConditions,
     SensorsConditions,
     ThrusterConditions,
@@ -28,81 +25,6 @@ from rans.randomization.conditions import FaultConditions as Faults
 from rans.randomization.conditions import ThrusterConditions as Thrusters
 from rans.randomization.parameters import EpisodeParameters
 from rans.tasks import GoToPose
-
-
-@pytest.mark.parametrize(
-    ("make", "sentence"),
-    [
-        (
-            lambda: Conditions(Body(mass=(1.2, 0.8))),
-            r"body\.mass must be .*least and the largest.*1\.2, 0\.8",
-        ),
-        (lambda: Conditions(Body(mass=0.0)), r"body\.mass must be > 0, got 0\.0"),
-        (lambda: Conditions(Body(inertia=(0.0, 1.0))), r"body\.inertia must be > 0"),
-        (lambda: Conditions(Body(centre=-0.01)), r"body\.centre must be a number >= 0"),
-        (lambda: Conditions(Body(centre=math.nan)), r"body\.centre .* got nan"),
-        (
-            lambda: Conditions(thrusters=Thrusters(thrust=(0.5, math.inf))),
-            r"thrusters\.thrust .* inf",
-        ),
-        (lambda: Conditions(thrusters=Thrusters(rise=True)), r"thrusters\.rise .* got True"),
-        (
-            lambda: Conditions(thrusters=Thrusters(latency=(0.1, 0.2, 0.3))),  # type: ignore[arg-type]
-            r"thrusters\.latency .* 0\.3",
-        ),
-        (
-            lambda: Conditions(thrusters=Thrusters(latency=20.0, command_delay=20.0)),
-            r"at most 30 s, got 40\.0",
-        ),
-        (
-            lambda: Conditions(thrusters=Thrusters(least_on=31.0)),
-            r"thrusters\.least_on must be at most 30 s, got 31",
-        ),
-        (
-            lambda: Conditions(faults=Faults(thrusters=(1, 1))),
-            r"faults\.thrusters must be at most 8 different numbers .*\(1, 1\)",
-        ),
-        (lambda: Conditions(faults=Faults(thrusters=(-1,))), r"faults\.thrusters .* \(-1,\)"),
-        (
-            lambda: Conditions(faults=Faults(1.0, thrusters=(1,))),
-            r"faults\.count and faults\.among must be left out",
-        ),
-        (
-            lambda: Conditions(faults=Faults(count=3.0, among="recoverable")),
-            r"faults\.count must be at most 2 with faults\.among = \"recoverable\", got 3\.0",
-        ),
-        (
-            lambda: Conditions(faults=Faults(count=9.0)),
-            r"faults\.count must be at most 8 with faults\.among = \"any\", got 9\.0",
-        ),
-        (
-            lambda: Conditions(faults=Faults(kinds=("leaky",))),  # type: ignore[arg-type]
-            r"faults\.kinds must be among dead, .*leaky",
-        ),
-        (
-            lambda: Conditions(faults=Faults(share=(0.3, 1.1))),
-            r"faults\.share must be at most 1, got \(0\.3, 1",
-        ),
-        (
-            lambda: Conditions(faults=Faults(among="all")),  # type: ignore[arg-type]
-            "among must be one of any, recoverable, .* 'all'",
-        ),
-        (lambda: Conditions(faults=Faults(kinds=())), r"faults\.kinds must be among dead, "),
-        (
-            lambda: Conditions(sensors=SensorsConditions(velocity=SensorConditions(dropout=1.0))),
-            r"sensors\.velocity\.dropout must be below 1, got 1\.0",
-        ),
-        (
-            lambda: Conditions(sensors=SensorsConditions(spin=SensorConditions(noise=-1.0))),
-            r"sensors\.spin\.noise must be a number >= 0",
-        ),
-        (lambda: Conditions(weight="x"), "weight must be a finite number > 0, got 'x'"),  # type: ignore[arg-type]
-        (lambda: Conditions(others="x"), r"others must be a rans\.Conditions, got 'x'"),  # type: ignore[arg-type]
-    ],
-)
-def test_what_cannot_be_is_refused(make: Callable[[], Conditions], sentence: str) -> None:
-    with pytest.raises(ConfigError, match=sentence):
-        make()
 
 
 def test_how_long_a_command_is_felt() -> None:
@@ -215,14 +137,3 @@ def test_episodes_remember_for_the_longest_of_them() -> None:
     assert (
         World(Setup(PLATFORM, GoToPose(), conditions=replace(LATE, others=(slow,)))).remembered == 4
     )
-
-
-def test_what_cannot_be_mixed() -> None:
-    with pytest.raises(ConfigError, match=r"others must be without others of their own"):
-        Conditions(others=(MIXED,))
-    with pytest.raises(ConfigError, match=r"others: faults\.kinds must be as in the first"):
-        Conditions(others=(Conditions(faults=FaultConditions(1.0, ("weak",))),))
-    with pytest.raises(ConfigError, match=r"others: thrusters\.droop must be as in the first"):
-        Conditions(others=(Conditions(thrusters=ThrusterConditions(droop=0.1)),))
-    with pytest.raises(ConfigError, match="weight must be a finite number > 0, got 0"):
-        Conditions(weight=0.0)

@@ -7,17 +7,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from rans.episode import Episode, World, step
-from rans.errors import ConfigError
 from rans.model.fields import Quat, leaves
 from rans.model.random import Draws
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, SensorConditions, SensorsConditions
-from rans.structure import Range
 from tests.support.draws import BOTH, COUNT, LIKELY, begun
 
 
@@ -140,12 +137,6 @@ def test_all_readings_stand_while_sensors_have_stopped(dimension: int) -> None:
     assert np.array_equal(gone[:20], gone[20:])
     begins = np.argmax(gone[:20] & ~np.roll(gone[:20], 1, axis=0), axis=0)
     assert stats.chisquare(np.bincount(begins, minlength=20)).pvalue > LIKELY
-
-
-@pytest.mark.parametrize("wrong", [5.0, (0.0, 6.0), -1.0])
-def test_outages_end_before_the_next_begins(wrong: Range) -> None:
-    with pytest.raises(ConfigError, match=r"sensors\.outage"):
-        Conditions(sensors=SensorsConditions(outage=wrong))
 
 
 @BOTH

@@ -13,7 +13,6 @@ import torch
 
 import rans.model.dynamics
 from rans.effectors.motion import held
-from rans.errors import ConfigError
 from rans.model.actuators import Actuators, OnOff, Pulsed, Throttle
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire, Drift, FreeFlight, UniformGravity
@@ -288,8 +287,3 @@ class Wind(Drift):
 
     def carry(self, p: Any, v: Any, t: Any) -> Any:
         return p, v
-
-
-def test_a_drift_unknown_to_drake_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"Drake knows free flight, .* got"):
-        Plant(nasty_planar(), drift=Wind())

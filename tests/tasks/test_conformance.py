@@ -281,10 +281,3 @@ def test_notes_of_another_class_than_declared_are_refused() -> None:
 
     with pytest.raises(ConfigError, match=r"goal of Nameless are of the class tuple.* is none"):
         layout(Nameless(), 2)
-
-
-def test_an_unknown_task_is_named() -> None:
-    with pytest.raises(
-        ConfigError, match=r"no task named .go-to-poze. \(did you mean go-to-pose\?\)"
-    ):
-        TASKS["go-to-poze"]

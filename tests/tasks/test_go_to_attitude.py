@@ -14,7 +14,6 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.episodes import EngineName
 from rans.evaluation.measure.metrics import impulses
 from rans.evaluation.stress.effects import applicable_effects
-from rans.fast.engine import Engine
 from rans.flight import Flight
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
@@ -115,12 +114,3 @@ def test_what_needs_thrusters_says_so() -> None:
     starts = scenarios(GoToAttitude(), INNOCUBE, 0, 1)
     with pytest.raises(ConfigError, match="optimal trajectories"):
         solve_all(INNOCUBE, GoToAttitude(), [objective_of("fuel")], starts)
-
-
-def test_no_thruster_is_no_push() -> None:
-    with pytest.raises(
-        ConfigError, match=r"asks for position and velocity, and .* has no thruster"
-    ):
-        LQR("innocube", "go-to-pose")
-    with pytest.warns(UserWarning, match="has no thruster, and GoToPose asks for a position"):
-        Engine("innocube", "go-to-pose", num_envs=2, timing=Timing(control_period=1.0))

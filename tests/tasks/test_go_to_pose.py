@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.errors import ConfigError
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.tasks import GoToPose, observation
@@ -193,12 +192,6 @@ def test_who_is_nearly_there_pays_for_not_being_there(
     )
     assert paid(spare, state)["boundary"] == pytest.approx(cost, abs=1e-9)
     assert "boundary" not in paid(GoToPose(), state)
-
-
-@pytest.mark.parametrize("sharpness", [0, 9, 2.5])
-def test_edges_of_no_sharpness(sharpness: float) -> None:
-    with pytest.raises(ConfigError, match="sharpness must be a whole number from 1 to 8, got"):
-        RestReward(sharpness=sharpness)  # type: ignore[arg-type]
 
 
 def test_edges_however_sharp_are_finite_in_single_precision() -> None:

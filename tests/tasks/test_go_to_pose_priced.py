@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -87,29 +86,6 @@ def test_a_trade_off_is_drawn_or_held_or_not_there() -> None:
     for task, trade_off in ((plain, 0.5), (open_, 1.5)):
         with pytest.raises(ConfigError, match=r"trade.off"):
             task.with_trade_off(trade_off)
-
-
-@pytest.mark.parametrize("name", ["-0.1", "1.1", "nan", "fast"])
-def test_positions_that_do_not_exist(name: str) -> None:
-    with pytest.raises(ConfigError, match=r"the trade-off ranges from 0 \(fast\) to 1 \(thrifty\)"):
-        TASK.parts()[name]
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (
-            {"trade_off": (0.0, 1.5)},
-            r"trade_off must be a range within 0 \(fast\) to 1 \(thrifty\), got \(0\.0, 1\.5\)",
-        ),
-        ({"trade_off": (0.6, 0.5)}, "trade_off must be a range"),
-        ({"price": (0.0, 1.0)}, "price must be > 0"),
-        ({"price": (1.0, math.inf)}, "price must be finite"),
-    ],
-)
-def test_settings_that_cannot_be(change: dict[str, Any], says: str) -> None:
-    with pytest.raises(ConfigError, match=says):
-        GoToPosePriced(**change)
 
 
 def test_a_compiler_can_follow_the_price() -> None:

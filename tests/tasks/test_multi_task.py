@@ -102,14 +102,6 @@ def test_parts_carry_their_settings_and_their_evaluation() -> None:
     assert TrackVelocity().parts() == {"": TrackVelocity()}  # a task alone needs no name
 
 
-@pytest.mark.parametrize("names", [(), ("go-to-pose", "go-to-pose"), ("go-to-pose", "multi-task")])
-def test_wrong_lists(names: tuple[str, ...]) -> None:
-    with pytest.raises(
-        ConfigError, match=r"tasks must be different ones of go-to-position, .*, got"
-    ):
-        MultiTask(tasks=names)
-
-
 def test_it_is_judged_one_task_at_a_time() -> None:
     every = scenarios(MultiTask(), load_spacecraft("free-flyer"), 1, 1)
     for ask in (MultiTask().tolerances, lambda: residual(MultiTask(), every.start, every.goal)):

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import pytest
-
-from rans.compile.cuda.design import Design, DoesNotFit
+from rans.compile.cuda.design import Design
 from tests.support.engines import PLATFORM
 from tests.support.kernel_flights import policy
 
@@ -28,15 +24,3 @@ def test_designs_of_shipped_sizes() -> None:
     assert wide.columns == 208
     assert wide.kept < wide.places["end"]
     assert wide.used <= 232448
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"layers": (520, 16)}, "layers of \\(520, 16\\) units"),
-        ({"history": 4000}, "bytes for 32 flights"),
-    ],
-)
-def test_what_does_not_fit(settings: Any, message: str) -> None:
-    with pytest.raises(DoesNotFit, match=message):
-        Design(policy(PLATFORM, sided=False, **settings).architecture, 1, 232448)

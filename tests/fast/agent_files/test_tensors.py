@@ -39,24 +39,6 @@ def test_what_is_packed_comes_back() -> None:
     assert plain == {key: tree[key] for key in plain}
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"",
-        b"rubbish",
-        b"\xff" * 64,
-        bytes(8),
-        b"\x02" + bytes(7) + b"{}",
-        (20).to_bytes(8, "little") + b'{"__metadata__":{}}' + b" ",
-    ],
-)
-def test_what_is_no_such_file(content: bytes) -> None:
-    with pytest.raises(
-        ConfigError, match=r"^there is damaged, it is not a safetensors file of RANS"
-    ):
-        unpack_tensors(content, "there")
-
-
 def test_every_bit_counts(tmp_path: Path) -> None:
     content = pack_tensors(
         {"steps": 128, "weights": torch.arange(5.0), "flags": torch.tensor([True, False])}

@@ -21,7 +21,7 @@ from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario, scenario
-from rans.tasks import TASKS, GoToPose, gymnasium_ids, observation
+from rans.tasks import TASKS, gymnasium_ids, observation
 from tests.support.crafts import ANY_CRAFT
 from tests.support.processes import loaded
 from tests.support.states import planar
@@ -138,21 +138,6 @@ def test_a_given_scenario_is_flown(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"episode": 3}, "unknown option 'episode'"),
-        ("scenario", "the options of reset must be a dict, got 'scenario'"),
-        ({"scenario": (planar(1.0), planar())}, r"must be a rans\.scenario\.Scenario"),
-        ({"scenario": Scenario(planar(math.nan), planar())}, "6 finite numbers"),
-        ({"scenario": scenario(GoToPose(), 3, 0, 0)}, "6 finite numbers"),
-    ],
-)
-def test_wrong_options(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        make().reset(options=options)
-
-
-@pytest.mark.parametrize(
     "action",
     [
         np.zeros(7),
@@ -186,30 +171,6 @@ def test_actions_may_be_lists_truth_values_and_tensors() -> None:
         results.append(env.step(action)[0])  # type: ignore[arg-type]
     for result in results[1:]:
         np.testing.assert_array_equal(results[0], result)
-
-
-@pytest.mark.parametrize(
-    ("kwargs", "message"),
-    [
-        ({"spacecraft": "free-flyer"}, "dimension 2, got 'free-flyer' of dimension 3"),
-        ({"spacecraft": "no-such-craft"}, "no spacecraft named 'no-such-craft'"),
-        ({"task": "go-to-pose"}, "task must be a rans.GoToPose, got 'go-to-pose'"),
-        (
-            {"task": {"thrust_weight": 0.1}},
-            r"task takes an object, not a dict: rans\.GoToPose\(thrust_weight=0\.1\)\.",
-        ),
-    ],
-)
-def test_wrong_arguments(kwargs: dict[str, Any], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        make(**kwargs)
-
-
-def test_wrong_render_mode() -> None:
-    with pytest.raises(
-        ConfigError, match='render_mode must be None, "human" or "rgb_array", got \'ansi\''
-    ):
-        SpacecraftEnv("go-to-pose", 2, render_mode="ansi")
 
 
 def test_a_users_own_spacecraft(tmp_path: Path) -> None:

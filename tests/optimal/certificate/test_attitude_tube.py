@@ -11,9 +11,8 @@ import pytest
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
-from rans.errors import ConfigError
 from rans.model.fields import Quat, Vec3
-from rans.model.spacecraft import Propellant, Spacecraft, Thruster
+from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate import attitude_tube, hull
 from rans.optimal.certificate.goal_set import GoalSet
@@ -265,16 +264,6 @@ def test_the_price_of_an_angle_is_one_of_the_torque_before() -> None:
 
 def _diagonal(moments: np.ndarray) -> Any:
     return tuple(tuple(row) for row in np.diag(moments).tolist())
-
-
-def test_what_is_not_covered_is_refused() -> None:
-    tank = replace(PINGU, propellant=Propellant(1.0, 60.0))
-    with pytest.raises(ConfigError, match="propellant"):
-        attitude_tube.least_time(tank, planar(), planar(1.0), EXACT)
-    with pytest.raises(ConfigError, match="at rest"):
-        attitude_tube.least_time(PINGU, planar(), planar(1.0), GoalSet(0.0, 0.1, 0.0, 0.0))
-    with pytest.raises(ConfigError, match="horizon"):
-        attitude_tube.least_impulse(PINGU, planar(), planar(1.0), 0.0, EXACT)
 
 
 @pytest.mark.slow

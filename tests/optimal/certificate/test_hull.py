@@ -105,21 +105,6 @@ def test_who_is_faster_leaves_for_a_moment() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("tolerance", "period", "sentence"),
-    [
-        (math.nan, 0.2, "position must be finite"),
-        (0.05, math.nan, "period >= 0 s between looks, got nan"),
-        (0.05, -0.2, r"got -0\.2"),
-    ],
-)
-def test_settling_without_numbers_is_not_bounded(
-    tolerance: float, period: float, sentence: str
-) -> None:
-    with pytest.raises(ConfigError, match=sentence):
-        hull.settling_set(PLATFORM, tolerance, 0.1, period)
-
-
 def test_least_time_from_rest_is_bang_bang() -> None:
     goal = planar()
     force = 2 * math.sqrt(2)

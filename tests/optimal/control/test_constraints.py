@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
-from rans_missions.control.guidance import VelocityToGain
 
 from rans.flight import fly
 from rans.model.actuators import Throttle
@@ -16,7 +15,6 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
 from rans.optimal.control.mpc import MPC
-from rans.optimal.control.switching import Switching
 from rans.scenario import scenarios
 from rans.tasks import GoToPosition
 from tests.support.crafts import deputy
@@ -78,12 +76,6 @@ def test_the_mpc_keeps_margins_and_arrives(craft: Spacecraft, task: Any, period:
         careless = LQR(craft, task, timing)
     [without] = fly(craft, task, careless, starts, timing).margins.values()
     assert without.min() < -0.05
-
-
-@pytest.mark.parametrize("kind", [LQR, Switching, VelocityToGain], ids=lambda kind: kind.name)
-def test_others_say_that_they_may_violate_them(kind: Any) -> None:
-    with pytest.warns(UserWarning, match=f"{kind.name} does not know the constraints of Slow"):
-        kind(THROTTLED, Slow(), TIMING)
 
 
 def test_no_constraint_changes_nothing(recwarn: pytest.WarningsRecorder) -> None:

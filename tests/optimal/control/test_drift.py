@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,7 +12,6 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from rans.episode import Setup, World, step
-from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import settling_times
 from rans.flight import fly
 from rans.model.actuators import Throttle
@@ -226,9 +224,3 @@ def test_velocities_are_held_against_gravity() -> None:
         timing,
     )
     assert flight.errors()["velocity"][-25:].max() < 1e-6
-
-
-def test_switching_refuses_a_pull_that_it_cannot_brake_against() -> None:
-    pull = 0.9 * math.sqrt(8.0) / PLATFORM.mass
-    with pytest.raises(ConfigError, match=r"uniform-gravity takes 0\.478 m/s"):
-        Switching(PLATFORM, Pose(pulled=UniformGravity((0.0, -pull))), Timing())

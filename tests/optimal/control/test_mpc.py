@@ -13,7 +13,6 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from rans.errors import ConfigError
 from rans.model.actuators import OnOff, Pulsed, Throttle
 from rans.model.body import Body
 from rans.model.dynamics import advance, wrench
@@ -215,10 +214,3 @@ def test_nothing_is_planned_at_rest() -> None:
     restless._program = None  # type: ignore[assignment]
     with pytest.raises(AttributeError):
         restless.act(goal, goal, np.zeros((3, 10)))
-
-
-def test_impossible_settings_are_refused() -> None:
-    with pytest.raises(
-        ConfigError, match="MPC: horizon must be a whole number >= 1 and < 2\\^31, got 0"
-    ):
-        MPCSettings(horizon=0)

@@ -34,18 +34,3 @@ def test_a_file_names_the_same_keys(tmp_path: Path) -> None:
     file.write_text("heading = true\n")
     with pytest.raises(ConfigError, match="heading must be a finite number, got True"):
         endpoint([str(file)], planar())
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (["p.z=3"], "a state has no 'p.z'"),
-        (["p.x=far"], "p.x must be a finite number, got 'far'"),
-        (["p.x=inf"], "p.x must be a finite number"),
-        (["nowhere.toml"], "or a TOML file with these keys: cannot read nowhere.toml"),
-        (["p.x=1", "heading"], "such as p.x=3, got 'heading'"),
-    ],
-)
-def test_mistakes_are_one_sentence(given: list[str], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        endpoint(given, planar())

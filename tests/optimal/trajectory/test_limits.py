@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.errors import ConfigError
 from rans.model.drift import FREE
 from rans.model.timing import Timing
 from rans.optimal.trajectory.limits import PathLimits
@@ -68,16 +67,3 @@ def test_limits_hold_between_periods_too() -> None:
         PLATFORM, planar(x=-3.0, heading=0.5), np.repeat(free.commands, 4, 0), timing, FREE
     )
     assert np.hypot(through.p.x + 1.5, through.p.y).min() < 0.4
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"keep_out": ((1.0, 2.0),)}, "its centre and a radius > 0"),
-        ({"keep_out": ((1.0, 2.0, -1.0),)}, "its centre and a radius > 0"),
-        ({"keep_out": ((1.0, 2.0, 3.0, 1.0),)}, "needs 2 coordinates and a radius"),
-    ],
-)
-def test_wrong_limits_are_one_sentence(changes: dict[str, Any], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        Transcription(PLATFORM, TASK, MinimumFuel(2.0), PathLimits(**changes))

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.errors import ConfigError
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime, SymbolicTrajectory
 from rans.optimal.trajectory.pool import solve_all
 from rans.scenario import scenarios
-from rans.tasks import GoToAttitude, GoToPose
+from rans.tasks import GoToPose
 from tests.support.processes import PATIENCE, python
 
 PLATFORM = load_spacecraft("floating-platform")
@@ -53,13 +52,6 @@ def test_dead_worker_is_a_status() -> None:
     assert [a.status for a in answers] == ["Worker_Died"] * 4
     assert not any(a.solved for a in answers)
     assert answers[0].commands.shape == (10, 8)
-
-
-def test_craft_without_equations_are_refused_here_not_in_a_worker_that_dies() -> None:
-    craft = load_spacecraft("innocube")
-    task = GoToAttitude()
-    with pytest.raises(ConfigError, match="3 reaction wheels"):
-        solve_all(craft, task, [MinimumTime(10)], scenarios(task, craft, 3, 2), workers=2)
 
 
 _ENDLESS = """

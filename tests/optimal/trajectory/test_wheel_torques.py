@@ -11,7 +11,6 @@ import pytest
 import rans
 from campaigns.craft import flown
 from rans.effectors.motion import held
-from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import settling_times
 from rans.flight import fly
 from rans.model.actuators import Throttle, Wheel
@@ -197,13 +196,6 @@ def test_a_wheel_the_other_way_round_is_noticed() -> None:
     first, *others = craft.wheels
     wrong = replace(craft, wheels=(replace(first, axis=(-1.0, 0.0, 0.0)), *others))
     assert not np.isfinite(settling_times(flights("afrl-12kg", rans.LQR, 2, wrong))).any()
-
-
-def test_others_refuse_wheels() -> None:
-    with pytest.raises(ConfigError, match="optimal trajectories command thrusters alone"):
-        rans.optimal_trajectory("go-to-pose", CUBESAT)
-    with pytest.raises(ConfigError, match="constant mass"):
-        rans.optimal_trajectory("go-to-pose", BURNING)
 
 
 @pytest.mark.parametrize("kind", [rans.LQR, pytest.param(rans.Switching, marks=pytest.mark.slow)])

@@ -23,7 +23,6 @@ from rans.optimal.certificate.flight import state_after
 from rans.optimal.certificate.goal_set import GoalSet, pulse
 from rans.optimal.certificate.plane.dual import Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
-from tests.support.crafts import nasty_planar
 from tests.support.states import planar
 from tests.support.tiny_lattice import PERIOD, lopsided, through
 
@@ -107,21 +106,6 @@ def test_who_may_open_for_a_part_of_a_period_has_no_lattice(actuators: Actuators
         Lattice(craft, 0.2)
     assert pulse(PLATFORM, 0.2) == pytest.approx(0.2)
     assert pulse(craft, 0.2) is None
-
-
-def test_no_lattice_is_a_sentence() -> None:
-    with pytest.raises(ConfigError, match=r"'nasty-planar'.*whole multiples"):
-        Lattice(nasty_planar(), PERIOD)
-    with pytest.raises(ConfigError, match="planar motion only"):
-        Lattice(load_spacecraft("free-flyer"), PERIOD)
-    with pytest.raises(ConfigError, match="thrust_sharing"):
-        Lattice(dataclasses.replace(PLATFORM, thrust_sharing="split"), PERIOD)
-
-
-@pytest.mark.parametrize("period", [0.0, -0.2, math.nan, math.inf])
-def test_a_period_holds_a_command(period: float) -> None:
-    with pytest.raises(ConfigError, match=r"a bound needs a finite control period > 0 s, got"):
-        Lattice(PLATFORM, period)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.4, 1.0])

@@ -1,0 +1,59 @@
+"""What RANS refuses or warns of, and that its sentence names it: the rows of every ``refused.txt`` of a room.
+
+A row is a call and, below it, the class and the words of its error or warning; ``...`` stands for any others. Calls
+without an answer are made before the rows of their file.
+"""
+
+from __future__ import annotations
+
+import builtins
+import doctest
+import functools
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rans import errors
+
+ROOT = Path(__file__).parents[1]
+
+
+def examples(file: Path) -> list[doctest.Example]:
+    return doctest.DocTestParser().get_examples(file.read_text("utf-8"))
+
+
+ROWS = [
+    pytest.param(file, row, id=f"{file.parent.name}-{row.source[:50].strip()}")
+    for room in ("tests", "packages")
+    for file in sorted((ROOT / room).rglob("refused.txt"))
+    for row in examples(file)
+    if row.want
+]
+
+
+@functools.cache
+def prepared(file: Path) -> dict[str, Any]:
+    names: dict[str, Any] = {}
+    for row in examples(file):
+        if not row.want:
+            exec(row.source, names)
+    return names
+
+
+@pytest.mark.parametrize(("file", "row"), ROWS)
+def test_a_sentence_names_what_is_wrong(
+    file: Path, row: doctest.Example, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = prepared(file)
+    monkeypatch.chdir(tmp_path)
+    kind, words = row.want.rstrip("\n").split(": ", 1)
+    error = names.get(kind) or getattr(errors, kind, None) or getattr(builtins, kind)
+    says = "(?s)" + ".*".join(map(re.escape, words.split("...")))
+    catch: Any = pytest.warns if issubclass(error, Warning) else pytest.raises
+    with catch(error, match=says) as caught:
+        exec(row.source, names)
+    if kind == "ConfigError":
+        assert str(caught.value).endswith((".", "?"))
+        assert "\n" not in str(caught.value)
