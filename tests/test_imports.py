@@ -63,7 +63,6 @@ LAYERS: list[set[str]] = [
     {"rans.api"},
     {"rans.cli"},
     {"rans.extend"},
-    {"validation.peers"},
     {"validation.study"},
     {"validation.speed"},
     {"validation.judges"},

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,7 @@ import pytest
 from rans.cli import main
 from rans.tasks import TASKS
 from rans.terminal import Terminal
-from validation.commands.benchmark import Benchmark, _peer
-from validation.peers.runner import Peer, PeerResult
+from validation.commands.benchmark import Benchmark
 from validation.speed.measurement import Measurement
 
 
@@ -61,55 +59,12 @@ def test_figures(
     assert all(row["value"] > 0 for row in measured)
     assert content["environment"]["device"] == "CPU"
     assert content["command"].startswith("rans")
-    assert content["peers"] == content["unmeasured"] == []
     shares = {row["name"]: row["value"] for row in content["ratios"]}
     # of 250 bytes: state 24, goal 4, clock 4, first number 4, action 8, observations 80, reward 24, flags 3
     assert (
         shares["floating-platform, one environment: share of the 250 bytes aimed at"] == 151 / 250
     )
     assert "floating-platform, 64 environments" in file.with_suffix(".svg").read_text()
-
-
-@pytest.mark.slow
-def test_peers_that_cannot_be_installed_are_rows_that_say_why(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """pip finds no such version; Stable-Baselines3 is there anyway. Ours was in `test_figures`."""
-
-    def environment(home: Path, **_: Any) -> None:
-        """None of its own, which would take seconds: without an index pip installs nothing."""
-        python = home / "bin" / "python"
-        python.parent.mkdir(parents=True)
-        python.write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
-        python.chmod(0o755)
-
-    monkeypatch.setenv("PIP_NO_INDEX", "1")
-    monkeypatch.setattr("validation.peers.runner.venv.create", environment)
-    monkeypatch.setattr(
-        "validation.speed.suite.measurements",
-        lambda *_: [
-            Measurement("engine", "64 environments", 1e6, "steps/s"),
-            Measurement("policy", "one", 9.0, "us"),
-        ],
-    )
-    sb3 = Peer("stable-baselines3", "stable_baselines3", "sb3_ppo.py", ())
-    absent = Peer("absent", "absent_module", "absent.py", ("absent-package==1.2.3",))
-    monkeypatch.setattr("validation.speed.ratios.PEERS", (absent, sb3))
-    file = tmp_path / "speed.json"
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    options = ["--peers", "--output", str(file)]
-    assert main(["benchmark", *QUICK, *options]) == 0
-    out = capsys.readouterr().out
-    assert "No matching distribution found for absent-package==1.2.3" in out
-    assert "pip index versions smallsat_sim" in out  # why others have no script
-    content = json.loads(file.read_text())
-    assert "PufferLib 4" in {row["name"] for row in content["unmeasured"]}
-    missing, trained = content["peers"]
-    assert missing["figures"] == {}
-    assert missing["installed_by"].endswith("absent-package==1.2.3")
-    assert trained["figures"]["trained_steps_per_s"] > 0
-    assert trained["figures"]["num_envs"] == 128
-    assert "trained steps/s, over stable-baselines3" in content["ratios"][0]["name"]
 
 
 def test_interrupted_it_shows_and_writes_what_was_measured(
@@ -163,26 +118,6 @@ def test_without_a_compiler(refused: Any, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.delenv("CXX", raising=False)
     monkeypatch.setenv("PATH", "/nowhere")
     assert "needs a C++ compiler" in refused("benchmark")
-
-
-def test_a_peer_is_a_row_with_its_rate_in_millions() -> None:
-    figures = {"version": "2.1", "num_envs": 4096, "steps_per_s": 2_500_000.0, "task": "ant"}
-    assert _peer(PeerResult("brax", "python brax.py", figures=figures)) == (
-        "brax",
-        "2.1",
-        "4,096",
-        "2.5",
-        "ant",
-        "python brax.py",
-    )
-    assert _peer(PeerResult("brax", "python brax.py", reason="no wheel")) == (
-        "brax",
-        "-",
-        "-",
-        "-",
-        "no wheel",
-        "python brax.py",
-    )
 
 
 @pytest.mark.parametrize(

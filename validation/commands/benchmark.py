@@ -1,9 +1,9 @@
-"""``rans benchmark``: speed on this machine, compared with its memory bandwidth and with other packages."""
+"""``rans benchmark``: speed on this machine, compared with its memory bandwidth."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, astuple
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +18,6 @@ from rans.terminal import Terminal, writing_at_end
 from validation.functions import benchmark
 
 if TYPE_CHECKING:
-    from validation.peers.runner import PeerResult
     from validation.speed.measurement import Measurement
     from validation.speed.ratios import Ratio
 
@@ -39,9 +38,6 @@ class Benchmark(Options):
     guide = "docs/speed.md"
     examples = ("rans benchmark --quick",)
 
-    peers: bool = False
-    """Measure other simulators and trainers too, and say which cannot be measured. Missing ones are installed
-    with pip, each into an environment of its own of up to 1.5 GB, in the user's cache (XDG_CACHE_HOME)."""
     output: Annotated[Path | None, arg(metavar="FILE")] = None
     """JSON file to write all values to, warm-up times and notes too, with a figure next to it."""
 
@@ -60,10 +56,8 @@ class Benchmark(Options):
         device = chosen_device(None, self.quick)
         console = Terminal()
         measured: list[Measurement] = []
-        peers: list[tuple[PeerResult, list[Ratio]]] = []
-        with writing_at_end(lambda: self._show(console, device, measured, peers)):
+        with writing_at_end(lambda: self._show(console, device, measured)):
             self._measure(console, device, measured)
-            self._compare(console, device, peers)
         return 0
 
     def _measure(self, console: Terminal, device: str, result: list[Measurement]) -> None:
@@ -76,64 +70,34 @@ class Benchmark(Options):
                 result.append(measurement)
                 status.update(f"measured {measurement.name}")
 
-    def _compare(
-        self, console: Terminal, device: str, result: list[tuple[PeerResult, list[Ratio]]]
-    ) -> None:
-        """Append to ``result`` peers as they are measured, and ratios to them; an interrupt keeps those."""
-        from validation.peers.runner import default_folder
-        from validation.speed.ratios import compare_peers
-        from validation.speed.suite import effort
-
-        if not self.peers:
-            return
-        with console.status("measuring peers ...") as status:
-            for peer, ratios in compare_peers(
-                effort(device, self.quick),
-                default_folder(),
-                self.quick,
-                lambda name: status.update(
-                    f"measuring {name}, and ours; it may have to be installed ..."
-                ),
-            ):
-                result.append((peer, ratios))
-
     def _show(
         self,
         console: Terminal,
         device: str,
         measured: list[Measurement],
-        compared: list[tuple[PeerResult, list[Ratio]]],
     ) -> None:
         """Print and write the results so far, if there are any; an interrupt ends here too."""
         import torch
 
-        from validation.peers.unmeasured import UNMEASURED
         from validation.speed.ratios import bounds
 
         if not measured:
             return
-        peers = [peer for peer, _ in compared]
-        ratios = [ratio for _, some in compared for ratio in some]
-        bound_ratios = list(bounds(measured))
+        ratios = list(bounds(measured))
         name = torch.cuda.get_device_name(device) if device.startswith("cuda") else "CPU"
         about = environment() | {"device": name, "threads": str(torch.get_num_threads())}
         # The first column of a table is not broken, and names are long.
         console.table(
             Table(
                 ("value", "ratio", "of"),
-                [(_digits(r.value), r.name, r.note) for r in (*ratios, *bound_ratios)],
+                [(_digits(r.value), r.name, r.note) for r in ratios],
                 _hardware(about),
             )
         )
         columns = ("", "measurement", "value", "unit")
         console.table(Table(columns, [_measured(m) for m in measured]))
-        if peers:
-            columns = ("peer", "version", "environments", "M steps/s", "task", "command")
-            console.table(Table(columns, [*map(_peer, peers)]))
-            unmeasured = [*map(astuple, UNMEASURED)]
-            console.table(Table(("not measured", "why", "tried"), unmeasured))
         if self.output is not None:
-            self._write(self.output, about, measured, bound_ratios, peers, ratios)
+            self._write(self.output, about, measured, ratios)
         elif self.quick:
             console.suggest("rans benchmark --output speed.json")
 
@@ -142,26 +106,21 @@ class Benchmark(Options):
         file: Path,
         about: dict[str, str],
         measured: list[Measurement],
-        shares: list[Ratio],
-        peers: list[PeerResult],
         ratios: list[Ratio],
     ) -> None:
-        """Write figures, machine and peers as JSON, with a chart beside it."""
+        """Write figures and machine as JSON, with a chart beside it."""
         from rans.show.figures.svg import svg
-        from validation.peers.unmeasured import UNMEASURED
         from validation.speed.figure import speed_figure
 
         content: dict[str, Any] = {
-            "ratios": [asdict(r) for r in (*ratios, *shares)],
+            "ratios": [asdict(r) for r in ratios],
             "measurements": [asdict(m) for m in measured],
-            "peers": [asdict(p) for p in peers],
-            "unmeasured": [asdict(u) for u in UNMEASURED] if peers else [],
             "environment": about,
             "command": command_line(),
         }
         write_json(file, content)
         figure = file.with_suffix(".svg")
-        write_text(figure, svg(speed_figure(_hardware(about), measured, ratios)))
+        write_text(figure, svg(speed_figure(_hardware(about), measured)))
         Terminal().say(f"Written to {file} and {figure}.")
 
 
@@ -184,17 +143,3 @@ def _digits(value: float) -> str:
     decimals = 3 - math.floor(math.log10(abs(value)))
     text = f"{round(value, decimals):,.{max(0, decimals)}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
-
-
-def _peer(p: PeerResult) -> tuple[str, ...]:
-    """Row of another simulator or trainer with its M steps/s, or why it was not measured."""
-    figures = p.figures
-    rate = figures.get("steps_per_s") or figures.get("trained_steps_per_s")
-    return (
-        p.package,
-        figures.get("version", "-"),
-        f"{figures['num_envs']:,}" if figures else "-",
-        _digits(rate / 1e6) if rate else "-",
-        figures.get("task") or p.reason,
-        p.command,
-    )

@@ -1,4 +1,4 @@
-"""The figure of a benchmark: the engine under its roof, how long an agent takes to answer, and ratios."""
+"""The figure of a benchmark: the engine under its roof and how long an agent takes to answer."""
 
 from __future__ import annotations
 
@@ -9,19 +9,17 @@ from functools import partial
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import label
 from rans.show.figures.plotting import Axes, Figure, FuncFormatter
-from rans.show.palette import BLUE, GREEN, INK, ORANGE, RED
+from rans.show.palette import BLUE, INK, RED
 from validation.speed.measurement import Measurement
-from validation.speed.ratios import Ratio
 
 
 @styled
-def speed_figure(title: str, measured: Sequence[Measurement], ratios: Sequence[Ratio]) -> Figure:
+def speed_figure(title: str, measured: Sequence[Measurement]) -> Figure:
     """Bars with their values; the engine's bound is a red line. What was not measured has no panel.
 
     Args:
         title: hardware and versions.
         measured: of `validation.speed.suite.measurements`, all or some.
-        ratios: of ours over peers', if there are any.
     """
     engine = [m for m in measured if m.kind == "engine"]
     agents = [m for m in measured if m.kind == "policy" and m.value is not None]
@@ -30,7 +28,6 @@ def speed_figure(title: str, measured: Sequence[Measurement], ratios: Sequence[R
         for rows, draw in (
             (engine, partial(_roofline, engine=engine)),
             (agents, partial(_answers, agents=agents)),
-            (ratios, partial(_over_peers, ratios=ratios)),
         )
         if rows
     ]
@@ -62,20 +59,13 @@ def _answers(axes: Axes, agents: Sequence[Measurement]) -> None:
     label(axes, "an agent on one CPU core", "microseconds to answer one observation", "")
 
 
-def _over_peers(axes: Axes, ratios: Sequence[Ratio]) -> None:
-    _bars(axes, [r.name for r in ratios], [r.value for r in ratios], 1.0)
-    axes.set_xscale("log")
-    label(axes, "ours over peers on this machine", "ratio; 1: as fast", "")
-
-
 def _bars(axes: Axes, names: Sequence[str], values: Sequence[float], start: float) -> None:
-    """One bar a row, from the top, green to the right of the start and orange to the left of it."""
-    colours = [ORANGE if value < start else GREEN if start else BLUE for value in values]
+    """One bar a row, from the top, which begins at the start."""
     axes.barh(
         range(len(names)),
         [value - start for value in values],
         left=start,
-        color=colours,
+        color=BLUE,
         height=0.7,
     )
     for row, value in enumerate(values):

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from rans.show.palette import BLUE, GREEN, ORANGE, RED
+from rans.show.palette import BLUE, RED
 from validation.speed.figure import speed_figure
 from validation.speed.measurement import Measurement
-from validation.speed.ratios import Ratio
 
 MEASURED = [
     Measurement("engine", "small", 30.0, "M steps/s", bound=80.0),
@@ -18,7 +17,6 @@ MEASURED = [
     Measurement("policy", "ONNX", None, "us"),
     Measurement("memory", "copy", 20.0, "GB/s"),
 ]
-RATIOS = [Ratio("faster", 5.0), Ratio("slower", 0.5)]
 
 
 def bars(axes: Any) -> list[tuple[str, float, float, str]]:
@@ -32,10 +30,10 @@ def bars(axes: Any) -> list[tuple[str, float, float, str]]:
 
 def test_engines_start_at_a_power_of_ten_and_have_their_bound_in_red() -> None:
     """An engine without a bound has its mark at the left edge, where nobody sees it."""
-    axes = speed_figure("machine", MEASURED, RATIOS).axes[0]
+    axes = speed_figure("machine", MEASURED).axes[0]
     assert bars(axes) == [
-        ("small", 10.0, 30.0, to_hex(GREEN)),
-        ("large", 10.0, 2500.0, to_hex(GREEN)),
+        ("small", 10.0, 30.0, to_hex(BLUE)),
+        ("large", 10.0, 2500.0, to_hex(BLUE)),
     ]
     assert [to_hex(line.get_color()) for line in axes.lines] == [to_hex(RED)] * 2
     assert [np.asarray(line.get_xdata()).tolist() for line in axes.lines] == [
@@ -47,18 +45,13 @@ def test_engines_start_at_a_power_of_ten_and_have_their_bound_in_red() -> None:
 
 
 def test_agents_that_were_measured() -> None:
-    axes = speed_figure("machine", MEASURED, RATIOS).axes[1]
+    axes = speed_figure("machine", MEASURED).axes[1]
     assert bars(axes) == [("torch", 0.0, 74.0, to_hex(BLUE))]
-
-
-def test_slower_than_a_peer_is_orange_and_to_the_left() -> None:
-    axes = speed_figure("machine", MEASURED, RATIOS).axes[2]
-    assert bars(axes) == [("faster", 1.0, 5.0, to_hex(GREEN)), ("slower", 1.0, 0.5, to_hex(ORANGE))]
 
 
 @pytest.mark.parametrize(
     ("kinds", "panels"), [({"memory"}, 0), ({"memory", "engine"}, 1), ({"policy"}, 1)]
 )
 def test_what_was_not_measured_has_no_panel(kinds: set[str], panels: int) -> None:
-    figure = speed_figure("machine", [m for m in MEASURED if m.kind in kinds], [])
+    figure = speed_figure("machine", [m for m in MEASURED if m.kind in kinds])
     assert len(figure.axes) == panels

@@ -2,16 +2,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
-from rans.fast.learn.config import PPOSettings, TrainConfig
+from rans.fast.learn.config import PPOSettings
 from rans.tasks import GoToPose
 from tests.support.engines import PLATFORM
 from validation.speed import training
 from validation.speed.measurement import Clock
-from validation.speed.training import Success, train_until_solved, trainer_rate
+from validation.speed.training import trainer_rate
 
 SETTINGS = PPOSettings(n_envs=8, n_steps=4, batch_size=16, layers=(6, 5), n_epochs=3)
 
@@ -40,31 +39,3 @@ def test_trained_steps_are_those_of_the_whole_rollout(monkeypatch: pytest.Monkey
     )
     assert found.name == "PPO, floating-platform, 8 x 4"
     assert found.note == "environments x steps; 6x5, 3 epochs, float32"
-
-
-def test_one_training_as_the_command_does_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[TrainConfig] = []
-
-    class Trainer:
-        solved = True
-        seconds = 1.5
-        warm_up = 9.0
-        steps = 4096
-
-        def __init__(self, configs: list[TrainConfig], craft: Any, run: Any) -> None:
-            assert craft.name == configs[0].spacecraft == "free-flyer"
-            made.extend(configs)
-
-        def train(self, _: object) -> None:
-            assert len(made) == 1
-
-    monkeypatch.setattr(training, "Trainer", Trainer)
-    assert train_until_solved(SETTINGS, "cpu", "free-flyer", 5, 3) == Success(True, 1.5, 9.0, 4096)
-    [config] = made
-    assert (config.task, config.seed, config.device, config.report_interval) == (
-        "go-to-pose",
-        5,
-        "cpu",
-        3,
-    )
-    assert (config.ppo, config.solved_share) == (SETTINGS, TrainConfig.solved_share)
