@@ -1,7 +1,4 @@
-"""Impulse below which no flight docks at a port: through the mouth of its cone, by a cone program.
-
-The campaign of impulse to the port holds optimal trajectories against it, by when they dock.
-"""
+"""Impulse below which no flight docks at a port: through the mouth of its cone, by a cone program."""
 
 from __future__ import annotations
 
@@ -19,12 +16,6 @@ _SPANS = 20
 """Number of spans of an episode in which a craft may enter the cone of a port, or dock."""
 _CAP = 0.5
 """Change of velocity beyond which bounds of docking at a port are not asked for, m/s."""
-_FRONT_SPANS = 60
-"""Number of spans before a given time of docking."""
-_FRONT_CAPS = (0.5, 1.0, 2.0)
-"""Changes of velocity beyond which bounds are not asked for, where the time of docking is given, m/s."""
-_DRIFT = 10.0
-"""How long a docked craft is followed that drifts on, over the time of docking."""
 
 
 def least_to_dock(craft: Spacecraft, task: DockPort, one: Scenario, timing: Timing) -> float:
@@ -46,37 +37,6 @@ def least_to_dock(craft: Spacecraft, task: DockPort, one: Scenario, timing: Timi
     return min(least, craft.mass * _CAP)
 
 
-def least_to_dock_at(
-    craft: Spacecraft, task: DockPort, one: Scenario, timing: Timing, time: float
-) -> float:
-    """Impulse below which no flight from rest docks at a given time, N s; attitude and ball are left out.
-
-    A flight that has docked may drift on without impulse. It is then as near to where the docked position would
-    drift as the tolerances of position and velocity allow, which bounds its velocity at docking. The mouth of the
-    cone is as in `least_to_dock`; the largest bound of several caps counts.
-    """
-    start: Any = one.start
-    docked: Any = task.later(one.goal, time)
-    position, velocity = numbers(docked.p), numbers(docked.v)
-    near = task.tolerances()
-    drift = _DRIFT * time
-    far = near["position"] + drift * near["velocity"]
-    ends = [
-        waypoints.Waypoint(time, time, position, near["position"]),
-        waypoints.Waypoint(time + drift, time + drift, position + drift * velocity, far),
-    ]
-    if _begins_inside(task, one):
-        return waypoints.least_impulse_through(craft, start, ends)
-    bounds = []
-    for cap in _FRONT_CAPS:
-        mouths, _ = port_waypoints(task, one.goal, timing, time, _FRONT_SPANS, cap)
-        least = min(
-            waypoints.least_impulse_through(craft, start, [mouth, *ends]) for mouth in mouths
-        )
-        bounds.append(min(least, craft.mass * cap))
-    return max(bounds)
-
-
 def _begins_inside(task: DockPort, one: Scenario) -> bool:
     """Whether the start is in the sphere of the cone's length around its apex."""
     start: Any = one.start
@@ -88,30 +48,22 @@ def _begins_inside(task: DockPort, one: Scenario) -> bool:
 
 
 def port_waypoints(
-    task: DockPort,
-    goal: State,
-    timing: Timing,
-    until: float | None = None,
-    spans: int = _SPANS,
-    cap: float = _CAP,
+    task: DockPort, goal: State, timing: Timing
 ) -> tuple[list[waypoints.Waypoint], list[waypoints.Waypoint]]:
     """Parts of balls that contain the mouth of the cone, and the docked position, in every span of an episode.
 
-    The mouth is as it is at the first check behind it, of a craft that is no faster than a cap.
+    The mouth is as it is at the first check behind it, of a craft that is no faster than `_CAP`.
 
     Args:
         task: of which the settings count.
         goal: docked state at the start, of floats.
         timing: control period, checks and length of the episode.
-        until: end of the last span, s; None: that of the episode.
-        spans: number of spans.
-        cap: speed of the craft at most, m/s.
     """
     period = timing.control_period
     rate = math.hypot(*(float(x) for x in goal.spin()))
-    edges = np.linspace(0.0, until or period * timing.episode_steps, spans + 1)
+    edges = np.linspace(0.0, period * timing.episode_steps, _SPANS + 1)
     half = 0.5 * (edges[1] - edges[0])
-    late = (cap + rate * task.standoff) * period / timing.checks
+    late = (_CAP + rate * task.standoff) * period / timing.checks
     # The mouth is in a ball about the middle of its rim, and ahead of the rim's plane.
     narrow = task.cone_half_angle
     apex = task.standoff - task.cone_depth

@@ -4,8 +4,6 @@ Flight and zones are seen along the way, from the start to the goal. A zone that
 distance along it, which every flight that arrives reaches for the first time at some instant. There the flight is
 beside the zone: in the plane to its left or to its right, in space in some sector around it. A side or a sector
 and a span of time make a `Waypoint`. Branches halve spans and sectors; the least bound of all is a bound.
-
-The campaign of impulse among zones holds optimal trajectories against it, by when they rest at the goal.
 """
 
 from __future__ import annotations
@@ -63,12 +61,10 @@ _Branch = tuple[_Passing | None, ...]
 """What is asked of a flight at each zone; None: nothing."""
 
 
-def least_to_stay(
-    craft: Spacecraft, task: Avoid, one: Scenario, timing: Timing, since: float | None = None
-) -> float:
+def least_to_stay(craft: Spacecraft, task: Avoid, one: Scenario, timing: Timing) -> float:
     """Impulse below which no flight wins, N s.
 
-    Whoever is near the goal at both ends of the last fifth, or since earlier, has braked. The attitude is left out,
+    Whoever is near the goal at both ends of the last fifth has braked. The attitude is left out,
     and so are zones that do not move across the way from start to goal, or are not between them. Flights faster
     than a cap spend at least the mass times it, less the speed at the start.
 
@@ -77,22 +73,14 @@ def least_to_stay(
         task: among whose zones it flies.
         one: start and goal, of floats.
         timing: control period, checks and length of the episode.
-        since: when the flight is near the goal at the latest, s; None: at the beginning of the last fifth.
     """
-    return Search(craft, task, one, timing, since).bound()
+    return Search(craft, task, one, timing).bound()
 
 
 class Search:
     """Branch and bound of one start, with the arguments of `least_to_stay`; a node is never dropped unproved."""
 
-    def __init__(
-        self,
-        craft: Spacecraft,
-        task: Avoid,
-        one: Scenario,
-        timing: Timing,
-        since: float | None = None,
-    ) -> None:
+    def __init__(self, craft: Spacecraft, task: Avoid, one: Scenario, timing: Timing) -> None:
         start: Any = one.start
         goal: Any = one.goal
         self._craft = craft
@@ -101,7 +89,7 @@ class Search:
         place = np.array(goal.p.columns(), float)
         near = task.tolerances()["position"]
         steps = timing.episode_steps
-        self._time = since or timing.control_period * (steps + 1 - last_fifth(steps))
+        self._time = timing.control_period * (steps + 1 - last_fifth(steps))
         ends = self._time, timing.control_period * steps
         self._ends = [Waypoint(t, t, place, near) for t in ends]
         distance = float(np.linalg.norm(place - self._from))

@@ -13,31 +13,22 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rans.errors import SolverFailed
-from rans.extend import Ball, Spacecraft, Task, Timing, leaves, map_leaves
+from rans.extend import Ball, Spacecraft, Task, Timing, map_leaves
 from rans.tasks.shapes import Cone, Shape, SpeedLimit
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.planning import PlanningGuidance
 from rans_missions.convex.holding import flight_that_holds
-from rans_missions.convex.impulses import Impulses
 from rans_missions.convex.rendezvous import (
     Meeting,
     MeetingTransfer,
-    least_impulse,
-    least_margins,
     rendezvous,
     trajectory,
-    within_limits,
 )
 from rans_missions.tasks.orbital import OrbitalMission, last_check
+from rans_missions.vectors import motion_of
 
 _OFF = 0.1
 """Share of the tolerances by which a plan's arrival may be missed before it is made anew."""
-_CHECKED = 40
-"""Checks of a closed-form transfer at which its limits are checked."""
-_EVERY = 4
-"""Of an expert's control periods those with thrust, where its transfers need a conic program: every fourth."""
-_LATER = (0.7, 0.8, 0.9, 1.0)
-"""Shares of the time left at which arrivals are tried where none was possible at the planned one."""
 
 
 @dataclass
@@ -60,15 +51,13 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
     tolerances, the program of `rans_missions.convex.rendezvous` is solved from the state as it is. Between, the
     planned commands are given, so that a perfect world needs one program an episode: 0.05 to 2 s of a core.
     Where no transfer is found, the craft coasts. After the arrival it stays at the goal, and after a deadline that
-    was missed it plans again (`rans_missions.control.afterwards`). With ``search``, a mission that asks for a stay
-    has it in its plan (`rans_missions.convex.holding`).
+    was missed it plans again (`rans_missions.control.afterwards`). A mission that asks for a stay has it in its
+    plan (`rans_missions.convex.holding`).
 
     Args:
         craft: by name, TOML file or as such; one whose thrusters do not turn it.
         task: a mission on an orbit, by name or as such.
         timing: control period, and length of the episode.
-        search: whether the best of all arrivals up to the deadline is looked for, by branch and bound, instead of
-            the arrival that the task plans, which is several times faster.
         reserve: share of limits and tolerances that plans leave, so that small errors break none.
 
     Raises:
@@ -84,7 +73,6 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         craft: str | Path | Spacecraft,
         task: str | Task,
         timing: Timing | None = None,
-        search: bool = True,
         reserve: float = 0.005,
     ) -> None:
         super().__init__(craft, task, timing, reserve)
@@ -92,23 +80,9 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
             self._task, "convex guidance flies missions on an orbit"
         )
         self._afterwards = Afterwards(self._craft, self._mission, self._timing)
-        self._search = search
         # In a drift that changes a program of arrival and stay takes minutes.
-        self._holds = search and self._mission.stays and self._mission.drift.steady
-        # Speeds of arrival are no equations of the closed form, and nor is a drift that changes.
-        self._closed_form = not (search or self._mission.brakes) and self._mission.drift.steady
-        self._later: tuple[float, ...] = _LATER
-        self._every = 1
+        self._holds = self._mission.stays and self._mission.drift.steady
         self._meeting: Meeting | None = None
-        self._impulses: Impulses | None = None
-
-    @classmethod
-    def as_expert(cls, craft: Spacecraft, task: Task, timing: Timing) -> ConvexGuidance:
-        """Whom agents imitate: it flies to the arrival that agents observe, and leaves them room for errors."""
-        expert = cls(craft, task, timing, search=False, reserve=0.03)
-        expert._later = (1.0,)
-        expert._every = _EVERY
-        return expert
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; plans and arrivals are forgotten."""
@@ -118,11 +92,9 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """Commands (N, n) from states and the times in the goal's notes; the observation is not read.
 
-        Changes `_plans`, one a row, and makes the meeting of the first episode that of all in a steady drift.
+        Changes `_plans`, one a row.
         """
-        relative_states = np.stack(
-            [np.asarray(x, float) for x in (*leaves(state.p), *leaves(state.v))], axis=1
-        )
+        relative_states = np.asarray(motion_of(state), float)
         if len(self._plans) != len(relative_states):
             self.reset(len(relative_states))
         goal = self._afterwards.goal(state, goal)
@@ -130,70 +102,29 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
             # Plans contain the stay: the law of staying begins when they end.
             self._afterwards.stays &= np.array([plan is None for plan in self._plans])
         stays = self._afterwards.stays
-        deadline, arrival = (
-            np.broadcast_to(np.asarray(x, float), len(relative_states))
-            for x in (goal.notes.deadline, goal.notes.arrival)
-        )
-        # Plans that are still flown: of craft that have not arrived and are not off their plan.
-        if self._meeting is None:
-            self._meeting = self._cautious(_episode(goal, 0))
-            self._impulses = Impulses(self._meeting)
-        meetings = [self._meeting] * len(self._plans)
-        if not self._mission.drift.steady:
-            meetings = [self._cautious(_episode(goal, k)) for k in range(len(self._plans))]
+        deadline = np.broadcast_to(np.asarray(goal.notes.deadline, float), len(relative_states))
         commands = np.zeros((len(relative_states), self._craft.command_count))
-        for k, plan in enumerate(self._plans):
-            if plan is not None and (
-                stays[k] or self._is_off(meetings[k], plan, relative_states[k])
-            ):
-                self._plans[k] = None
-        # New plans, in closed form where that serves.
-        lost = np.array([plan is None for plan in self._plans])
-        open_ = np.flatnonzero(lost & ~stays)
-        if self._closed_form:
-            open_ = self._fired(self._meeting, relative_states, arrival, open_, commands)
-        for k in open_:
-            self._plans[k] = self._planned(meetings[k], relative_states[k], deadline[k], arrival[k])
-        # The commands of this period of every plan.
-        for k, plan in enumerate(self._plans):
+        for k, now in enumerate(relative_states):
+            meeting = self._meeting_of(goal, k)
+            plan = self._plans[k]
+            # A plan that is still flown is that of a craft which has not arrived and is not off it.
+            if plan is not None and (stays[k] or self._is_off(meeting, plan, now)):
+                plan = None
+            if plan is None and not stays[k]:
+                plan = self._planned(meeting, now, float(deadline[k]))
             if plan is not None:
                 commands[k] = plan.commands[0]
-                self._plans[k] = self._one_period_later(plan)
+                plan = self._one_period_later(plan)
+            self._plans[k] = plan
         return self._afterwards.commands(state, goal, commands)
 
-    def _fired(
-        self,
-        meeting: Meeting,
-        relative_state: np.ndarray,
-        arrival: np.ndarray,
-        rows: np.ndarray,
-        commands: np.ndarray,
-    ) -> np.ndarray:
-        """Rows that closed-form transfers do not serve; the commands (N, m) of the others are written.
-
-        Arrivals are s from now. Rows that are left need a program each.
-        """
-        assert self._impulses is not None
-        left = []
-        # Whole periods, no later than planned: that may be the deadline.
-        periods = np.floor(arrival[rows] / self._timing.control_period + 1e-6).astype(int)
-        for count in np.unique(periods):
-            ours = rows[periods == count]
-            if count < 1:
-                left.append(ours)
-                continue
-            states = relative_state[ours]
-            firings = self._impulses.firings(states, int(count))
-            feasible = (firings.command <= 1.0).all(axis=1)
-            last = int(count) * self._timing.checks
-            checks = np.unique(np.linspace(1, last, min(last, _CHECKED)).astype(int))
-            flown = self._impulses.flown(states, firings, checks)
-            # Nobody can do better than to go on where a limit is broken already.
-            broken = least_margins(meeting.limits, states[:, None]) < 0.0
-            feasible &= broken | (least_margins(meeting.limits, flown) >= 0.0)
-            commands[ours[feasible]] = firings.now(commands.shape[1])[feasible]
-            left.append(ours[~feasible])
-        return np.concatenate(left) if left else rows
+    def _meeting_of(self, goal: Any, number: int) -> Meeting:
+        """The meeting of an episode, which in a steady drift is that of all."""
+        if not self._mission.drift.steady:
+            return self._cautious(_episode(goal, number))
+        if self._meeting is None:
+            self._meeting = self._cautious(_episode(goal, 0))
+        return self._meeting
 
     def _cautious(self, goal: Any) -> Meeting:
         """The meeting with one episode's goal; tolerances and limits are tightened, since flights are not exact.
@@ -205,7 +136,6 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         return replace(
             meeting,
             timing=self._timing,
-            every=self._every,
             position_tolerance=meeting.position_tolerance * remaining,
             velocity_tolerance=meeting.velocity_tolerance * remaining,
             limits=tuple(_tightened(limit, self._reserve) for limit in meeting.limits),
@@ -224,25 +154,13 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
             or np.linalg.norm(missed[size:]) > _OFF * meeting.velocity_tolerance
         )
 
-    def _planned(
-        self, meeting: Meeting, relative_state: np.ndarray, left: float, arrival: float
-    ) -> _Plan | None:
-        """A plan from this state (2 d,), with so many s until the deadline and the task's planned arrival.
-
-        Counts failures.
-        """
-        last = last_check(left, meeting.interval)
-        if last < 1:
+    def _planned(self, meeting: Meeting, relative_state: np.ndarray, left: float) -> _Plan | None:
+        """A plan from this state (2 d,), with so many s until the deadline; None counts a failure."""
+        if last_check(left, meeting.interval) < 1:
             return None
         try:
-            transfer = (
-                self._searched(meeting, relative_state, left)
-                if self._search
-                else self._direct(meeting, relative_state, last, arrival)
-            )
+            transfer = self._searched(meeting, relative_state, left)
         except SolverFailed:
-            transfer = None
-        if transfer is None:
             self.failures += 1
             return None
         return _Plan(transfer.commands, trajectory(meeting, relative_state, transfer))
@@ -260,26 +178,6 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
                 return held
         answer = rendezvous(meeting, relative_state, left)
         return answer.free if answer.transfer is None else answer.transfer
-
-    def _direct(
-        self, meeting: Meeting, relative_state: np.ndarray, last: int, arrival: float
-    ) -> MeetingTransfer | None:
-        """The transfer to the planned arrival (s), or to the first later one that keeps the limits.
-
-        Where none keeps them, it is the first one without limits; None: there is no transfer.
-        """
-        planned = round(arrival / meeting.interval)
-        checks = [planned, *(max(1, round(fraction * last)) for fraction in self._later)]
-        unlimited: MeetingTransfer | None = None
-        for check in dict.fromkeys(check for check in checks if 1 <= check <= last):
-            free = least_impulse(meeting, relative_state, check)
-            if free is None:
-                continue
-            feasible = within_limits(meeting, relative_state, free)
-            if feasible is not None:
-                return feasible
-            unlimited = unlimited or free
-        return unlimited
 
     def _one_period_later(self, plan: _Plan | None) -> _Plan | None:
         """What is left of a plan once its first command has been given."""

@@ -11,26 +11,22 @@ from __future__ import annotations
 
 import heapq
 import math
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import islice
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 
-from rans.errors import SolverFailed
 from rans.extend import Ball, Spacecraft, Timing, leaves, map_leaves
 from rans.tasks.shapes import Cone, SpeedLimit
-from rans_missions.convex.cone_program import ConeProgram
+from rans_missions.convex.demands import Demands
 from rans_missions.convex.rendezvous import (
     Meeting,
     MeetingTransfer,
     forces_in_w,
     instant_bounds,
     ranges_of_arrivals,
-    rounds,
+    successive,
 )
 from rans_missions.tasks.final_approach import FinalApproach
 
@@ -38,8 +34,6 @@ _INSTANTS = (0.0, 0.02, 0.06, 0.12, 0.2, 0.32, 0.45, 0.6, 0.8, 1.0)
 """Instants at which a bound has the cone, as parts of the time for which a craft must have been inside of it."""
 _NARROWEST = 7.0
 """Range of arrivals below which none is divided, s: a craft may be a metre from the port at its beginning."""
-_RAY = 1e6
-"""Length of a ray of multipliers along which a bound grows for ever."""
 _COMMANDS = 60
 """Control periods with thrust of a flight within the corridor, about: more take minutes."""
 _TRIED = ((1200.0, 1000.0), (2400.0, 1600.0))
@@ -48,8 +42,6 @@ _BEYOND = 0.5
 """Distance from the end of the cone before that, m."""
 _AT_ONCE = 24
 """Checks with broken limits that join a program at once, about: of hundreds in the cone most are alike."""
-_ROUNDS = 10
-"""Rounds in which limits that are not convex are tangent at the flight of the round before, at most."""
 _CONVERGED = 1e-3
 """Relative change of the impulse at which rounds end."""
 
@@ -178,16 +170,10 @@ def least_to_approach(meeting: PortMeeting, start: np.ndarray) -> tuple[float, i
 
 
 def bound_of_range(meeting: PortMeeting, start: np.ndarray, first: int, end: int) -> float:
-    """Impulse below which no flight docks at a check between two, N s, by weak duality.
+    """Impulse below which no flight docks at a check between two, N s, by weak duality (`Demands`).
 
-    A flight that docks at one of them is near the port at the first of them, and inside the cone at checks before.
-    All are constraints |A x + b| <= c . x + d of states x, which are affine in the commands. With multipliers u and
-    m, |u| <= m, of each, the impulse of such a flight is at least
-
-        sum of u . (A x_free + b) - m (c . x_free + d) - sum over commands of max(0, -(price + gain))
-
-    where x_free are the states without thrust, and a command's gain is the sum of u . A effect - m c . effect. The
-    multipliers are those of the dual program; whatever they are, the bound holds.
+    A flight that docks at one of them is near the port at the first of them, and inside the cone at checks before;
+    infinite: nothing docks there.
 
     Args:
         meeting: the port and its corridor.
@@ -199,55 +185,25 @@ def bound_of_range(meeting: PortMeeting, start: np.ndarray, first: int, end: int
     inside = len(meeting.away) - 1 - ahead
     if inside < 0:
         return 0.0
-    periods = meeting.periods(first)
-    prices = np.tile(meeting.price, periods)
-    # Near the port at the first check: tails A x_free + b, heads c . x_free + d, and what commands add to both.
-    missed = meeting.missed(start, np.array([first]))[0]
-    effect = meeting.effect(first, periods)
-    tails, heads = [missed[:3], missed[3:]], [meeting.away[ahead], meeting.hurry[ahead]]
-    gains, widths = [effect[:3], effect[3:]], [np.zeros(len(prices))] * 2
+    # Near the port at the first check, in balls that are as large as it was far away then.
+    near = meeting.demands(start, np.array([first]))
+    tails, gains, widths = [*near.tail], [*near.gain], [*near.width]
+    heads = [meeting.away[ahead], meeting.hurry[ahead]]
     # Inside the cone at the first check and before.
     tangent = math.tan(float(meeting.cone.half_angle))
     instants = np.unique(first - np.round(inside * np.array(_INSTANTS)).astype(int))
     for at in instants[instants > 0].tolist():
         apex, axis = (one[at] for one in meeting.corridor)
         offset = meeting.free(start, np.array([at]))[0, :3] - apex
-        moved = meeting.effect(at, periods)[:3]
+        moved = meeting.effect(at, meeting.periods(first))[:3]
         across = np.eye(3) - np.outer(axis, axis)
         tails.append(across @ offset)
         heads.append(tangent * float(axis @ offset))
         gains.append(across @ moved)
         widths.append(tangent * (axis @ moved))
-    tail, head = np.concatenate(tails), np.array(heads)
-    gain, width = np.vstack(gains), np.stack(widths)
-    # The dual program: gains of commands, which have no upper bound in it, are at least their price less.
-    count = len(head)
-    cones = np.zeros((4 * count, 4 * count))
-    for k in range(count):
-        cones[4 * k, 3 * count + k] = -1.0
-        cones[4 * k + 1 : 4 * k + 4, 3 * k : 3 * k + 3] = -np.eye(3)
-    rows = -np.vstack([gain, -width]).T / prices[:, None]
-    result = ConeProgram(
-        np.concatenate([-tail, head]),
-        sparse.csc_matrix(np.vstack([rows, cones])),
-        np.concatenate([np.ones(len(prices)), np.zeros(4 * count)]),
-        0,
-        len(prices),
-        (4,) * count,
-        np.full(4 * count, -np.inf),
-        np.full(4 * count, np.inf),
-    ).answer()
-    multipliers = np.array(result.x)
-    if not np.isfinite(multipliers).all():
-        return 0.0
-    if "DualInfeasible" in str(result.status):
-        # Along this ray the bound grows for ever: no flight docks then.
-        multipliers *= _RAY
-    # The bound of these multipliers, which is proved whatever the solver says of them.
-    u, m = multipliers[: 3 * count], multipliers[3 * count :]
-    m = np.maximum(m, np.linalg.norm(u.reshape(count, 3), axis=1))
-    bound = u @ tail - m @ head + np.minimum(prices + u @ gain - m @ width, 0.0).sum()
-    return max(0.0, float(bound))
+    demands = Demands(*map(np.array, (tails, heads, gains, widths)), near.prices)
+    multipliers = demands.multipliers()
+    return math.inf if multipliers is None else max(0.0, demands.bound(multipliers))
 
 
 def flight_to_port(meeting: PortMeeting, start: np.ndarray) -> MeetingTransfer | None:
@@ -293,13 +249,4 @@ def flight_entering(
     port = float(np.linalg.norm(meeting.path[0, :3]))
     along = np.interp(np.arange(check + 1), [0, entry, check], [far, length, port])
     states = np.hstack([axis[: check + 1] * along[:, None], np.zeros((check + 1, 3))])
-    result: MeetingTransfer | None = None
-    cost = np.inf
-    tried = rounds(meeting, start, (check, check), limits, states, _AT_ONCE)
-    with suppress(SolverFailed):
-        for trial, keeps in islice(tried, _ROUNDS):
-            result = trial if keeps else result
-            if abs(cost - trial.impulse) < _CONVERGED * trial.impulse:
-                break
-            cost = trial.impulse
-    return result
+    return successive(meeting, start, check, limits, states, at_once=_AT_ONCE, settled=_CONVERGED)

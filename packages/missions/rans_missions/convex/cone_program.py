@@ -114,3 +114,41 @@ class ConeProgram:
         rounding += np.count_nonzero(self.right) * (np.abs(z) @ np.abs(self.right))
         rounding += len(gains) * np.abs(gains).sum()
         return bool(z @ self.right + gains.sum() < -unit * rounding)
+
+
+class Rows:
+    """Rows of a cone program of n variables x, added one after the other: inequalities first, then cones."""
+
+    def __init__(self, count: int) -> None:
+        self._matrices: list[Any] = [sparse.csc_matrix((0, count))]
+        self._vectors: list[np.ndarray] = []
+        self._inequalities = 0
+        self._cones: list[int] = []
+
+    def keep_above_zero(self, matrix: Any, vector: np.ndarray) -> None:
+        """Add matrix x + vector >= 0 for rows (k, n), perhaps sparse, and (k,); cones come after all of these."""
+        assert not self._cones
+        self._matrices.append(-matrix)
+        self._vectors.append(vector)
+        self._inequalities += len(vector)
+
+    def keep_in_cone(
+        self, row: np.ndarray, constant: float, matrix: np.ndarray, vector: np.ndarray
+    ) -> None:
+        """Add |matrix x + vector| <= row . x + constant for (n,), a number, (k, n) and (k,)."""
+        self._matrices.append(-np.vstack([row, matrix]))
+        self._vectors.append(np.concatenate([[constant], vector]))
+        self._cones.append(len(vector) + 1)
+
+    def program(self, cost: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> ConeProgram:
+        """The program that minimises cost . x; see `ConeProgram`."""
+        return ConeProgram(
+            cost,
+            sparse.vstack(self._matrices, format="csc"),
+            np.concatenate(self._vectors),
+            0,
+            self._inequalities,
+            tuple(self._cones),
+            lower,
+            upper,
+        )

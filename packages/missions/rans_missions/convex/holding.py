@@ -2,8 +2,8 @@
 
 A flight that arrives at any check between two, and stays for a time, is within the tolerances at all checks from
 the later of the two to the earlier one plus that time. The flight of least impulse that is so at some of these
-checks follows from a second-order cone program, whose multipliers bound the impulse of all flights by weak duality,
-as in `rans_missions.convex.rendezvous.proof`. The bound is computed from them: it holds for any multipliers.
+checks follows from a second-order cone program, whose multipliers bound the impulse of all flights by weak duality
+(`rans_missions.convex.demands`). The bound is computed from them: it holds for any multipliers.
 
 A flight drifts through the tolerances for most of the stay: its program keeps them at every check of the stay, and
 limits that are not convex by their tangents at the flight before. `rans_missions.bounds` prints its bounds and
@@ -12,21 +12,17 @@ limits that are not convex by their tangents at the flight before. `rans_mission
 
 from __future__ import annotations
 
-from itertools import islice
+import math
 
 import numpy as np
 
-from rans.errors import SolverFailed
 from rans_missions.convex.rendezvous import (
     Meeting,
     MeetingTransfer,
     instant_bounds,
-    least_margin,
-    least_stay,
+    least_impulse,
     ranges_of_arrivals,
-    rounds,
-    staying_prices,
-    trajectory,
+    within_limits,
 )
 from rans_missions.tasks.orbital import last_check
 
@@ -38,10 +34,6 @@ _NARROWEST = 60.0
 
 _ARRIVALS = (1.0, 0.95, 0.9, 0.8, 0.7, 0.6)
 """Parts of the time until the deadline at which arrivals are compared. Most starts are cheapest at the deadline."""
-_ROUNDS = 12
-"""Rounds in which limits that are not convex are tangent at the flight of the round before, at most."""
-_CONVERGED = 1e-4
-"""Relative change of the impulse at which rounds end."""
 
 
 def flight_that_holds(
@@ -67,37 +59,16 @@ def flight_that_holds(
     last = min(last_check(deadline, interval), longest - stay)
     arrivals = sorted({max(1, round(part * last)) for part in _ARRIVALS}) if last > 0 else []
     # Without the limits first: arrivals in the order of what they cost.
-    free = [(least_stay(meeting, start, first, first + stay), first) for first in arrivals]
+    free = [(least_impulse(meeting, start, first + stay, first=first), first) for first in arrivals]
     order = sorted((one.impulse, first, one) for one, first in free if one is not None)
     best: MeetingTransfer | None = None
     for cost, first, one in order:
         if best is not None and cost >= best.impulse:
             break
-        found = _within_limits(meeting, start, first, one)
+        found = within_limits(meeting, start, one, first)
         if found is not None and (best is None or found.impulse < best.impulse):
             best = found
     return best
-
-
-def _within_limits(
-    meeting: Meeting, start: np.ndarray, first: int, begun: MeetingTransfer
-) -> MeetingTransfer | None:
-    """The flight with the same arrival that keeps the limits; None: the rounds find none.
-
-    The start is (2 d,), m and m/s.
-    """
-    states = trajectory(meeting, start, begun)
-    if least_margin(meeting.limits, states) >= 0.0:
-        return begun
-    result: MeetingTransfer | None = None
-    cost = np.inf
-    tried = rounds(meeting, start, (first, begun.check), meeting.limits, states)
-    for trial, keeps in islice(tried, _ROUNDS):
-        result = trial if keeps else result
-        if result is not None and abs(cost - trial.impulse) < _CONVERGED * trial.impulse:
-            break
-        cost = trial.impulse
-    return result
 
 
 def least_to_hold(meeting: Meeting, start: np.ndarray, deadline: float, seconds: float) -> float:
@@ -137,46 +108,10 @@ def least_to_hold(meeting: Meeting, start: np.ndarray, deadline: float, seconds:
 
 
 def _of_range(meeting: Meeting, start: np.ndarray, first: int, end: int, stay: int) -> float:
-    """Bound of flights that arrive at a check between these two and stay for so many checks, N s.
-
-    0 where the solver fails.
-    """
+    """Bound of flights that arrive at a check between these two and stay for so many checks, N s."""
     over = max(end, first + stay)
     count = 2 + int((over - end) * meeting.interval / _SPACING)
     checks = np.unique(np.linspace(end, over, count).astype(int))
-    try:
-        multipliers = staying_prices(meeting, start, checks)
-    except SolverFailed:
-        return 0.0
-    if multipliers is None:
-        return float("inf")
-    return staying_proof(meeting, start, checks, multipliers)
-
-
-def staying_proof(
-    meeting: Meeting, start: np.ndarray, checks: np.ndarray, multipliers: np.ndarray
-) -> float:
-    """Lower bound of the impulse of being within the tolerances at all of these checks, N s, by weak duality.
-
-    For any multipliers y_k of the states x_k at the checks it is at least
-
-        sum over checks of (y . x_free - r |y_p| - s |y_v|) - sum over commands of max(0, -(price + y . effect)),
-
-    where y . effect is the sum over the checks after the command's beginning.
-
-    Args:
-        meeting: the point and its tolerances.
-        start: (2 d,) state.
-        checks: (K,) in rising order.
-        multipliers: (K, 2 d), N s per m and per m/s.
-    """
-    size = len(meeting.point)
-    periods = meeting.periods(int(checks[-1]))
-    away = meeting.missed(start, checks)
-    bound = float((away * multipliers).sum())
-    bound -= meeting.position_tolerance * np.linalg.norm(multipliers[:, :size], axis=1).sum()
-    bound -= meeting.velocity_tolerance * np.linalg.norm(multipliers[:, size:], axis=1).sum()
-    saved = np.tile(meeting.price, periods)
-    for check, multiplier in zip(checks, multipliers, strict=True):
-        saved = saved + multiplier @ meeting.effect(int(check), periods)
-    return bound + float(np.minimum(saved, 0.0).sum())
+    demands = meeting.demands(start, checks)
+    multipliers = demands.multipliers(limited=True)
+    return math.inf if multipliers is None else demands.bound(multipliers)

@@ -14,7 +14,7 @@ random ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -35,12 +35,12 @@ from rans.extend import (
     Vec3,
     leaves,
     map_leaves,
-    require,
 )
 from rans.model.dynamics import RULES
 from rans.model.spacecraft import can_turn
 from rans.tasks.shapes import Cone, Shape, SpeedLimit
-from rans_missions.convex.cone_program import ConeProgram
+from rans_missions.convex.cone_program import ConeProgram, Rows
+from rans_missions.convex.demands import Demands
 from rans_missions.tasks.orbital import OrbitalMission, last_check
 from rans_missions.vectors import numbers
 
@@ -186,6 +186,24 @@ class Meeting:
         """Control periods that have begun before a check."""
         return -(-check // self.timing.checks)
 
+    def demands(self, start: np.ndarray, checks: np.ndarray) -> Demands:
+        """Being within both tolerances at all of some checks (K,) in rising order, from a state (2 d,).
+
+        Demands are by check, position before velocity.
+        """
+        periods = self.periods(int(checks[-1]))
+        gains = np.stack([self.effect(int(check), periods) for check in checks])
+        radii = np.tile([self.position_tolerance, self.velocity_tolerance], len(checks))
+        prices = np.tile(self.price, periods)
+        size = len(self.point)
+        return Demands(
+            self.missed(start, checks).reshape(-1, size),
+            radii,
+            gains.reshape(-1, size, len(prices)),
+            np.zeros((len(radii), len(prices))),
+            prices,
+        )
+
 
 def forces_in_w(craft: Spacecraft) -> np.ndarray:
     """(d, m) full force of each thruster in W, N, of a craft whose axes are those of W.
@@ -282,7 +300,7 @@ class UnsteadyMeeting(Meeting):
 
 @dataclass(frozen=True)
 class MeetingTransfer:
-    """A flight of least impulse that meets at one check, and what the solver says about it."""
+    """A flight that meets at one check."""
 
     check: int
     """Check of the meeting, from the start."""
@@ -290,12 +308,6 @@ class MeetingTransfer:
     """(periods, m), 0 to 1."""
     impulse: float
     """N s"""
-    multiplier: np.ndarray
-    """(2 d,) of the state at the meeting: the price of missing it, N s per m and per m/s."""
-    gap: float
-    """Between the primal and the dual objective, N s."""
-    residual: float
-    """Largest violation of the primal and the dual equations, in the solver's units."""
 
 
 @dataclass(frozen=True)
@@ -304,17 +316,10 @@ class Answer:
 
     lower: float
     """N s: no flight that meets at any check up to the deadline uses less, with or without limits."""
-    upper: float
-    """N s, of `transfer`; infinite if no flight was found that keeps the limits."""
     transfer: MeetingTransfer | None
-    """A flight that keeps every limit at every check."""
+    """The cheapest flight found that keeps every limit at every check; None: none was found."""
     free: MeetingTransfer
     """The cheapest flight found without limits."""
-
-    @property
-    def gap(self) -> float:
-        """Upper over lower bound, less one."""
-        return self.upper / self.lower - 1.0
 
 
 def state_of(scenario: Scenario) -> np.ndarray:
@@ -326,36 +331,10 @@ def state_of(scenario: Scenario) -> np.ndarray:
 def least_impulse(
     meeting: Meeting,
     start: np.ndarray,
-    check: int,
-    limits: Sequence[Shape] = (),
-    reference: np.ndarray | None = None,
-) -> MeetingTransfer | None:
-    """The flight of least impulse that meets at a check; None: there is none.
-
-    Args:
-        meeting: what is to be done.
-        start: (2 d,) position (m) and velocity (m/s) in W.
-        check: when to meet, in checks from the start.
-        limits: kept at every check from the first to the meeting.
-        reference: (check + 1, 2 d) states at which concave limits are taken as tangents; needed with limits.
-
-    Raises:
-        SolverFailed: Clarabel ends neither with a solution nor with a proof that there is none.
-    """
-    return least_stay(meeting, start, check, check, limits, reference)
-
-
-_APART = 30.0
-"""Time between two checks of a stay that a program has at first, s; those that its flight breaks join them."""
-
-
-def least_stay(
-    meeting: Meeting,
-    start: np.ndarray,
-    first: int,
     last: int,
     limits: Sequence[Shape] = (),
     reference: np.ndarray | None = None,
+    first: int | None = None,
     at_once: int | None = None,
 ) -> MeetingTransfer | None:
     """The flight of least impulse that meets at every check from one to another; None: there is none.
@@ -363,24 +342,25 @@ def least_stay(
     Args:
         meeting: what is to be done.
         start: (2 d,) position (m) and velocity (m/s) in W.
-        first: check of the arrival, from the start.
-        last: last check of the stay, that of the arrival or a later one.
-        limits: kept at every check from the first one of the flight to the last of the stay.
+        last: check of the meeting, the last one of a stay.
+        limits: kept at every check from the first one of the flight to the last.
         reference: (last + 1, 2 d) states at which concave limits are taken as tangents; needed with limits.
+        first: check of the arrival; None: that of the meeting, without a stay.
         at_once: about how many checks whose limits are broken join the program at once; None: all of them.
 
     Raises:
         SolverFailed: Clarabel ends neither with a solution nor with a proof that there is none.
     """
-    rows = _Rows(meeting, start, last)
+    first = last if first is None else first
+    flights = Flights(meeting, start, last)
     count = 2 + int((last - first) * meeting.interval / _APART)
     within = {int(k) for k in np.linspace(last, first, count)}
-    for k in sorted(within, reverse=True):
-        rows.be_within(k)
+    for k in within:
+        flights.be_within(k)
     watched: set[int] = set()
     limits_at = _at_checks(limits)
     while True:
-        result = rows.solve()
+        result = flights.cheapest()
         if result is None:
             return None
         # Checks at which tolerances or limits are broken join those that are watched.
@@ -399,16 +379,18 @@ def least_stay(
         # Where a stay is left in many checks, the outermost and every tenth tell of all others.
         for k in left if len(left) < _FEW else left[:: len(left) // _FEW]:
             within.add(k)
-            rows.be_within(k)
+            flights.be_within(k)
         if at_once is not None and len(fresh) > at_once:
             fresh = fresh[:: len(fresh) // at_once]
         watched.update(fresh)
         if reference is not None:
             for k in fresh:
                 for limit in limits_at(k):
-                    rows.keep(limit, k, reference[k])
+                    flights.keep(limit, k, reference[k])
 
 
+_APART = 30.0
+"""Time between two checks of a stay that a program has at first, s; those that its flight breaks join them."""
 _FEW = 8
 """Checks of a stay that join a program at once, about."""
 
@@ -419,34 +401,6 @@ def _misses(meeting: Meeting, state: np.ndarray) -> bool:
     away = np.linalg.norm(state[:size] - meeting.point)
     speed = np.linalg.norm(state[size:])
     return bool(away > meeting.position_tolerance or speed > meeting.velocity_tolerance)
-
-
-def rounds(
-    meeting: Meeting,
-    start: np.ndarray,
-    stay: tuple[int, int],
-    limits: Sequence[Shape],
-    states: np.ndarray,
-    at_once: int | None = None,
-) -> Iterator[tuple[MeetingTransfer, bool]]:
-    """Flights of successive programs, and whether each keeps the meeting's limits; ends where a program has none.
-
-    The tangents of a round are at the flight of the round before. The caller says when rounds have converged.
-
-    Args:
-        meeting: what is to be done.
-        start: (2 d,) position (m) and velocity (m/s) in W.
-        stay: first and last check of the stay.
-        limits: see `least_stay`.
-        states: (last + 1, 2 d) where the first round has its tangents.
-        at_once: see `least_stay`.
-
-    Raises:
-        SolverFailed: see `least_stay`.
-    """
-    while (trial := least_stay(meeting, start, *stay, limits, states, at_once)) is not None:
-        states = trajectory(meeting, start, trial)
-        yield trial, least_margin(meeting.limits, states) >= 0.0
 
 
 def trajectory(meeting: Meeting, start: np.ndarray, transfer: MeetingTransfer) -> np.ndarray:
@@ -460,59 +414,6 @@ def trajectory(meeting: Meeting, start: np.ndarray, transfer: MeetingTransfer) -
     return states
 
 
-def prices_of_missing(meeting: Meeting, start: np.ndarray, check: int) -> np.ndarray | None:
-    """(2 d,) multiplier of the state at a check that bounds the impulse of meeting there best, N s per m and m/s.
-
-    None: commands cannot meet there, by a certificate that is checked. It is the dual program of a meeting whose
-    commands have no upper bound: few variables, one row a command.
-
-    Raises:
-        SolverFailed: Clarabel does not end with a solution.
-    """
-    clarabel = _clarabel()
-
-    size = len(meeting.point)
-    state = meeting.missed(start, np.array([check]))[0]
-    # Variables: the multiplier y, and bounds of |y_p| and |y_v|.
-    objective = -np.concatenate([state, [-meeting.position_tolerance, -meeting.velocity_tolerance]])
-    effect = meeting.effect(check, meeting.periods(check))
-    prices = np.tile(meeting.price, meeting.periods(check))
-    commands = np.hstack([-effect.T, np.zeros((len(prices), 2))]) / prices[:, None]
-    balls = np.zeros((2 * size + 2, 2 * size + 2))
-    balls[0, 2 * size] = balls[size + 1, 2 * size + 1] = -1.0
-    balls[1 : size + 1, :size] = -np.eye(size)
-    balls[size + 2 :, size : 2 * size] = -np.eye(size)
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_threads = 1
-    solver = clarabel.DefaultSolver(
-        sparse.csc_matrix((2 * size + 2, 2 * size + 2)),
-        objective,
-        sparse.csc_matrix(np.vstack([commands, balls])),
-        np.concatenate([np.ones(len(prices)), np.zeros(2 * size + 2)]),
-        [
-            clarabel.NonnegativeConeT(len(prices)),
-            clarabel.SecondOrderConeT(size + 1),
-            clarabel.SecondOrderConeT(size + 1),
-        ],
-        settings,
-    )
-    result = solver.solve()
-    status = str(result.status)
-    if "DualInfeasible" in status:
-        # Along this ray the bound of `proof` gains and loses; where it gains more, it grows for ever.
-        ray = np.array(result.x)[: 2 * size]
-        gain = ray @ state - meeting.position_tolerance * np.linalg.norm(ray[:size])
-        gain -= meeting.velocity_tolerance * np.linalg.norm(ray[size:])
-        if gain > np.maximum(-(ray @ effect), 0.0).sum():
-            return None
-    if status not in ("Solved", "AlmostSolved"):
-        raise SolverFailed(
-            f"Clarabel ended with {status} for the bound of a meeting at {check * meeting.interval:g} s."
-        )
-    return np.array(result.x)[: 2 * size]
-
-
 def proof(meeting: Meeting, start: np.ndarray, last: int, multiplier: np.ndarray) -> np.ndarray:
     """Lower bounds (last + 1,) of the impulse of meeting at each check, N s, by weak duality.
 
@@ -521,13 +422,13 @@ def proof(meeting: Meeting, start: np.ndarray, last: int, multiplier: np.ndarray
         y . x_free - r |y_p| - s |y_v| - sum over commands of max(0, -(price + y . effect)),
 
     with r and s the radii of the meeting's balls. Whatever the multiplier is, the bounds hold; that of
-    `prices_of_missing` makes them tight nearby.
+    `Meeting.demands` at a check makes them tight nearby.
 
     Args:
         meeting: what is to be done.
         start: (2 d,) state.
         last: last check.
-        multiplier: (2 d,)
+        multiplier: (2 d,), N s per m and per m/s.
     """
     size = len(meeting.point)
     away = meeting.missed(start, np.arange(last + 1))
@@ -542,12 +443,13 @@ def _first_instants(last: int) -> list[int]:
 
 
 def _sharpen(bounds: np.ndarray, meeting: Meeting, start: np.ndarray, check: int) -> None:
-    """Raise the bounds of all instants by what is proved of one."""
-    multiplier = prices_of_missing(meeting, start, check)
-    if multiplier is None:
+    """Raise the bounds of all instants by what is proved of one; infinite where nothing can meet."""
+    found = meeting.demands(start, np.array([check])).multipliers()
+    if found is None:
         bounds[check] = np.inf
-    else:
-        np.maximum(bounds, proof(meeting, start, len(bounds) - 1, multiplier), out=bounds)
+        return
+    multiplier = found[:, :-1].ravel()
+    np.maximum(bounds, proof(meeting, start, len(bounds) - 1, multiplier), out=bounds)
 
 
 def instant_bounds(meeting: Meeting, start: np.ndarray, last: int) -> np.ndarray:
@@ -572,20 +474,6 @@ def ranges_of_arrivals(last: int, interval: float) -> list[tuple[int, int]]:
     return [(first, end - 1) for first, end in pairwise(np.unique(edges.astype(int)).tolist())]
 
 
-def staying_prices(meeting: Meeting, start: np.ndarray, checks: np.ndarray) -> np.ndarray | None:
-    """(K, 2 d) multipliers of the states at checks (K,) at all of which a flight of least impulse meets.
-
-    None: it is proved that there is no such flight.
-
-    Raises:
-        SolverFailed: Clarabel ends neither with a solution nor with a proof that there is none.
-    """
-    rows = _Rows(meeting, start, int(checks[-1]))
-    for check in checks:
-        rows.be_within(int(check))
-    return rows.prices()
-
-
 _WITHIN = 0.002
 """Relative distance between the lower bound and a flight without limits at which a search ends."""
 _INSTANTS = 300
@@ -608,18 +496,10 @@ def rendezvous(meeting: Meeting, start: np.ndarray, deadline: float) -> Answer:
     """
     last = last_check(deadline, meeting.interval)
     last = min(last, meeting.timing.checks * meeting.timing.episode_steps)
-    bounds = np.zeros(last + 1)
-    bounds[0] = np.inf
-    sharp: set[int] = set()
+    sharp = set(_first_instants(last))
+    bounds = instant_bounds(meeting, start, last)
     flights: dict[int, MeetingTransfer] = {}
     cheapest = np.inf
-
-    def sharpen(check: int) -> None:
-        sharp.add(check)
-        _sharpen(bounds, meeting, start, check)
-
-    for check in _first_instants(last):
-        sharpen(check)
     # Sharpen where the bound is weakest, and fly where it is sharp, until both are close.
     for _ in range(_INSTANTS):
         # A flight at the best of the instants whose bound is sharp.
@@ -634,10 +514,11 @@ def rendezvous(meeting: Meeting, start: np.ndarray, deadline: float) -> Answer:
         weakest = int(np.argmin(bounds))
         if bounds[weakest] >= (1.0 - _WITHIN) * cheapest or weakest in flights:
             break
-        sharpen(weakest)
+        sharp.add(weakest)
+        _sharpen(bounds, meeting, start, weakest)
     if not flights:
         raise SolverFailed("no meeting by the deadline is possible: the thrusters are too weak.")
-    lower = float(np.min(bounds))
+    # The cheapest of them that can be changed to keep the limits.
     order = sorted(flights.values(), key=lambda flight: flight.impulse)
     best: MeetingTransfer | None = None
     for begun in order[:3]:
@@ -646,30 +527,59 @@ def rendezvous(meeting: Meeting, start: np.ndarray, deadline: float) -> Answer:
             best = result
         if best is not None and best.impulse < (1.0 + _WITHIN) * order[0].impulse:
             break
-    return Answer(lower, np.inf if best is None else best.impulse, best, order[0])
+    return Answer(float(np.min(bounds)), best, order[0])
 
 
 def within_limits(
-    meeting: Meeting, start: np.ndarray, begun: MeetingTransfer
+    meeting: Meeting, start: np.ndarray, begun: MeetingTransfer, first: int | None = None
 ) -> MeetingTransfer | None:
-    """A flight that meets at the same check and keeps every limit at every check; None: none was found.
+    """A flight that meets at the same checks and keeps every limit at every check; None: none was found.
 
-    Where the solver fails in a round, the flight of the rounds before counts. A cone applies near its apex only:
-    rounds constrain the checks at which the flight before was near. Where they end with a flight that comes near
-    earlier, outside the cone, more rounds follow in which the cone reaches a little farther.
+    Args:
+        meeting: what is to be done.
+        start: (2 d,) position (m) and velocity (m/s) in W.
+        begun: a flight without limits.
+        first: check of its arrival, where it stays; None: that of its meeting.
     """
-    # The flight itself may keep the limits already.
     states = trajectory(meeting, start, begun)
     if least_margin(meeting.limits, states) >= 0.0:
         return begun
-    # Rounds of sequential convex programming: limits are tangent at the flight of the round before.
+    return successive(meeting, start, begun.check, meeting.limits, states, first)
+
+
+def successive(
+    meeting: Meeting,
+    start: np.ndarray,
+    last: int,
+    limits: tuple[Shape, ...],
+    states: np.ndarray,
+    first: int | None = None,
+    at_once: int | None = None,
+    settled: float = _CONVERGED,
+) -> MeetingTransfer | None:
+    """The last flight of successive programs that keeps the meeting's limits; None: no program had one.
+
+    The tangents of a round are at the flight of the round before. Where the solver fails, the flights until then
+    count. A cone applies near its apex only: rounds constrain the checks at which the flight before was near. Where
+    they end with a flight that comes near earlier, outside the cone, more rounds follow in which the cone reaches a
+    little farther.
+
+    Args:
+        meeting: what is to be done.
+        start: (2 d,) position (m) and velocity (m/s) in W.
+        last: see `least_impulse`, also for `first` and `at_once`.
+        limits: that the programs have.
+        states: (last + 1, 2 d) where the first round has its tangents.
+        first: see above.
+        at_once: see above.
+        settled: relative change of the impulse at which rounds end.
+    """
     result: MeetingTransfer | None = None
     cost = np.inf
-    limits = meeting.limits
     is_final = not any(isinstance(limit, Cone) for limit in limits)
     for _ in range(_ROUNDS):
         try:
-            trial = least_impulse(meeting, start, begun.check, limits, states)
+            trial = least_impulse(meeting, start, last, limits, states, first, at_once)
         except SolverFailed:
             return result
         if trial is None:
@@ -677,7 +587,7 @@ def within_limits(
         states = trajectory(meeting, start, trial)
         if least_margin(meeting.limits, states) >= 0.0:
             result = trial
-        if abs(cost - trial.impulse) < _CONVERGED * trial.impulse:
+        if abs(cost - trial.impulse) < settled * trial.impulse:
             if result is not None or is_final:
                 break
             limits = tuple(_farther(limit) for limit in limits)
@@ -712,15 +622,6 @@ def least_margin(limits: Sequence[Shape], states: np.ndarray) -> float:
         ),
         default=np.inf,
     )
-
-
-def least_margins(limits: Sequence[Shape], states: np.ndarray) -> np.ndarray:
-    """(N,) the least margin of any limit at any of the L states (N, L, 2 d) of N flights."""
-    least = np.full(len(states), np.inf)
-    for limit in limits:
-        gaps = _gap(limit, states.reshape(-1, states.shape[-1])).reshape(states.shape[:2])
-        least = np.minimum(least, gaps.min(axis=1))
-    return least
 
 
 def _gap(limit: Shape, states: np.ndarray) -> np.ndarray:
@@ -793,121 +694,69 @@ def cone_rows(limit: Shape, reference: np.ndarray) -> ConeRows:
     raise ConfigError(f"convex bounds know balls, cones and speed limits, got {limit!r}.")
 
 
-class _Rows:
-    """The program for Clarabel: minimise q . u such that b - A u lies in a product of cones.
+class Flights:
+    """Flights of a meeting as a cone program of the commands (in [0, 1]) in the periods that may push.
 
-    u are the commands (in [0, 1]) of the thrusters in the periods that may push, period by period; A, b grow row by
-    row (`be_within`, `keep`), and `prices` relies on their order.
+    Commands are in the order of periods, then of thrusters. Demands are added one after the other.
     """
 
     def __init__(self, meeting: Meeting, start: np.ndarray, check: int) -> None:
-        self.meeting = meeting
-        self.check = check
-        self.periods = meeting.periods(check)
+        self._meeting = meeting
         self._start = start
-        thrusters = meeting.forces.shape[1]
-        used = np.arange(self.periods) % meeting.every == 0
-        self._used = np.repeat(used, thrusters)
+        self._check = check
+        self._periods = meeting.periods(check)
+        used = np.arange(self._periods) % meeting.every == 0
+        self._used = np.repeat(used, meeting.forces.shape[1])
         count = int(self._used.sum())
-        unit = np.eye(count)
-        # Commands within [0, 1].
-        self._matrix = [-unit, unit]
-        self._vector = [np.zeros(count), np.ones(count)]
-        self._cones: list[int] = []
+        unit = sparse.eye(count)
+        self._rows = Rows(count)
+        self._rows.keep_above_zero(unit, np.zeros(count))
+        self._rows.keep_above_zero(-unit, np.ones(count))
 
     def be_within(self, check: int) -> None:
-        """Add the rows of being within both balls at a check, with `_SLACK` to spare for the solver's tolerance.
-
-        `solve` and `prices` find its multipliers by the order of rows: the last check's come before all limits.
-        """
-        meeting = self.meeting
+        """Be within both tolerances at a check, with `_SLACK` to spare for the solver's own tolerance."""
+        meeting = self._meeting
         size = len(meeting.point)
-        effect = meeting.effect(check, self.periods)[:, self._used]
+        effect = meeting.effect(check, self._periods)[:, self._used]
         free = meeting.missed(self._start, np.array([check]))[0]
         for part, radius in (
             (slice(0, size), meeting.position_tolerance),
             (slice(size, 2 * size), meeting.velocity_tolerance),
         ):
-            self._append(np.zeros(effect.shape[1]), radius - _SLACK, effect[part], free[part])
+            nothing = np.zeros(effect.shape[1])
+            self._rows.keep_in_cone(nothing, radius - _SLACK, effect[part], free[part])
 
     def keep(self, limit: Shape, check: int, reference: np.ndarray) -> None:
-        """Add the rows of keeping a limit at a check, whose concave part is its tangent at a reference (2 d,).
+        """Keep a limit at a check, whose concave part is its tangent at a reference (2 d,).
 
         The tangent keeps less than the limit leaves: what keeps the row at a check keeps the limit there.
         """
-        effect = self.meeting.effect(check, self.periods)[:, self._used]
-        free = self.meeting.free(self._start, np.array([check]))[0]
+        effect = self._meeting.effect(check, self._periods)[:, self._used]
+        free = self._meeting.free(self._start, np.array([check]))[0]
         cone = cone_rows(limit, reference)
-        self._append(
+        self._rows.keep_in_cone(
             cone.row @ effect,
             float(cone.row @ free) + cone.constant,
             cone.matrix @ effect,
             cone.matrix @ free + cone.vector,
         )
 
-    def _append(
-        self, row: np.ndarray, constant: float, matrix: np.ndarray, vector: np.ndarray
-    ) -> None:
-        """|matrix u + vector| <= row u + constant."""
-        self._matrix.append(-np.vstack([row, matrix]))
-        self._vector.append(np.concatenate([[constant], vector]))
-        self._cones.append(len(vector) + 1)
+    def program(self) -> ConeProgram:
+        """The program of the commands with the least impulse, N s."""
+        prices = np.tile(self._meeting.price, self._periods)[self._used]
+        return self._rows.program(prices, np.zeros(len(prices)), np.ones(len(prices)))
 
-    def solve(self) -> MeetingTransfer | None:
-        """The transfer with its multiplier (2 d,); None: it is proved that there is none."""
-        price = np.tile(self.meeting.price, self.periods)[self._used]
-        count = len(price)
-        result = self.program(price).solve(f"a meeting at {self.check * self.meeting.interval:g} s")
+    def cheapest(self) -> MeetingTransfer | None:
+        """The flight of least impulse; None: it is proved that there is none.
+
+        Raises:
+            SolverFailed: Clarabel ends neither with a solution nor with a proof that there is none.
+        """
+        program = self.program()
+        result = program.solve(f"a meeting at {self._check * self._meeting.interval:g} s")
         if result is None:
             return None
-        size = len(self.meeting.point)
-        dual = np.array(result.z)[2 * count :]
-        # The last check's two cones come first; their first rows are the radii.
-        multiplier = -np.concatenate([dual[1 : size + 1], dual[size + 2 : 2 * size + 2]])
-        flat = np.zeros(len(self._used))
-        flat[self._used] = np.clip(np.array(result.x), 0.0, 1.0)
-        commands = flat.reshape(self.periods, -1)
-        return MeetingTransfer(
-            self.check,
-            commands,
-            float(price @ flat[self._used]),
-            multiplier,
-            abs(result.obj_val - result.obj_val_dual),
-            max(result.r_prim, result.r_dual),
-        )
-
-    def prices(self) -> np.ndarray | None:
-        """(K, 2 d) multipliers of the states of `be_within`; None: it is proved that no flight is there.
-
-        For programs that have rows of `be_within` only.
-        """
-        price = np.tile(self.meeting.price, self.periods)[self._used]
-        result = self.program(price).solve(f"a stay until {self.check * self.meeting.interval:g} s")
-        if result is None:
-            return None
-        size = len(self.meeting.point)
-        # Every check has two cones, whose first rows are the radii.
-        dual = np.array(result.z)[2 * len(price) :].reshape(-1, 2, size + 1)
-        return -dual[:, :, 1:].reshape(len(dual), 2 * size)
-
-    def program(self, price: np.ndarray) -> ConeProgram:
-        """The program of commands between 0 and 1 that cost ``price`` (n,) each, N s.
-
-        Its first 2 n rows are the bounds of `__init__`, then come the cones in the order of `_cones`.
-        """
-        count = len(price)
-        return ConeProgram(
-            price,
-            sparse.csc_matrix(np.vstack(self._matrix)),
-            np.concatenate(self._vector),
-            0,
-            2 * count,
-            tuple(self._cones),
-            np.zeros(count),
-            np.ones(count),
-        )
-
-
-def _clarabel() -> Any:
-    """The solver, whose module says nothing of its types."""
-    return require("clarabel")
+        commands = np.zeros(len(self._used))
+        commands[self._used] = np.clip(np.array(result.x), 0.0, 1.0)
+        impulse = float(program.cost @ commands[self._used])
+        return MeetingTransfer(self._check, commands.reshape(self._periods, -1), impulse)

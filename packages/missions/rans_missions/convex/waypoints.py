@@ -8,11 +8,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import sparse
 
 from rans.extend import Spacecraft, State
 from rans.optimal.certificate.goal_set import check_certifiable, check_finite
-from rans_missions.convex.cone_program import ConeProgram
+from rans_missions.convex.cone_program import Rows
 
 _ROUNDING = 1e-9
 """Relative rounding of a bound."""
@@ -69,11 +68,11 @@ def least_impulse_through(craft: Spacecraft, start: State, waypoints: Sequence[W
     farther = 0.5 * np.ptp(spans, axis=1) * float(np.linalg.norm(speed))
     radii = radii + farther
     # By what the multipliers, times the unit of time, make q at the start and in every ball but the last.
-    rows = []
+    combined = []
     for instants in itertools.product(*spans.tolist()):
         for k, since in enumerate((0.0, *instants[:-1])):
-            rows.append([(t - since) / unit if j >= k else 0.0 for j, t in enumerate(instants)])
-    weights = np.unique(rows, axis=0)
+            combined.append([(t - since) / unit if j >= k else 0.0 for j, t in enumerate(instants)])
+    weights = np.unique(combined, axis=0)
     # Variables: multipliers by ball and axis; what they have less a plane's, by size; and the planes' multipliers.
     # Cones: these sizes, and q.
     axes = np.eye(size)
@@ -91,28 +90,23 @@ def least_impulse_through(craft: Spacecraft, start: State, waypoints: Sequence[W
             radii[k] *= math.sqrt(2.0) if farther[k] else 1.0
             shapes[k] -= (1.0 - thin) * np.outer(point.level, point.level)
     width = count * (size + 2)
-    rest = np.zeros((count, 1 + size, width))
-    for k in range(count):
-        rest[k, 0, count * size + k] = 1.0
-        rest[k, 1:, k * size : (k + 1) * size] = shapes[k]
-        rest[k, 1:, count * (size + 1) + k] = -shapes[k] @ planes[k]
-    pull = np.zeros((len(weights), 1 + size, width))
-    for k, row in enumerate(weights):
-        pull[k, 1:, : count * size] = np.kron(row, axes)
+    unlimited = np.full(width, 1e6)
+    rows = Rows(width)
     signs = np.zeros((count, width))
     signs[:, count * (size + 1) :] = np.eye(count)
-    one = np.zeros((len(weights), 1 + size))
-    one[:, 0] = 1.0
-    program = ConeProgram(
-        np.concatenate([-ways.ravel(), radii, behind]),
-        sparse.csc_matrix(-np.vstack([signs, *rest, *pull])),
-        np.concatenate([np.zeros(count * (size + 2)), one.ravel()]),
-        0,
-        count,
-        (1 + size,) * (count + len(weights)),
-        np.full(width, -1e6),
-        np.full(width, 1e6),
-    )
+    rows.keep_above_zero(signs, np.zeros(count))
+    for k in range(count):
+        rest = np.zeros((1 + size, width))
+        rest[0, count * size + k] = 1.0
+        rest[1:, k * size : (k + 1) * size] = shapes[k]
+        rest[1:, count * (size + 1) + k] = -shapes[k] @ planes[k]
+        rows.keep_in_cone(rest[0], 0.0, rest[1:], np.zeros(size))
+    for weight in weights:
+        pull = np.zeros((size, width))
+        pull[:, : count * size] = np.kron(weight, axes)
+        rows.keep_in_cone(np.zeros(width), 1.0, pull, np.zeros(size))
+    cost = np.concatenate([-ways.ravel(), radii, behind])
+    program = rows.program(cost, -unlimited, unlimited)
     answer = np.array(program.solve("multipliers of a bound").x)
     multipliers = answer[: count * size].reshape(count, size)
     # Whatever the solver leaves open, these multipliers are shortened until |q| <= 1.

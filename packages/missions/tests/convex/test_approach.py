@@ -16,8 +16,8 @@ from rans_missions.convex.approach import (
     least_to_approach,
 )
 from rans_missions.convex.rendezvous import (
+    Flights,
     _at_checks,
-    _Rows,
     least_impulse,
     rendezvous,
     state_of,
@@ -80,14 +80,14 @@ def test_guidance_was_as_near_and_as_slow_as_the_bound_assumes(
 def test_an_arrival_costs_what_its_primal_program_says(begun: list[Begun]) -> None:
     """The other side of the duality, by the rows of a rendezvous, whose constraints leave 1e-5 m or m/s."""
     for meeting, state in begun[:3]:
-        rows = _Rows(meeting, state, LAST)
+        rows = Flights(meeting, state, LAST)
         rows.be_within(LAST)
         inside = len(meeting.away) - 1
         for part in approach._INSTANTS:
             at = LAST - round(part * inside)
             (cone,) = _at_checks((meeting.cone,))(at)
             rows.keep(cone, at, meeting.path[at])
-        found = rows.solve()
+        found = rows.cheapest()
         assert found is not None
         bound = bound_of_range(meeting, state, LAST, LAST)
         assert bound == pytest.approx(found.impulse, rel=1e-3)

@@ -7,7 +7,7 @@ import pytest
 from rans_missions.bounds.transfers import transfer_bounds
 from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.mission_guidance import MissionGuidance
-from rans_missions.convex.holding import flight_that_holds, least_to_hold, staying_proof
+from rans_missions.convex.holding import flight_that_holds, least_to_hold
 from rans_missions.convex.rendezvous import Meeting, rendezvous, trajectory
 from rans_missions.tasks import Hold
 
@@ -54,11 +54,17 @@ def test_no_multipliers_prove_more_than_a_flight_needs() -> None:
     checks = np.arange(200, 321, 10)
     # Faster by a hundredth, for the time that it takes to get fast.
     flight = 500.0 * (2.0 * 0.095 * 1.01 - 1.0 / 60.0)
+    demands = LINE.demands(START, checks)
+    best = demands.multipliers(limited=True)
+    assert best is not None
+    # Also where the price of the radii is forgotten.
+    assert demands.bound(best * [1.0, 1.0, 0.0]) <= flight
     rng = np.random.default_rng(0)
     for size in (0.1, 1.0, 10.0):
         for _ in range(20):
             other = size * rng.normal(size=(len(checks), 4)) * [1.0, 1.0, 500.0, 500.0] / 10.0
-            assert staying_proof(LINE, START, checks, other) <= flight
+            multipliers = np.pad(other.reshape(-1, 2), ((0, 0), (0, 1)))
+            assert demands.bound(multipliers) <= flight
 
 
 @pytest.mark.slow
