@@ -105,7 +105,7 @@ def slosh() -> Figure:
         grid[0].plot(swings, [100.0 * (row["impulse"] / first - 1.0) for row in own], **style)
         grid[1].plot(swings, [100.0 * row["won"] for row in own], **style)
     grid[0].set(xlabel="swings, % of the mass", ylabel="more impulse than without, %")
-    grid[1].set(xlabel="swings, % of the mass", ylabel="settled or docked, %")
+    grid[1].set(xlabel="swings, % of the mass", ylabel="won, %")
     figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncol=3)
     return figure
 

@@ -38,7 +38,7 @@ class RealCraft:
     """Who flies a real craft, and in what."""
 
     agent: str
-    """An agent for any craft, at a value that beats those of the craft alone."""
+    """An agent for any craft, with its value."""
     period: float
     """Control period, s."""
     steps: int
@@ -60,14 +60,14 @@ _STARTS = 256
 def flown(name: str) -> LoadedRun:
     """A real craft with who flies it best, in the task, period and conditions of the craft."""
     setting = CRAFTS[name]
-    agent, _, value = setting.agent.partition("#")
+    agent, value = setting.agent.split("#")
     task = GoToPose(spawn_distance=setting.distance, evaluation_distance=setting.distance)
     run = for_spacecraft(
         contestant(f"pretrained:{agent}"),
         load_spacecraft(name),
         Timing(setting.period, 1, setting.steps),
     )._replace(task=task, conditions=load_conditions(setting.conditions))
-    return frugal(run, float(value)) if value else run
+    return frugal(run, float(value))
 
 
 def luckiest(craft: Spacecraft, conditions: Conditions | None) -> Spacecraft:

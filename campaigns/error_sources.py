@@ -236,26 +236,3 @@ def of_mission(evidence: Any, mission: str) -> Iterator[dict[str, Any]]:
                 for what in ("arrival", "impulse", "margin")
             }
             yield {**row, **quantiles}
-
-
-def costs(evidence: Any, mission: str) -> list[dict[str, Any]]:
-    """What each error adds to the flights of a mission without errors, the largest impulse first.
-
-    There are no rows of a mission that was not flown (`ErrorSources.only`).
-    """
-    rows = {row["error"]: row for row in evidence["rows"] if row["mission"] == mission}
-    base = rows.pop(_NONE, None)
-    cells = []
-    for name, row in rows.items() if base else ():
-        later = number(row["arrival"][-1]) - number(base["arrival"][-1])
-        cells.append(
-            {
-                "error": name,
-                "mean": row["mean impulse"] / base["mean impulse"] - 1.0,
-                "spent": row["impulse"][-1] / base["impulse"][-1] - 1.0,
-                "later": f"{later:+.0f} s" if np.isfinite(later) else "never",
-                "less": base["margin"][-1] - row["margin"][-1],
-                "lost": base["won"] - row["won"],
-            }
-        )
-    return sorted(cells, key=lambda one: -one["mean"])

@@ -50,7 +50,7 @@ from rans.tasks import TASKS
 Mission = Literal["dock", "hold", "rendezvous", "land", "avoid", "dock-port", "final-approach"]
 
 _DEADLINES = {
-    "dock": (600.0, 700.0, 800.0, 1000.0, 1500.0, 2000.0),
+    "dock": (600.0, 1000.0, 2000.0),
     "hold": (600.0, 1000.0, 1900.0),
     "rendezvous": (4000.0, 5000.0, 7000.0),
 }

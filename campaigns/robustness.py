@@ -175,10 +175,10 @@ def in_document(docs: Path) -> tuple[tuple[str, ...], Sequence[tuple[str, ...]]]
     headings = (
         "perturbation",
         "plane: solved",
-        "settles",
+        "settling, s",
         "duty",
         "space: solved",
-        "settles",
+        "settling, s",
         "duty",
     )
     return headings, rows

@@ -192,6 +192,13 @@ def test_the_example_of_the_readme_says_what_it_prints(capsys: pytest.CaptureFix
     assert float(printed) == float(told[1])
 
 
+def test_an_agent_for_an_own_craft_takes_fifteen_hundred_words() -> None:
+    """README leads to the page of it, and both together are so long; tables and code count too."""
+    page = ROOT / "packages" / "any_craft" / "docs" / "any_craft.md"
+    assert page in linked(ROOT / "README.md")
+    assert sum(len(one.read_text("utf-8").split()) for one in (ROOT / "README.md", page)) <= 1500
+
+
 def test_the_glossary_has_the_words_of_the_tables() -> None:
     """Of every metric of two tasks, bounds left out, and of every way to fail an assurance."""
     first = " ".join(row[0] + row[1] for row in rows(ROOT / "docs" / "glossary.md", "word"))

@@ -34,6 +34,7 @@ WORDS = {
     r"kicks?": "impulse",
     r"in a blink": "the time in seconds",
     r"at rest for good|first at rest|(?:holds?|held) (?:the|its|their) goals?": "solved, or settled",
+    r"settle[sd]?(?![ -]gate)": "solved, if it is the verdict on a flight; else the settling time, as a noun",
     r"randomis\w+|normalis\w+|optimis\w+|minimis\w+|maximis\w+|synchronis\w+|visualis\w+": "American z",
 }
 """Words that are private, old or of another spelling, each with what to write instead."""

@@ -26,30 +26,24 @@ WORDS: dict[str, tuple[str, ...]] = {
         "path following",
         "evaluation",
     ),
-    "any_craft/any_craft_adaptive": (
+    "any_craft/any_craft": (
+        "any craft",
         "adaptive control",
         "fault detection",
         "fault isolation",
-        "multiple models",
+        "foundation policy",
+        "generalist policy",
+        "zero-shot",
+        "set policy",
     ),
-    "any_craft/any_craft_in_space": (
-        "any craft in space",
+    "any_craft/any_craft_judged": (
         "six degrees of freedom",
-        "zero-shot in space",
-    ),
-    "any_craft/any_craft_training": (
+        "multiple models",
         "random layouts",
         "docked spacecraft",
         "joined bodies",
         "fine-tuning",
         "transfer learning",
-    ),
-    "any_craft/any_craft": (
-        "any craft",
-        "foundation policy",
-        "generalist policy",
-        "zero-shot",
-        "set policy",
     ),
     "assurance/assurance": (
         "failure probability",

@@ -48,7 +48,7 @@ def sentences() -> Iterator[tuple[str, str]]:
     )
     yield (
         "assurance/robustness",
-        f"ours settles {sign} of the sign faults, {gain} of the gains and {bias} of gains",
+        f"ours solves {sign} of the sign faults, {gain} of the gains and {bias} of gains",
     )
     checks = [
         int(re.findall("Of ([0-9]+) flights", one["reason"])[0])
