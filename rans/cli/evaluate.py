@@ -30,6 +30,7 @@ from rans.terminal import Terminal, doing, progress, stages
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
     from rans.evaluation.fly.contestant_name import ContestantName
+    from rans.evaluation.measure.aggregate import Metrics
     from rans.flight import Flight
     from rans.model.spacecraft import Spacecraft
     from rans.randomization.conditions import Conditions
@@ -62,8 +63,8 @@ def _flies_in_drake(craft: Spacecraft) -> bool:
 class Evaluate(Options):
     """Fly an agent from fixed starts, and print metrics with 95 % intervals.
 
-    Writes evaluation.json, episodes.npz, evaluation.svg and episode.svg into the run folder, or for other
-    contestants into runs/evaluations/. With a protocol the names end in it, such as evaluation-paper.json;
+    Writes evaluation.json and .html, episodes.npz, evaluation.svg and episode.svg into the run folder, or for
+    other contestants into runs/evaluations/. With a protocol the names end in it, such as evaluation-paper.json;
     under your own conditions, in a digest of these. --engine both flies in both engines, and exits with 1 if they
     disagree. More than 65,536 flights of an agent are judged while they fly: a million take about a second on a
     GPU and one or two minutes on two cores. They have a shorter table, written to evaluation-many.json.
@@ -139,8 +140,9 @@ class Evaluate(Options):
         if solved < 100.0 * ENOUGH:
             Terminal().say(f"{solved:.3g} % of the flights are solved. {_remedy(name, run)}")
         written = self._write_files(run, next(iter(flights.values())))
-        file = self._write(run, results, next(iter(flights.values())))
-        Terminal().say(f"Written to {file}{written}.")
+        file = self._write(run, results, measured, next(iter(flights.values())))
+        page = file.with_suffix(".html")
+        Terminal().say(f"Written to {page}, {file.name}{written}.")
         self._suggest(run.craft)
         return passed
 
@@ -230,9 +232,12 @@ class Evaluate(Options):
             if self.engine in (engine, "both")
         }
 
-    def _write(self, run: LoadedRun, results: dict[str, Any], flight: Flight) -> Path:
+    def _write(
+        self, run: LoadedRun, results: dict[str, Any], measured: dict[str, Metrics], flight: Flight
+    ) -> Path:
         """Write all files; results of the other engine with the same options are kept."""
         from rans.evaluation.measure.aggregate import save_episodes
+        from rans.show.pages.report import evaluation_page
 
         folder, suffix = self._output(run)
         file = self._file(run)
@@ -248,15 +253,13 @@ class Evaluate(Options):
                 before = {}
             write_json(file, before | results | {"conditions": conditions, "about": _about()})
         save_episodes(flight, folder / f"episodes{suffix}.npz", self.trajectories)
+        page = evaluation_page([*measured.values()], flight, command_line())
+        page.write(inside(folder, f"evaluation{suffix}.html"))
         if is_installed("matplotlib"):
             from rans.show.figures.figures import save_flight_figures
-            from rans.show.pages.race import median_and_slowest
-            from rans.show.pages.screen import Screen
 
             with doing("drawing the flights", in_log=False):
                 save_flight_figures(flight, folder, suffix)
-                screen = Screen(race=median_and_slowest(flight, run.controller.name))
-                write_json(inside(folder, f"screen-evaluation{suffix}.json"), screen.to_json())
         return file
 
     def _write_files(self, run: LoadedRun, flight: Flight) -> str:

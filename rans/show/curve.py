@@ -31,12 +31,12 @@ def learning_charts(rows: Rows) -> Iterator[Chart]:
     if len(rows) < 2:
         return
 
-    def series(key: str, factor: float, colour: str, name: str, unit: str) -> Series:
+    def series(key: str, factor: float, colour: str, name: str) -> Series:
         points = [
             (row["steps"], factor * row[key]) for row in rows if key in row and "steps" in row
         ]
         points = points[:: math.ceil(len(points) / _MOST_POINTS) or 1]
-        marks = [Mark(x, y, f"{name} after {x:,} steps: {y:.4g}{unit}") for x, y in points]
+        marks = [Mark(x, y) for x, y in points]
         return Series(name, marks, colour, "." if len(marks) == 1 else "", "solid")
 
     seconds = [float(row["seconds"]) for row in rows if "seconds" in row]
@@ -44,7 +44,7 @@ def learning_charts(rows: Rows) -> Iterator[Chart]:
     yield Chart(
         f"environment steps{took}",
         "episodes, %",
-        [series("success", 100.0, series_style(0)[0], "solved", " %")],
+        [series("success", 100.0, series_style(0)[0], "solved")],
         "Episodes solved while training.",
         y_range=(0.0, 100.0),
     )
@@ -53,7 +53,7 @@ def learning_charts(rows: Rows) -> Iterator[Chart]:
         "environment steps",
         "mean return of an episode",
         [
-            series(term, 1.0, series_style(k)[0], term.removeprefix("return/"), "")
+            series(term, 1.0, series_style(k)[0], term.removeprefix("return/"))
             for k, term in enumerate(terms)
         ],
         "Return by term while training.",

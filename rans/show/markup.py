@@ -9,7 +9,6 @@ from __future__ import annotations
 import html
 import json
 import re
-from collections.abc import Iterable
 from typing import Any
 
 _LEAVES_SCRIPT = re.compile(r"<!--|</?script", re.IGNORECASE)
@@ -58,8 +57,3 @@ def code(*parts: str) -> Markup:
     if found := _LEAVES_SCRIPT.search(whole):
         raise ValueError(f"code of a page holds {found[0]!r}, which ends its script element")
     return Markup(whole)
-
-
-def drawing(parts: Iterable[str]) -> Markup:
-    """An SVG element of a page, whose texts are by `text`."""
-    return Markup("\n".join(parts))

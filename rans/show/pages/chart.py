@@ -1,9 +1,4 @@
-"""A chart as a value: marks that say what they are, in series that are shown and hidden together.
-
-Matplotlib draws it for papers and for pages (`rans.show.figures.chart_figure`). In a page the chart is complete
-without scripts, and a mark's text appears where the pointer rests; the page's script adds readouts for the keyboard
-and buttons for series.
-"""
+"""A chart as a value, which Matplotlib draws for papers and for pages (`rans.show.figures.chart_figure`)."""
 
 from __future__ import annotations
 
@@ -12,29 +7,26 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from rans.show.markup import Markup
-
 
 class Mark(NamedTuple):
-    """A point with its interval, and what it says."""
+    """A point with its intervals."""
 
     x: float
     y: float
-    text: str
     x_interval: tuple[float, float] | None = None
     y_interval: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
 class Series:
-    """Marks of one kind, which are shown and hidden together."""
+    """Marks of one kind."""
 
     name: str
     marks: Sequence[Mark]
     colour: str
     """A CSS colour, such as var(--ink)."""
     marker: str = "o"
-    """Of Matplotlib; "ring" is a circle, others that it does not have are discs."""
+    """Of Matplotlib; "ring" is a circle, "" is none, and others that it does not have are discs."""
     line: str = ""
     """What joins the marks: "", "solid" or "dotted"."""
 
@@ -52,7 +44,7 @@ class Chart:
         x_label: with its unit.
         y_label: with its unit.
         caption: below the chart, and read out to those who cannot see it.
-        shaded: ranges of x, each with its meaning.
+        shaded: ranges of x that are provably impossible.
         logarithmic: whether both axes are.
         y_range: bounds of y; None: those of the marks.
     """
@@ -61,7 +53,7 @@ class Chart:
     y_label: str
     series: Sequence[Series]
     caption: str
-    shaded: Sequence[tuple[float, float, str]] = ()
+    shaded: Sequence[tuple[float, float]] = ()
     logarithmic: bool = False
     y_range: tuple[float, float] | None = None
 
@@ -69,14 +61,6 @@ class Chart:
     def is_empty(self) -> bool:
         """Whether there is nothing to draw."""
         return not any(True for _ in self._marks())
-
-    def svg(self) -> Markup:
-        """The text of the SVG element, of names and numbers that are escaped."""
-        from rans.show.figures.chart_figure import (
-            inline,
-        )  # a page without charts needs no Matplotlib
-
-        return inline(self)
 
     def _marks(self) -> Iterator[Mark]:
         for series in self.series:

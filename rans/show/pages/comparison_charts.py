@@ -31,17 +31,18 @@ def plane_chart(comparison: Comparison) -> Chart:
         _contestant(entry, starts, bootstrap, k) for k, entry in enumerate(comparison.entries)
     ]
     shaded = []
+    bound = ""
     if comparison.certified_starts():
         least = float(np.median(comparison.bounds(Event())[0].values))
         what = "the median" if len(starts) > 1 else "the time"
-        shaded.append((0.0, least, f"provably impossible: {what} is at least {least:.2f} s"))
+        shaded.append((0.0, least))
+        bound = f"; the shaded times are provably impossible: {what} is at least {least:.2f} s"
         series = [*_certified(comparison), *series]
     return Chart(
         "first in the goal set, s",
         "impulse until then, N s",
         series,
-        f"First time in the goal set{_over(len(starts))}"
-        f"{'; the shaded times are provably impossible' if shaded else ''}.",
+        f"First time in the goal set{_over(len(starts))}{bound}.",
         shaded,
         logarithmic=True,
     )
@@ -63,10 +64,7 @@ def _certified(comparison: Comparison) -> Iterator[Series]:
     )
     yield Series(
         "certified least impulse at these times",
-        [
-            Mark(h, y, f"certified least impulse by {h:.3g} s: {y:.3g} N s")
-            for h, y in zip(horizons, lower, strict=True)
-        ],
+        [Mark(h, y) for h, y in zip(horizons, lower, strict=True)],
         INK,
         "_",
         "dotted",
@@ -74,10 +72,7 @@ def _certified(comparison: Comparison) -> Iterator[Series]:
     if np.isfinite(upper).any():
         yield Series(
             "best on/off controls found, replayed",
-            [
-                Mark(h, y, f"best on/off controls found by {h:.3g} s: {y:.3g} N s")
-                for h, y in zip(horizons, upper, strict=True)
-            ],
+            [Mark(h, y) for h, y in zip(horizons, upper, strict=True)],
             FOUND,
             "ring",
         )
@@ -87,7 +82,7 @@ def _relaxed(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
     """Median time and impulse of optima of throttled thrust from these starts; none where none is solved."""
     marks = []
     lost = False
-    for name, rows in comparison.relaxed.items():
+    for rows in comparison.relaxed.values():
         chosen = [rows[k] for k in starts if rows[k].solved]
         if chosen and isinstance(chosen[0].objective, MinimumTime | MinimumFuel):
             lost = lost or len(chosen) < len(starts)
@@ -95,7 +90,7 @@ def _relaxed(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
                 float(np.median([getattr(row, key) for row in chosen]))
                 for key in ("arrival", "thrust")
             )
-            marks.append(Mark(x, y, f"relaxed optimum of {name}: {x:.3g} s, {y:.3g} N s"))
+            marks.append(Mark(x, y))
     if marks:
         suffix = ", where found" if lost else ""
         yield Series(f"relaxed thrust, exact goal (no controller{suffix})", marks, RELAXED, "x")
@@ -108,7 +103,7 @@ def _swept(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
         x, y = (
             float(np.median(values[starts])) for values in (entry.arrival, entry.arrival_thrust)
         )
-        marks.append(Mark(x, y, f"{entry.name}: {x:.3g} s, {y:.3g} N s"))
+        marks.append(Mark(x, y))
     if marks:
         yield Series(f"LQR with {counted(len(marks), 'weighting')}", marks, GREY, ".", "solid")
 
@@ -119,9 +114,8 @@ def _contestant(entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: in
     x, y = (bootstrap.median(values[starts]) for values in (entry.arrival, entry.arrival_thrust))
     count = int(np.isfinite(entry.arrival[starts]).sum())
     name = entry.name + ("" if count == len(starts) else f" ({count} of {len(starts)} get there)")
-    text = f"{entry.name}: {x.text()} s, {y.text()} N s"
     if len(starts) == 1:
-        mark = Mark(x.value, y.value, f"{entry.name}: {x.value:.3g} s, {y.value:.3g} N s")
+        mark = Mark(x.value, y.value)
     else:
-        mark = Mark(x.value, y.value, text, (x.low, x.high), (y.low, y.high))
+        mark = Mark(x.value, y.value, (x.low, x.high), (y.low, y.high))
     return Series(name, [mark], colour, marker)

@@ -6,7 +6,7 @@ It draws what `rans.show.tables` computes and computes nothing itself, so that p
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -23,7 +23,6 @@ from rans.show.pages.comparison_charts import plane_chart
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header
 from rans.show.pages.race import Race, Track, has_place, race
 from rans.show.pages.report import comparison_section
-from rans.show.pages.screen import Screen
 from rans.show.palette import FOUND, series_style
 from rans.show.tables import comparison_tables as tables
 from rans.table import Table
@@ -98,18 +97,15 @@ def page(comparison: Comparison, command: str = "") -> Page:
 
 
 def write(comparison: Comparison, folder: Path, command: str) -> None:
-    """Write a comparison into a folder: its numbers first, then the page, as figures take seconds.
-
-    With the page come its chart for papers, and what the page of a screen needs.
-    """
+    """Write a comparison into a folder: its numbers first, then page and chart, which take seconds."""
     numbers = folder / "compare.json"
-    write_json(numbers, tables.to_json(comparison, TEXT))
+    hero, tiles = _headline(comparison) if comparison.entries else ("", [])
+    first = {"hero": hero, "tiles": [asdict(tile) for tile in tiles]}
+    write_json(numbers, first | tables.to_json(comparison, TEXT))
     comparison.files = [numbers]
     with doing("drawing the page; Ctrl-C leaves it out", in_log=False):
-        result = page(comparison, command)
-        result.write(folder / "compare.html")
+        page(comparison, command).write(folder / "compare.html")
         comparison.files.insert(0, folder / "compare.html")
-        write_json(folder / "screen-compare.json", Screen.of(result).to_json())
         if is_installed("matplotlib") and (chart := time_and_impulse(comparison)):
             comparison.files += chart_figure.save_chart(chart, folder / "compare")
 
@@ -344,7 +340,7 @@ def _plane(comparison: Comparison) -> Iterator[Section]:
         if len(comparison.certified_starts()) > 1
         else ""
     )
-    yield Section("Time and impulse", text, charts=[chart], first=True)
+    yield Section("Time and impulse", text, pictures=[Picture.of(chart)], first=True)
 
 
 def _gaps(comparison: Comparison) -> Iterator[Section]:

@@ -14,37 +14,40 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from rans.errors import counted, installing, is_installed
 from rans.files import write_text
 from rans.show import markup
+from rans.show.pages.chart import Chart
 from rans.table import Table, cell_text
 
 if TYPE_CHECKING:
     from rans.show.figures.plotting import Figure
-    from rans.show.pages.chart import Chart
     from rans.show.pages.race import Race
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure inside the page: its panels, which stand side by side where there is room."""
+    """A figure inside the page, as an image: no browser runs a script of one, or fetches what it names."""
 
-    sources: Sequence[str]
-    """See `rans.show.figures.svg.data_uri`."""
+    source: str
+    """See `rans.show.figures.svg.data_uri`; empty where Matplotlib is not installed."""
     caption: str
     """Also read out to those who cannot see it."""
 
     @classmethod
-    def of(cls, figure: Callable[[], Figure | str] | Figure | str, caption: str) -> Picture:
-        """A picture from a figure or what draws it, or from the text of an SVG file that is ours.
+    def of(cls, figure: Callable[[], Figure] | Figure | Chart | str, caption: str = "") -> Picture:
+        """A picture from a figure or what draws it, from a chart with its caption, or the text of an SVG file.
 
-        Where Matplotlib is not installed it has no panels, and its page goes without it.
+        Where Matplotlib is not installed only texts of files are pictures, and the page goes without the others.
         """
-        if not is_installed("matplotlib"):
-            return cls((), caption)
-        from rans.show.figures.svg import data_uri, panels, svg
+        if not isinstance(figure, str) and not is_installed("matplotlib"):
+            return cls("", caption)
+        from rans.show.figures.svg import data_uri, svg
 
-        drawn = figure() if callable(figure) else figure
-        return cls(
-            [*map(data_uri, panels(drawn if isinstance(drawn, str) else svg(drawn)))], caption
-        )
+        if isinstance(figure, str):
+            return cls(data_uri(figure), caption)
+        if isinstance(figure, Chart):
+            from rans.show.figures.chart_figure import charts_figure
+
+            return cls(data_uri(svg(charts_figure([figure]))), figure.caption)
+        return cls(data_uri(svg(figure() if callable(figure) else figure)), caption)
 
 
 @dataclass(frozen=True)
@@ -84,8 +87,6 @@ class Section:
     """Whether readers have to ask for it."""
     race: Race | None = None
     """A replay."""
-    charts: Sequence[Chart] = ()
-    """Charts whose marks say their values."""
     first: bool = False
     """Whether it belongs to the sheet that is printed, see `Page.sheet`."""
     hero: str = ""
@@ -97,17 +98,14 @@ class Section:
 
     @property
     def undrawn(self) -> int:
-        """Number of pictures and charts that Matplotlib would draw, and that are left out without it."""
-        if is_installed("matplotlib"):
-            return 0
-        charts = [chart for chart in self.charts if not chart.is_empty]
-        return len(charts) + sum(not picture.sources for picture in self.pictures)
+        """Number of pictures that Matplotlib would draw, and that are left out without it."""
+        return sum(not picture.source for picture in self.pictures)
 
     @property
     def is_shown(self) -> bool:
         """Whether it has more than pictures that are left out."""
         more = self.text, self.tables, self.link, self.race
-        return not self.undrawn or any(more) or self.undrawn < len(self.pictures) + len(self.charts)
+        return not self.undrawn or any(more) or self.undrawn < len(self.pictures)
 
 
 @dataclass(frozen=True)

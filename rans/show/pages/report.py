@@ -5,7 +5,6 @@ Files in a run folder may be of older versions or a stranger's: every value is c
 
 from __future__ import annotations
 
-import itertools
 import math
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,12 +17,21 @@ from rans.errors import ConfigError, Late, brief, counted, meant_file
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.evaluation.measure.statistics import figure, interval, quantity
 from rans.evaluation.stress.outcome import WANTED, too_few
-from rans.files import folders_with, inside, number, read_json, read_json_lines, read_text
+from rans.files import (
+    environment,
+    folders_with,
+    inside,
+    number,
+    read_json,
+    read_json_lines,
+    read_text,
+)
+from rans.flight import Flight
 from rans.model.spacecraft_file import read_spacecraft
 from rans.registry import Registry
 from rans.show.curve import learning_charts
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header, named, show
-from rans.show.pages.screen import Screen
+from rans.show.pages.race import median_and_slowest
 from rans.table import Table
 
 SOLVED_SHARE = 100.0 * WANTED
@@ -65,8 +73,8 @@ def report_from_run(run: Path) -> Page:
     evaluations = sorted(run.glob("evaluation*.json"), key=lambda file: file.stem)
     # A file may have several sections: a package adds to what the core says of it.
     builders: list[tuple[str, Callable[[Any], Section | None]]] = [
-        *((file.name, partial(_evaluation, file)) for file in evaluations),
         ("compare.json", comparison_section),
+        *((file.name, partial(_evaluation, file)) for file in evaluations),
         *(
             (file.name, partial(build, file))
             for pattern, build in SECTIONS.each()
@@ -76,8 +84,8 @@ def report_from_run(run: Path) -> Page:
         ("validation.json", validation_section),
     ]
     if not (run / "sweep.json").is_file():  # its rows are of all members, one after the other
-        method = partial(training_section, method=_method(run))
-        builders.insert(-1, ("metrics.jsonl", method))
+        training = partial(training_section, name=run.resolve().name, method=_method(run))
+        builders.insert(-1, ("metrics.jsonl", training))
     sections = [s for name, build in builders if (s := _read(run / name, build))]
     if not sections:
         missing = f", there is no such folder{meant_file(run)}"
@@ -100,7 +108,7 @@ def report_from_run(run: Path) -> Page:
     )
     sections += filter(None, [_read(run / "config.json", _configuration)])
     hero, tiles = _first_screen(run, evaluations, sections)
-    sections[:0] = _pictured(run, evaluations)
+    sections[:0] = _pictured(run)
     return Page(f"RANS: {run.resolve().name}", sections, header, hero=hero, tiles=tiles, sheet=True)
 
 
@@ -108,47 +116,24 @@ def _first_screen(
     run: Path, evaluations: Sequence[Path], sections: Sequence[Section]
 ) -> tuple[str, list[Tile]]:
     """The result in a sentence, and tiles: how good, against what, how sure."""
-    compared = _read(run / "compare.json", _compared)
-    trained = _read(run / "metrics.jsonl", lambda rows: _trained(rows, run))
-    screen = None if compared is None else _read(run / "screen-compare.json", Screen.from_json)
-    measured = [measurement for file in evaluations for measurement in _read(file, _measured) or ()]
-    sure = [section.sure for section in sections if section.sure]
-    leading = next((section for section in sections if section.hero), None)
-    training = [section for section in sections if section.title == "Training"][:1]
-    before = itertools.takewhile(lambda section: section.title != "Training", sections)
-    tiles: list[Tile] = []
-    if screen and screen.hero:
-        hero = screen.hero
-        tiles += screen.tiles
-    elif measured:
-        hero, tiles = headline(measured[0])
-        hero = " ".join(filter(None, (hero, compared)))
-    elif compared:
-        hero = compared
-    elif leading and not sure:
+    sure = [section.sure for section in sections if section.sure][:1]
+    if leading := next((section for section in sections if section.hero), None):
         hero = leading.hero
-        tiles += leading.tiles
-    elif trained and not sure and training and not any(s.findings for s in before):
-        hero = trained
-        tiles += [Tile(what, value) for what, value in training[0].summary]
+        tiles = [*leading.tiles]
     else:
-        # The first section says the result of what else there is, and its table at the end of a training.
-        first = sections[0]
-        sentence = next((f.text for s in sections for f in s.findings if f.passed is not False), "")
-        failed = next((f.text for s in sections for f in s.findings if f.passed is False), "")
-        said = "; ".join(map(" ".join, first.summary))
-        hero = failed or sentence or (f"{first.title}: {said}." if said else f"{first.title}.")
-        # What says how sure it is has a tile of its own.
-        tiles += [
-            Tile(what, value)
-            for what, value in first.summary
-            if first.sure is None or value != first.sure.value
-        ]
+        # Whatever else there is: what has failed, else the first finding, else the first section in its own words.
+        findings = [finding for section in sections for finding in section.findings]
+        findings.sort(key=lambda finding: finding.passed is not False)
+        said = "; ".join(map(" ".join, sections[0].summary))
+        title = f"{sections[0].title}: {said}." if said else f"{sections[0].title}."
+        hero = findings[0].text if findings else title
+        tiles = [Tile(what, value) for what, value in sections[0].summary]
     # What a decision still lacks has its command.
     missing = []
     agent = _contestant(run, evaluations)
-    is_agent = bool(measured or compared or trained)
-    if trained and not measured and not compared:
+    trained, compared = ((run / name).is_file() for name in ("metrics.jsonl", "compare.json"))
+    is_agent = bool(evaluations) or compared or trained
+    if trained and not evaluations and not compared:
         missing.append(Tile("evaluation", "not here", f"rans evaluate {agent} writes it here"))
     if is_agent and not compared:
         missing.append(Tile("comparison", "not here", f"rans compare {agent} writes it here"))
@@ -156,7 +141,6 @@ def _first_screen(
         missing.append(
             Tile("failure probability", "not here", f"rans assure {agent} writes it here")
         )
-    sure = sure[:1]
     return hero, [*tiles[: _ROW - len(sure) - len(missing)], *sure, *missing]
 
 
@@ -168,53 +152,23 @@ def _contestant(run: Path, evaluations: Sequence[Path]) -> str:
     return shlex.quote(result if isinstance(result, str) else str(run))
 
 
-def _trained(rows: Sequence[Mapping[str, Any]], run: Path) -> str:
-    """The result of a training in a sentence; empty where its lines do not say it."""
-    last = rows[-1]
-    if not {"success", "steps"} <= last.keys():
-        return ""
-    return (
-        f"{run.resolve().name} solved {last['success']:.1%} of its last episodes in training, after "
-        f"{last['steps']:,} steps; it has not flown from other starts yet."
-    )
-
-
-def _pictured(run: Path, evaluations: Sequence[Path]) -> Iterator[Section]:
-    """Replay, time and impulse, paths and spacecraft, of whatever has been flown."""
-    has_comparison = (run / "compare.json").is_file()
-    flown = has_comparison and _read(run / "screen-compare.json", Screen.from_json)
-    screen = flown or Screen()
-    replay = screen.race
-    for file in evaluations:
-        flown = _read(run / f"screen-{file.name}", Screen.from_json)
-        if replay is None and flown is not None:
-            replay = flown.race
-    if replay is not None:
-        yield Section("Replay", race=replay, first=True)
-    if screen.charts:
-        yield Section("Time and impulse", charts=screen.charts[:1], first=True)
-    pictures = list(screen.pictures)
+def _pictured(run: Path) -> Iterator[Section]:
+    """Time and impulse of a comparison, and the spacecraft; where they are, the page to fly it."""
+    chart = inside(run, "compare.svg")
+    if chart.is_file():
+        caption = "Time and impulse of the comparison."
+        yield Section("Time and impulse", pictures=[_kept_picture(chart, caption)], first=True)
     craft = inside(run, "spacecraft.toml")
-    if not pictures and craft.is_file():
+    if craft.is_file():
         spacecraft = read_spacecraft(craft)
-        pictures.append(
-            Picture.of(
-                lambda: Late("rans.show.figures.layout_figure").draw_layout(spacecraft),
-                f"Forces of the thrusters of {spacecraft.name}.",
-            )
+        picture = Picture.of(
+            lambda: Late("rans.show.figures.layout_figure").draw_layout(spacecraft),
+            f"Forces of the thrusters of {spacecraft.name}.",
         )
-    if pictures:
-        title = "Paths and spacecraft" if screen.pictures else "Spacecraft"
-        yield Section(title, pictures=pictures, first=True)
+        yield Section("Spacecraft", pictures=[picture], first=True)
     page = inside(run, "fly.html")
     if page.is_file():
         yield Section("Fly it yourself", link=page.name)
-
-
-def _compared(comparison: Mapping[str, Any]) -> str:
-    """The result of a comparison whose page is not beside it, in a sentence."""
-    rows = [row for row in comparison["summary"] if row.get("kind") != "bound"]
-    return "; ".join(f"{row['contestant']} {_outcome(row)}" for row in rows[:3]) + "." * bool(rows)
 
 
 def headline(measured: Metrics) -> tuple[str, list[Tile]]:
@@ -226,7 +180,7 @@ def headline(measured: Metrics) -> tuple[str, list[Tile]]:
             quantity(values[name].value, values[name].unit),
             interval(values[name].low, values[name].high),
         )
-        for name in (*_KEY_METRICS, "impulse")
+        for name in (*_KEY_METRICS[:-1], "impulse")
         if name in values
     ]
     solved = values["solved"]
@@ -314,16 +268,26 @@ def _method(run: Path) -> str:
     return brief(about["method"]) if isinstance(about, dict) and "method" in about else ""
 
 
-def training_section(rows: Sequence[Mapping[str, Any]], method: str = "") -> Section:
-    """Learning curve from the lines of ``metrics.jsonl``; see `learning_charts` for their keys."""
+def training_section(
+    rows: Sequence[Mapping[str, Any]], name: str = "", method: str = ""
+) -> Section:
+    """Learning curve from the lines of ``metrics.jsonl`` of a run; see `learning_charts` for their keys."""
     last = rows[-1]
+    hero = ""
+    if {"success", "steps"} <= last.keys():
+        hero = (
+            f"{name} solved {last['success']:.1%} of its last episodes in training, after {last['steps']:,} steps; "
+            "it has not flown from other starts yet."
+        )
     summary = [(what, form.format(last[key])) for key, what, form in _PROGRESS if key in last]
     return Section(
         "Training",
         f"By {method}." if method else "",
         [Table(("at the end", "value"), summary)],
         summary=summary,
-        charts=[*learning_charts(rows)],
+        pictures=[Picture.of(chart) for chart in learning_charts(rows)],
+        hero=hero,
+        tiles=[Tile(what, value) for what, value in summary],
     )
 
 
@@ -361,7 +325,33 @@ def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] 
     )
     findings = [_solved(m) for m in measured]
     summary = [line for m in measured for line in _key_metrics(m)]
-    return Section("Evaluation", text, tables, pictures, findings=findings, summary=summary)
+    hero, first = headline(measured[0]) if measured else ("", [])
+    return Section(
+        "Evaluation",
+        text,
+        tables,
+        pictures,
+        findings=findings,
+        summary=summary,
+        hero=hero,
+        tiles=first,
+    )
+
+
+def evaluation_page(measured: Sequence[Metrics], flight: Flight, command: str) -> Page:
+    """The result of an evaluation: its sentence and tiles, a replay of some of its flights, and all metrics."""
+    section = evaluation_section(measured)
+    sections = [section]
+    if (replay := median_and_slowest(flight, measured[0].controller)) is not None:
+        sections.insert(0, Section("Replay", race=replay, first=True))
+    about = header({"command": command, "environment": environment()})
+    return Page(
+        f"Evaluation: {measured[0].controller}",
+        sections,
+        about,
+        hero=section.hero,
+        tiles=section.tiles,
+    )
 
 
 def _solved(measured: Metrics) -> Finding:
@@ -389,6 +379,12 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
     summary = [(str(row["contestant"]), _outcome(row)) for row in comparison.get("summary", [])]
     texts = [*comparison.get("notes", ()), *(f"{name} {outcome}." for name, outcome in summary)]
     findings = [*(Finding(text, False) for text in comparison["failures"]), *map(Finding, texts)]
+    # Files of former versions have no sentence.
+    said = "; ".join(f"{name} {outcome}" for name, outcome in summary[:3])
+    tiles = [
+        Tile(*(str(t[key]) for key in ("label", "value", "note")))
+        for t in comparison.get("tiles", ())
+    ]
     return Section(
         "Comparison",
         f"{comparison['title']}.",
@@ -396,6 +392,8 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
         findings=findings,
         summary=summary,
         link="compare.html",
+        hero=str(comparison.get("hero") or f"{said}."),
+        tiles=tiles,
     )
 
 
@@ -428,19 +426,19 @@ def _evaluation(file: Path, evaluation: Any) -> Section:
         if picture.is_file():
             pictures.append(_kept_picture(picture, caption))
     section = evaluation_section([*_find_metrics(evaluation)], pictures)
-    return replace(section, title=_title(file))
+    page = inside(file.parent, f"{file.stem}.html")
+    return replace(section, title=_title(file), link=page.name if page.is_file() else "")
 
 
 def _kept_picture(file: Path, caption: str) -> Picture:
     """A figure from a run folder, perhaps a stranger's; `ConfigError` if it is no SVG."""
     text = read_text(file)
-    try:
-        return Picture.of(text, caption)
-    except ConfigError as error:
+    if "<svg" not in text or "<!ENTITY" in text:  # entities may grow without bounds
         raise ConfigError(
-            f"the picture {file} was not put into the report: {error} Delete it to "
-            "have the report without it."
-        ) from error
+            f"the picture {file} was not put into the report: it is no SVG. Delete it to have "
+            "the report without it."
+        )
+    return Picture.of(text, caption)
 
 
 def _find_metrics(result: Any) -> Iterator[Metrics]:

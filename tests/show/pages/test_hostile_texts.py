@@ -24,20 +24,17 @@ from rans.errors import RansError
 from rans.evaluation.measure.aggregate import measure
 from rans.evaluation.stress.effects import Level
 from rans.evaluation.stress.outcome import StressOutcome
-from rans.files import plain, write_json
+from rans.files import write_json
 from rans.flight import Flight
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions_file import load_conditions
 from rans.show import markup
-from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.comparison_page import page as comparison_page
 from rans.show.pages.notebook import html_of
-from rans.show.pages.page import Finding, Page, Picture, Section, Tile
+from rans.show.pages.page import Finding, Page, Section, Tile
 from rans.show.pages.playground import playground
-from rans.show.pages.race import median_and_slowest
 from rans.show.pages.replay import replay_page
-from rans.show.pages.report import report_from_run
-from rans.show.pages.screen import Screen
+from rans.show.pages.report import evaluation_page, report_from_run
 from rans.table import Table
 from tests.support import comparisons
 from tests.support.browser import HOSTILE, HOSTILE_NAME, live, ran
@@ -66,15 +63,6 @@ def flight() -> Flight:
     """Of a hostile controller and spacecraft."""
     flown = two_episodes()
     return replace(flown, controller=HOSTILE, craft=replace(flown.craft, name=HOSTILE_NAME))
-
-
-def screen() -> Screen:
-    """Every text of a first screen is hostile, but those that choose what is drawn."""
-    series = Series(HOSTILE, [Mark(1.0, 2.0, HOSTILE, (0.5, 1.5))], "#0072B2")
-    chart = Chart(HOSTILE, HOSTILE, [series], HOSTILE, [(0.0, 0.9, HOSTILE)])
-    tiles = [Tile(HOSTILE, HOSTILE, HOSTILE)]
-    picture = Picture(["data:image/svg+xml;base64,PHN2Zy8+"], HOSTILE)
-    return Screen(HOSTILE, tiles, median_and_slowest(flight(), HOSTILE), [chart], [picture])
 
 
 BOUND = {"failures": 17, "flights": 2000, "rate": 0.01, "at least": 0.004, "at most": 0.015}
@@ -110,7 +98,13 @@ def run_folder() -> dict[str, Any]:
             "conditions": {"contestant": "agent"},
             "agent": measure(two_episodes()).to_json(),
         },
-        "compare.json": {"title": "1 start", "failures": ["none came"], "summary": [summary]},
+        "compare.json": {
+            "hero": "A settles.",
+            "tiles": [{"label": "solved", "value": "1 %", "note": "of 2"}],
+            "title": "1 start",
+            "failures": ["none came"],
+            "summary": [summary],
+        },
         "stress.json": {
             "title": "agent",
             "failures": [],
@@ -143,7 +137,6 @@ def run_folder() -> dict[str, Any]:
                 }
             ],
         },
-        "screen-compare.json": plain(screen().to_json()),
     }
 
 
@@ -177,16 +170,14 @@ def written(folder: Path, contents: dict[str, Any]) -> None:
     "name",
     [
         pytest.param(name, marks=[pytest.mark.slow] * (name in MANY_TEXTS))
-        for name in sorted({*run_folder()} - {"screen-compare.json"})
+        for name in sorted(run_folder())
     ],
 )
 def test_a_report_of_a_stranger_is_text(name: str, tmp_path: Path) -> None:
     """Every text and every key of every file in turn: a page in which it is a text, or a sentence."""
-    contents = run_folder()
-    keep = {name, *({"screen-compare.json"} if name == "compare.json" else ())}
-    written(tmp_path, {key: contents[key] for key in keep})
+    written(tmp_path, {})
     shown = 0
-    for content in planted(contents[name]):
+    for content in planted(run_folder()[name]):
         write_json(tmp_path / name, content)
         try:
             html = report_from_run(tmp_path).html()
@@ -256,11 +247,14 @@ def pages(folder: Path) -> dict[str, Callable[[], str]]:
     return {
         "playground": playground(flyer).html,
         "replay": replay_page([flight()], HOSTILE).html,
+        "evaluation": evaluation_page([measure(flight())], flight(), HOSTILE).html,
         "comparison": comparison_page(comparison, HOSTILE).html,
         "assurance": assurance_page(assurance, "worst.html").html,
         "stress": StressReport(stress, folder, 1, HOSTILE).page().html,
         "report": report_from_run(folder).html,
-        "page": Page(HOSTILE, [section], {HOSTILE: HOSTILE}, HOSTILE, HOSTILE).html,
+        "page": Page(
+            HOSTILE, [section], {HOSTILE: HOSTILE}, HOSTILE, HOSTILE, [Tile(*[HOSTILE] * 3)]
+        ).html,
         **{
             type(value).__name__: partial(html_of, value)
             for value in (craft, conditions, measure(flight()), flight(), comparison)

@@ -88,16 +88,19 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
     table = counts(result)
     passed = result["decision"] == "below" if has_limit and is_over(result) else None
     failed = "{failures:,} of {flights:,}".format(**result["bounds"]["any"])
+    sentence = decision_sentence(result)
     return Section(
         file.stem.replace("-", " ").capitalize(),  # such as "Assurance lab"
         f"Flown by {result['command']}.",
         [table, *asked(result)],
-        findings=[Finding(decision_sentence(result), passed)],
+        findings=[Finding(sentence, passed)],
         summary=[
             ("flights that failed", failed),
             (f"probability of failure, {table.columns[-1]}", table.rows[0][-1]),
         ],
         link=page.name if page.is_file() else "",
+        hero=sentence,
+        tiles=[Tile("flights that failed", failed)],
         sure=_failure_probability(result),
     )
 
