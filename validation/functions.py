@@ -34,8 +34,8 @@ def validate(
     Args:
         spacecraft: name of a spacecraft that comes with RANS, or your own TOML file.
         quick: whether to use fewer states and flights and no compiler: about 15 s instead of some minutes.
-        layer: check this layer only: thrusters, commands, accelerations, period, flights, engine, draws, readings,
-            onsets, tasks, ...; by default all.
+        layer: check this layer only: thrusters, commands, accelerations, period, flights, engine, onsets,
+            ...; by default all.
         conditions: check under these conditions too, each effect alone and all together: a name (see `rans list
             CONDITIONS`) or your own TOML file.
         seed: random seed of states and commands.

@@ -93,9 +93,11 @@ def test_ranges_are_uniform_within_their_bounds(name: str) -> None:
     assert_uniform(value(parameters(structure(table, Conditions, name))), low, high)
 
 
-def test_a_force_points_to_all_sides() -> None:
-    push = parameters(Conditions(disturbances=DisturbanceConditions(force=0.3))).push
+def test_a_force_points_to_all_sides_and_a_torque_to_both() -> None:
+    push = parameters(Conditions(disturbances=DisturbanceConditions(force=0.3, torque=0.1))).push
     assert_uniform(np.arctan2(push.force.y, push.force.x), -math.pi, math.pi)
+    left = int(np.sum(push.torque > 0.0))
+    assert stats.binomtest(left, COUNT).pvalue > LIKELY
 
 
 @BOTH

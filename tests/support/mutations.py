@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,10 +24,8 @@ import validation.study.sampling
 from rans.episode import World
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, Wrench
-from rans.model.fields import Heading, Quat
-from rans.model.random import Random
+from rans.model.fields import Quat
 from rans.model.spacecraft import Spacecraft
-from rans.tasks.rewards import Prices
 from tests.support.crafts import nasty_planar, nasty_spatial
 
 Patch = Callable[[pytest.MonkeyPatch], None]
@@ -210,7 +207,7 @@ def engine_of_another_mass(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
-# What Drake is given by our code: draws, readings, onsets and rewards.
+# What Drake is given by our code: when it acts.
 
 
 def changed(owner: Any, name: str, change: Callable[..., Any]) -> Patch:
@@ -226,71 +223,6 @@ def changed(owner: Any, name: str, change: Callable[..., Any]) -> Patch:
     return patch
 
 
-def crowded_at_the_lower_end(true: Any, random: Random, values: Any) -> Any:
-    """Ranges whose lower half has 0.56 of the draws."""
-    drawn = true(random, values)
-    if not isinstance(values, tuple):
-        return drawn
-    low, high = values
-    return low + (high - low) * ((drawn - low) / (high - low)) ** 1.2
-
-
-def whole_numbers_without_the_last(true: Any, random: Random, values: Any) -> Any:
-    return true(random, (values[0], values[1] - 1.0) if isinstance(values, tuple) else values)
-
-
-def torques_to_one_side(true: Any, random: Random, size: Any) -> Any:
-    return abs(true(random, size)) if random.dimension == 2 else true(random, size)
-
-
-def pushes_from_the_stream_of_swings(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(
-        rans.randomization.parameters._STREAMS,
-        "push",
-        rans.randomization.parameters._STREAMS["swing"],
-    )
-
-
-def noise_new_every_other_period(true: Any, world: Any, episode: Any, *rest: Any) -> Any:
-    return true(world, replace(episode, clock=episode.clock // 2 * 2), *rest)
-
-
-def noise_of_all_quantities_alike(
-    true: Any, states: Any, sensors: Any, random: Any, *rest: Any
-) -> Any:
-    first = random(rans.randomization.sensors.PER_STEP)
-    return true(states, sensors, lambda _: copy.copy(first), *rest)
-
-
-def turned_in_world(true: Any, attitude: Any, turn: Any) -> Any:
-    if isinstance(attitude, Heading):
-        return true(attitude, turn)
-    return rans.model.rotation.exponential(turn).times(attitude)
-
-
-def a_period_less_late(true: Any, states: Any, *rest: Any) -> Any:
-    return true((states[0], states[0], *states[1:-1]) if len(states) > 1 else states, *rest)
-
-
-def truth_after_a_dropout(
-    true: Any, states: Any, sensors: Any, random: Any, last: Any, time: Any
-) -> Any:
-    """What stands is the state before, and not what was told of it."""
-    return true(states, sensors, random, last and states[0], time)
-
-
-def sensors_that_stop_at_another_moment(
-    true: Any, states: Any, sensors: Any, random: Any, last: Any, time: Any
-) -> Any:
-    """Time counts from zero at every third of it."""
-    return true(states, sensors, random, last, time % 3.0)
-
-
-def outages_at_the_same_moment(true: Any, given: Any, random: Any) -> Any:
-    found = true(given, random)
-    return found and replace(found, phase=0.0 * found.phase)
-
-
 def a_period_early(true: Any, world: Any, episode: Any, *rest: Any) -> Any:
     return true(world, replace(episode, clock=episode.clock + 1), *rest)
 
@@ -301,42 +233,15 @@ def valves_that_need_not_stay(
     return true(hold, command, before, 2.0 * period)
 
 
-def reward_of_the_state_before(
-    true: Any, state: Any, goal: Any, command: Any, previous: Any, *others: Any
-) -> Any:
-    return true(state, goal, previous, previous, *others)
-
-
-def a_price_left_out(true: Any, task: Any, transition: Any) -> Any:
-    return {name: price for name, price in true(task, transition).items() if name != "spin"}
-
-
 SHARED: list[tuple[Spacecraft, Patch, str]] = [
-    (PLANE, changed(Random, "within", crowded_at_the_lower_end), "draws"),
-    (PLANE, changed(Random, "whole", whole_numbers_without_the_last), "draws"),
-    (PLANE, changed(Random, "turn", torques_to_one_side), "draws"),
-    (SPACE, pushes_from_the_stream_of_swings, "draws"),
-    (PLANE, changed(World, "read", noise_new_every_other_period), "readings"),
-    (SPACE, changed(rans.episode, "reading", noise_of_all_quantities_alike), "readings"),
-    (SPACE, changed(rans.randomization.sensors, "_turned", turned_in_world), "readings"),
-    (PLANE, changed(rans.episode, "reading", a_period_less_late), "readings"),
-    (PLANE, changed(rans.episode, "reading", truth_after_a_dropout), "readings"),
-    (PLANE, changed(rans.episode, "reading", sensors_that_stop_at_another_moment), "readings"),
-    (
-        SPACE,
-        changed(rans.randomization.sensors, "_draw_outage", outages_at_the_same_moment),
-        "draws",
-    ),
     (PLANE, changed(World, "step_inputs", a_period_early), "onsets"),
     (
         PLANE,
         changed(rans.randomization.parameters.MinimumDwell, "enforced", valves_that_need_not_stay),
         "onsets",
     ),
-    (PLANE, changed(rans.episode, "Transition", reward_of_the_state_before), "tasks"),
-    (PLANE, changed(Prices, "prices", a_price_left_out), "tasks"),
 ]
-"""Errors that Drake shares, as it is given what was drawn and is told, rewarded and ended like the engine."""
+"""Errors that Drake shares, as it is told when what was drawn acts."""
 
 MUTATIONS: list[tuple[Spacecraft, Patch, str]] = [
     (PLANE, reversed_torque, "thrusters"),

@@ -1,8 +1,8 @@
 """Flights under conditions, effect by effect, against Drake.
 
 Drake has its own way of what an effect does to valves, body and motion. What was drawn, when it begins and
-what sensors tell are given to it: `validation.study.draws`, `validation.study.onsets` and
-`validation.study.readings` judge those.
+what sensors tell are given to it: `validation.study.onsets` judges when effects begin, and `tests/randomization`
+what is drawn and told.
 """
 
 from __future__ import annotations

@@ -15,7 +15,6 @@ from validation.study.checks import NO_THRUSTERS, Check, Curve, Skipped, Study
 from validation.study.closed_loop import closed_loop_checks
 from validation.study.conditions import condition_checks
 from validation.study.discretisation import discretisation_checks, order_curves
-from validation.study.draws import draw_checks
 from validation.study.dynamics import (
     VALIDATION_SUBSTEPS,
     acceleration_checks,
@@ -30,8 +29,6 @@ from validation.study.flights import bang_bang_checks, flight_checks, optimal_ch
 from validation.study.invariants import invariant_checks
 from validation.study.onsets import onset_checks
 from validation.study.oracles import oracle_checks
-from validation.study.readings import reading_checks
-from validation.study.tasks import task_checks
 
 
 @dataclass(frozen=True)
@@ -82,10 +79,7 @@ LAYERS: dict[str, Layer] = {
     "flights": _of_rigid("25 s", lambda s: flight_checks(s.craft, s.seed, s.flights)),
     "bang-bang": _of_rigid("bang-bang", lambda s: bang_bang_checks(s.craft, s.seed, s.flights)),
     "engine": _of_rigid("engine", lambda s: engine_checks(s.craft, s.seed, s.flights)),
-    "draws": lambda s: draw_checks(s.craft, s.seed),
-    "readings": lambda s: reading_checks(s.craft, s.seed),
     "onsets": _of_rigid("onsets", lambda s: onset_checks(s.craft, s.seed)),
-    "tasks": lambda s: task_checks(s.craft),
     "conditions": lambda s: (
         ()
         if s.conditions is None
