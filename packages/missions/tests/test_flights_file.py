@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -96,13 +95,3 @@ DV = "start,time,dv.x,dv.y,dv.z\n"
 def test_wrong_files_are_refused(tmp_path: Path, text: str, problem: str) -> None:
     with pytest.raises(ConfigError, match=problem):
         enlist(str(written(tmp_path, text)), contest_of("mission:dock-3d", 1))
-
-
-def test_every_start_that_flies_needs_a_flight(tmp_path: Path) -> None:
-    file = written(tmp_path, DV + "0,0,0.1,0,0\n")
-    with pytest.raises(ConfigError, match="flights of 1 start, and 2 fly; add --episodes 1"):
-        enlist(str(file), contest_of("mission:dock-3d", 2))
-
-
-def test_a_file_alone_names_no_mission(tmp_path: Path, refused: Any) -> None:
-    assert "name one before it" in refused(f"compare {written(tmp_path, DV)}")

@@ -91,17 +91,3 @@ def test_metrics_have_it_and_other_tasks_do_not() -> None:
     flight = fly(craft, task, Script(np.zeros((1, 1, 8))), starts, timing)
     with pytest.raises(ConfigError, match="Avoid"):
         passive_safety(flight)
-
-
-def test_percentiles_by_hand() -> None:
-    metrics = measure(flown(P, V, np.zeros((5, 6))))
-    # The margins are 150 m at rest, less where the second one approaches at 5.5 cm/s, and 50 m on the closed orbit,
-    # whose narrow end is the start. Half of three flights are two.
-    middle = 150.0 - 2.0 * 25.0 * (1.0 - np.cos(N * 50.0))
-    assert metrics["keep-out 50 %"].value == pytest.approx(middle, abs=0.1)
-    assert metrics["keep-out 90 %"].value == pytest.approx(50.0, abs=0.1)
-    assert metrics["keep-out 99.7 %"].value == metrics["keep-out 90 %"].value
-    assert metrics["impulse 99 %"].value == 0.0
-    assert metrics["arrival 50 %"].value == np.inf
-    names = [texts[0] for _, texts in metrics.key_lines()]
-    assert "keep-out 50 % / 90 % / 99 % / 99.7 %" in names

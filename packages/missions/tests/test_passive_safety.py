@@ -15,7 +15,6 @@ from rans_missions.passive_safety import (
     pieces_of_periods,
     single_coasts,
 )
-from rans_missions.two_body import relative_motion
 from scipy.integrate import solve_ivp
 
 N = 1.1e-3
@@ -151,18 +150,3 @@ def test_whether_a_distance_is_kept_agrees_with_the_least_distance() -> None:
         certain = np.abs(least - distance) > PRECISION
         assert certain.sum() > 0.9 * flights
         np.testing.assert_array_equal(kept[certain], (least > distance)[certain])
-
-
-def test_two_body_gravity_agrees() -> None:
-    # 100 m from the target Clohessy-Wiltshire's error in an orbit is some metres (docs/missions/inspect.md).
-    p, v = np.array([[40.0, -80.0, 30.0]]), np.array([[-0.02, -0.03, 0.01]])
-    times = np.linspace(1.0, ORBIT, 4000)
-    positions, _ = relative_motion(N, p, v, times)
-    nearest = np.linalg.norm(positions[:, 0], axis=1).min()
-    assert coast_distance(*p[0], *v[0]) == pytest.approx(nearest, abs=2.0)
-
-
-def test_nothing_flown_is_infinitely_far() -> None:
-    none = np.zeros((0, 6))
-    pieces = Pieces(none, none, np.zeros(0), np.zeros(0), np.zeros(0, dtype=int))
-    assert least_distances(N, pieces, 2).tolist() == [math.inf, math.inf]

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 
 from rans.episode import Command
 from rans.extend import Field, World, where
-from rans_missions.guard.ahead import Ahead
+from rans_missions.guard.ahead import SLACK, Ahead
 from rans_missions.guard.coasting import Coasting, periods_of
+from rans_missions.guard.expected import PERIODS, Reserve
 from rans_missions.guard.manoeuvres import (
     Manoeuvre,
     Thrusters,
@@ -20,7 +21,7 @@ from rans_missions.guard.manoeuvres import (
     manoeuvres,
     slowest_change,
 )
-from rans_missions.guard.replacing import Predicting
+from rans_missions.guard.replacing import Replacing
 from rans_missions.guard.rows import (
     copied,
     count,
@@ -41,7 +42,7 @@ _BLENDS = (0.25, 0.5, 0.75)
 
 
 @dataclass(frozen=True)
-class FlownBackup(Predicting):
+class FlownBackup(Replacing):
     """Safety filter by simulated backup manoeuvres, a `rans.episode.Guard`.
 
     A state is safe if the craft may coast from it (`rans_missions.guard.coasting.Coasting`), or if one of
@@ -58,12 +59,26 @@ class FlownBackup(Predicting):
     thruster (for throttles and pulsed valves, mixtures with the command of a manoeuvre), all thrusters shut, and
     the first command of a manoeuvre. If none passes, because a reading is worse than those before, the backup is
     flown whose least margin is largest.
+
+    It uses the measured state and the craft as designed. `rans_missions.guard.safety_filter` sets reserve and delay
+    for known noise and delays; faults and disturbances are not accounted for.
     """
 
+    periods: int = PERIODS
+    """Largest number of control periods of a backup manoeuvre, or of braking."""
+    slack: float = SLACK
+    """Least margin that passes, in the unit of each margin."""
+    reserve: Reserve = ()
+    """Margins that are held in reserve beyond the slack for errors, by constraint."""
+    delay: float = 0.0
+    """Time from a reading until the command acts that is decided by it, s."""
     horizon: float | None = None
     """Time for which coasting is checked if it cannot be checked for all times, s; None: the length of an
     episode."""
     name: str = "flown backup"
+
+    def _expected(self) -> tuple[Reserve, float]:
+        return self.reserve, self.delay
 
     def passes(self, world: World, state: Any, goal: Any, command: Command) -> Field:
         """Whether commands (N,) of arrays or tensors pass unchanged, without a delay, (N,)."""

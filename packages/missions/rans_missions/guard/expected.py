@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import Conditions, Field, Setup, World, bounds, scenarios, where
+from rans.extend import Conditions, Setup, bounds, scenarios
 
 _RARE = 0.05
 """Chance that a reading of an episode is too optimistic by more than the reserve. A craft comes nearer then, but
@@ -32,8 +32,6 @@ class Expected:
     reserve: Reserve = ()
     delay: float = 0.0
     """Time from a reading until the command that is decided by it acts, s."""
-    braking: float = 0.0
-    """Time for which an error of the velocity adds to one of the position, s."""
 
     @classmethod
     def of(cls, setup: Setup) -> Expected:
@@ -73,36 +71,14 @@ class Expected:
         position = float(np.hypot(position, velocity * braking))
         position += 0.5 * (latest - soonest) * speed
         if not (position or velocity):
-            return cls((), 0.5 * (soonest + latest), braking)
+            return cls((), 0.5 * (soonest + latest))
         by_position = _slopes(setup, starts, "p")
         by_velocity = _slopes(setup, starts, "v")
         reserve = tuple(
             (name, by_position[name] * position + by_velocity[name] * velocity)
             for name in by_position
         )
-        return cls(reserve, 0.5 * (soonest + latest), braking)
-
-    def beyond(self, world: World, state: Any, reading: Any, goal: Any) -> Field:
-        """Margin by which a reading is too optimistic, less the reserve: the largest of all constraints, (N,).
-
-        Now, and while the craft brakes: the error of the velocity moves predicted positions for that time.
-
-        Args:
-            world: task of the constraints.
-            state: true states of arrays or tensors (N,).
-            reading: measured states at the same instant.
-            goal: goals.
-        """
-        reserves = dict(self.reserve)
-        true = world.task.constraints(state, goal)
-        worst = None
-        for time in (0.0, self.braking):
-            shifted = reading.p + (reading.v - state.v).scale(time)
-            seen = world.task.constraints(replace(state, p=shifted, v=reading.v), goal)
-            for name, margin in true.items():
-                excess = seen[name] - margin - reserves.get(name, 0.0)
-                worst = excess if worst is None else where(excess > worst, excess, worst)
-        return worst
+        return cls(reserve, 0.5 * (soonest + latest))
 
 
 def _delays(conditions: Conditions, period: float) -> tuple[float, float]:

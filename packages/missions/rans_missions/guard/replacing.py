@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from rans.episode import Command
 from rans.extend import Field, World
-from rans_missions.guard.ahead import SLACK, Ahead
-from rans_missions.guard.expected import PERIODS, Reserve
+from rans_missions.guard.ahead import Ahead
+from rans_missions.guard.expected import Reserve
 from rans_missions.guard.rows import (
     batched,
     copied,
@@ -68,24 +67,3 @@ class Replacing(ABC):
         if single:
             return tuple(float(x[0]) for x in admitted), bool(changed[0])
         return admitted, changed
-
-
-@dataclass(frozen=True)
-class Predicting(Replacing):
-    """Base of filters of a task's constraints.
-
-    They use the measured state and the craft as designed. `rans_missions.guard.safety_filter` sets reserve and
-    delay for known noise and delays; faults and disturbances are not accounted for.
-    """
-
-    periods: int = PERIODS
-    """Largest number of control periods of a backup manoeuvre, or of braking."""
-    slack: float = SLACK
-    """Least margin that passes, in the unit of each margin."""
-    reserve: Reserve = ()
-    """Margins that are held in reserve beyond the slack for errors, by constraint."""
-    delay: float = 0.0
-    """Time from a reading until the command acts that is decided by it, s."""
-
-    def _expected(self) -> tuple[Reserve, float]:
-        return self.reserve, self.delay

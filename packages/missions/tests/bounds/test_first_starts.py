@@ -52,55 +52,6 @@ def test_no_flight_is_below_the_bound_and_more_time_needs_no_more_impulse(entry:
     assert np.all(np.diff(found.front) < 0.002 * found.front[:-1])
 
 
-@pytest.mark.slow
-def test_ratios_are_of_flights_that_succeeded(entry: Entry) -> None:
-    spent = impulses(entry.flight)
-    found = MissionBounds(0.5 * spent, np.array([300.0, 600.0]), np.array([np.inf, 1.0]))
-    assert found.ratios(entry) == pytest.approx([2.0, 2.0])
-    assert "mission 2.000" in found.sentence([entry])
-    assert found.to_json()["front"] == [None, 1.0]
-    assert found.impossible([entry]) == []
-    wrong = replace(found, lower=1.01 * spent)
-    assert len(wrong.impossible([entry])) == 1
-
-
-@pytest.mark.slow
-def test_a_mission_that_ends_is_scored_by_its_success(entry: Entry) -> None:
-    """Both flights dock; in a copy the first breaks the speed limit on the way, and has not won."""
-    flight = entry.flight
-    broken = {name: margin.copy() for name, margin in flight.margins.items()}
-    broken["speed"][3, 0] = -0.01
-    wild = Entry(
-        Contestant("wild", entry.contestant.controller, "state", "none"),
-        replace(flight, margins=broken),
-        np.zeros(1),
-    )
-    bounds = MissionBounds(0.5 * impulses(flight), np.zeros(0), np.zeros(0))
-    comparison = Comparison(CONTEST, [entry, wild], mission=bounds)
-    board = scoreboard(comparison)
-    assert flight.lengths is not None
-    times = flight.lengths * 10.0
-    row = board["mission"]
-    assert row["mission won, %"].value == 100.0
-    assert row["limit broken, %"].value == 0.0
-    assert times.min() <= row["time of success, s"].value <= times.max()
-    assert row["impulse of successes, N s"].value == pytest.approx(impulses(flight).mean())
-    assert row["impulse over the bound"].value == pytest.approx(2.0)
-    assert row["impulse over the bound, worst"].value == pytest.approx(2.0)
-    row = board["wild"]
-    assert row["mission won, %"].value == 50.0
-    assert row["limit broken, %"].value == 50.0
-    assert row["impulse of successes, N s"].value == pytest.approx(impulses(flight)[1])
-    # Errors of the last fifth of an episode say nothing of flights that ended before.
-    assert not any("error" in name or "settl" in name for name in row)
-    assert differences(comparison)["wild"]["time of success, s"].high == np.inf
-    settled = [one["solved"] for one in outcome(comparison, board)["summary"]]
-    assert settled == [2, 1]
-    assert "did not succeed" in bounds.table([wild])[1][0]
-    first = np.asarray(CONTEST.starts.goal.notes.deadline)
-    assert f"deadlines of {first.min():,.0f} to {first.max():,.0f} s" in CONTEST.title()
-
-
 class Interrupted:
     """A controller during which the user presses Ctrl-C."""
 
@@ -131,17 +82,6 @@ def test_an_interrupted_comparison_has_the_bound_of_the_first_start(
     more = mission_bounds(contest, 3, before=comparison.mission)
     assert more.lower.shape == (3,)
     assert more.lower[0] == comparison.mission.lower[0]
-
-
-@pytest.mark.slow
-def test_the_front_has_times_of_deadlines() -> None:
-    """No mission has an earlier deadline than the task's earliest; that of the first start is the latest time."""
-    task = Dock(deadline=(650.0, 700.0))
-    contest = Contest(CRAFT, task, task.timing, seed=5, episodes=1)
-    bounds = mission_bounds(contest, 1)
-    assert bounds.deadlines is not None
-    assert bounds.times[0] == 650.0
-    assert bounds.times[-1] == bounds.deadlines[0]
 
 
 def test_other_contests_have_none() -> None:
@@ -183,3 +123,40 @@ def test_a_final_approach_has_a_bound_of_each_start_and_no_front() -> None:
     assert 0.04 * 500.0 < found.lower[0] < 4.0 * 0.04 * 500.0
     # Conditions are not in the bound.
     assert not bounded(replace(contest, conditions=Conditions()))
+
+
+@pytest.mark.slow
+def test_a_mission_that_ends_is_scored_by_its_success(entry: Entry) -> None:
+    """Both flights dock; in a copy the first breaks the speed limit on the way, and has not won."""
+    flight = entry.flight
+    broken = {name: margin.copy() for name, margin in flight.margins.items()}
+    broken["speed"][3, 0] = -0.01
+    wild = Entry(
+        Contestant("wild", entry.contestant.controller, "state", "none"),
+        replace(flight, margins=broken),
+        np.zeros(1),
+    )
+    bounds = MissionBounds(0.5 * impulses(flight), np.zeros(0), np.zeros(0))
+    comparison = Comparison(CONTEST, [entry, wild], mission=bounds)
+    board = scoreboard(comparison)
+    assert flight.lengths is not None
+    times = flight.lengths * 10.0
+    row = board["mission"]
+    assert row["mission won, %"].value == 100.0
+    assert row["limit broken, %"].value == 0.0
+    assert times.min() <= row["time of success, s"].value <= times.max()
+    assert row["impulse of successes, N s"].value == pytest.approx(impulses(flight).mean())
+    assert row["impulse over the bound"].value == pytest.approx(2.0)
+    assert row["impulse over the bound, worst"].value == pytest.approx(2.0)
+    row = board["wild"]
+    assert row["mission won, %"].value == 50.0
+    assert row["limit broken, %"].value == 50.0
+    assert row["impulse of successes, N s"].value == pytest.approx(impulses(flight)[1])
+    # Errors of the last fifth of an episode say nothing of flights that ended before.
+    assert not any("error" in name or "settl" in name for name in row)
+    assert differences(comparison)["wild"]["time of success, s"].high == np.inf
+    settled = [one["solved"] for one in outcome(comparison, board)["summary"]]
+    assert settled == [2, 1]
+    assert "did not succeed" in bounds.table([wild])[1][0]
+    first = np.asarray(CONTEST.starts.goal.notes.deadline)
+    assert f"deadlines of {first.min():,.0f} to {first.max():,.0f} s" in CONTEST.title()

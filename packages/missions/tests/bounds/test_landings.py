@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,20 +12,18 @@ from matplotlib.axes import Axes
 from rans_missions.bounds.first_starts import bounded, mission_bounds, steps_of
 from rans_missions.bounds.landings import LandingAnswer, landing_table, write_landings
 from rans_missions.control.landing_guidance import LandingGuidance
-from rans_missions.convex.landing import Descent, Lander, Landing, landing
+from rans_missions.convex.landing import Landing
 from rans_missions.figures.landing_figures import descent, propellant_beside_bounds, thrust_and_tilt
 from rans_missions.tasks.land import Land
 
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.mission_bounds import MissionBounds
-from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.controllers import default_opponents
-from rans.evaluation.measure.metrics import impulses, propellant_used
+from rans.evaluation.measure.metrics import propellant_used
 from rans.files import number
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions import BodyConditions, Conditions, FaultConditions
 from rans.show.figures.mission_figures import margins_over_time, spent_over_time
-from rans.show.pages.comparison_page import page
 from rans.tasks import GoToPose
 
 CRAFT = load_spacecraft("mars-lander-steered")
@@ -65,15 +62,6 @@ def test_guidance_is_near_its_bound_and_not_below(entry: Entry, bounds: MissionB
     assert headings == ("start", "least propellant, kg", "landing")
     assert [row[0] for row in rows] == ["0"]
     assert f"({over[0]:.3f})" in rows[0][2]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("lost", ["replayed", "in_drake"])
-def test_a_landing_that_one_engine_loses_is_not_good(lost: str) -> None:
-    answer = LandingAnswer(0, cast(Landing, object()), replayed=0.001, in_drake=0.001)
-    assert answer.good
-    failed: dict[str, Any] = {lost: np.nan}
-    assert not replace(answer, **failed).good
 
 
 def refused(constant: str) -> float:
@@ -135,16 +123,6 @@ def test_the_front_is_least_where_the_bound_is(bounds: MissionBounds) -> None:
     assert len(bounds.path) - 1 == round(bounds.times[bounds.front.argmin()] / 0.5)
 
 
-@pytest.mark.slow
-def test_the_bound_lets_engines_be_throttled_one_by_one(bounds: MissionBounds) -> None:
-    one = CONTEST.start(0)
-    start = np.ravel(one.start.p.columns()), np.ravel(one.start.v.columns())
-    time = float(bounds.times[bounds.front.argmin()])
-    alike = landing(Lander.of(CRAFT), Descent.of(TASK, craft=CRAFT), start, time, 0.5, side="bound")
-    assert alike is not None
-    assert bounds.lower[0] < alike.dual
-
-
 def test_landings_have_bounds_where_nothing_is_drawn() -> None:
     assert bounded(CONTEST)
     assert steps_of(replace(CONTEST, episodes=2), 5) == 3
@@ -181,25 +159,3 @@ def test_figures_show_paths_thrust_and_what_is_impossible(
     (marker,) = line(front, "landing")
     assert marker[1] == pytest.approx(propellant_used(entry.flight)[0])
     assert len(margins_over_time([entry]).axes) == 3
-
-
-@pytest.mark.slow
-def test_a_page_of_landings_has_the_table_and_the_figures(
-    entry: Entry, bounds: MissionBounds
-) -> None:
-    comparison = Comparison(CONTEST, [entry], mission=bounds)
-    (section,) = (s for s in page(comparison).sections if s.title == "Mission")
-    assert len(section.tables) == 1
-    assert len(section.pictures) == 5
-
-
-@pytest.mark.slow
-def test_no_impulse_is_spent_after_touchdown(entry: Entry) -> None:
-    """An engine at 80 % gives 0.8 of its force for as long as the flight lasts, at most."""
-    flight = entry.flight
-    assert flight.lengths is not None
-    most = 0.8 * 6 * 3100.0 * 0.5 * flight.lengths
-    assert np.all(impulses(flight) <= most + 1e-6)
-    tank = CRAFT.propellant
-    assert tank is not None
-    assert impulses(flight) / tank.exhaust_speed == pytest.approx(propellant_used(flight), rel=1e-3)

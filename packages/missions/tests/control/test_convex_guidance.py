@@ -12,7 +12,6 @@ from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.guidance import VelocityToGain
 from rans_missions.tasks import Dock, TargetOrbit
 
-from rans.errors import ConfigError
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
@@ -74,10 +73,3 @@ def test_on_an_ellipse_a_plan_is_flown_to_its_end(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(guidance, "_planned", planned)
     assert row_of("", fly(DEPUTY, task, guidance, starts, timing)).docked.all()
     assert len(plans) == 2
-
-
-def test_it_is_for_missions_on_an_orbit() -> None:
-    with pytest.raises(ConfigError, match="missions on an orbit"):
-        ConvexGuidance("floating-platform", "go-to-pose")
-    with pytest.raises(ConfigError, match="reserve"):
-        ConvexGuidance(DEPUTY, "dock", reserve=0.5)

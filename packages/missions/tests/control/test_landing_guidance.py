@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ from rans_missions.control.landing_guidance import LandingGuidance
 from rans_missions.convex.landing import Descent, Lander, best_landing
 from rans_missions.tasks.land import Land
 
-from rans.errors import ConfigError
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
@@ -106,17 +104,3 @@ def test_without_conditions_it_expects_no_dead_engine(tmp_path: Path) -> None:
     assert isinstance(nominal.controller, LandingGuidance)
     assert guidance.dead == (0,)
     assert guidance.expecting(None).dead == nominal.controller.dead == ()
-
-
-def test_it_is_for_landers_that_wheels_turn() -> None:
-    with pytest.raises(ConfigError, match="flies descents"):
-        LandingGuidance("free-flyer", "go-to-pose")
-    with pytest.raises(ConfigError, match="reserve"):
-        LandingGuidance(LANDER, TASK, reserve=0.5)
-    with pytest.raises(ConfigError, match="reaction wheels"):
-        LandingGuidance(replace(LANDER, wheels=()), TASK)
-    with pytest.raises(ConfigError, match="dead engines are some"):
-        LandingGuidance(LANDER, TASK, dead=(6,))
-    aside = replace(LANDER.thrusters[0], position=(0.0, 0.5, 0.0))
-    with pytest.raises(ConfigError, match="the others turn"):
-        LandingGuidance(replace(LANDER, thrusters=(aside, *LANDER.thrusters[1:])), TASK, dead=(1,))

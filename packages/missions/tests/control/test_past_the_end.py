@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_missions.control.landing_guidance import LandingGuidance
-from rans_missions.tasks import Dock, FinalApproach, Hold, Inspect, Land, Rendezvous
+from rans_missions.tasks import Dock, FinalApproach, Hold, Land, Rendezvous
 from rans_missions.tasks.orbital import OrbitalMission
 
 from rans.episode import Setup
@@ -120,36 +120,6 @@ def test_a_missed_deadline_is_followed_by_a_new_plan() -> None:
 
 
 @pytest.mark.slow
-def test_a_docked_craft_turns_with_its_port() -> None:
-    """In the corridor, within the tolerances, for 200 s after the last contact."""
-    setup = setup_of(FinalApproach(spawn_distance=(14.0, 16.0)))
-    starts = scenarios(setup.task, setup.craft, 4, 8)
-    continued = flown_on(setup, made("corridor", setup), starts, 600.0)
-    assert continued.won.all()
-    rest = continued.after(400.0)
-    assert rest.reached.all()
-    assert rest.margin.min() > 0.0
-
-
-@pytest.mark.slow
-def test_inspections_end_where_nothing_pulls() -> None:
-    """Once everything is seen a craft stays on a closed orbit.
-
-    Twenty points are seen after as long a way as all, and take less arithmetic.
-    """
-    setup = setup_of(Inspect(points=20))
-    starts = scenarios(setup.task, setup.craft, 90210, 1)
-    # It may see the last point at the end, and goes onto the orbit after another one and a quarter.
-    latest = setup.timing.episode_steps * setup.timing.control_period + 7_700.0
-    continued = flown_on(setup, made("circumnavigation", setup), starts, latest + 1000.0)
-    rest = continued.after(latest)
-    assert rest.reached.all()
-    assert rest.margin.min() > 0.0
-    # A hundred corrections of 1 mm/s, the least that is burnt.
-    assert rest.spent(1000.0).max() < 0.1
-
-
-@pytest.mark.slow
 def test_engines_are_shut_from_the_contact_on() -> None:
     """A metre above the site at 0.3 m/s it has landed; below the ground it has crashed; above it flies."""
     setup = setup_of(Land())
@@ -172,3 +142,15 @@ def test_engines_are_shut_from_the_contact_on() -> None:
     again = guidance.act(bounced, drawn.goal, np.zeros((3, 1)))
     assert (again[:2] == command[:2]).all()
     assert (again[2, :engines] > setup.craft.actuators.low).any()
+
+
+@pytest.mark.slow
+def test_a_docked_craft_turns_with_its_port() -> None:
+    """In the corridor, within the tolerances, for 200 s after the last contact."""
+    setup = setup_of(FinalApproach(spawn_distance=(14.0, 16.0)))
+    starts = scenarios(setup.task, setup.craft, 4, 8)
+    continued = flown_on(setup, made("corridor", setup), starts, 600.0)
+    assert continued.won.all()
+    rest = continued.after(400.0)
+    assert rest.reached.all()
+    assert rest.margin.min() > 0.0

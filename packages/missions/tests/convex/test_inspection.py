@@ -12,7 +12,6 @@ from rans_missions.tasks import Inspect
 from rans_missions.tasks.inspect import Inspected
 from scipy.optimize import linprog
 
-from rans.errors import ConfigError
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
@@ -84,18 +83,3 @@ def test_a_point_is_priced_by_hand() -> None:
     turning = load_spacecraft("afrl-12kg")
     anywhere = inspection_bound(turning, task, start, goal, quarter, task.timing)
     assert anywhere == pytest.approx(turning.mass * 10.0 * n / math.sqrt(5.0), rel=0.01)
-
-
-def test_a_point_that_is_never_in_light_is_impossible() -> None:
-    task = Inspect(points=1)
-    start, goal = states((0.0, 40.0, 0.0), (0.0, 0.0, 0.0), math.pi)
-    assert inspection_bound(DEPUTY, task, start, goal, 1_000.0, task.timing) == math.inf
-
-
-def test_craft_that_burn_propellant_are_refused() -> None:
-    task = Inspect(points=1)
-    lander = load_spacecraft("mars-lander-steered")
-    with pytest.raises(ConfigError, match="constant mass"):
-        inspection_bound(
-            lander, task, *states((0.0, 40.0, 0.0), (0.0,) * 3, 0.0), 100.0, task.timing
-        )

@@ -66,50 +66,6 @@ def test_too_short_a_flight_is_out_of_reach() -> None:
 
 
 @pytest.mark.slow
-def test_bound_and_flight_enclose_the_optimum() -> None:
-    """The chord of the upper thrust bound costs some hundredths of a kilogram."""
-    flyable = best_landing(LANDER, EXACT, PUBLISHED, 1.0)
-    bound = best_landing(LANDER, EXACT, PUBLISHED, 1.0, "bound")
-    assert flyable is not None
-    assert bound is not None
-    assert bound.propellant < flyable.propellant < bound.propellant + 0.05
-    assert flyable.time == pytest.approx(75.0, abs=1.0)
-    middle = np.sqrt(flyable.mass[:-1] * flyable.mass[1:])
-    thrust = flyable.acceleration * middle[:, None]
-    size = np.linalg.norm(thrust, axis=1)
-    # Linearised bounds have converged to the true ones.
-    assert size.max() < LANDER.largest_thrust * 1.0001
-    assert size.min() > LANDER.least_thrust * 0.9999
-    assert np.degrees(np.arccos(thrust[:, 2] / size)).max() < 40.01
-
-
-@pytest.mark.slow
-def test_no_flight_time_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With random costs on top, the propellant has many minima over the time, and the least of all counts."""
-    period = 4.0
-    descent = Descent.of(Land())
-    found = {
-        count: landing(LANDER, descent, PUBLISHED, count * period, period, "bound")
-        for count in range(15, 26)
-    }
-    random = np.random.default_rng(4)
-    for _ in range(4):
-        dearer = {
-            count: replace(one, propellant=one.propellant + random.uniform(0.0, 30.0))
-            for count, one in found.items()
-            if one is not None
-        }
-        assert len(dearer) > 3
-
-        def instead(*given: Any, dearer: dict[int, Landing] = dearer, **_: Any) -> Landing | None:
-            return dearer.get(round(given[3] / period))
-
-        monkeypatch.setattr(module, "landing", instead)
-        best = best_landing(LANDER, descent, PUBLISHED, period, "bound", (60.0, 100.0))
-        assert best is min(dearer.values(), key=lambda one: one.propellant)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("apart", [False, True])
 def test_no_landing_is_below_the_bounds_of_its_flight_time(apart: bool) -> None:
     """Of one time and of many, also where programs with short holds are much sharper, and near the optimum."""
@@ -174,12 +130,6 @@ def test_the_burn_at_the_last_moment_is_the_optimum() -> None:
     assert found.time == pytest.approx(20.0, abs=0.51)
     lower = np.array([0.0, 0.0, height - 5.0]), start[1]
     assert best_landing(LANDER, EXACT, lower, 0.5, times=(10.0, 40.0)) is None
-
-
-def test_less_propellant_than_it_takes_is_out_of_reach() -> None:
-    """With 300 kg the craft is 100 kg lighter, and still needs more than it has."""
-    assert landing(LANDER, EXACT, PUBLISHED, 75.0, 1.0) is not None
-    assert landing(LANDER, EXACT, PUBLISHED, 75.0, 1.0, propellant=300.0) is None
 
 
 @pytest.mark.slow
@@ -267,15 +217,26 @@ def test_a_craft_that_cannot_tilt_lands_by_throttling_its_engines_one_by_one() -
 
 
 @pytest.mark.slow
-def test_engines_throttled_one_by_one_have_a_bound_that_is_lower_and_no_plan() -> None:
-    lander = Lander.of(CRAFT, apart=True)
-    alike = best_landing(LANDER, EXACT, PUBLISHED, 1.0, "bound")
-    apart = best_landing(lander, EXACT, PUBLISHED, 1.0, "bound")
-    assert alike is not None
-    assert apart is not None
-    assert 0.98 * alike.propellant < apart.propellant < alike.propellant
-    with pytest.raises(ConfigError, match="lower bound alone"):
-        best_landing(lander, EXACT, PUBLISHED, 1.0)
-    many = replace(CRAFT, thrusters=CRAFT.thrusters * 3)
-    with pytest.raises(ConfigError, match="at most 12 engines"):
-        Lander.of(many, apart=True)
+def test_no_flight_time_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With random costs on top, the propellant has many minima over the time, and the least of all counts."""
+    period = 4.0
+    descent = Descent.of(Land())
+    found = {
+        count: landing(LANDER, descent, PUBLISHED, count * period, period, "bound")
+        for count in range(15, 26)
+    }
+    random = np.random.default_rng(4)
+    for _ in range(4):
+        dearer = {
+            count: replace(one, propellant=one.propellant + random.uniform(0.0, 30.0))
+            for count, one in found.items()
+            if one is not None
+        }
+        assert len(dearer) > 3
+
+        def instead(*given: Any, dearer: dict[int, Landing] = dearer, **_: Any) -> Landing | None:
+            return dearer.get(round(given[3] / period))
+
+        monkeypatch.setattr(module, "landing", instead)
+        best = best_landing(LANDER, descent, PUBLISHED, period, "bound", (60.0, 100.0))
+        assert best is min(dearer.values(), key=lambda one: one.propellant)

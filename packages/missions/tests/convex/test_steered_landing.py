@@ -40,12 +40,6 @@ def test_roll_comes_before_tilt() -> None:
     assert roll_of(turned) == pytest.approx(math.radians(90.0))
 
 
-def test_turning_about_one_axis() -> None:
-    """About y alone, the rate of the tilt is the angular velocity."""
-    found = angular_velocity(np.array([0.0, 0.5]), np.array([0.0, 0.3]))
-    np.testing.assert_allclose(found, [0.0, 0.3, 0.0], atol=1e-6)
-
-
 def test_circling_at_a_constant_tilt() -> None:
     """On a cone of half angle a, at a rate q about the vertical z, thrust n has w = q (z - (z . n) n)."""
     a, q = 0.6, 0.2

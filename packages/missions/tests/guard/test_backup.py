@@ -11,24 +11,19 @@ import pytest
 import torch
 from rans_missions.guard import FlownBackup, safety_filter
 from rans_missions.guard.ahead import Ahead
-from rans_missions.guard.manoeuvres import manoeuvres
-from rans_missions.tasks import Avoid, DockPort
+from rans_missions.tasks import Avoid
 from rans_missions.tasks.avoid import Zones
 
 import rans
-from rans.api.pages import flyers
 from rans.episode import Setup, World
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import run_of
 from rans.fast.engine import Engine
 from rans.flight import Flight, fly
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
-from rans.tasks import GoToPose
 from rans.tasks.shapes import Ball
 
 PLATFORM = load_spacecraft("floating-platform")
@@ -67,24 +62,6 @@ def rammed(craft: Any, task: Any, count: int, guard: Any, flying: Any = fly) -> 
     )
 
 
-@pytest.mark.parametrize(("craft", "directions"), [(PLATFORM, 8), (FLYER, 14)])
-def test_manoeuvres_push_evenly_in_all_directions(craft: Any, directions: int) -> None:
-    """Three laws of feedback, then unit vectors along axes and diagonals, each with its opposite."""
-    task = Avoid()
-    found = manoeuvres(World(Setup(craft, task, task.timing)))
-    laws = [(each.retreat, each.brake) for each in found[:3]]
-    assert sorted(laws) == [(0.0, 1.0), (1.0, 0.0), (1.0, 1.0)]
-    assert all((each.retreat, each.brake) == (0.0, 0.0) for each in found[3:])
-    towards = np.array([each.towards.columns() for each in found])
-    assert not towards[:3].any()
-    np.testing.assert_allclose(np.linalg.norm(towards[3:], axis=1), 1.0)
-    assert len({*map(tuple, towards[3:].tolist())}) == directions
-    assert {*map(tuple, (-towards[3:]).tolist())} == {*map(tuple, towards[3:].tolist())}
-    # As many to every side: their outer products add up to a multiple of the identity.
-    spread = towards.T @ towards
-    np.testing.assert_allclose(spread, directions / len(spread) * np.eye(len(spread)), atol=1e-12)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
 def test_nobody_can_be_made_to_enter_a_zone(craft: Any) -> None:
@@ -97,26 +74,6 @@ def test_nobody_can_be_made_to_enter_a_zone(craft: Any) -> None:
     assert kept.guarded is not None
     assert kept.guarded.any()
     assert np.isin(kept.commands, (0.0, 1.0)).all()
-
-
-@pytest.mark.slow
-def test_drake_confirms_it() -> None:
-    task = Avoid().for_evaluation()
-    flight = rammed(PLATFORM, task, 3, FlownBackup(), fly_in_drake)
-    assert not flight.violated().any()
-    assert flight.guarded is not None
-    assert flight.guarded.any()
-
-
-def test_a_command_far_from_danger_is_given_as_it_is() -> None:
-    task = Avoid()
-    world = World(Setup(PLATFORM, task, task.timing))
-    starts = scenarios(task, PLATFORM, seed=1, count=40)
-    rng = np.random.default_rng(0)
-    command = tuple(1.0 * (rng.random((8, 40)) < 0.5))
-    given, changed = FlownBackup().admitted(world, starts.start, starts.goal, command)
-    assert not changed.any()
-    assert all((x == y).all() for x, y in zip(command, given, strict=True))
 
 
 def heading_for(distance: float, speed: float) -> tuple[Any, Any, Any]:
@@ -143,33 +100,6 @@ def test_thrust_towards_a_zone_is_cut_where_braking_would_be_too_late() -> None:
         assert (given == ahead) is passes
         coasting = FlownBackup().admitted(world, here, goal, (0.0,) * 8)
         assert coasting == ((0.0,) * 8, False)
-
-
-def test_where_no_backup_keeps_the_reserve_a_safe_state_stays_safe_without_it() -> None:
-    """As after a reading that is worse than those before, with any heading and spin close to a zone."""
-    task = Avoid(zones=1)
-    world = World(Setup(PLATFORM, task, task.timing))
-    rng = np.random.default_rng(4)
-    count = 48
-    zero = np.zeros(count)
-    distance = rng.uniform(0.05, 0.4, count)
-    state = PlanarState(
-        Vec2(zero, rng.uniform(-0.3, 0.3, count)),
-        Heading(rng.uniform(-3.0, 3.0, count)),
-        Vec2(rng.uniform(0.1, 0.5, count), zero),
-        rng.uniform(-0.5, 0.5, count),
-    )
-    ball = Ball(Vec2(distance + 0.4, zero), Vec2(zero, zero), zero + 0.4)
-    goal = PlanarState(
-        Vec2(zero + 9.0, zero), Heading(zero), Vec2(zero, zero), zero, notes=Zones((ball,))
-    )
-    plain, wary = FlownBackup(), FlownBackup(reserve=(("zone 1", 0.3),))
-    some = plain.safe(world, state, goal) & ~wary.safe(world, state, goal)
-    assert some.sum() > 10
-    command = tuple(1.0 * (rng.random((8, count)) < 0.5))
-    given, _ = wary.admitted(world, state, goal, command)
-    reached = Ahead(world).fly(state, goal, given)
-    assert plain.safe(world, reached.state, reached.goal)[some].all()
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.1])
@@ -242,53 +172,28 @@ def test_metrics_tell_what_the_filter_did() -> None:
         _ = free["interventions"]
 
 
-@pytest.mark.usefixtures("unswept")
-@pytest.mark.slow
-def test_the_slack_of_the_filter_is_an_argument_wherever_the_filter_is() -> None:
-    agent = rans.load_agent("avoid-2d")
-    margin = 0.3
-    wide = run_of(agent)
-    assert wide is not None
-    wide = wide.guarded(True, margin)
-    assert flyers((agent,), None, False, True, margin)[0].guard == wide.guard
-    assert flyers((agent,), None, False, True)[0].guard != wide.guard
-    assert (
-        rans.compare(agent, beside=[], episodes=1, guard=True, guard_slack=margin).contest.guard
-        == wide.guard
+def test_where_no_backup_keeps_the_reserve_a_safe_state_stays_safe_without_it() -> None:
+    """As after a reading that is worse than those before, with any heading and spin close to a zone."""
+    task = Avoid(zones=1)
+    world = World(Setup(PLATFORM, task, task.timing))
+    rng = np.random.default_rng(4)
+    count = 48
+    zero = np.zeros(count)
+    distance = rng.uniform(0.05, 0.4, count)
+    state = PlanarState(
+        Vec2(zero, rng.uniform(-0.3, 0.3, count)),
+        Heading(rng.uniform(-3.0, 3.0, count)),
+        Vec2(rng.uniform(0.1, 0.5, count), zero),
+        rng.uniform(-0.5, 0.5, count),
     )
-    less = rans.evaluate(agent, episodes=6, guard=True)["interventions"].value
-    assert (
-        rans.evaluate(agent, episodes=6, guard=True, guard_slack=margin)["interventions"].value
-        > less
+    ball = Ball(Vec2(distance + 0.4, zero), Vec2(zero, zero), zero + 0.4)
+    goal = PlanarState(
+        Vec2(zero + 9.0, zero), Heading(zero), Vec2(zero, zero), zero, notes=Zones((ball,))
     )
-    with pytest.raises(ConfigError, match="guard_slack is the least margin"):
-        rans.evaluate(agent, episodes=1, guard_slack=margin)
-
-
-def test_a_task_without_constraints_is_refused() -> None:
-    with pytest.raises(ConfigError, match="GoToPose has none"):
-        safety_filter(Setup(PLATFORM, GoToPose()))
-    with pytest.raises(ConfigError, match="GoToPose has none"):
-        rans.evaluate("lqr:go-to-pose-2d", episodes=1, guard=True)
-
-
-@pytest.mark.slow
-def test_dock_port_is_kept_too() -> None:
-    task = DockPort()
-    starts = scenarios(task, PLATFORM, seed=6, count=6)
-    guard = FlownBackup()
-    pilot = Ramming(PLATFORM, _OnlyTarget(task))
-    free = fly(PLATFORM, task, pilot, starts, Timing(0.2, None, 50, checks=4))
-    kept = fly(PLATFORM, task, pilot, starts, Timing(0.2, None, 50, checks=4), guard=guard)
-    assert free.violated().mean() > 0.5
-    assert not kept.violated().any()
-
-
-@dataclass
-class _OnlyTarget:
-    """The keep-out ball alone of a docking mission's scenery."""
-
-    task: DockPort
-
-    def scenery(self, goal: Any) -> Any:
-        return [one for one in self.task.scenery(goal) if isinstance(one, Ball)]
+    plain, wary = FlownBackup(), FlownBackup(reserve=(("zone 1", 0.3),))
+    some = plain.safe(world, state, goal) & ~wary.safe(world, state, goal)
+    assert some.sum() > 10
+    command = tuple(1.0 * (rng.random((8, count)) < 0.5))
+    given, _ = wary.admitted(world, state, goal, command)
+    reached = Ahead(world).fly(state, goal, given)
+    assert plain.safe(world, reached.state, reached.goal)[some].all()

@@ -25,18 +25,6 @@ def coasts(drift: Any = FREE, pushes: int = 1) -> Coasts:
     return Coasts(drift, 0.1, 2.0, 5.0, 1.0, pushes)
 
 
-def test_the_nearest_point_of_a_line_is_the_foot_of_the_perpendicular() -> None:
-    """From (-50, 3) along x at 1 m/s it passes (0, 3) after 50 s; a ball that flies along is always 50 m away."""
-    state: Any = SimpleNamespace(p=vector(-50.0, 3.0, 0.0), v=vector(1.0, 0.0, 0.0))
-    ball = Ball(REST, REST, 10.0)
-    nearest, when = coasts().nearest(ball, state, state.v, np.array([120.0]))
-    assert when[0] == pytest.approx(50.0, abs=1e-9)
-    assert [x[0] for x in nearest.columns()] == pytest.approx([0.0, 3.0, 0.0], abs=1e-9)
-    beside = Ball(REST, Vec3(1.0, 0.0, 0.0), 10.0)
-    nearest, _ = coasts().nearest(beside, state, state.v, np.array([120.0]))
-    assert nearest.norm()[0] == pytest.approx(np.hypot(50.0, 3.0), abs=1e-9)
-
-
 def test_in_an_orbit_it_is_that_of_a_fine_search() -> None:
     """The line through the nearest of seven points misses the arc by less than 1 m of 100 m."""
     drift = ClohessyWiltshire(0.0011)

@@ -49,24 +49,6 @@ def flown(
     return np.array(positions), np.array(velocities), spent
 
 
-def test_a_single_impulse_reaches_the_goal_at_its_time() -> None:
-    law = guidance(SingleImpulse, brakes=False)
-    positions, _, _ = flown(law, vector(20.0, -120.0, 30.0), vector(0.0, 0.0, 0.0), 900.0, Limits())
-    assert np.linalg.norm(positions[-1]) < 1e-3
-
-
-def test_a_postponed_burn_is_cheaper_than_all_of_it_now() -> None:
-    """From 84 m before the target by 1,900 s, all burns of the flight together cost less than one now."""
-    law = guidance(SingleImpulse, brakes=False)
-    state: Any = SimpleNamespace(p=vector(7.7, 84.0, 0.0), v=vector(0.0, 0.0, 0.0))
-    goal: Any = SimpleNamespace(p=vector(0.0, 0.0, 0.0), v=vector(0.0, 0.0, 0.0))
-    time = np.array([1900.0])
-    now = law.price(state, goal, time, Limits())[0]
-    positions, _, spent = flown(law, state.p, goal.p, 1900.0, Limits())
-    assert np.linalg.norm(positions[-1]) < 0.1
-    assert spent < now * (1.0 - 0.005)
-
-
 @pytest.mark.parametrize("n", [N, 0.004])
 def test_the_burn_now_is_of_the_cheapest_pair_of_all(n: float) -> None:
     """From 60 states at rest, against the enumeration of every pair of burns with matrices."""

@@ -14,12 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.improve import pulses, search
-from rans_missions.improve.command import Improve, improve
+from rans_missions.improve.command import Improve
 from rans_missions.improve.judging import judged
 from rans_missions.script import Script
 from rans_missions.tasks import Avoid, Dock
 
-from rans.effectors.commands import per_velocity
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
@@ -27,7 +26,7 @@ from rans.evaluation.fly.flights_file import FlightsFile
 from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import fly
 from rans.model.actuators import Actuators, OnOff, Throttle
-from rans.model.spacecraft_file import load_spacecraft, spacecraft_names, to_toml
+from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPosition
@@ -35,7 +34,6 @@ from rans.tasks import GoToPosition
 CRAFT = load_spacecraft("afrl-deputy")
 TASK = Dock(deadline=(600.0, 600.0)).for_evaluation()
 SETUP = Setup(CRAFT, TASK, replace(TASK.timing, episode_steps=62))
-LEVERS = np.array(per_velocity(CRAFT, SETUP.timing.control_period))
 
 
 class Wasteful:
@@ -87,16 +85,6 @@ def test_a_flight_that_breaks_a_limit_or_does_not_arrive_is_never_cheap() -> Non
     )
     flown: Any = flight
     np.testing.assert_array_equal(judged(flown), [0.0, np.inf, np.inf])
-
-
-def test_changes_are_those_of_the_commands_and_end_with_the_flight() -> None:
-    changes = np.random.default_rng(1).uniform(-0.1, 0.1, (5, 2, 3))
-    flight: Any = SimpleNamespace(
-        commands=np.clip(changes @ LEVERS.T, 0.0, 1.0), lengths=np.array([5, 3])
-    )
-    expected = changes.copy()
-    expected[3:, 1] = 0.0
-    np.testing.assert_allclose(search._changes(flight, LEVERS), expected, atol=1e-15)
 
 
 @given(
@@ -161,33 +149,6 @@ def test_the_next_command_judges_the_flights_on_their_own_craft(
         **dict(zip(["spacecraft"], options[1:], strict=False)),
     )
     assert command.following()[0].split()[2] == judged
-
-
-def test_flights_are_searched_in_the_time_that_a_comparison_gives_them(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """The craft of a file has a timing of its own, and an agent for any craft says which craft it flies."""
-    monkeypatch.chdir(tmp_path)
-    heavy = replace(PLATFORM, name="heavy", mass=16.0)
-    Path("heavy.toml").write_text(to_toml(heavy), "utf-8")
-    setups = []
-
-    class Found(Exception): ...
-
-    def searched(setup: Setup, *_: Any, **__: Any) -> None:
-        setups.append(setup)
-        raise Found
-
-    monkeypatch.setattr(search, "improve", searched)
-    for who, name in (("lqr", "heavy.toml"), ("any-craft-2d@heavy.toml", None)):
-        with pytest.raises(Found):
-            improve("go-to-pose", who, spacecraft=name, episodes=1)
-        setup = setups.pop()
-        assert (setup.craft.name, setup.craft.mass) == ("heavy", 16.0)
-        timing = contestant("lqr:go-to-pose-2d@heavy.toml").timing
-        assert timing.control_period * timing.episode_steps > 25.0
-        assert setup.timing.episode_steps == timing.episode_steps
-        assert setup.timing.control_period == timing.control_period
 
 
 def test_a_search_without_a_flight_to_begin_from_is_refused() -> None:

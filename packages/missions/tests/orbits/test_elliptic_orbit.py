@@ -11,20 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rans_missions.orbits.earth import EARTH
 from rans_missions.orbits.elliptic import EllipticOrbit, eccentric_anomaly, mean_anomaly
-from rans_missions.script import Script
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 
-from rans.errors import ConfigError
-from rans.flight import fly
-from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire
-from rans.model.dynamics import PlanarState, Wrench, advance
-from rans.model.fields import Heading, Vec2, Vec3, leaves
-from rans.model.timing import Timing
-from rans.scenario import scenarios
-from rans.tasks import GoToPose
-from tests.support.engines import PLATFORM
+from rans.model.fields import Vec2, Vec3, leaves
 
 N = 0.001027
 """rad/s, a low orbit."""
@@ -104,40 +94,3 @@ def test_keplers_equation_is_solved(e: float, m: float) -> None:
     back = mean_anomaly(2 * math.atan(half), e)
     # Near an apogee of 0.9 the tangent of a quarter turn loses some digits.
     assert math.remainder(back - m, math.tau) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_a_pushed_and_turning_craft_moves_by_its_equations() -> None:
-    """Over a tenth of an orbit, in five substeps of one command."""
-    e, true, time = 0.5, -0.4, 600.0
-    spin = 0.002
-    body = Body(5.0, (0.2,))
-    state: Any = PlanarState(Vec2(15.0, -20.0), Heading(0.4), Vec2(0.02, 0.01), spin)
-    steady = Wrench(Vec2(0.0003, 0.0002), 0.0)
-    rate = N * (1 + e * math.cos(true)) ** 2 / (1 - e * e) ** 1.5
-
-    def push(t: float) -> np.ndarray:
-        # The inertial spin stays, and W turns on by the target's true anomaly.
-        now: Any = brentq(lambda f: mean_anomaly(f, e) - mean_anomaly(true, e) - N * t, -1.0, 2.0)
-        angle = 0.4 + (spin + rate) * t - (now - true)
-        thrust = 0.001 * np.array([math.cos(angle), math.sin(angle), 0.0])
-        return (thrust + np.array([0.0003, 0.0002, 0.0])) / 5.0
-
-    start = np.array([15.0, -20.0, 0.0, 0.02, 0.01, 0.0])
-    expected = integrated(e, true, start, time, push)[[0, 1, 3, 4]]
-    drift = EllipticOrbit(N, e, mean_anomaly(true, e))
-    thrust = Wrench(Vec2(0.001, 0.0), 0.0)
-    after = advance(state, thrust, body, time, 5, disturbance=steady, drift=drift)
-    reached = [*leaves(after.p), *leaves(after.v)]
-    # The push moves the craft by tens of metres; the quadrature of six nodes is exact to 1e-12 of it.
-    np.testing.assert_allclose(reached, expected, rtol=1e-9)
-
-
-def test_a_task_without_the_time_of_its_orbit_is_refused() -> None:
-    class Forgetful(GoToPose):
-        @property
-        def drift(self) -> Any:
-            return EllipticOrbit(0.06, 0.7, 0.0)
-
-    starts = scenarios(Forgetful(), PLATFORM, 1, 1)
-    with pytest.raises(ConfigError, match=r"must have a method drift_at\(goal\)"):
-        fly(PLATFORM, Forgetful(), Script(np.zeros((2, 1, 8))), starts, Timing(episode_steps=2))

@@ -10,10 +10,7 @@ import pytest
 from rans_missions.orbits.elliptic import EllipticOrbit
 from rans_missions.tasks import Dock, TargetOrbit
 
-import rans.model.dynamics
-from rans.effectors import motion
 from rans.effectors.motion import states_at_checks
-from rans.errors import ConfigError
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.dynamics import SpatialState
@@ -88,18 +85,6 @@ def test_engine_and_drake_turn_alike(name: str, drift: str) -> None:
     assert max(abs(a - b) for a, b in zip(state.w.columns(), still.w.columns(), strict=True)) > 1e-3
 
 
-@pytest.mark.slow
-def test_drake_finds_wheels_on_which_gravity_does_not_act(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(motion, "wheel_inertia", lambda wheels: ())
-    assert _apart(*_both(_craft("cubesat-6u"), DRIFTS["circle"])) > 1e-4
-
-
-def test_drake_finds_a_gradient_of_the_start_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.model.dynamics._gradient
-    monkeypatch.setattr(rans.model.dynamics, "_gradient", lambda drift, h: true(drift, h)[:1])
-    assert _apart(*_both(_craft("free-flyer"), DRIFTS["ellipse"])) > 1e-6
-
-
 def test_a_craft_with_its_long_axis_along_the_radius_stays_there() -> None:
     """The stable equilibrium: the smallest moment along x (radius), the largest along z (across the orbit)."""
     craft = replace(
@@ -117,14 +102,6 @@ def test_a_craft_with_its_long_axis_along_the_radius_stays_there() -> None:
         tilted, craft, Body.of(craft), [0.0] * craft.command_count, timing, DRIFTS["circle"]
     )
     assert state.w.z == pytest.approx(-3.0 * FAST**2 * 0.1 / 0.25 * 1e-3, rel=1e-2)
-
-
-def test_what_gravity_cannot_turn_here_is_refused() -> None:
-    craft = load_spacecraft("floating-platform")
-    with pytest.raises(ConfigError, match="in the plane"):
-        motion.check_gradient(craft)
-    with pytest.raises(ConfigError, match="oblate"):
-        Dock(orbit=TargetOrbit(oblate=True, gravity_gradient=True))
 
 
 def test_missions_and_attitudes_have_it_on_request() -> None:

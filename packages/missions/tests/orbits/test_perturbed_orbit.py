@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from rans_missions.orbits.earth import EARTH, EARTH_RADIUS, J2
 from rans_missions.orbits.perturbed import PerturbedOrbit
-from rans_missions.two_body import Perturbations, perturbed_motion
 from scipy.integrate import solve_ivp
 
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire
 from rans.model.dynamics import SpatialState, Wrench, advance
 from rans.model.fields import Quat, Vec2, Vec3, leaves
+from tests.support.oblate_earth import OblateEarth
 
 N = 0.0011068
 """rad/s, a low orbit."""
@@ -43,7 +43,8 @@ def test_the_oblate_earth_pulls_as_in_axes_that_do_not_turn(tilt: float) -> None
     """At 1 m from the target, where what is quadratic in the distance is 1e-6 m."""
     p, v, latitude = starts(1.0)
     times = [300.0, 1300.0, 2700.0]
-    truth, _ = perturbed_motion(N, p, v, times, Perturbations(tilt, latitude))
+    earth = OblateEarth(tilt, latitude)
+    truth, _ = earth.gravity.motion(earth.target(N), p, v, times)
     drift = PerturbedOrbit.around_earth(N, tilt, latitude=latitude)
     for exact, time in zip(truth, times, strict=True):
         ours, sphere = (
@@ -53,31 +54,6 @@ def test_the_oblate_earth_pulls_as_in_axes_that_do_not_turn(tilt: float) -> None
         # The second order is k n t, at most 0.004, of the first, and a factor of the order of one.
         assert ours < 0.02 * sphere
         assert sphere > 1e-4
-
-
-def test_the_target_is_on_the_orbit_nearest_to_a_circle() -> None:
-    """Its radius has no term with the period of the orbit: those of J2 are a seventh of a kilometre per 1e-4."""
-    tilt, k = 0.9, PerturbedOrbit.around_earth(N, 0.9).oblateness
-    perturbed = Perturbations(tilt, np.array([0.4]))
-    radius, outwards, angular = (float(x[0]) for x in perturbed.near_circle(N))
-    node = np.array([1.0, 0.0, 0.0])
-    up = np.array([0.0, math.cos(tilt), math.sin(tilt)])
-    e = math.cos(0.4) * node + math.sin(0.4) * up
-    t = math.cos(0.4) * up - math.sin(0.4) * node
-
-    def slope(_: float, y: np.ndarray) -> np.ndarray:
-        r, v = y.reshape(2, 1, 3)
-        pull = -EARTH * r / np.linalg.norm(r) ** 3 + perturbed.acceleration(r, v, 0.0)
-        return np.concatenate([v, pull]).ravel()
-
-    begin = np.concatenate([radius * e, outwards * e + radius * angular * t])
-    rate = PerturbedOrbit.around_earth(N, tilt).latitude_rate
-    times = np.linspace(0.0, math.tau / N, 20)
-    flown = solve_ivp(slope, (0, times[-1]), begin, t_eval=times, rtol=1e-9, atol=1e-3).y[:3]
-    expected = RADIUS * (1.0 + k / 6.0 * math.sin(tilt) ** 2 * np.cos(2.0 * (0.4 + rate * times)))
-    # 1 km of swing; the second order is k n t, 0.009, of k a, which is 9.6 km.
-    assert np.ptp(expected) > 1500.0
-    np.testing.assert_allclose(np.linalg.norm(flown, axis=0), expected, atol=100.0)
 
 
 def test_without_perturbations_it_is_clohessy_and_wiltshires() -> None:
@@ -95,9 +71,9 @@ def test_a_pushed_craft_moves_as_in_axes_that_do_not_turn() -> None:
     """A force along W's axes, in substeps: the drag acts once, and not with every push."""
     p, v, latitude = starts(1.0)
     push = np.array([2e-4, -1e-4, 3e-4])
-    truth, _ = perturbed_motion(
-        N, p, v, [400.0], Perturbations(0.9, latitude), np.broadcast_to(push, (COUNT, 3))
-    )
+    earth = OblateEarth(0.9, latitude)
+    pushes = np.broadcast_to(push, (COUNT, 3))
+    truth, _ = earth.gravity.motion(earth.target(N), p, v, [400.0], pushes)
     body = Body(2.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
     state: Any = SpatialState(Vec3(*p.T), Quat(1.0, 0.0, 0.0, 0.0), Vec3(*v.T), Vec3(0.0, 0.0, 0.0))
     force = Wrench(Vec3(*(2.0 * push)), Vec3(0.0, 0.0, 0.0))

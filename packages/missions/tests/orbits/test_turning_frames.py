@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from rans_missions.orbits.elliptic import EllipticOrbit, mean_anomaly
 from rans_missions.orbits.perturbed import PerturbedOrbit
 
@@ -29,7 +27,6 @@ from tests.support.stars import (
     N,
     in_inertial_axes,
     matrix,
-    moved_once,
     solved,
     spatial,
     turns_by_its_rate,
@@ -90,21 +87,6 @@ def test_w_turns_by_its_rate(name: str, time: float) -> None:
     """A quaternion that follows the rate; around an oblate planet up to the second order of what it turns."""
     drift, k = DRIFTS[name]
     turns_by_its_rate(drift, k, time)
-
-
-def there(drift: Any, dtype: torch.dtype) -> Any:
-    """The drift with its target's angle as an array of this type."""
-    return drift.at_angle(torch.full((1,), drift.angle, dtype=dtype))
-
-
-def test_single_precision_keeps_its_digits_and_its_type() -> None:
-    """A target's angle, which is an array of an episode's type where a task draws it, too."""
-    for name, (drift, _) in DRIFTS.items():
-        single, double = (
-            moved_once(there(drift, dtype), dtype) for dtype in (torch.float32, torch.float64)
-        )
-        # Rotations of 0.01 rad, and eight digits.
-        assert float((single - double).abs().max()) < 2e-7, name
 
 
 def test_a_craft_that_nothing_turns_is_held_in_w_where_it_stands() -> None:

@@ -13,20 +13,15 @@ import pytest
 from scipy.special import jnp_zeros
 
 import rans
-from rans.effectors.motion import held
 from rans.errors import ConfigError
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import enlisted
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.scope import conditions_texts
-from rans.evaluation.stress.effects import applicable_effects
-from rans.fast.flights import Flights
-from rans.flight import Setup
 from rans.model.actuators import Propellant, Wheel
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import parse_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.optimal.certificate.goal_set import check_certifiable
 from rans.optimal.trajectory.allocation import check_relaxation
@@ -41,8 +36,6 @@ from rans.reference.plant import Plant
 from rans.scenario import draws
 from rans.show.tables.listing import conditions_listing
 from rans.structure import Range, read_toml, structure
-from tests.support.effector_crafts import states
-from tests.support.effector_flights import untrained_policy
 from tests.support.pairs import InOrbit
 from tests.support.slosh import IN_SPACE, SLOSH, SLOSHING
 from validation.study.checks import Check, Skipped
@@ -78,23 +71,6 @@ def test_a_validation_compares_moments_and_periods_with_the_mass_that_moves(
     for name in ("flights", "bang-bang", "engine", "onsets"):
         (skipped,) = LAYERS[name](scope)
         assert isinstance(skipped, Skipped)
-
-
-@pytest.mark.slow
-def test_flights_as_machine_code_are_those_of_numpy() -> None:
-    policy = untrained_policy(SLOSHING)
-    setup = Setup(SLOSHING, rans.GoToPose(), Timing(episode_steps=20))
-    one, other = (Flights(policy, setup, plain=plain).fly(0, 64, 1) for plain in (True, False))
-    assert one.flights == other.flights == 64
-    assert one.sums["impulse"].mean == pytest.approx(other.sums["impulse"].mean, rel=2e-3)
-
-
-def test_its_file_says_what_it_is() -> None:
-    assert parse_spacecraft(to_toml(SLOSHING), "a file").further_effectors == (SLOSH,)
-    assert "[slosh]" not in to_toml(rans.load_spacecraft("floating-platform"))
-    text = to_toml(SLOSHING).replace("damping = 0.002", "dampening = 0.002")
-    with pytest.raises(ConfigError, match="slosh: unknown key 'dampening'"):
-        parse_spacecraft(text, "a file")
 
 
 @pytest.mark.parametrize(
@@ -234,25 +210,6 @@ def test_a_factor_on_a_liquid_that_is_not_there_is_refused() -> None:
         rans.Engine(craft, "go-to-pose", 2, body=body)
 
 
-def test_the_pendulum_of_an_upright_cylinder() -> None:
-    """A deep tank of radius 1.841 m, whose mode has the length 1 m; and a shallow one by hand."""
-    k = 1.841183781
-    deep = rans.Slosh.in_cylinder(10.0, k, 40.0, (0, 0, 0), (0, -1, 0), 0.01, 4.0)
-    assert deep.length == pytest.approx(1.0)
-    # 2 m / ((k^2 - 1) k h / R), and the hinge R / k below the surface.
-    assert deep.mass == pytest.approx(20.0 / ((k * k - 1.0) * 40.0))
-    assert deep.hinge == pytest.approx((0.0, 39.0, 0.0))
-    assert deep.point() == pytest.approx((0.0, 38.0, 0.0))
-    # 2 zeta m l^2 w with w = 2 rad/s.
-    assert deep.damping == pytest.approx(0.04 * deep.mass)
-    half = rans.Slosh.in_cylinder(1.0, 0.1, 0.1, (0.0, -0.1, 0.0), (0.0, -1.0, 0.0), 0.005, 0.2)
-    assert half.length == pytest.approx(0.0572, abs=1e-4)  # 0.1 / (1.8412 * 0.9508)
-    assert half.mass == pytest.approx(0.4322, abs=1e-4)  # 2 * 0.9508 / (2.39 * 1.8412)
-    assert half.point()[1] == pytest.approx(-0.0788, abs=1e-4)  # 0.1086 * tanh(0.9206) deep
-    with pytest.raises(ConfigError, match="depth of the liquid must be a finite number > 0 m"):
-        rans.Slosh.in_cylinder(1.0, 0.1, 0.0, (0, 0, 0), (0, -1, 0), 0.005, 0.2)
-
-
 @pytest.mark.parametrize(
     ("depth", "period", "mass", "height"),
     [
@@ -289,39 +246,5 @@ def test_a_comparison_says_that_nothing_is_claimed_of_it(monkeypatch: pytest.Mon
     contest = Contest(SLOSHING, rans.GoToPose(), Timing(episode_steps=30), 4, 3)
     found = Comparison(contest)
     found.fly(enlisted(["lqr"], found.contest), ["optimal"], certified=2, workers=1)
-    found.trace({}, 1.0)
     assert found.failures == []
     assert re.search("Neither optima nor bounds are claimed: .* slosh", found.notes[0])
-
-
-def test_a_stress_sweep_leaves_inertia_to_the_craft_without_it() -> None:
-    """A liquid far from the centre takes a part of the inertia, which is not taken twice."""
-    usual, heavy = (
-        {effect.name: effect for effect in applicable_effects(craft, Timing())}
-        for craft in (
-            rans.load_spacecraft("floating-platform"),
-            replace(SLOSHING, further_effectors=(replace(SLOSH, hinge=(0.35, 0.0, 0.0)),)),
-        )
-    )
-    assert 0 < len(heavy["less inertia"].sizes) < len(usual["less inertia"].sizes)
-
-
-class Hidden(rans.Slosh):
-    """Moves a mass and does not declare it."""
-
-    moves_mass = False
-
-
-@pytest.mark.parametrize("others", [(), (SLOSH,)], ids=["alone", "beside slosh"])
-def test_a_mass_that_moves_undeclared_is_refused(others: Any) -> None:
-    """With two moving masses, one of them undeclared, only the first would be integrated."""
-    hidden = Hidden(SLOSH.mass, SLOSH.length, SLOSH.hinge, SLOSH.direction, SLOSH.damping)
-    craft = replace(SLOSHING, further_effectors=(*others, hidden))
-    start = states(craft, 1)
-    with pytest.raises(ConfigError, match="its moves_mass is False"):
-        held(start, craft, Body.of(craft), (0.0,) * craft.command_count, Timing(substeps=1))
-
-
-def test_one_mass_at_most_moves_in_a_craft() -> None:
-    with pytest.raises(ConfigError, match="one effector of a craft may move a mass"):
-        replace(SLOSHING, further_effectors=(SLOSH, replace(SLOSH, mass=0.1)))

@@ -11,14 +11,13 @@ import pytest
 import torch
 
 import rans
-from rans.effectors.motion import effectors_of, held
+from rans.effectors.motion import held
 from rans.flight import fly
 from rans.model.actuators import Wheel
 from rans.model.body import Body
 from rans.model.fields import leaves
 from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import parse_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.randomization.conditions import (
     BodyConditions,
@@ -92,17 +91,6 @@ def damped(craft: Spacecraft, damping: float) -> Spacecraft:
 
 
 @both
-def test_its_states_are_those_of_its_effectors(liquid: Liquid) -> None:
-    craft = replace(liquid.craft, wheels=liquid.wheels)
-    momenta = [f"momentum of wheel {k}" for k in range(len(liquid.wheels))]
-    assert [store.name for store in craft.stores] == [*momenta, *liquid.stores]
-    assert tuple(x for e in effectors_of(craft) for x in e.stores) == craft.stores
-    assert craft.commands == tuple(x for e in effectors_of(craft) for x in e.commands)
-    file = parse_spacecraft(to_toml(craft), "a file")
-    assert file.further_effectors == craft.further_effectors
-
-
-@both
 def test_small_swings_have_the_frequency_of_a_pendulum(liquid: Liquid) -> None:
     """A light mass in a heavy craft that accelerates along x swings with sqrt(a / l) in every direction across."""
     slosh = rans.Slosh(1e-5, 0.1, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
@@ -168,25 +156,6 @@ def test_a_coast_conserves_momentum_and_angular_momentum_and_friction_takes_ener
         rod, slip = np.array(path[-1].stores[:3]), np.array(path[-1].stores[3:])
         np.testing.assert_allclose((rod * rod).sum(axis=0), 1.0, rtol=1e-14)
         np.testing.assert_allclose((rod * slip).sum(axis=0), 0.0, atol=1e-14)
-
-
-@both
-def test_a_rod_that_friction_holds_moves_as_the_rigid_craft(liquid: Liquid) -> None:
-    """At rest the mass is a part of the craft's mass, inertia and centre of mass."""
-    craft = liquid.craft
-    rigid = replace(craft, further_effectors=())
-    still = states(rigid, 3, spin=0.0)
-    rest = tuple(np.full(3, store.initial) for store in craft.stores)
-    command = tuple(commands(rigid, 3, seed=2).T)
-
-    def moved(flown: Spacecraft, stores: Any) -> Any:
-        timing = Timing(control_period=0.2, substeps=60)
-        return held(replace(still, stores=stores), flown, Body.of(flown), command, timing)
-
-    held_rod, alone, loose = moved(damped(craft, 0.5), rest), moved(rigid, ()), moved(craft, rest)
-    for a, b in zip(leaves(replace(held_rod, stores=())), leaves(alone), strict=True):
-        np.testing.assert_allclose(a, b, rtol=0, atol=2e-3)
-    assert np.abs(np.array(leaves(loose.w)) - np.array(leaves(alone.w))).max() > 0.01
 
 
 @both

@@ -6,27 +6,20 @@ import math
 from dataclasses import replace
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
-import torch
 from rans_missions.orbits.reach import velocity_to_reach
-from rans_missions.script import Script
 from rans_missions.tasks import Dock
 from rans_missions.tasks.orbital import Plan
 from scipy.linalg import expm
 
 from rans.episode import Setup, World, step
-from rans.errors import ConfigError
-from rans.fast.engine import Engine
-from rans.flight import fly
 from rans.model.drift import ClohessyWiltshire
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec2, Vec3, leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.reference.flight import DrakeMover, fly_in_drake
+from rans.reference.flight import DrakeMover
 from rans.scenario import scenarios
-from rans.verdict import Failure
 
 DEPUTY = load_spacecraft("afrl-deputy")
 N = 0.001027
@@ -122,14 +115,6 @@ def test_a_contact_between_two_commands_docks(mover: Any) -> None:
     assert outcome.terms["done"].item() == 1.0
 
 
-def test_faster_contact_breaks_the_limit() -> None:
-    """0.21 m/s are more than what is allowed nearer than 5.37 m."""
-    outcome = flown(Dock(), at((0.0, -1.0, 0.0), (0.0, 0.21, 0.0)), 600.0)
-    assert outcome.failed.item()
-    assert not outcome.done.item()
-    assert not flown(Dock(), at((0.0, -9.0, 0.0), (0.0, 0.21, 0.0)), 600.0).failed.item()
-
-
 def test_who_is_late_has_failed() -> None:
     near = at((0.0, -1.0, 0.0), (0.0, 0.19, 0.0))
     assert flown(Dock(), near, 4.0).done.item()
@@ -160,32 +145,3 @@ def test_starts_are_as_documented_or_as_coded() -> None:
     assert above == pytest.approx(0.469, abs=0.07)
     assert coded.goal.notes.deadline.min() >= 600.0
     assert coded.goal.notes.deadline.max() <= 2000.0
-
-
-def test_every_engine_flies_the_same_mission() -> None:
-    task = Dock(deadline=(60.0, 80.0))
-    starts = scenarios(task, DEPUTY, 5, 2)
-    timing = replace(TIMING, episode_steps=9)
-    ours, judged = (
-        one(DEPUTY, task, Script(np.zeros((9, 2, 6))), starts, timing)
-        for one in (fly, fly_in_drake)
-    )
-    for a, b in zip(leaves(ours.states), leaves(judged.states), strict=True):
-        np.testing.assert_allclose(np.broadcast_to(a, b.shape), b, rtol=0, atol=1e-7)
-    assert ours.verdict.failure().tolist() == [Failure.TERMINATED] * 2
-    assert judged.verdict.failure().tolist() == [Failure.TERMINATED] * 2
-    engine = Engine(DEPUTY, task, 2, timing, seed=5, dtype=torch.float64)
-    env: Any = gymnasium.make("rans/Dock3D-v0", spacecraft=DEPUTY, task=task, timing=timing)
-    _, info = env.reset(seed=5)
-    for k in range(1, 6):
-        engine.step(torch.zeros(2, 6, dtype=torch.float64))
-        *_, terminated, truncated, info = env.step(np.zeros(6, np.float32))
-        assert not terminated
-        assert not truncated
-        np.testing.assert_allclose(engine.state.p.y, ours.states.p.y[k], rtol=0, atol=1e-9)
-    assert info["margins"]["speed"] > 0.0
-
-
-def test_a_deadline_beyond_half_an_orbit_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"deadline must be < 2906 s"):
-        Dock(deadline=(600.0, 3000.0))

@@ -4,25 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rans_missions.script import Script
 from rans_missions.tasks import DockPort
 from scipy.spatial.transform import Rotation
 
-import rans
 from rans.drawing import columns, rotations
 from rans.episode import Setup, World, step
-from rans.errors import ConfigError
-from rans.flight import fly
 from rans.model.dynamics import PlanarState
-from rans.model.fields import Heading, Vec2, map_leaves
-from rans.model.spacecraft import Spacecraft
+from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft
-from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
 
 PLATFORM = load_spacecraft("floating-platform")
@@ -114,73 +107,3 @@ def test_contact_between_two_commands(speed: float, docked: bool) -> None:
     assert bool(outcome.done) is docked
     assert bool(outcome.success) is docked
     assert float(outcome.terms["done"]) == (400.0 if docked else 0.0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("flying", "craft"), [(fly, PLATFORM), (fly, FLYER), (fly_in_drake, PLATFORM)]
-)
-def test_flights_dock_in_both_engines(flying: Any, craft: Any) -> None:
-    """A craft that moves along the port's axis at 4 cm/s and keeps its attitude docks where the port rests."""
-    task = DockPort(port_rate=(0.0, 0.0))
-    starts = scenarios(task, craft, seed=1, count=8)
-    goal = starts.goal
-    out = goal.p.scale(1.0 / 0.65)
-    aligned = replace(
-        starts.start,
-        p=goal.p + out.scale(0.4),
-        v=out.scale(-0.04),
-        attitude=goal.attitude,
-    )
-    timing = replace(task.timing, episode_steps=60)
-    shut = Script(np.zeros((60, 8, len(craft.thrusters))))
-    flight = flying(craft, task, shut, replace(starts, start=aligned), timing)
-    assert np.asarray(flight.done).all()
-    # 0.38 m at 4 cm/s are 9.5 s: within the 48th period.
-    assert (flight.verdict.settled[flight.verdict.solved] * 0.2).tolist() == pytest.approx(
-        [9.6] * 8
-    )
-    aside = replace(aligned, p=goal.p + out.scale(-0.55))
-    lost = flying(craft, task, shut, replace(starts, start=aside), timing)
-    assert lost.violated().all()
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"cone_half_angle": 1.6}, "cone_half_angle must be below 90 degrees, got 91.6"),
-        ({"target_radius": 0.7}, r"below the standoff, 0\.65 m, got 0\.7"),
-    ],
-)
-def test_settings_that_cannot_be(settings: Any, message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        DockPort(**settings)
-
-
-def _momenta(craft: Spacecraft, state: Any) -> np.ndarray:
-    """Momentum along x and y, N s, and angular momentum about the origin, N m s, of a craft in the plane."""
-    p, v = np.array(state.p.columns()), np.array(state.v.columns())
-    return np.append(
-        craft.mass * v,
-        craft.inertia[2][2] * state.w + craft.mass * (p[0] * v[1] - p[1] * v[0]),
-    )
-
-
-@pytest.mark.slow
-def test_a_flight_ends_in_a_joined_craft_that_flies_on(tmp_path: Path) -> None:
-    flight = rans.load_agent("dock-port-2d").fly()
-    assert np.asarray(flight.done).all()
-    chaser, port = (map_leaves(lambda x: float(x[-1, 0]), x) for x in (flight.states, flight.goals))
-    target = rans.state((0.0, 0.0), attitude=port.attitude.angle + math.pi, spin=port.w)
-    pair, after = rans.join_at_contact(
-        "floating-platform", "floating-platform", chaser, target, name="pair"
-    )
-    # Momenta of both bodies, worked out one by one, and that of the pair: rounding of ten products.
-    platform = rans.load_spacecraft("floating-platform")
-    before = _momenta(platform, chaser) + _momenta(platform, target)
-    np.testing.assert_allclose(_momenta(pair.spacecraft, after), before, rtol=1e-12)
-    # The pair is at rest at another place after 25 s, within the tolerances of its mission.
-    pair.write(tmp_path / "pair.toml")
-    on = rans.load_agent(f"any-craft-2d@{tmp_path / 'pair.toml'}").fly(start=after)
-    assert on.errors()["position"][-1, 0] < 0.05
-    assert on.errors()["attitude"][-1, 0] < math.radians(5.0)

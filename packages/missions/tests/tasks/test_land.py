@@ -6,15 +6,12 @@ import math
 from dataclasses import replace
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
-import torch
 from rans_missions.script import Script
 from rans_missions.tasks.land import Land
 
 from rans.evaluation.measure.metrics import won
-from rans.fast.engine import Engine
 from rans.flight import Flight, fly
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
@@ -131,15 +128,3 @@ def test_starts_are_those_of_the_publication_and_around() -> None:
         assert high - 0.01 * (high - low) < values.max() <= high + 1e-9
     # Every bearing: the mean direction of 2,000 has a length of 1 / sqrt(2000) = 0.022 in the mean.
     assert np.hypot((starts.p.x / distance).mean(), (starts.p.y / distance).mean()) < 0.1
-
-
-def test_engines_and_environments_fly_it() -> None:
-    engine = Engine(LANDER, TASK, 4, TASK.timing, seed=1, dtype=torch.float64)
-    command = torch.tensor([[0.5] * 6 + [0.1, 0.0, -0.1]], dtype=torch.float64).expand(4, 9)
-    result = engine.step(command)
-    assert not result.terminated.any()
-    env: Any = gymnasium.make("rans/Land3D-v0")
-    assert env.unwrapped.craft.name == "mars-lander-steered"
-    observation, _ = env.reset(seed=1)
-    assert observation.shape == tuple(engine.observe().shape[1:])
-    assert "rans/Land2D-v0" not in gymnasium.registry
