@@ -98,11 +98,6 @@ ALLOWED = {
     ("rans.lazy", "read_text"): "the source of a module of RANS itself",
     ("rans.deploy.c.files", "json.loads"): "the contract that this process has just made",
     ("rans_robot.fmu.export", "json.loads"): "the same",
-    (
-        "rans.show.figures.chart_figure",
-        "ET.fromstring",
-    ): "the picture that Matplotlib has just drawn",
-    ("rans.show.figures.svg", "ET.fromstring"): "pictures, after a check for entities",
     ("rans_any_craft.importers", "ET.fromstring"): "robots, after a check for entities",
     ("rans.cli.train", "json.loads"): "the user types it",
     ("rans.cli.sweep", "json.loads"): "the user types it",

@@ -242,7 +242,7 @@ def _parse(arguments: list[str]) -> Any:
         print(overview(_ABOUT, {command: COMMANDS[command] for command in COMMANDS}))
         raise SystemExit(0)
     if name.startswith("--tyro-"):  # completion has all commands
-        commands = {command: COMMANDS[command] for command in COMMANDS}
+        commands: dict[str, Any] = {command: COMMANDS[command] for command in COMMANDS}
         with explained(commands.values()):
             return tyro.extras.subcommand_cli_from_dict(
                 commands, args=arguments, prog="rans", description=_ABOUT, registry=registry()

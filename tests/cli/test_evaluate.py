@@ -32,7 +32,8 @@ def test_both_engines(capsys: pytest.CaptureFixture[str], run_folder: Path) -> N
     for engine in ("fast", "drake"):
         assert main(f"evaluate {run_folder} --episodes 6 --engine {engine}".split()) == 0
         text = capsys.readouterr().out.replace("\n", "")
-        assert str(run_folder / "evaluation.json") in text
+        assert str(run_folder / "evaluation.html") in text
+        assert (run_folder / "evaluation.html").is_file()
     written = json.loads((run_folder / "evaluation.json").read_text())
     assert written.keys() == {"fast", "drake", "conditions", "about"}
     assert "<svg" in (run_folder / "evaluation.svg").read_text()
