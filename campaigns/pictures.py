@@ -17,6 +17,7 @@ import tyro
 
 from campaigns.charts import CHARTS
 from campaigns.craft import CRAFTS
+from campaigns.flight_paths import paths_figure
 from campaigns.schemes import SCHEMES
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
@@ -25,7 +26,6 @@ from rans.files import write_text
 from rans.flight import Flight
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import EVALUATION_SEED
-from rans.show.figures.flight_paths import paths_figure
 from rans.show.figures.layout_figure import draw_layout
 from rans.show.figures.plotting import Figure, rc_context
 from rans.show.figures.svg import svg

@@ -7,12 +7,22 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rans.errors import legible
-from rans.show.figures.comparison_figures import logarithmic
 from rans.show.figures.figures import styled
-from rans.show.figures.panels import STYLE, label
+from rans.show.figures.panels import PLAIN, STYLE, label
 from rans.show.figures.picture_file import save_picture
-from rans.show.figures.plotting import Axes, Figure, FuncFormatter, MaxNLocator, rc_context
+from rans.show.figures.plotting import (
+    Axes,
+    Axis,
+    Figure,
+    FuncFormatter,
+    LogLocator,
+    MaxNLocator,
+    NullLocator,
+    rc_context,
+)
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.palette import GREY, INK
 
@@ -60,7 +70,7 @@ def _draw(axes: Axes, chart: Chart) -> None:
         _draw_series(axes, series, lowest)
     for axis in (axes.xaxis, axes.yaxis):
         if chart.logarithmic:
-            logarithmic(axes, axis)
+            _logarithmic(axes, axis)
         else:
             axis.set_major_locator(MaxNLocator(6))
             axis.set_major_formatter(FuncFormatter(lambda x, _: tick_label(x)))
@@ -72,6 +82,21 @@ def _draw(axes: Axes, chart: Chart) -> None:
         low, high = chart.y_range
         axes.set_ylim(low - 0.02 * (high - low), high + 0.02 * (high - low))
     label(axes, "", legible(chart.x_label), legible(chart.y_label))
+
+
+def _logarithmic(axes: Axes, axis: Axis) -> None:
+    """Plain numbers at 1, 2 and 5 times powers of ten; nothing where no value is positive."""
+    least, scale = (
+        (axes.dataLim.minposx, axes.set_xscale)
+        if axis is axes.xaxis
+        else (axes.dataLim.minposy, axes.set_yscale)
+    )
+    if not np.isfinite(least):
+        return
+    scale("log")
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=20))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(PLAIN)
 
 
 def _lowest(chart: Chart) -> tuple[float, float]:

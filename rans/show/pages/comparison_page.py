@@ -30,10 +30,8 @@ from rans.terminal import doing
 
 if TYPE_CHECKING:
     from rans.show.figures import chart_figure, layout_figure, mission_figures
-    from rans.show.figures import comparison_figures as figures
 else:  # with Matplotlib, without which a page has no pictures
     chart_figure = Late("rans.show.figures.chart_figure")
-    figures = Late("rans.show.figures.comparison_figures")
     layout_figure = Late("rans.show.figures.layout_figure")
     mission_figures = Late("rans.show.figures.mission_figures")
 
@@ -42,6 +40,7 @@ TEXT = (
     "stays within all tolerances to the end. The goal set has the states within all tolerances that are, for a "
     "pose or position, also slow (5 cm/s, 5 degrees/s); a flight may leave it again. Impulse is force times "
     "open time, summed over the thrusters. A flight that never gets there counts as infinitely late. "
+    "The return is the task's own reward, of starts with a relaxed optimum as a share of its return. "
     "Medians and means stand with 95 % bootstrap intervals over starts, solved with Wilson's, computing time with "
     "the middle 90 % of the actions. Certified bounds hold for every on/off controller at this rate; relaxed "
     "optima may throttle, know the future and are only locally optimal."
@@ -73,9 +72,6 @@ def page(comparison: Comparison, command: str = "") -> Page:
         sections += [
             *_mission(comparison),
             *_gaps(comparison),
-            _starts(comparison),
-            *_final_errors(comparison),
-            _returns(comparison),
             *_differences(comparison),
             _craft(comparison),
         ]
@@ -117,16 +113,6 @@ def _craft(comparison: Comparison) -> Section:
         lambda: layout_figure.draw_layout(craft), f"Forces of the thrusters of {craft.name}."
     )
     return Section("Spacecraft", pictures=[picture])
-
-
-def _final_errors(comparison: Comparison) -> Iterator[Section]:
-    """Errors over the last fifth of flights that have no end before; of one start they are in the scores."""
-    if not comparison.entries[0].ends and comparison.contest.episodes > 1:
-        errors = Picture.of(
-            lambda: figures.final_error_curves(comparison.entries),
-            "Distribution of final errors over all starts.",
-        )
-        yield Section("Final errors", pictures=[errors])
 
 
 _BOUNDED = {
@@ -371,44 +357,14 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
         "of that moment. Impulse by a time is all that is spent until then by flights that have been in the goal "
         "set by then, in brackets how many; it is infinite for the others."
     )
-    # Figures of the first and last event, and of the settling time.
-    first, *_, last = events = comparison.events()
-    middle = [event for event in events if event.kind != "arrival"]
-    headings = [event.text for event in (first, *middle, last)]
     several = len(starts) > 1
-    pictures = []
-    if several:
-        pictures.append(
-            Picture.of(
-                lambda: figures.gap_histograms(gaps, headings),
-                "Flights from each start over the bound.",
-            )
-        )
     median = ", median" if several else ""
     columns = ("event", *tables.gap_names(gaps))
     caption = "Median multiple of the bound" if several else "Multiple of the bound"
     multiples = Table(columns, tables.gap_rows(gaps), caption)
     columns = ("question", f"certified bound{median}", f"best found{median}", "proven optimal")
     table = Table(columns, bounds, "The bounds (s and N s)")
-    yield Section("Gaps to the certified bounds", text, [multiples, table], pictures)
-
-
-def _starts(comparison: Comparison) -> Section:
-    """The median and the worst start of the first contestant, with the controls found where there are."""
-    candidates = comparison.certified_starts() or list(range(comparison.contest.episodes))
-    ranking = sorted(candidates, key=lambda k: comparison.entries[0].arrival[k])
-    chosen = dict.fromkeys((ranking[(len(ranking) - 1) // 2], ranking[-1]))
-    count = len(comparison.entries)
-    pictures = [
-        Picture.of(
-            lambda k=k: figures.side_by_side([*_flights(comparison, k)], count), f"Start {k}."
-        )
-        for k in chosen
-    ]
-    first = comparison.entries[0].name
-    which = "The median and the slowest start" if len(chosen) > 1 else "The start"
-    text = f"{which} of {first}, everybody side by side."
-    return Section("Paths", text, pictures=pictures)
+    yield Section("Gaps to the certified bounds", text, [multiples, table])
 
 
 def _flights(comparison: Comparison, k: int) -> Iterator[tuple[str, Flight, int]]:
@@ -430,27 +386,6 @@ def _flights(comparison: Comparison, k: int) -> Iterator[tuple[str, Flight, int]
             )
             until = replace(contest.timing, episode_steps=len(answer.commands))
             yield name, fly(contest.craft, contest.task, script, contest.start(k), until), 0
-
-
-def _returns(comparison: Comparison) -> Section:
-    """Section with the returns, as shares of the relaxed optimum, and the computing times."""
-    text = (
-        "Computing time is the processor time of one action for one observation, median and middle 90 % over "
-        "the first fifth of a few flights."
-    )
-    title = "Computing time"
-    optimum = tables.best_returns(comparison)
-    if optimum is not None:
-        title = "Return and computing time"
-        solved = np.isfinite(optimum)
-        text += (
-            f" The return is the task's own reward, from {solved.sum()} of "
-            f"{counted(len(solved), 'start')}; 100 % is its relaxed optimum from there, which may "
-            "throttle; the mean of the former over the mean of the latter."
-        )
-    board = tables.scoreboard(comparison)
-    picture = Picture.of(lambda: figures.shares_and_computing_time(board), f"{title}.")
-    return Section(title, text, pictures=[picture])
 
 
 def _differences(comparison: Comparison) -> Iterator[Section]:

@@ -13,7 +13,6 @@ from rans.evaluation.compare.contest import Contestant, Entry
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.user_policy import user_policy
 from rans.model.timing import Timing
-from rans.show.figures.comparison_figures import gap_histograms
 from rans.show.tables.comparison_tables import gap_rows, gaps, measures
 from rans.tasks import TASKS, GoToPose, TrackVelocity
 from tests.support.contests import CONTEST, IDLE
@@ -119,20 +118,6 @@ def test_a_fifth_of_the_episode_stands_for_what_has_no_bound() -> None:
     """A motion with constraints has none."""
     moving = replace(CONTEST, timing=Timing(), task=TASKS["avoid"]())
     assert Comparison(moving).least_time == pytest.approx(5.0)
-
-
-def test_bars_of_the_gaps_stand_at_their_own_values() -> None:
-    """One contestant's 1.5 and 2 beside another's 1 and 3: nobody is moved to make room for the other."""
-    ratios = {"a": np.array([1.5, 2.0]), "b": np.array([1.0, 3.0, np.inf])}
-    axes = gap_histograms({"time": ratios}, ["time"]).axes[0]
-    drawn = [
-        [bar.get_x() + bar.get_width() / 2 for bar in bars if bar.get_height()]
-        for bars in axes.containers
-    ]
-    assert drawn[0] == pytest.approx([1.5, 2.0], abs=0.06)  # within a bar's width
-    assert drawn[1][:2] == pytest.approx([1.0, 3.0], abs=0.06)
-    assert len(drawn[1]) == 3
-    assert drawn[1][2] > 3.0
 
 
 def test_medians_of_gaps_count_who_is_not_there() -> None:

@@ -18,19 +18,18 @@ from matplotlib.figure import Figure
 from rans_assurance.figures.assure_figures import commands_figure, errors_figure
 
 import rans.show.figures
+from campaigns.flight_paths import paths_figure
 from rans.evaluation.compare.optima import Optimum
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.optimal.trajectory.transcription import Trajectory
 from rans.show.curve import learning_charts
-from rans.show.figures import comparison_figures, figures
+from rans.show.figures import figures
 from rans.show.figures.axes import widened, widened_logarithmic
 from rans.show.figures.chart_figure import charts_figure
-from rans.show.figures.flight_paths import paths_figure
 from rans.show.figures.optimal_figure import optimal_figure
 from rans.show.pages.chart import Chart, Mark, Series
-from tests.support.comparisons import entry
 from tests.support.evaluation_flights import flight_of
 
 NOISE = 1e-9
@@ -55,7 +54,7 @@ def drawing_functions() -> Iterator[tuple[str, Any]]:
 def test_every_figure_has_settled_axes() -> None:
     """By the decorator `styled`: a figure that is drawn without it is found here."""
     found = dict(drawing_functions())
-    assert len(found) > 15
+    assert len(found) > 12
     bare = [name for name, function in found.items() if not hasattr(function, "__wrapped__")]
     assert bare == []
 
@@ -109,8 +108,6 @@ def test_figures_of_flights_that_stay_show_no_noise() -> None:
         paths_figure(flight),
         errors_figure(flight, [0]),
         commands_figure(flight, 0, "it"),
-        comparison_figures.side_by_side([("a", flight, 0)], 1),
-        comparison_figures.final_error_curves([replace(entry(), flight=flight)]),
         charts_figure(
             [
                 *learning_charts(

@@ -7,12 +7,12 @@ import pytest
 from rans_missions.tasks import Avoid, Dock, DockPort, Hold
 from rans_missions.tasks.orbital import TargetOrbit
 
+from campaigns.flight_paths import paths_figure
 from rans.flight import Flight, fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
 from rans.scenario import scenarios
-from rans.show.figures.flight_paths import paths_figure
 from rans.tasks import GoToPose, Task
 from tests.support.played import Played
 
