@@ -100,9 +100,7 @@ def loaded(name: str, device: str) -> tuple[Network, Setup]:
     if not isinstance(run.controller, Agent):
         raise ConfigError(f"{name} is not an agent: name a run folder, or pretrained:NAME.")
     lone = run.network
-    network = Network.stacked(
-        lone.architecture, [lone.member(0)], torch.device(device), torch.float32
-    )
+    network = Network.copied(lone.architecture, lone.weights(), torch.device(device), torch.float32)
     return network, run.judged._replace(conditions=None)
 
 

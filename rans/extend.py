@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from rans.fast.engine import Engine as Engine
     from rans.fast.learn.adam import Adam as Adam
     from rans.fast.learn.algorithms import Algorithm as Algorithm
-    from rans.fast.learn.config import Coefficients as Coefficients
     from rans.fast.learn.config import PPOSettings as PPOSettings
     from rans.fast.learn.config import TrainConfig as TrainConfig
     from rans.fast.learn.config import require_bounds as require_bounds

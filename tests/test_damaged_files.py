@@ -83,9 +83,7 @@ def test_a_sweep_without_members(content: Any, tmp_path: Path) -> None:
 def test_configs_of_sweeps(count: int, tmp_path: Path) -> None:
     from rans.fast.learn.config import to_table
 
-    write_json(
-        tmp_path / "configs.json", {"command": "c", "parts": 1, "configs": [to_table(CONFIG)]}
-    )
+    write_json(tmp_path / "configs.json", {"command": "c", "configs": [to_table(CONFIG)]})
     check([tmp_path / "configs.json"], lambda: read_configs(tmp_path), 2 * count)
 
 

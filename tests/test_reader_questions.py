@@ -239,7 +239,7 @@ ANSWERS: Answers = {
         "dropped": Answer(
             written(
                 "configs.json",
-                json.dumps({"command": "c", "parts": 1, "configs": [{"wings": 2}]}),
+                json.dumps({"command": "c", "configs": [{"wings": 2}]}),
                 lambda file: read_configs(file.parent),
             ),
             r"configs\.json",
@@ -248,7 +248,7 @@ ANSWERS: Answers = {
         "evidence": Answer(
             written(
                 "configs.json",
-                json.dumps({"command": "c", "parts": -3, "configs": []}),
+                json.dumps({"command": "c", "configs": 3}),
                 lambda file: read_configs(file.parent),
             ),
             r"configs\.json",

@@ -175,7 +175,7 @@ def test_recipe(here: Path) -> None:
 @pytest.mark.slow
 def test_configs_of_a_sweep(here: Path) -> None:
     table = json.loads(json.dumps(to_table(GRADIENT)))
-    for _, changed in texts({"command": "rans sweep", "parts": 1, "configs": [table]}):
+    for _, changed in texts({"command": "rans sweep", "configs": [table]}):
         shutil.rmtree("sweep", ignore_errors=True)
         write_json(Path("sweep/configs.json"), changed)
         call(command("sweep --resume sweep"))

@@ -50,7 +50,7 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Itera
     write_json(folder / "config.json", table)
     write_json(Path("craft.json"), table | {"task": "go-to-pose", "spacecraft": "strangers:craft"})
     odd = to_table(CONFIG) | {"spacecraft": "strangers:craft"}
-    shutil.copytree(folder, "sweep/batches/0")
+    shutil.copytree(folder, "sweep/members/0")
     write_json(Path("sweep/configs.json"), {"command": "", "configs": [to_table(CONFIG), odd]})
     yield folder
     sys.modules.pop("strangers", None)

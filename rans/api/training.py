@@ -160,7 +160,7 @@ def ready_trainer(
     if is_own:
         config = replace(config, spacecraft=str(folder / "spacecraft.toml"))
     run_folder = RunFolder(folder)
-    trainer = Trainer([config], craft, run_folder, world, guard=guard_of(config, craft))
+    trainer = Trainer(config, craft, run_folder, world, guard=guard_of(config, craft))
     if world.is_first:
         run_folder.begin(config, made_by("rans.train"), to_toml(craft) if is_own else "")
     return trainer
@@ -185,16 +185,11 @@ def run_training(
     from rans.fast.learn.loggers import loggers
 
     if not trainer.processes.is_first:
-        trainer.train(lambda _: None, stop)
+        trainer.train(stop=stop)
         return
     sinks = loggers(log, trainer.config, trainer.run.path)
     every = [*shows, *(sink.write for sink in sinks)]
-
-    def tell(members: Sequence[Any]) -> None:
-        for show in every:
-            show(members[0].rows[-1])
-
-    trainer.train(tell, stop)
+    trainer.train(lambda row: [show(row) for show in every], stop)
     for sink in sinks:
         sink.close()
 
@@ -221,7 +216,7 @@ def sweep(
     output: str | Path | None = None,
     **settings: Any,
 ) -> Sweep:
-    """Train many agents as one batch: every seed with every combination of settings.
+    """Train many agents: every seed with every combination of settings.
 
     >>> folder = tempfile.mkdtemp()
     >>> found = rans.sweep("go-to-pose", seeds=1, total_timesteps=8192, learning_rate=[1e-3, 2e-3],
@@ -270,7 +265,7 @@ def sweep(
     )
     result = ready_sweep(configs, output)
     with watched() as stage:
-        step = stage(f"{len(configs)} trainings", None)
+        step = stage(f"{len(configs)} trainings", len(configs))
         result.train(lambda _: step(1))
     save_sweep(result, result.path, log)
     return result

@@ -1,11 +1,10 @@
-"""``rans sweep``: seeds and hyper-parameters trained together on one device."""
+"""``rans sweep``: trainings with several seeds and hyper-parameters."""
 
 from __future__ import annotations
 
 import json
 import shlex
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,7 +14,7 @@ from tyro.conf import UseAppendAction, arg
 from rans.api.training import members, ready_sweep, sweep
 from rans.cli import STARTED
 from rans.cli.door import Options, command_of, word
-from rans.cli.train import StopGently, compile_in_this_process, trust_option, value_of
+from rans.cli.train import compile_in_this_process, trust_option, value_of
 from rans.errors import ConfigError, counted
 from rans.files import as_command
 from rans.registry import typed
@@ -25,7 +24,6 @@ from rans.terminal import Terminal
 
 if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig
-    from rans.fast.learn.member import Member
     from rans.fast.learn.sweep import Sweep as Trainings
 
 
@@ -36,11 +34,11 @@ if TYPE_CHECKING:
     task=word("[TASK]", str | None),
 )
 class Sweep(Options):
-    """Train many agents as one batch, for every seed and every combination of hyper-parameters.
+    """Train many agents, for every seed and every combination of hyper-parameters.
 
-    The folder has sweep.json, sweep.svg, metrics.jsonl and best/, the run folder of the best agent; batches/
-    has checkpoints and TensorBoard events. Ctrl-C stops early and keeps the results. --gpus all divides the
-    members among GPUs, as the last example shows.
+    The folder has sweep.json, sweep.svg, metrics.jsonl, the run folders of all agents in members/, and that of the
+    best one as best/. Ctrl-C stops early and keeps the results. --executor trains on other machines, which must see
+    the folder, and --gpus all divides the members among GPUs.
     """
 
     group = "Train"
@@ -72,49 +70,45 @@ class Sweep(Options):
         first = sweep.processes.is_first
         plain = NowAndThen()
         # Train; the first of torchrun's processes reports and writes.
-        with StopGently() as stop:
-            sweep.train(
-                lambda batch: (
-                    plain.say(f"sweep: {describe_batch(sweep, batch)}") if first else None
-                ),
-                stop,
-            )
+        stopped = False
+        try:
+            sweep.train(lambda _: plain.say(f"sweep: {progress(sweep)}") if first else None)
+        except KeyboardInterrupt:
+            stopped = True
+        code = 130 if stopped else 0
         if not first:
-            return stop.code
+            return code
         from rans.fast.learn.recipes import craft_of
         from rans.show.sweep_files import save_sweep
 
         config = sweep.members[0].config
         trust = trust_option(config, craft_of(config))
         again = shlex.join(["rans", "sweep", "--resume", str(folder), *trust])
-        if not any(
-            member.rows for member in sweep.members
-        ):  # stopped in the imitation of the first
-            Terminal().say(
-                f"Stopped before any result; {folder} has none. Begin anew with: {again}"
-            )
-            return stop.code
+        if not sweep.results():
+            how = "Stopped before any result" if stopped else "All members diverged"
+            Terminal().say(f"{how}; {folder} has none. Begin anew with: {again}")
+            return code or 1
         save_sweep(sweep, folder, self.log)
         Terminal().table(_table(sweep))
         solved = sum(member.solved for member in sweep.members)
         rate = f" ({sweep.timed_steps / max(sweep.seconds, 1e-9):,.0f} steps/s of all together)"
         trained = "nothing was left to train" if not sweep.timed_steps else ""
         text = (
-            f"{'Stopped' if stop.requested else 'Done'}: {solved} of "
+            f"{'Stopped' if stopped else 'Done'}: {solved} of "
             f"{counted(len(sweep.members), 'member')} solved, "
             f"{trained or f'{sweep.seconds:.1f} s of training{rate}'}, "
             f"{time.monotonic() - STARTED:.1f} s in all. The best agent is {folder}/best."
         )
         # What to do next: go on, or judge the best.
-        if stop.requested:
+        if stopped:
             text += f" Continue with: {again}"
         Terminal().say(text)
-        if not stop.requested:
+        if not stopped:
             Terminal().suggest(
                 shlex.join(["rans", "evaluate", str(folder / "best"), *trust]),
                 shlex.join(["rans", "report", str(folder)]),
             )
-        return stop.code
+        return code
 
     def _trainings(self) -> Trainings:
         """Sweep that is ready to train: of the options, or of the folder that --resume names and nothing else."""
@@ -127,10 +121,8 @@ class Sweep(Options):
                 raise ConfigError(
                     "--resume reads everything from the sweep's folder; give no other options."
                 )
-            configs, command, parts = read_configs(self.resume)
-            return Trainings(
-                configs, self.resume, command, join(configs[0].device, apart=True), parts
-            )
+            configs, command = read_configs(self.resume)
+            return Trainings(configs, self.resume, command, join(configs[0].device, apart=True))
         with as_command():
             return ready_sweep(self._configs(), self.output)
 
@@ -192,12 +184,7 @@ def _table(sweep: Trainings) -> Table:
     return Table(columns, rows, right=columns[len(varied) + 2 :], marked=marked)
 
 
-def describe_batch(sweep: Trainings, batch: Sequence[Member]) -> str:
-    """Steps, solved members and speed (steps/s) of the batch in training, as one line of a log."""
-    last: dict[str, Any] = max((member.rows[-1] for member in batch), key=lambda row: row["steps"])
+def progress(sweep: Trainings) -> str:
+    """Members that have begun, and how many are solved, as one line of a log."""
     solved = sum(member.solved for member in sweep.members)
-    success = sorted(member.rows[-1]["success"] for member in batch)[len(batch) // 2]
-    return (
-        f"{last['steps'] / 1e6:.2f} M steps each, {solved} of {len(sweep.members)} solved, "
-        f"median solved {success:.1%}, {last['steps_per_s'] * len(batch) / 1e6:.2f} M steps/s"
-    )
+    return f"{len(sweep.results())} of {len(sweep.members)} have results, {solved} solved"

@@ -99,7 +99,7 @@ class Train(Options):
         from rans.evaluation.fly.make_controller import guard_of
         from rans.fast.distributed import join
         from rans.fast.learn.run_folder import RunFolder
-        from rans.fast.learn.trainer import Trainer
+        from rans.fast.learn.trainer import Trainer, is_solved
 
         if self.resume is None:
             config = self.begun()
@@ -111,11 +111,11 @@ class Train(Options):
         config = replace(config, plain="plain=true" in self.set or config.plain)
         if total is not None:
             config = replace(config, total_timesteps=total)
-            if _has_solved(config, run_folder.metrics()):
+            if is_solved(config, run_folder.metrics()):
                 config = replace(config, solved_share=None)  # or nothing would be trained
         craft = run_folder.spacecraft()
         world = join(config.device)
-        trainer = Trainer([config], craft, run_folder, world, guard=guard_of(config, craft))
+        trainer = Trainer(config, craft, run_folder, world, guard=guard_of(config, craft))
         trainer.resume()
         if total is not None:
             if total <= trainer.steps:
@@ -373,7 +373,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     warm_up = f" after {trainer.warm_up:.1f} s of warm-up" if trainer.warm_up else ""
     description = trainer.learner.description
     backend = f", {description}" if description else ""
-    is_copy = trainer.imitates and len(trainer.members[0].rows) == 1
+    is_copy = trainer.imitates and len(trainer.rows) == 1
     how = f" of imitation of {trainer.imitates}" if is_copy else ""
     text = (
         f"{ending} after {trainer.steps:,} steps{how}: {trainer.seconds:.1f} s of training "
@@ -385,7 +385,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
         text += f" Continue with: {again}"
     elif trainer.config.solved_share is not None and not trainer.solved:
         advice = (
-            f"{trainer.members[0].rows[-1]['success']:.0%} of its last episodes are solved. More steps may "
+            f"{trainer.rows[-1]['success']:.0%} of its last episodes are solved. More steps may "
             f"solve it: {train_on(path, trainer.steps, trust)}; or another --seed."
         )
         text += f" {advice} Its learning curve: {shlex.join(['rans', 'report', str(path)])}"
@@ -525,17 +525,6 @@ def _live_page(path: Path) -> Path | None:
     return file
 
 
-def _has_solved(config: TrainConfig, rows: Rows) -> bool:
-    """Whether the last rows of metrics say that the task is solved, which ends a training."""
-    from rans.fast.learn.member import Member
-
-    member = Member(config)
-    for row in rows:
-        member.note(dict(row), member.finds_solved(row["success"]))
-    # An imitation that solves its task has one report.
-    return member.solved or (len(rows) == 1 and member.in_a_row == 1)
-
-
 def train_on(path: Path, steps: int, trust: Sequence[str] = ()) -> str:
     """Command that trains an agent for twice as many steps, of which two digits count."""
     digits = 10 ** max(0, len(str(2 * steps)) - 2)
@@ -560,7 +549,7 @@ def _nominal_hole(trainer: Trainer) -> str:
     run = load_policy(trainer.run.path).under(Conditions()).guarded(config.guard)
     flight = fly_episodes(run.controller, run.judged, SELECTION_SEED, 256, workers=1)
     solved_rate = float(solved(flight).mean())
-    trained = trainer.members[0].rows[-1]["success"]
+    trained = trainer.rows[-1]["success"]
     # An agent that has not learnt its own conditions has another problem, which the summary names.
     if solved_rate >= WANTED or trained < WANTED:
         return ""

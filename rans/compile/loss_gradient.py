@@ -90,8 +90,6 @@ def transition_losses(
     return TransitionLosses(where(counts, -gain, 0.0), 2.0 * vf_coef * error, statistics)
 
 
-def d_logit(
-    logit: Field, command: Field, opening: Field, d_log_prob: Field, ent_coef: Field
-) -> Field:
-    """Derivative of the losses by a thruster's log-odds, with the entropy bonus of weight ``ent_coef``."""
-    return d_log_prob * (command - opening) + ent_coef * logit * opening * (1.0 - opening)
+def d_logit(command: Field, opening: Field, d_log_prob: Field) -> Field:
+    """Derivative of the losses by a thruster's log-odds."""
+    return d_log_prob * (command - opening)

@@ -268,7 +268,7 @@ def write_agent(
         write = FORMATS[form]
         write(folder, agent_program(network, craft), ports, title, contract, pairs)
     elif form == "rans":
-        content = actor_bytes(network.architecture, network.member(0), saved.steps)
+        content = actor_bytes(network.architecture, network.weights(), saved.steps)
         replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))
     else:
         require("stable_baselines3")
@@ -277,7 +277,7 @@ def write_agent(
         write_policy(
             folder / "policy.zip",
             network.architecture,
-            network.member(0),
+            network.weights(),
             settings,
             saved.steps,
         )
@@ -289,7 +289,7 @@ def _rounded(network: Network) -> Network:
         name: torch.from_numpy(in_steps(x.numpy()))
         if name.startswith(EXTRACTOR) and x.ndim == 2
         else x
-        for name, x in network.member(0).items()
+        for name, x in network.weights().items()
     }
     # Of an on/off thruster the difference of both outputs is what is exported.
     last = tensors["action_net.weight"]

@@ -65,8 +65,8 @@ class Engine:
         num_envs: number of environments, N.
         timing: control period, substeps, checks and length of an episode; None: those of the task.
         seed: seed, which together with the number of an episode determines its start, goal and draws. Several seeds
-            are those of as many members, which own equal, contiguous parts of the environments and count their
-            episodes from zero.
+            are those of equal, contiguous parts of the environments, whose episodes are each counted from zero, as
+            `rans.VectorEnv` has one for every environment.
         device: torch device of the state.
         dtype: torch.float32, or torch.float64 for comparisons.
         compiled: whether a step is one compiled kernel; by default on a GPU only. Otherwise a CPU runs the same
@@ -218,11 +218,11 @@ class Engine:
         """Start a new episode in every environment; returns the observation (N, width).
 
         Args:
-            seed: seed, or one per member, whose episodes are counted from zero; None: continue with the next
-                episodes.
+            seed: seed, or one for each part of the environments; episodes are counted from zero. None:
+                continue with the next episodes.
 
         Raises:
-            ConfigError: the number of seeds is neither one nor that of the members.
+            ConfigError: the number of seeds is neither one nor that of the parts.
         """
         _check_seeds(seed, self.members)
         world = self._world
@@ -246,20 +246,16 @@ class Engine:
         )
         return self.observe()
 
-    def stagger(self, *generators: torch.Generator) -> None:
+    def stagger(self, generator: torch.Generator | None = None) -> None:
         """Set the clocks of the episodes to random times, so that they do not all end together.
 
         Args:
-            generators: random generators of equal parts of the batch; by default that of torch for all.
+            generator: random generator; by default that of torch.
         """
         limit = self.timing.episode_steps
         everywhere = self.num_envs * self.processes.size
-        parts = generators or (None,)
-        shape = (everywhere // len(parts),)
         clock = self.episode.clock
-        steps = torch.cat(
-            [torch.randint(0, limit, shape, generator=own, dtype=torch.int32) for own in parts]
-        )
+        steps = torch.randint(0, limit, (everywhere,), generator=generator, dtype=torch.int32)
         clock -= self.timing.step(clock)
         clock += self._backend.put(self.processes.mine(steps), torch.int32)
 

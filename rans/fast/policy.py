@@ -41,7 +41,6 @@ _SHARED = (
     "gamma",
     "gae_lambda",
     "clip_range",
-    "ent_coef",
     "vf_coef",
     "max_grad_norm",
 )
@@ -207,10 +206,10 @@ def write_policy(
     Args:
         file: ``policy.zip`` to write.
         architecture: of the network.
-        tensors: weights as returned by `Network.member`.
+        tensors: weights as returned by `Network.weights`.
         settings: hyper-parameters of the training.
         steps: environment steps of the training.
-        adam: state as returned by `Adam.member`; None: Adam starts anew.
+        adam: state as returned by `rans.fast.learn.policy_file.moments`; None: Adam starts anew.
         rate: step size of Adam; None: the learning rate of the settings.
 
     Raises:
@@ -238,6 +237,7 @@ def write_policy(
         "action_space": commanded,
         "verbose": 0,
         "num_timesteps": steps,
+        "ent_coef": 0.0,
         **{name: getattr(settings, name) for name in _SHARED},
     }
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from rans.model.fields import Field, where, within
 from rans.model.twists import balanced, directions
@@ -26,7 +27,7 @@ from rans.policy.allocation import (
     subsets,
     thrust_price,
 )
-from rans.policy.backbones import Backbone, product
+from rans.policy.backbones import Backbone
 from rans.policy.heads import Patterns
 from rans.policy.holding import NUMBERS, Pulses, first, in_units, pulses_of, worth
 from rans.policy.parts import ArchitectureView, NetworkView
@@ -80,7 +81,7 @@ class Allocated(Backbone):
         ends = [count, after, after + (NUMBERS if frugality.hold else 0)]
         features, away, own, known = features.tensor_split(ends, dim=-1)
         shut, remembered = known.tensor_split([_thrusters(architecture.tokens)], dim=-1)
-        demand = product(features, weight, bias)
+        demand = functional.linear(features, weight, bias)
         chosen = choice(architecture.tokens, architecture.adapts, architecture.frugality.price)
         if chosen is None:
             limits = (1.0 - shut).unbind(-1) if architecture.adapts else None
@@ -257,9 +258,9 @@ def _traced_hold(program: Program, opened: str, pulses: Pulses) -> str:
 
 
 def demand(network: NetworkView, features: Tensor) -> Tensor:
-    """Change of twist (N, d) that a network of this backbone demands, of features (..., N, features) by member."""
+    """Change of twist (N, d) that a network of this backbone demands, of features (N, features)."""
     weight, bias = network.architecture.last.folded(*network.layer("action_net"))
-    return product(features, weight, bias).flatten(0, -2)
+    return functional.linear(features, weight, bias)
 
 
 def _width(tokens: Tokens) -> int:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
-import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -78,17 +77,8 @@ class Dense(Backbone):
     def outputs(self, network: NetworkView, features: Tensor) -> Tensor:
         """See `Backbone`."""
         weight, bias = network.architecture.last.folded(*network.layer("action_net"))
-        return product(features, weight, bias)
+        return functional.linear(features, weight, bias)
 
     def traced(self, program: Program, architecture: ArchitectureView, features: str) -> str:
         """See `Backbone`."""
         return program.dense(features, "head", architecture.outputs, architecture.features)
-
-
-def product(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
-    """A linear layer: x (n, i), weight (o, i), bias (o,); or K members', each with an axis (K, ...)."""
-    if weight.dim() == 2:
-        return functional.linear(x, weight, bias)
-    # Not baddbmm, which copies the bias to every row first: compiled, the activation adds it.
-    x = torch.bmm(x, weight.mT)
-    return x + bias[:, None].to(x.dtype)

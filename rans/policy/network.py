@@ -1,4 +1,4 @@
-"""The actor-critics of K members as one network: every weight and statistic is stacked to (K, ...).
+"""The actor-critic of an agent.
 
 Executors and exported files are compared with it; torch's own order of sums is theirs to rounding only.
 """
@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.backbone_registry import BACKBONES
-from rans.policy.backbones import product
 from rans.policy.heads import Distribution, OnOff
 from rans.policy.memory import MakePreprocessor, PolicyState, Remembering, by_row, viewed
 from rans.policy.preprocess import (
@@ -40,24 +40,18 @@ class Output(NamedTuple):
 
 
 class Network(Remembering):
-    """K actor-critics with the same architecture; rows belong to the members in equal, contiguous parts.
-
-    Weights and statistics, ``tensors`` by their names in SB3's policy, are (K, ...), but for one member
-    without that axis: a product of two matrices is faster than a batch of one.
-    """
+    """An actor-critic, with its weights and statistics, ``tensors``, by their names in SB3's policy."""
 
     def __init__(
         self,
         architecture: Architecture,
         tensors: Mapping[str, Tensor],
-        members: int = 1,
         preprocessor: MakePreprocessor = TorchPreprocessor,
         at: Mapping[float, Mapping[str, Tensor]] | None = None,
     ) -> None:
         self.architecture = architecture
         # Weights of an agent for any craft at frugalities from 0 to 1, for `rans.policy.any_craft.frugal`.
         self.at = at or {}
-        self.members = members
         self.tensors = dict[str, Tensor]()
         self.activation = architecture.activation_module()
         self.adopt(tensors)
@@ -77,25 +71,17 @@ class Network(Remembering):
         self._trunk, self._critic = list(self._chain("trunk")), list(self._chain("critic"))
 
     @classmethod
-    def stacked(
+    def copied(
         cls,
         architecture: Architecture,
-        tables: Sequence[Mapping[str, Tensor]],
+        tensors: Mapping[str, Tensor],
         device: torch.device,
         dtype: torch.dtype,
         preprocessor: MakePreprocessor = TorchPreprocessor,
     ) -> Network:
-        """A copy of K members' weights and statistics on a device, stacked to (K, ...); one member has no K."""
-        lead = torch.stack if len(tables) > 1 else lambda lone: lone[0].clone()
-        return cls(
-            architecture,
-            {
-                name: lead([table[name].detach().to(device, dtype) for table in tables])
-                for name in tables[0]
-            },
-            len(tables),
-            preprocessor,
-        )
+        """A network with a copy of weights and statistics on a device."""
+        own = {name: x.detach().to(device, dtype).clone() for name, x in tensors.items()}
+        return cls(architecture, own, preprocessor)
 
     def _chain(self, name: str) -> Iterator[tuple[Tensor, Tensor]]:
         return (
@@ -113,7 +99,7 @@ class Network(Remembering):
         return self.layer(self.own(name))
 
     def layer(self, name: str) -> tuple[Tensor, Tensor]:
-        """Weights (o, i) and biases (o,) of a layer, by its name in SB3's policy; of K members (K, ...)."""
+        """Weights (o, i) and biases (o,) of a layer, by its name in SB3's policy."""
         return self.tensors[f"{name}.weight"], self.tensors[f"{name}.bias"]
 
     @property
@@ -125,13 +111,13 @@ class Network(Remembering):
     def evaluate(
         self, observation: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None
     ) -> Output:
-        """Outputs of every member for its own rows of observations (N, width), as by `forward`."""
+        """Outputs for observations (N, width), as by `forward`."""
         return self.forward(observation, memory, privileged)[0]
 
     def forward(
         self, observation: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None
     ) -> tuple[Output, Tensor]:
-        """Distributions and values of every member's own rows (N, width) of observations.
+        """Distributions and values for observations (N, width).
 
         Beside them the columns that `next_state` is given. Memories are as from `initial_state`; what the critic
         is given beside, (N, p), is by default that of a nominal craft.
@@ -207,7 +193,7 @@ class Network(Remembering):
         memory: Tensor | None = None,
         privileged: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
-        """Features (members, N, width) of actor and critic; the same tensor unless the critic is privileged."""
+        """Features (N, width) of actor and critic; the same tensor unless the critic is privileged."""
         architecture = self.architecture
         x = self.inputs(preprocessed, memory)
         features = self._through(self._trunk, x)
@@ -216,19 +202,16 @@ class Network(Remembering):
         privileged_values = (
             self._nominal.expand(len(preprocessed), -1) if privileged is None else privileged
         )
-        return features, self._through(
-            self._critic, torch.cat((x, self._rows(privileged_values)), dim=-1)
-        )
+        return features, self._through(self._critic, torch.cat((x, privileged_values), dim=-1))
 
     def inputs(self, preprocessed: Tensor, memory: Tensor | None = None) -> Tensor:
-        """Inputs of the trunk from columns (N, k) and a history (N, m), by member.
+        """Inputs of the trunk from columns (N, k) and a history (N, m).
 
         With a history its rows follow the columns, viewed from the same side as these.
         """
         architecture = self.architecture
-        rows = self._rows(preprocessed)
         views_of_rows = (
-            rows.split(
+            preprocessed.split(
                 [architecture.column_count + extra for extra in architecture.extra_columns], dim=-1
             )
             if architecture.filters
@@ -237,13 +220,11 @@ class Network(Remembering):
         x = (
             torch.cat([*map(self._filtered, views_of_rows)], dim=-1)
             if views_of_rows
-            else self._looks(rows)
+            else self._looks(preprocessed)
         )
         if not architecture.recalled or memory is None:
             return x
-        return torch.cat(
-            (x, by_row(self._recalled, self._rows(memory), architecture.recalled)), dim=-1
-        )
+        return torch.cat((x, by_row(self._recalled, memory, architecture.recalled)), dim=-1)
 
     def _filtered(self, rows: Tensor) -> Tensor:
         columns, extra = rows.tensor_split([self.architecture.column_count], dim=-1)
@@ -255,23 +236,13 @@ class Network(Remembering):
         then, extra = rows.tensor_split([self.architecture.answered], dim=-1)
         return torch.cat((self._normalised(then), extra), dim=-1) if then.shape[-1] else extra
 
-    def _rows(self, x: Tensor) -> Tensor:
-        """(N, ...) by member: (K, N / K, ...)."""
-        return x.unflatten(0, (self.members, -1)) if self.members > 1 else x
-
-    def _flat(self, x: Tensor) -> Tensor:
-        return x.flatten(0, 1) if self.members > 1 else x
-
-    def _statistic(self, x: Tensor) -> Tensor:
-        return x[:, None] if self.members > 1 else x
-
     def _scale(self) -> Tensor:
-        return torch.rsqrt(self._statistic(self._variance) + 1e-6)
+        return torch.rsqrt(self._variance + 1e-6)
 
     def _normalised(self, x: Tensor) -> Tensor:
         """With zero mean and unit variance over the columns seen in training, clipped."""
         clip = self.architecture.clip
-        return normalised(x, self._statistic(self._mean), self._scale(), clip)
+        return normalised(x, self._mean, self._scale(), clip)
 
     def _looks(self, preprocessed: Tensor) -> Tensor:
         """Inputs of the trunk from columns (..., k): normalised, (..., k), or zoomed, (..., 2 k).
@@ -287,7 +258,7 @@ class Network(Remembering):
         bf16 = self.architecture.bf16 and x.is_cuda
         with torch.autocast("cuda", torch.bfloat16) if bf16 else nullcontext():
             for weight, bias in layers:
-                x = self.activation(product(x, weight, bias))
+                x = self.activation(functional.linear(x, weight, bias))
         return x.to(dtype)
 
     def _heads(self, features: Tensor, critic: Tensor, given: Sequence[Tensor]) -> Output:
@@ -300,39 +271,35 @@ class Network(Remembering):
         worth, constant = self.layer("value_net")
         if critic is features and architecture.backbone == "dense":
             weight, bias = head.folded(*self.layer("action_net"))
-            out = product(
+            out = functional.linear(
                 features, torch.cat((weight, worth), dim=-2), torch.cat((bias, constant), dim=-1)
             )
-            action = self._flat(out[..., :-1])
-            value = self._flat(out[..., -1])
+            action = out[..., :-1]
+            value = out[..., -1]
         else:
-            known = torch.cat((features, *map(self._rows, given)), dim=-1) if given else features
+            known = torch.cat((features, *given), dim=-1) if given else features
             backbone = BACKBONES[architecture.backbone]
-            value = self._flat(product(critic, worth, constant)[..., 0])
+            value = functional.linear(critic, worth, constant)[..., 0]
             if (patterns := backbone.patterns(self, known)) is not None:
                 return Output(patterns, value)
-            action = self._flat(backbone.outputs(self, known))
-        spread = self.tensors.get("log_std")
-        if spread is not None and self.members > 1:
-            spread = spread.repeat_interleave(len(action) // self.members, dim=0)
-        return Output(head.distribution(action, spread), value)
+            action = backbone.outputs(self, known)
+        return Output(head.distribution(action, self.tensors.get("log_std")), value)
 
     @torch.no_grad()
     def update_statistics(
         self, preprocessed: Tensor, pooled: Pooled = _of_this_process, processes: int = 1
     ) -> None:
-        """Merge mean and variance of columns (T, N, k) into the running ones, per member.
+        """Merge mean and variance of columns (T, N, k) into the running ones.
 
         What filters make of them, further columns, counts as they do. Of several processes, which have as
         many columns each, ``pooled`` makes variance and mean of all from those of one.
 
         Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm for sample variances", 1979.
         """
-        rows = preprocessed[..., : self.architecture.column_count].unflatten(1, (self.members, -1))
-        count = rows.shape[0] * rows.shape[2] * processes
-        moments = torch.var_mean(rows, dim=(0, 2), correction=0)
-        variance, mean = pooled(*(x.view_as(self._mean) for x in moments))
-        weight = self._statistic(count / (self._count + count))
+        rows = preprocessed[..., : self.architecture.column_count]
+        count = rows.shape[0] * rows.shape[1] * processes
+        variance, mean = pooled(*torch.var_mean(rows, dim=(0, 1), correction=0))
+        weight = count / (self._count + count)
         shift = mean - self._mean
         self._mean += shift * weight
         self._variance += (variance - self._variance) * weight + shift.square() * (
@@ -340,9 +307,6 @@ class Network(Remembering):
         )
         self._count += count
 
-    def member(self, number: int) -> dict[str, Tensor]:
-        """A copy of one member's weights and statistics, on the CPU, by their names in SB3's policy."""
-        return {
-            name: (x[number] if self.members > 1 else x).detach().cpu().clone()
-            for name, x in self.tensors.items()
-        }
+    def weights(self) -> dict[str, Tensor]:
+        """A copy of weights and statistics, on the CPU, by their names in SB3's policy."""
+        return {name: x.detach().cpu().clone() for name, x in self.tensors.items()}

@@ -131,11 +131,6 @@ class NetworkView(Protocol):
         ...
 
     @property
-    def members(self) -> int:
-        """Number of networks with weights of their own."""
-        ...
-
-    @property
     def activation(self) -> Callable[[Tensor], Tensor]:
         """The function between layers."""
         ...

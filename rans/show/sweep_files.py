@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
 from rans.errors import is_installed
 from rans.fast.learn.loggers import LoggerName, loggers
 from rans.fast.learn.sweep import Sweep
-from rans.files import environment, inside, plain, write_json, write_text
+from rans.files import environment, plain, write_json, write_text
 
 
 def save_sweep(sweep: Sweep, folder: Path, log: Sequence[LoggerName] = ()) -> None:
@@ -41,9 +40,7 @@ def save_sweep(sweep: Sweep, folder: Path, log: Sequence[LoggerName] = ()) -> No
         from rans.show.figures.sweep_figure import sweep_figure
 
         write_text(folder / "sweep.svg", svg(sweep_figure(sweep)))
-    agent = inside(folder, "best")
-    shutil.rmtree(agent, ignore_errors=True)  # of before the sweep was resumed
-    sweep.save(best, agent)
+    agent = sweep.save_best()
     for logger in loggers(log, best.config, agent):
         for row in best.rows:
             logger.write(row)

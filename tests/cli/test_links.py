@@ -19,10 +19,10 @@ FLOWN = "--episodes", "2", "--seed", "1"
 
 @pytest.fixture
 def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy in the current folder, and a sweep whose first batch it is."""
+    """A copy in the current folder, and a sweep whose first member it is."""
     monkeypatch.chdir(tmp_path)
     folder = Path(shutil.copytree(trained, "run"))
-    shutil.copytree(folder, "sweep/batches/0")
+    shutil.copytree(folder, "sweep/members/0")
     write_json(Path("sweep/configs.json"), {"command": "", "configs": [to_table(CONFIG)]})
     return folder
 
@@ -50,8 +50,7 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("report run", "evaluation-of-a-stranger.json"),
         ("report run", "sweep.svg"),
         ("sweep --resume sweep", "../sweep/configs.json"),
-        ("sweep --resume sweep", "../sweep/.lock"),
-        ("sweep --resume sweep", "../sweep/batches/0/metrics.jsonl"),
+        ("sweep --resume sweep", "../sweep/members/0/metrics.jsonl"),
     ],
 )
 def test_a_file_that_is_a_link_is_refused(
@@ -72,9 +71,9 @@ def test_a_file_that_is_a_link_is_refused(
     ("command", "place"),
     [
         ("train --resume run", "tensorboard"),
-        ("sweep --resume sweep", "../sweep/batches"),
-        ("sweep --resume sweep", "../sweep/batches/0"),
-        ("sweep --resume sweep", "../sweep/batches/0/tensorboard"),
+        ("sweep --resume sweep", "../sweep/members"),
+        ("sweep --resume sweep", "../sweep/members/0"),
+        ("sweep --resume sweep", "../sweep/members/0/tensorboard"),
         ("sweep --resume sweep", "../sweep/best"),
         ("stress run --episodes 2 --only latency", "stress"),
     ],

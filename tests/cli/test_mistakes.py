@@ -13,7 +13,7 @@ from rans.cli import main
 from rans.cli.train import _has_solved, train_on
 from rans.errors import ConfigError, checked, meant, meant_file
 from rans.evaluation.fly.contestant_name import ContestantName
-from rans.fast.learn.member import SOLVED_IN_A_ROW
+from rans.fast.learn.beginning import SOLVED_IN_A_ROW
 from rans.fast.learn.recipes import training
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.structure import structure

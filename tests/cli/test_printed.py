@@ -16,7 +16,6 @@ from rans.cli import main
 from rans.cli import train as training
 from rans.cli.details import _agent_details
 from rans.cli.sweep import _table
-from rans.cli.sweep import describe_batch as describe_sweep
 from rans.evaluation.measure.agreement import EngineComparison
 from rans.fast.learn.config import TrainConfig
 from rans.model.spacecraft import Spacecraft, Thruster
@@ -74,7 +73,7 @@ def test_the_end_of_a_training(
         config=TrainConfig("go-to-pose", GoToPose(), "floating-platform", solved_share=share),
         engine=SimpleNamespace(craft=load_spacecraft("floating-platform")),
         steps=500_000,
-        members=[SimpleNamespace(rows=[{"success": 0.86}])],
+        rows=[{"success": 0.86}],
     )
     text = training._summary(trainer, 1000, stopped, 9.0)
     assert text.startswith(
@@ -114,7 +113,7 @@ def test_an_agent_that_fails_as_designed_is_named(
     trainer: Any = SimpleNamespace(
         run=SimpleNamespace(path=Path("runs/mine")),
         config=SimpleNamespace(conditions=trained, guard=False),
-        members=[SimpleNamespace(rows=[{"success": 1.0}])],
+        rows=[{"success": 1.0}],
     )
     text = training._nominal_hole(trainer)
     assert ("solves 0.0%" in text) is (quick == 0.0)
@@ -171,13 +170,6 @@ def test_the_table_of_a_sweep() -> None:
     ]
     assert [column[1] for column in columns][2:6] == ["diverged", "1.00", "3.00", "75.00"]
     assert table.marked == [0]
-
-
-def test_progress_of_a_sweep() -> None:
-    sweep = swept()
-    assert describe_sweep(sweep, sweep.members) == (
-        "2.00 M steps each, 1 of 3 solved, median solved 75.0%, 1.20 M steps/s"
-    )
 
 
 def test_an_agent_in_detail(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -39,6 +39,7 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs go to a folder of the test's own, and what the command sets ends with it."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TORCHINDUCTOR_COMPILE_THREADS", "1")
+    monkeypatch.setattr("rans.processes.processors", lambda: 1)
 
 
 def test_a_sweep_leaves_table_figure_and_best_agent(capsys: pytest.CaptureFixture[str]) -> None:
@@ -53,15 +54,13 @@ def test_a_sweep_leaves_table_figure_and_best_agent(capsys: pytest.CaptureFixtur
     assert captured.out.count(" no ") == 4
     for head in ("seed", "gamma", "steps", "success", "duty", "cm", "deg"):
         assert head in captured.out
-    assert "0 of 4 solved" in captured.err
     assert {file.name for file in folder.iterdir()} == {
         "sweep.json",
         "sweep.svg",
         "metrics.jsonl",
         "best",
         "configs.json",
-        "batches",
-        ".lock",
+        "members",
     }
     told = json.loads((folder / "sweep.json").read_text())
     assert [(row["seed"], row["ppo.gamma"]) for row in told["members"]] == [
@@ -113,10 +112,10 @@ def test_an_interrupt_keeps_what_there_is(
     monkeypatch.setattr(
         "rans.show.progress.NowAndThen.say", lambda *_: [*map(signal.raise_signal, signals)]
     )
-    assert main([*tiny(report_interval="1"), "--seeds", "2", "--output", "sweep"]) == 130
+    small = tiny(total_timesteps="128", report_interval="1")
+    assert main([*small, "--seeds", "2", "--output", "sweep"]) == 130
     assert "Stopped: 0 of 2 members solved" in capsys.readouterr().out
-    # Interrupted in the first report, it reports once more.
-    assert [row["steps"] for row in RunFolder(Path("sweep/best")).metrics()] == [128, 256]
+    assert [row["steps"] for row in RunFolder(Path("sweep/best")).metrics()] == [128]
 
 
 @pytest.mark.parametrize(

@@ -162,7 +162,7 @@ def test_resume_goes_on(capsys: pytest.CaptureFixture[str], refused: Any) -> Non
         ("ppo.n_envs=0", "n_envs must be >= 1 and < 2^31, got 0"),
         ("ppo.learning_rate=NaN", "learning_rate must be finite and > 0, got nan"),
         ("settings.fail_distance=1", "fail_distance must exceed"),
-        ("seed=-1", "seed must be a whole number between 0"),
+        ("seed=-1", "seed must be a whole number >= 0"),
         ("ppo.n_steps=126", "n_steps must not exceed the episode's 125 steps, got 126"),
         ("timing.episode_steps=10", "n_steps must not exceed the episode's 10 steps, got 64"),
     ],

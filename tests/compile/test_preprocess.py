@@ -13,8 +13,8 @@ import torch
 
 from rans.compile.preprocess import CpuPreprocessor, CudaPreprocessor
 from rans.fast.engine import Engine
+from rans.fast.learn.beginning import architecture_of
 from rans.fast.learn.config import FilterSettings, PPOSettings
-from rans.fast.learn.member import architecture_of
 from rans.model.spacecraft import Spacecraft
 from rans.policy.architecture import Architecture
 from rans.policy.network import Network

@@ -18,10 +18,11 @@ from torch.multiprocessing.spawn import start_processes
 from rans.cli import main
 from rans.episode import Setup
 from rans.errors import WorkerLost
+from rans.fast.agent_files.agent import read_policy
 from rans.fast.distributed import ALONE, Processes, join
 from rans.fast.engine import Engine
+from rans.fast.learn.beginning import architecture_of, begin, statistics
 from rans.fast.learn.config import MemorySettings, PPOSettings
-from rans.fast.learn.member import architecture_of, begin, statistics
 from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.sweep import Sweep
@@ -47,50 +48,42 @@ _VALUES: Any = vars(TINY) | {"learning_rate": 2.0**-9}
 SETTINGS = Clipped(**_VALUES)
 
 
-def started(world: Processes = ALONE, members: int = 1) -> PPOLearner:
-    """Members of 16 environments, or of this process's share of them, in float64; the second remembers."""
-    settings = replace(SETTINGS, memory=MemorySettings("history")) if members > 1 else SETTINGS
-    seeds = range(4, 4 + members)
+def started(world: Processes = ALONE) -> PPOLearner:
+    """A learner of 16 environments, or of this process's share of them, in float64, which remembers."""
+    settings = replace(SETTINGS, memory=MemorySettings("history"))
     engine = Engine(
-        PLATFORM,
-        NEAR,
-        members * 16 // world.size,
-        SHORT,
-        seed=seeds,
-        dtype=torch.float64,
-        processes=world,
+        PLATFORM, NEAR, 16 // world.size, SHORT, seed=4, dtype=torch.float64, processes=world
     )
-    return begin(engine, [settings] * members, seeds)
+    return begin(engine, settings, 4)
 
 
 def learned(model: PPOLearner) -> dict[str, Any]:
     """What three iterations make of it."""
-    said: list[list[float]] = []
+    said: list[float] = []
     for _ in range(3):
         model.collect()
         said = model.update().tolist()
     state = model.state()
     return {
         "weights": weights(model.network),
-        "rate": model.adam.rate.tolist(),
+        "rate": float(model.adam.rate),
         "random": state["generators"],
         "memory": state["memory"],
         "engine": model.engine.save_state()["buffers"],
-        "log": [statistics(numbers, model, 384) for numbers in said],
+        "log": statistics(said, model, 384),
     }
 
 
 def one_of_two(rank: int, folder: Path) -> None:
-    """A process of two, which learn with one member and with two; the second leaves when both have."""
+    """A process of two, which learn together; the second leaves when both have."""
     torch.set_num_threads(1)
     dist.init_process_group("gloo", f"file://{folder}/meeting", rank=rank, world_size=2)
     world = Processes(rank, 2)
-    for members in (1, 2):
-        found = learned(started(world, members)) | {
-            "any": world.any(rank == 1, False),
-            "first": world.from_first(f"from {rank}"),
-        }
-        torch.save(found, folder / f"{rank}-{members}.pt")
+    found = learned(started(world)) | {
+        "any": world.any(rank == 1, False),
+        "first": world.from_first(f"from {rank}"),
+    }
+    torch.save(found, folder / f"{rank}.pt")
     if rank == 0:
         with pytest.raises(WorkerLost, match="another process of this command has ended"):
             world.average(torch.zeros(1))
@@ -108,11 +101,9 @@ def one_of_two_apart(rank: int, folder: Path) -> None:
 
 
 def told(folder: Path, world: Processes = ALONE) -> dict[str, Any]:
-    """What a process knows at the end of a sweep of three members in two parts, and of 7 and 5 flights."""
-    sweep = Sweep(
-        [replace(CONFIG, seed=seed) for seed in range(3)], folder, processes=world, parts=2
-    )
-    sweep.train(lambda _: None)
+    """What a process knows at the end of a sweep of three members, and of 7 and 5 flights."""
+    sweep = Sweep([replace(CONFIG, seed=seed) for seed in range(3)], folder, processes=world)
+    sweep.train()
     craft = load_spacecraft("floating-platform")
     task = TASKS["go-to-pose"]()
     engine = Engine(craft, task, 1)
@@ -124,9 +115,9 @@ def told(folder: Path, world: Processes = ALONE) -> dict[str, Any]:
         "cpu",
         processes=world,
     )
-    weights = [{name: x.tolist() for name, x in member.weights.items()} for member in sweep.members]
+    agents = [read_policy(sweep.run(number).trained_file).network for number in range(3)]
     return {
-        "members": weights,
+        "members": [weights(agent).tolist() for agent in agents],
         "steps": [[row["steps"] for row in member.rows] for member in sweep.members],
         "timed": sweep.timed_steps,
         "flights": campaign.flights,
@@ -134,39 +125,29 @@ def told(folder: Path, world: Processes = ALONE) -> dict[str, Any]:
     }
 
 
-@pytest.fixture(scope="module")
-def together(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What two processes learned."""
-    folder = tmp_path_factory.mktemp("together")
-    start_processes(one_of_two, (folder,), nprocs=2)
-    return folder
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("members", [1, 2])
-def test_two_processes_learn_what_one_does(together: Path, members: int) -> None:
+def test_two_processes_learn_what_one_does(tmp_path: Path) -> None:
     """Same starts, actions and minibatches, and sums in another order: the same agents to rounding."""
-    alone = learned(started(members=members))
-    first, second = (torch.load(together / f"{rank}-{members}.pt") for rank in (0, 1))
+    start_processes(one_of_two, (tmp_path,), nprocs=2)
+    alone = learned(started())
+    first, second = (torch.load(tmp_path / f"{rank}.pt") for rank in (0, 1))
     assert torch.equal(first["weights"], second["weights"])
     # Adam's steps of 2e-3 differ by the rounding of float64 sums, divided by gradients as small as 1e-5.
     torch.testing.assert_close(first["weights"], alone["weights"], rtol=0, atol=1e-9)
-    assert first["rate"] == alone["rate"] != [SETTINGS.learning_rate] * members
+    assert first["rate"] == alone["rate"] != SETTINGS.learning_rate
     assert all(map(torch.equal, first["random"], alone["random"]))
     for ours, theirs in zip(first["engine"], alone["engine"], strict=True):
         assert torch.equal(ours, theirs)
-    if members > 1:
-        torch.testing.assert_close(first["memory"], alone["memory"], rtol=0, atol=1e-9)
-    for ours, theirs in zip(first["log"], alone["log"], strict=True):
-        for name in (
-            "train/loss",
-            "train/approx_kl",
-            "train/grad_norm",
-            "rollout/failure_rate",
-            "rollout/ep_len_mean",
-            "return/turn",
-        ):
-            assert ours[name] == pytest.approx(theirs[name], rel=1e-9), name
+    torch.testing.assert_close(first["memory"], alone["memory"], rtol=0, atol=1e-9)
+    for name in (
+        "train/loss",
+        "train/approx_kl",
+        "train/grad_norm",
+        "rollout/failure_rate",
+        "rollout/ep_len_mean",
+        "return/turn",
+    ):
+        assert first["log"][name] == pytest.approx(alone["log"][name], rel=1e-9), name
     assert (first["any"], first["first"], second["first"]) == ((True, False), "from 0", "from 0")
 
 

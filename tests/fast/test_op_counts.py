@@ -128,7 +128,7 @@ def test_compiled_functions_are_one_graph_each() -> None:
     engine = model.engine
     network = model.network
     rollout = model.rollout
-    part = minibatches(model.batch(), 1, 2)[0]
+    part = minibatches(model.batch(), 2)[0]
     kept = rollout.all
     uniform = torch.rand_like(kept.action[0])
     acted = act(network, kept.observation[0], None, None, uniform)

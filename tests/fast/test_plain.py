@@ -273,4 +273,4 @@ def _trainer(folder: Path, task: Task, **others: Any) -> Trainer:
         plain=True,
         **others,
     )
-    return Trainer([replace(config)], PLATFORM, RunFolder(folder / "run"))
+    return Trainer(replace(config), PLATFORM, RunFolder(folder / "run"))

@@ -47,5 +47,5 @@ def test_a_critic_that_is_told_nothing_goes_by_the_design(craft: Any) -> None:
         network.evaluate(observations, None, told).value, value, rtol=0, atol=0
     )
     assert (network.evaluate(observations, None, torch.ones_like(told)).value != value).all()
-    policy = sb3_policy(network.architecture, network.member(0), dtype=torch.float32)
+    policy = sb3_policy(network.architecture, network.weights(), dtype=torch.float32)
     torch.testing.assert_close(policy.predict_values(observations)[:, 0], value, rtol=0, atol=0)

@@ -18,9 +18,9 @@ from rans.cli import main
 from rans.errors import ConfigError
 from rans.fast.distributed import ALONE
 from rans.fast.engine import Engine
+from rans.fast.learn.beginning import begin
 from rans.fast.learn.changes import change_entry
 from rans.fast.learn.config import MemorySettings, TrainConfig, from_table, to_table
-from rans.fast.learn.member import begin
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
@@ -52,7 +52,7 @@ OWN = GradientSettings(noise=0.05, bound=1e6)
 def gradient_learner(
     craft: Any = THROTTLED,
     task: Task = NEAR,
-    seeds: tuple[int, ...] = (0,),
+    seed: int = 0,
     dtype: torch.dtype = torch.float64,
     conditions: str | None = None,
     timing: Timing = SHORT,
@@ -62,19 +62,18 @@ def gradient_learner(
     """Small, and exact; some of its episodes fail and others are cut off."""
     sizes: dict[str, Any] = {"n_epochs": 1, "n_steps": 8}
     chosen = replace(TINY, **(sizes | settings))
-    count = chosen.n_envs * len(seeds)
     engine = Engine(
         craft,
         task,
-        count,
+        chosen.n_envs,
         timing,
-        seed=seeds,
+        seed=seed,
         dtype=dtype,
         conditions=conditions,
         plain=True,
         remember=chosen.privileged_critic,
     )
-    learner = begin(engine, [chosen] * len(seeds), seeds, True, partial(GradientLearner, own=own))
+    learner = begin(engine, chosen, seed, True, partial(GradientLearner, own=own))
     assert isinstance(learner, GradientLearner)
     return learner
 
@@ -82,17 +81,16 @@ def gradient_learner(
 def losses_by(learner: GradientLearner, name: str, place: int, size: float) -> float:
     """The loss of the same rollout with one weight changed; everything is put back."""
     kept = learner.engine.save_state(), learner.state()
-    states = kept[1]["generators"]
+    (state,) = kept[1]["generators"]
     memory = None if learner.rollout.memory is None else learner.rollout.memory.clone()
     weight = learner.network.tensors[name].detach().view(-1)
     before = weight[place].item()
     weight[place] += size
     with torch.no_grad():
-        found = learner.loss().sum().item()
+        found = learner.loss().item()
     weight[place] = before
     learner.engine.load_state(kept[0])
-    for generator, state in zip(learner._generators, states, strict=True):
-        generator.set_state(state)
+    learner._generator.set_state(state)
     if memory is not None and learner.rollout.memory is not None:
         learner.rollout.memory.copy_(memory)
     return found
@@ -121,7 +119,7 @@ def test_the_gradient_of_a_return_is_that_of_differences(
     names = [name for name in learner.network.learnt if not name.startswith("value_net")]
     if others.get("privileged_critic"):
         names = [name for name in names if ".critic." not in name]
-    kept = learner.engine.save_state(), [x.get_state() for x in learner._generators]
+    kept = learner.engine.save_state(), learner._generator.get_state()
     memory = None if learner.rollout.memory is None else learner.rollout.memory.clone()
     loss = learner.loss()
     action = learner.rollout.all.action
@@ -129,10 +127,9 @@ def test_the_gradient_of_a_return_is_that_of_differences(
     assert action.max() < 1.0
     ended = learner.rollout.all.ended
     assert ended.sum() > 0
-    gradients = torch.autograd.grad(loss.sum(), [learner.network.tensors[name] for name in names])
+    gradients = torch.autograd.grad(loss, [learner.network.tensors[name] for name in names])
     learner.engine.load_state(kept[0])
-    for generator, state in zip(learner._generators, kept[1], strict=True):
-        generator.set_state(state)
+    learner._generator.set_state(kept[1])
     if memory is not None and learner.rollout.memory is not None:
         learner.rollout.memory.copy_(memory)
     size = 1e-6
@@ -163,23 +160,9 @@ def test_a_root_at_rest_leaves_gradients_finite() -> None:
     learner.engine.reset(0)
     loss = learner.loss()
     assert (learner.rollout.all.action < 0).all()
-    norm = learner.adam.descend(loss.sum(), learner.coefficients.max_grad_norm, learner.processes)
+    norm = learner.adam.descend(loss, learner.settings.max_grad_norm, learner.processes)
     assert norm.isfinite().all()
     assert all(x.isfinite().all() for x in learner.network.tensors.values())
-
-
-def test_a_member_learns_what_it_would_alone() -> None:
-    both = gradient_learner(seeds=(3, 4))
-    alone = [gradient_learner(seeds=(seed,)) for seed in (3, 4)]
-    for _ in range(3):
-        said = both.learn()
-        for row, one in zip(said, alone, strict=True):
-            torch.testing.assert_close(row, one.learn()[0], rtol=1e-6, atol=1e-9)
-    for number, one in enumerate(alone):
-        for name, weight in one.network.tensors.items():
-            torch.testing.assert_close(
-                both.network.member(number)[name], weight.detach(), rtol=0, atol=1e-7
-            )
 
 
 def test_the_engine_flies_what_the_learner_flew() -> None:
@@ -219,7 +202,7 @@ def test_what_has_no_gradient_is_refused() -> None:
             gradient_learner(craft)
     engine = Engine(THROTTLED, NEAR, 16, SHORT)
     with pytest.raises(ConfigError, match="plain engine"):
-        begin(engine, [TINY], [0], None, partial(GradientLearner, own=OWN))
+        begin(engine, TINY, 0, None, partial(GradientLearner, own=OWN))
     with pytest.raises(ConfigError, match="plain=True"):
         engine.stepped(engine.running(), torch.zeros(16, 8))
 
@@ -260,8 +243,7 @@ def test_what_is_passed_back_through_many_periods_is_bounded() -> None:
             batch_size=16 * steps,
         )
         scatter(learner.network)
-        given = learner.coefficients
-        return learner.adam.descend(learner.loss().sum(), given.max_grad_norm, ALONE).item()
+        return learner.adam.descend(learner.loss(), learner.settings.max_grad_norm, ALONE).item()
 
     unbounded = 1e30
     assert norm(unbounded, 100) > 1000.0

@@ -16,8 +16,8 @@ from torch import Tensor
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
+from rans.fast.learn.beginning import begin
 from rans.fast.learn.config import TrainConfig
-from rans.fast.learn.member import begin
 from rans.fast.learn.recipes import training
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
@@ -41,7 +41,7 @@ PPO = replace(TINY, n_envs=64, n_steps=4, batch_size=64, layers=(16,))
 
 def learner(craft: Any = PLATFORM) -> ValueLearner:
     engine = Engine(craft, TASK, PPO.n_envs, Timing())
-    made = begin(engine, [PPO], [0], True, partial(ValueLearner, own=SMALL))
+    made = begin(engine, PPO, 0, True, partial(ValueLearner, own=SMALL))
     assert isinstance(made, ValueLearner)
     engine.reset()
     return made
@@ -125,7 +125,7 @@ def test_a_training_leaves_its_policy_and_its_value_function(tmp_path: Path) -> 
     )
     run = RunFolder(tmp_path / "run")
     run.begin(config, "test")
-    trainer = Trainer([config], PLATFORM, run)
+    trainer = Trainer(config, PLATFORM, run)
     trainer.train(ignore)
     learnt = trainer.learner
     assert isinstance(learnt, ValueLearner)

@@ -283,7 +283,7 @@ def test_weights_are_linear_in_the_value_between_those_of_the_file() -> None:
 def test_a_file_keeps_the_weights_of_all_values(tmp_path: Path) -> None:
     network = contestant("any-craft-2d").network
     file = tmp_path / "agent.safetensors"
-    own = network.member(0)
+    own = network.weights()
     file.write_bytes(actor_bytes(network.architecture, own, 0, network.at))
     again = read_policy(file).network
     assert again.at.keys() == network.at.keys()
@@ -355,7 +355,7 @@ def test_a_run_folder_keeps_the_value(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_other_numbers_in_a_file_are_refused(forged: dict[str, Any], tmp_path: Path) -> None:
     network = contestant("any-craft-2d").network
     file = tmp_path / "agent.safetensors"
-    file.write_bytes(actor_bytes(replace(network.architecture, **forged), network.member(0), 0))
+    file.write_bytes(actor_bytes(replace(network.architecture, **forged), network.weights(), 0))
     with pytest.raises(ConfigError, match=r"frugality|reach"):
         read_policy(file)
 
@@ -365,7 +365,7 @@ def test_a_file_says_that_pulses_hold_only_a_craft_that_they_can(spec: str, tmp_
     network = contestant(spec).network
     file = tmp_path / "agent.safetensors"
     forged = replace(network.architecture, frugal=tuple(AS_TRAINED._replace(hold=1.0)))
-    file.write_bytes(actor_bytes(forged, network.member(0), 0))
+    file.write_bytes(actor_bytes(forged, network.weights(), 0))
     with pytest.raises(ConfigError, match="hold"):
         read_policy(file)
 
@@ -377,7 +377,7 @@ def test_files_of_before_prices_fell_and_pulses_held_are_read(
     network = contestant("any-craft-2d").network
     file = tmp_path / "agent.safetensors"
     older = replace(network.architecture, frugal=(1.0, 0.5, 0.0, 2.0, 1.0, 1.0, *later))
-    file.write_bytes(actor_bytes(older, network.member(0), 0))
+    file.write_bytes(actor_bytes(older, network.weights(), 0))
     assert read_policy(file).network.architecture.frugality == AS_TRAINED._replace(
         farthest=0.5, price=2.0
     )
@@ -385,7 +385,7 @@ def test_files_of_before_prices_fell_and_pulses_held_are_read(
 
 def test_weights_that_are_not_finite_are_not_written() -> None:
     network = contestant("any-craft-2d").network
-    tensors = dict(network.member(0))
+    tensors = dict(network.weights())
     name = next(name for name in tensors if name.endswith("weight"))
     tensors[name] = torch.full_like(tensors[name], math.nan)
     with pytest.raises(NonFiniteState, match="not finite"):

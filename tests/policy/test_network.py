@@ -1,4 +1,4 @@
-"""What the network makes of observations: its looks, its memory, and what turns and members change."""
+"""What the network makes of observations: its looks, its memory, and what turns change."""
 
 from __future__ import annotations
 
@@ -10,76 +10,19 @@ import torch
 from torch import Tensor
 
 from rans.fast.engine import Engine
+from rans.fast.learn.beginning import begin
 from rans.fast.learn.config import PPOSettings, Precision
-from rans.fast.learn.member import begin
 from rans.policy.architecture import Architecture
-from rans.policy.filter_bank import Filters
 from rans.policy.network import Network
 from rans.tasks import GoToPose
 from rans.tasks.derived import layout
 from tests.support.engines import PLATFORM
-from tests.support.training import make_network, scatter, seen
-
-BANK = Filters.of(PLATFORM, GoToPose(), 0.2, (0.01, 1.0))
-
-
-def test_many_members_say_what_each_says_alone() -> None:
-    """Batched products against plain ones, for every kind of network."""
-    kinds: list[dict[str, Any]] = [
-        {},
-        {"history": 2},
-        {"history": 1, "averages": (0.5, 0.9)},
-        {"privileged": 2},
-        {"zoom": 20.0, "continuous": True},
-        {"zoom": 20.0, "filters": BANK},
-        {"history": 2, "filters": BANK._replace(steady=(0.0, 25.0))},
-        {"averages": (0.5,), "commands_only": True, "filters": BANK},
-        {"zoom": 20.0, "filters": BANK._replace(response=(0.1, 0.0))},
-        {"filters": BANK._replace(response=(0.1, 0.0), gate=5.0)},
-    ]
-    for kind in kinds:
-        alone = [make_network(PLATFORM, **kind) for _ in range(3)]
-        for number, network in enumerate(alone):
-            scatter(network, seed=number)
-        given = alone[0].architecture
-        together = Network.stacked(
-            given, [network.member(0) for network in alone], torch.device("cpu"), torch.float64
-        )
-        generator = torch.Generator().manual_seed(2)
-        memory = (
-            torch.randn(12, given.memory, generator=generator).double() if given.memory else None
-        )
-        known = (
-            torch.rand(12, given.privileged, generator=generator).double()
-            if given.privileged
-            else None
-        )
-        observations = seen(PLATFORM, 12).double()
-        if given.filters:  # whose memory is no random numbers
-            before, columns = together.forward(
-                seen(PLATFORM, 12, seed=5).double(), together.initial_state(12)
-            )
-            memory = together.next_state(columns, together.initial_state(12), before.policy.mode())
-        output, shown = together.forward(observations, memory, known)
-        remembered = together.next_state(shown, memory, output.policy.mode())
-        for number, network in enumerate(alone):
-            own = slice(4 * number, 4 * number + 4)
-            one, looked = network.forward(
-                observations[own],
-                None if memory is None else memory[own],
-                None if known is None else known[own],
-            )
-            # Products of float64 in another order.
-            torch.testing.assert_close(output.policy[0][own], one.policy[0], rtol=0, atol=1e-12)  # type: ignore
-            torch.testing.assert_close(output.value[own], one.value, rtol=0, atol=1e-12)
-            if remembered is not None:
-                expected = network.next_state(looked, memory[own], one.policy.mode())  # type: ignore[index]
-                torch.testing.assert_close(remembered[own], expected, rtol=0, atol=1e-12)
+from tests.support.training import seen
 
 
 def untrained(dtype: torch.dtype = torch.float64, **settings: Any) -> Network:
     given = Architecture(layout(GoToPose(), 2), 8, (16,), **settings)
-    return Network.stacked(given, [given.initial(0, 0.5)[0]], torch.device("cpu"), dtype)
+    return Network.copied(given, given.initial(0, 0.5)[0], torch.device("cpu"), dtype)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
@@ -109,7 +52,7 @@ def test_statistics_are_those_of_all_observations(dtype: torch.dtype) -> None:
 def outputs_of(matmul: Precision, device: str) -> Tensor:
     """Values of a trainer's network with the same weights and observations."""
     settings = PPOSettings(n_envs=64, batch_size=2048, layers=(32, 32), matmul=matmul)
-    network = begin(Engine(PLATFORM, GoToPose(), 64, device=device), [settings], [0]).network
+    network = begin(Engine(PLATFORM, GoToPose(), 64, device=device), settings, 0).network
     assert network.architecture.bf16 == (matmul == "bf16")
     with torch.no_grad():
         return network.evaluate(seen(PLATFORM, 64).float().to(device)).value

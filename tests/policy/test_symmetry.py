@@ -189,7 +189,7 @@ def test_thrusters_without_a_lever_arm_have_their_own_view_only() -> None:
 @both_crafts
 def test_sb3_opens_and_uses_a_symmetric_agent(craft: Spacecraft, tmp_path: Path) -> None:
     network = scatter(tiny_learner(craft, symmetric=True).network)
-    write_policy(tmp_path / "policy.zip", network.architecture, network.member(0), TINY, 0)
+    write_policy(tmp_path / "policy.zip", network.architecture, network.weights(), TINY, 0)
     loaded = PPO.load(tmp_path / "policy.zip", device="cpu")
     task = TASKS["go-to-pose"]()
     states = (random_states(craft.dimension, 200, seed) for seed in (1, 2))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import rans
+from rans.fast.learn.beginning import architecture_of
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.member import architecture_of
 from rans.model.actuators import Propellant
 from rans.model.spacecraft import Spacecraft
 from rans.policy.network import Network

@@ -53,4 +53,4 @@ def policy(
         **(usual | settings),
     )
     tensors, _ = given.initial(0, 0.3)
-    return scatter(Network.stacked(given, [tensors], torch.device("cpu"), torch.float32))
+    return scatter(Network.copied(given, tensors, torch.device("cpu"), torch.float32))

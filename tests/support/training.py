@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,8 @@ from torch import Tensor
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
+from rans.fast.learn.beginning import begin
 from rans.fast.learn.config import MemorySettings, PPOSettings, TrainConfig
-from rans.fast.learn.member import begin
 from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.rollout import Batch
 from rans.fast.learn.run_folder import RunFolder
@@ -88,14 +88,14 @@ def tiny_learner(
     chosen = settings_with(TINY, **{"symmetric": False} | settings)
     craft = replace(craft, actuators=Throttle()) if continuous else craft
     engine = Engine(craft, task, chosen.n_envs, SHORT, seed=seed, dtype=dtype)
-    return begin(engine, [chosen], [seed])
+    return begin(engine, chosen, seed)
 
 
 def tiny_trainer(path: Path, config: TrainConfig = CONFIG) -> Trainer:
     """A trainer in a new run folder."""
     run = RunFolder(path)
     run.begin(config, "rans train")
-    return Trainer([config], run.spacecraft(), run)
+    return Trainer(config, run.spacecraft(), run)
 
 
 def weights(policy: Network | ActorCriticPolicy) -> Tensor:
@@ -153,7 +153,6 @@ def sb3_twin(learner: PPOLearner, settings: PPOSettings, **changes: Any) -> stab
         "n_epochs",
         "gamma",
         "gae_lambda",
-        "ent_coef",
         "vf_coef",
         "max_grad_norm",
         "learning_rate",
@@ -173,7 +172,7 @@ def sb3_twin(learner: PPOLearner, settings: PPOSettings, **changes: Any) -> stab
     twin.policy.to(engine.dtype)
     twin.policy.load_state_dict(
         sb3_policy(
-            architecture, learner.network.member(0), own=True, dtype=engine.dtype
+            architecture, learner.network.weights(), own=True, dtype=engine.dtype
         ).state_dict()
     )
     twin.set_logger(Logger(None, []))
@@ -185,17 +184,14 @@ def ignore(_: Any) -> None:
 
 
 def newest(rows: list[dict[str, Any]]) -> Any:
-    """A report that gathers the first member's rows."""
+    """A report that gathers rows."""
 
-    def report(members: Sequence[Any]) -> None:
-        rows.append(members[0].rows[-1])
-
-    return report
+    return rows.append
 
 
 def resumed(path: Path) -> Trainer:
     run = RunFolder(path)
-    trainer = Trainer([run.config()], run.spacecraft(), run)
+    trainer = Trainer(run.config(), run.spacecraft(), run)
     trainer.resume()
     return trainer
 
@@ -217,7 +213,7 @@ def make_network(craft: Any, continuous: bool = False, head: str = "", **setting
         **settings,
     )
     tensors, _ = given.initial(0, 0.5)
-    network = scatter(Network.stacked(given, [tensors], torch.device("cpu"), torch.float64))
+    network = scatter(Network.copied(given, tensors, torch.device("cpu"), torch.float64))
     network.update_statistics(network.in_body(seen(craft, 500))[None])
     return network
 
@@ -246,7 +242,7 @@ def everything(trainer: Trainer) -> list[Any]:
 
 def collected(craft: Any, **settings: Any) -> tuple[PPOLearner, Batch]:
     """A learner and what it has to learn from, by a policy that has changed since."""
-    sizes: dict[str, Any] = {"n_envs": 20, "batch_size": 160, "clip_range": 0.15, "ent_coef": 0.02}
+    sizes: dict[str, Any] = {"n_envs": 20, "batch_size": 160, "clip_range": 0.15}
     learner = tiny_learner(craft, **(sizes | settings))
     learner.backend = None
     scale = torch.Generator().manual_seed(1)
@@ -274,7 +270,7 @@ def archived(run: Path) -> Path:
     write_policy(
         file,
         network.architecture,
-        network.member(0),
+        network.weights(),
         folder.config().ppo,
         saved.steps,
         saved.adam,

@@ -10,8 +10,8 @@ from rans.compile.cuda.flight import Products
 from rans.episode import Setup
 from rans.fast.engine import Engine
 from rans.fast.flights import Flights
+from rans.fast.learn.beginning import architecture_of
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.member import architecture_of
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network
@@ -44,8 +44,8 @@ def flight_rates(craft: Spacecraft, count: int, clock: Clock) -> Iterator[Measur
     for units in _UNITS[craft.dimension]:
         settings = PPOSettings(layers=(units, units), zoom=16.0)
         given = architecture_of(Engine(craft, _TASK, 1), settings)
-        network = Network.stacked(
-            given, [given.initial(0, _DUTY)[0]], torch.device("cpu"), torch.float32
+        network = Network.copied(
+            given, given.initial(0, _DUTY)[0], torch.device("cpu"), torch.float32
         )
         for way in products:
             flights = Flights(network, Setup(craft, _TASK, Timing()), clock.device, products=way)

@@ -19,8 +19,8 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.engine import Engine
+from rans.fast.learn.beginning import begin
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.member import begin
 from rans.fast.threads import one_thread
 from rans.model.spacecraft import Spacecraft
 from rans.policy.network import Network
@@ -44,7 +44,7 @@ def latencies(
         calls: so many observations.
     """
     engine = Engine(craft, task, 1)
-    policy = begin(engine, [replace(settings, n_envs=1, n_steps=2, batch_size=2)], [0]).network
+    policy = begin(engine, replace(settings, n_envs=1, n_steps=2, batch_size=2), 0).network
     observation = engine.observe().numpy().copy()
     agent = Agent(policy, "")
     ways = {"torch, eager": lambda x: agent.act(None, None, x), "NumPy": exported(policy, "numpy")}

@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 
 from rans.fast.engine import Engine
+from rans.fast.learn.beginning import begin
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.member import begin
 from rans.fast.threads import one_thread
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
@@ -21,13 +21,8 @@ def trainer_rate(craft: Spacecraft, task: Task, settings: PPOSettings, clock: Cl
     torch.compiler.reset()  # what other measurements compiled counts towards the compiler's limit
     with one_thread():
         engine = Engine(craft, task, settings.n_envs, device=clock.device)
-        learner = begin(engine, [settings], [0])
-
-        def iteration() -> None:
-            learner.collect()
-            learner.update()
-
-        seconds, warm_up = clock.time(iteration)
+        learner = begin(engine, settings, 0)
+        seconds, warm_up = clock.time(learner.learn)
     rollout = settings.n_envs * settings.n_steps
     layers = "x".join(map(str, settings.layers))
     matmul = settings.matmul if clock.on_gpu else "float32"

@@ -87,7 +87,7 @@ def save(
     network.load_state_dict(weights, strict=False)
     policy = as_policy(network, craft, task, timing.control_period)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / AGENT).write_bytes(actor_bytes(policy.architecture, policy.member(0), 0))
+    (folder / AGENT).write_bytes(actor_bytes(policy.architecture, policy.weights(), 0))
     config = TrainConfig("go-to-pose", task, craft.name, timing=timing, seed=settings.seed)
     write_json(folder / "config.json", to_table(config))
     write_text(folder / "spacecraft.toml", to_toml(craft))

@@ -253,7 +253,7 @@ def test_files_whose_wheels_fill_up_otherwise_are_refused(
     plain = network("cubesat-6u")
     damaged = replace(plain.architecture, filling=filling)
     file = tmp_path / "agent.safetensors"
-    file.write_bytes(actor_bytes(damaged, plain.member(0), 0))
+    file.write_bytes(actor_bytes(damaged, plain.weights(), 0))
     with pytest.raises(ConfigError, match="filling"):
         read_policy(file)
 

@@ -123,7 +123,7 @@ def write_for_spacecraft(source: Path, run: LoadedRun, folder: Path) -> Path:
     steps = read_policy(RunFolder(source).agent_file).steps
     config, craft, network = RunFolder(source).config(), run.craft, run.network
     ready_folder(folder)
-    content = actor_bytes(network.architecture, network.member(0), steps)
+    content = actor_bytes(network.architecture, network.weights(), steps)
     replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))
     table = to_table(replace(config, timing=run.timing)) | {"spacecraft": craft.name}
     write_json(folder / "config.json", table)

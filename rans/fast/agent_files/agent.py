@@ -87,10 +87,10 @@ def save_agent(
     Args:
         file: ``agent.safetensors`` to write.
         architecture: architecture of the network.
-        tensors: weights and statistics of the network (`Network.member`).
+        tensors: weights and statistics of the network (`Network.weights`).
         settings: hyper-parameters of the training.
         steps: environment steps of the training.
-        adam: state as returned by `Adam.member`; None: Adam starts anew.
+        adam: state as returned by `rans.fast.learn.policy_file.moments`; None: Adam starts anew.
         rate: step size of Adam; None: the learning rate of the settings.
 
     Raises:
@@ -137,7 +137,7 @@ def actor_bytes(
 
     Args:
         architecture: architecture of the network.
-        tensors: weights and statistics of the network (`Network.member`).
+        tensors: weights and statistics of the network (`Network.weights`).
         steps: environment steps of the training.
         at: weights at frugalities from 0 to 1 of an agent for any craft (`rans.policy.any_craft.frugal`).
 

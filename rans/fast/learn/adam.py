@@ -1,4 +1,4 @@
-"""Adam (Kingma and Ba, 2015) for K members at once, with a step size and a gradient norm per member."""
+"""Adam (Kingma and Ba, 2015) of all weights in one row, with gradients clipped by their norm."""
 
 from __future__ import annotations
 
@@ -19,36 +19,31 @@ _PIECE = 32
 
 
 class Adam:
-    """Adam optimizer of a network, whose weights become views of one tensor (K, P), updated by few kernels.
+    """Adam optimizer of a network, whose P weights become views of one row (P,), updated by few kernels.
 
     `moments` are tensors like the weights.
 
     Args:
-        network: network of K members.
-        rate: initial step sizes (K,).
+        network: network.
+        rate: initial step size.
         plain: whether to use single operations of torch, without compilation.
     """
 
-    def __init__(self, network: Network, rate: Tensor, plain: bool = False) -> None:
+    def __init__(self, network: Network, rate: float, plain: bool = False) -> None:
         tensors = {name: network.tensors[name] for name in network.learnt}
-        members = network.members
-        lead = () if network.members == 1 else (network.members,)
-        self.rate = rate.clone()
-        # All parameters of a member in one row, so that one operation steps them; each begins at a whole piece.
+        like = next(iter(tensors.values())).detach()
+        self.rate = like.new_full((), rate)
+        # All parameters in one row, so that one operation steps them; each begins at a whole piece.
         starts = []
         end = 0
         for value in tensors.values():
             starts.append(end)
-            end += -(-value.numel() // members // _PIECE) * _PIECE
-        self.row, self.gradient, self._first, self._second = (
-            rate.new_zeros(members, end) for _ in range(4)
-        )
+            end += -(-value.numel() // _PIECE) * _PIECE
+        self.row, self.gradient, self._first, self._second = (like.new_zeros(end) for _ in range(4))
 
         def views(row: Tensor) -> list[Tensor]:
             return [
-                row[:, start : start + value.numel() // members].view(
-                    *lead, *value.shape[len(lead) :]
-                )
+                row[start : start + value.numel()].view(value.shape)
                 for start, value in zip(starts, tensors.values(), strict=True)
             ]
 
@@ -60,14 +55,14 @@ class Adam:
             weight.copy_(value)
         self._leaves = [weight.detach().requires_grad_() for weight in weights]
         network.adopt(dict(zip(tensors, self._leaves, strict=True)))
-        self.steps = rate.new_zeros(())
-        self._step = fused(_step, rate.device, plain)
+        self.steps = like.new_zeros(())
+        self._step = fused(_step, like.device, plain)
 
-    def descend(self, loss: Tensor, max_norm: Tensor, world: Processes) -> Tensor:
-        """One step on the sum of the members' losses, with gradient norms clipped to ``max_norm`` (K,).
+    def descend(self, loss: Tensor, max_norm: float, world: Processes) -> Tensor:
+        """One step on a loss (), with the gradient clipped to the norm ``max_norm``.
 
-        If the loss does not require gradients, `gradient` must have been written before. Returns the norms of the
-        gradients (K,).
+        If the loss does not require gradients, `gradient` must have been written before. Returns the norm of the
+        gradient ().
         """
         with torch.no_grad():
             if loss.requires_grad:
@@ -95,9 +90,9 @@ class Adam:
         }
 
     def load(self, saved: dict[str, Tensor]) -> None:
-        """Continue from the result of `state`."""
+        """Continue from the result of `state`; older checkpoints have an axis before those of the weights."""
         for name, tensor in self.state().items():
-            tensor.copy_(saved[name])
+            tensor.copy_(saved[name].view(tensor.shape))
 
 
 @torch.no_grad()
@@ -108,21 +103,20 @@ def _step(
     second: Tensor,
     steps: Tensor,
     rate: Tensor,
-    max_norm: Tensor,
+    max_norm: float,
 ) -> Tensor:
-    """One step of Adam on rows (members, weights), in place; returns unclipped norms (members,).
+    """One step of Adam on rows (weights,), in place; returns the unclipped norm ().
 
     Moments and weights are those of torch's Adam to rounding (`tests/fast/learn/test_adam.py`). On a GPU it is
     recorded in a graph, hence all in place and nothing read on the host.
     """
-    norm = gradient.norm(dim=1)
-    gradient = (
-        gradient * (max_norm / (norm + 1e-6)).clamp(max=1.0)[:, None]
-    )  # torch.nn.utils.clip_grad_norm_
+    norm = gradient.norm()
+    # As torch.nn.utils.clip_grad_norm_ does it.
+    gradient = gradient * (max_norm / (norm + 1e-6)).clamp(max=1.0)
     steps += 1
     first.lerp_(gradient, 1 - _KEEP)
     second.mul_(_KEEP_SQUARE).addcmul_(gradient, gradient, value=1 - _KEEP_SQUARE)
     size = rate / (1 - _KEEP**steps)
     root = (1 - _KEEP_SQUARE**steps).sqrt()
-    row -= size[:, None] * first / (second.sqrt() / root + EPSILON)
+    row -= size * first / (second.sqrt() / root + EPSILON)
     return norm

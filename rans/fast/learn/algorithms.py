@@ -40,8 +40,8 @@ class Algorithm(ABC):
 
     @classmethod
     @abstractmethod
-    def making(cls, config: TrainConfig, craft: Spacecraft, own: Any) -> Making | None:
-        """Constructor of the learner of a training; None: that of PPO.
+    def making(cls, config: TrainConfig, craft: Spacecraft, own: Any) -> Making[Any]:
+        """Constructor of the learner of a training.
 
         Args:
             config: config of the training.
@@ -57,9 +57,11 @@ class PPOAlgorithm(Algorithm):
     """Proximal policy optimization (`rans.PPO`)."""
 
     @classmethod
-    def making(cls, config: TrainConfig, craft: Spacecraft, own: Any) -> Making | None:
+    def making(cls, config: TrainConfig, craft: Spacecraft, own: Any) -> Making[Any]:
         """See `Algorithm`."""
-        return None
+        from rans.fast.learn.ppo import PPOLearner
+
+        return PPOLearner
 
 
 def with_algorithm(config: TrainConfig, algorithm: str) -> TrainConfig:

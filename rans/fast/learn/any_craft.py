@@ -10,6 +10,7 @@ online learning", AISTATS 2011.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -150,13 +151,13 @@ def imitate(
     stop: Callable[[], bool] = lambda: False,
     report: Callable[[int, float], None] = lambda steps, loss: None,
 ) -> int:
-    """Bring every member of a network to the commands of an expert, and reset the engine.
+    """Bring a network to the commands of an expert, and reset the engine.
 
     Returns the number of control periods that each environment flew; 0 if it was stopped, which leaves a network
     that is neither untrained nor imitates the expert.
 
     Args:
-        engine: in which they fly, the environments of a member side by side.
+        engine: in which they fly.
         network: changed in place.
         adam: of the network; afterwards it is as it was before.
         expert: network of `teacher`.
@@ -201,7 +202,7 @@ def imitate(
 
 
 class _Labels(NamedTuple):
-    """What is learnt from flights, (rows, members, ...)."""
+    """What is learnt from flights, (rows, ...)."""
 
     columns: Tensor
     actions: Tensor
@@ -223,7 +224,7 @@ class _Lessons:
         network: that learns.
         adam: of the network.
         certainty: probability of a copied on/off command.
-        batch: labels of a gradient step, of all members.
+        batch: labels of a gradient step.
         most: largest number of rounds.
     """
 
@@ -242,11 +243,9 @@ class _Lessons:
         self._processes = engine.processes
         self._certainty = certainty
         self._most = most
-        self._unclipped = torch.full_like(adam.rate, torch.inf)
         self._labels: _Labels | None = None
-        self._spread = torch.ones_like(adam.rate[0])
-        # The same rows of every member.
-        self._rows = torch.empty(batch // network.members, dtype=torch.int64, device=engine.device)
+        self._spread = torch.ones_like(adam.rate)
+        self._rows = torch.empty(batch, dtype=torch.int64, device=engine.device)
         self._step = graphed(self._descend, engine.device)
         self.loss = torch.zeros((), device=engine.device)
         """Loss of the last gradient step, a scalar."""
@@ -273,12 +272,10 @@ class _Lessons:
             self._step()
 
     def _descend(self) -> Tensor:
-        """Descend on the rows of `_rows`: fixed addresses, since a CUDA graph replays it; returns the norms."""
+        """Descend on the rows of `_rows`: fixed addresses, since a CUDA graph replays it; returns the norm."""
         assert self._labels is not None
         network = self._network
-        columns, actions, returns, owned = (
-            x[self._rows].transpose(0, 1).flatten(0, 1) for x in self._labels
-        )
+        columns, actions, returns, owned = (x[self._rows] for x in self._labels)
         output = network.evaluate_seen(columns)
         policy = output.policy
         if isinstance(policy, Patterns):
@@ -291,9 +288,9 @@ class _Lessons:
                 likelihood = self._certainty * likelihood
                 likelihood = likelihood + (1.0 - self._certainty) * policy.log_prob(1.0 - actions)
         error = owned * ((output.value - returns) / self._spread).square()
-        loss = network.members * (_VALUE * error - likelihood).mean()
+        loss = (_VALUE * error - likelihood).mean()
         self.loss.copy_(loss.detach())
-        return self._adam.descend(loss, self._unclipped, self._processes)
+        return self._adam.descend(loss, math.inf, self._processes)
 
 
 @torch.no_grad()
@@ -308,13 +305,12 @@ def _flown(
 ) -> _Labels:
     """Labels of a round.
 
-    The agent flies the first ``share`` of every member's environments, by random actions, the expert the others.
+    The agent flies the first ``share`` of the environments, by random actions, the expert the others.
     """
-    members = network.members
-    each = engine.num_envs // members
-    own = (torch.arange(each, device=engine.device) < share * each).repeat(members)[:, None]
+    count = engine.num_envs
+    own = (torch.arange(count, device=engine.device) < share * count)[:, None]
     observation = engine.observe()
-    uniform = own.new_empty((engine.num_envs, engine.craft.command_count), dtype=engine.dtype)
+    uniform = own.new_empty((count, engine.craft.command_count), dtype=engine.dtype)
 
     def period() -> tuple[Tensor, ...]:
         """Fly one period, ``observation`` in place; columns, actions, scaled rewards, 1 if it goes on, (N, ...)."""
@@ -350,5 +346,4 @@ def _flown(
         returns.append(value)
     flown = own[:, 0].to(value.dtype).expand(len(returns), -1)
     parts = torch.stack(seen), torch.stack(actions), torch.stack(returns[::-1]), flown
-    # (T, members, each, ...) to (rows, members, ...).
-    return _Labels(*(x.unflatten(1, (members, each)).transpose(1, 2).flatten(0, 1) for x in parts))
+    return _Labels(*(x.flatten(0, 1) for x in parts))

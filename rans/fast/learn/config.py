@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from operator import attrgetter
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 from rans.display import Settings
 from rans.errors import ConfigError, brief, fits, whole
@@ -21,9 +20,6 @@ from rans.policy.backbone_registry import BACKBONES
 from rans.randomization.conditions import Conditions
 from rans.structure import structure
 from rans.tasks import TASKS, Task
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 Precision = Literal["float32", "tf32", "bf16"]
 """Precision of a GPU's matrix products: 24, 11 or, in hidden layers, 8 significant bits (docs/speed.md)."""
@@ -170,6 +166,10 @@ class ScheduleSettings(Settings):
         require_bounds(self, "finite and > 0", lambda x: 0 < x < math.inf, "max_learning_rate")
         require_bounds(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
 
+    def left(self, remaining: float) -> float:
+        """Factor of the bound, 1 to 0, where ``remaining`` of all steps is left, 1 to 0."""
+        return min(1.0, remaining / max(self.anneal, 1e-9))
+
 
 @dataclass(frozen=True)
 class ExplorationSettings(Settings):
@@ -252,8 +252,6 @@ class PPOSettings:
     clip_range: ClassVar[float] = 0.2
     """Clipping range of the probability ratio (J. Schulman et al., "Proximal policy optimization algorithms",
     arXiv:1707.06347, table 3)."""
-    ent_coef: ClassVar[float] = 0.0
-    """Weight of the entropy bonus: none. `exploration` sets how random policies begin, and no recipe needs more."""
     vf_coef: ClassVar[float] = 0.5
     """Weight of the value loss, that of SB3."""
     max_grad_norm: ClassVar[float] = 1.0
@@ -303,39 +301,6 @@ class PPOSettings:
             lambda x: 1 <= len(x) <= MOST_LAYERS and 1 <= min(x) <= max(x) <= MOST_UNITS,
             "layers",
         )
-
-
-class Coefficients(NamedTuple):
-    """Hyper-parameters of the members' updates, by their last names in `PPOSettings`.
-
-    Each is (K,).
-    """
-
-    learning_rate: Tensor
-    max_learning_rate: Tensor
-    anneal: Tensor
-    gamma: Tensor
-    gae_lambda: Tensor
-    clip_range: Tensor
-    ent_coef: Tensor
-    vf_coef: Tensor
-    max_grad_norm: Tensor
-    reward_scale: Tensor
-
-    @classmethod
-    def entry(cls, name: str) -> str:
-        """Entry of `PPOSettings` that has a hyper-parameter, such as "schedule.anneal"."""
-        inner = name in ScheduleSettings.__dataclass_fields__
-        return f"schedule.{name}" if inner else name
-
-    @classmethod
-    def of(cls, settings: Sequence[PPOSettings], like: Tensor) -> Coefficients:
-        """Hyper-parameters of K members, in the dtype and on the device of another tensor."""
-        table = (
-            [attrgetter(cls.entry(name))(settings_of_member) for settings_of_member in settings]
-            for name in cls._fields
-        )
-        return cls(*map(like.new_tensor, table))
 
 
 MOST_ENVS = 2**24

@@ -33,7 +33,7 @@ from rans.compile.loss_gradient import (
     transition_losses,
 )
 from rans.fast.learn.adam import Adam
-from rans.fast.learn.config import Coefficients
+from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.rollout import Batch
 from rans.model.fields import leaves
 from rans.model.trace import Symbol
@@ -43,7 +43,7 @@ from rans.policy.network import Network
 
 _TILE = 512
 """Largest number of samples in a tile, whose activations fit the cache of a core."""
-_LOSS_INPUTS = 4
+_LOSS_INPUTS = 3
 """Scalar inputs of the losses: clip range, weights of value and entropy losses, and 1 / samples."""
 
 _SUPPORTED = Capabilities(heads=("on-off",), activations=WITH_SLOPE, privileged_critic=False)
@@ -105,25 +105,22 @@ class _Layer(NamedTuple):
 
 
 class CpuGradient:
-    """Gradients of minibatches of one member on a CPU, written into its `Adam.gradient`.
+    """Gradients of minibatches on a CPU, written into its `Adam.gradient`.
 
     `rans.fast.learn.fused_gradient` is its counterpart on a GPU.
 
     Args:
         network: network for which `fits` is true.
         adam: optimizer, whose `row` and `gradient` keep their addresses.
-        coefficients: coefficients of the losses.
+        settings: coefficients of the losses.
     """
 
     description: ClassVar[str] = "machine code"
 
-    def __init__(self, network: Network, adam: Adam, coefficients: Coefficients) -> None:
+    def __init__(self, network: Network, adam: Adam, settings: PPOSettings) -> None:
         self._network = network
         self._adam = adam
-        self._coefficients = [
-            x.numpy()
-            for x in (coefficients.clip_range, coefficients.vf_coef, coefficients.ent_coef)
-        ]
+        self._coefficients = settings.clip_range, settings.vf_coef
         architecture = network.architecture
         tensors = network.tensors
         self._activation = architecture.activation
@@ -175,7 +172,6 @@ class CpuGradient:
         return (
             tensor.device.type == "cpu"
             and tensor.dtype == torch.float32
-            and network.members == 1
             and samples % WIDTH == 0
             and not _SUPPORTED.missing(architecture)
         )
@@ -187,7 +183,7 @@ class CpuGradient:
         return self._network.inputs(seen, memory)
 
     def __call__(self, part: Batch) -> tuple[Tensor, ...]:
-        """Loss and statistics, (1,) each, of a minibatch whose memory are the `inputs`.
+        """Loss and statistics, () each, of a minibatch whose memory are the `inputs`.
 
         The gradient is written into `Adam.gradient`, which is cleared before. Samples are summed tile by tile:
         another size of tiles is another training in its last bits.
@@ -198,7 +194,7 @@ class CpuGradient:
         tile = next(size for size in range(min(_TILE, count), 0, -WIDTH) if count % size == 0)
         activations = np.empty(sum(self._sizes[1:]) * tile, np.float32)
         scalars = np.zeros(_LOSS_INPUTS + STATISTICS, np.float32)
-        scalars[:_LOSS_INPUTS] = *(x[0] for x in self._coefficients), 1 / count
+        scalars[:_LOSS_INPUTS] = *self._coefficients, 1 / count
         tensors = (
             part.memory.T.contiguous(),
             part.action.T.contiguous(),
@@ -229,8 +225,8 @@ class CpuGradient:
             critic[...] = joint[-1:]
         # Means of the statistics, and the loss.
         surrogate, value, entropy, *rest = scalars[_LOSS_INPUTS:] * scalars[_LOSS_INPUTS - 1]
-        loss = surrogate + scalars[1] * value + scalars[2] * entropy
-        return torch.from_numpy(np.array([loss, surrogate, value, entropy, *rest])).split(1)
+        loss = surrogate + scalars[1] * value
+        return torch.from_numpy(np.array([loss, surrogate, value, entropy, *rest])).unbind()
 
     # The printed function: tile by tile forward pass, losses and backward pass.
 
@@ -334,7 +330,7 @@ class CpuGradient:
             tile: samples in the tile.
         """
         action, log_prob, advantage, target = samples
-        clip_range, vf_coef, ent_coef, per_sample = (
+        clip_range, vf_coef, per_sample = (
             code.everywhere(code.read(scalars, i, FLOAT)) for i in range(_LOSS_INPUTS)
         )
         zero = code.everywhere(0.0)
@@ -372,10 +368,8 @@ class CpuGradient:
                 clip_range,
                 vf_coef,
             )
-            for row, logit, command, part in zip(rows, logits, commands, choices, strict=False):
-                (derivative,) = _printed(
-                    code, d_logit, logit, command, part.opening, d_log_prob, ent_coef
-                )
+            for row, command, part in zip(rows, commands, choices, strict=False):
+                (derivative,) = _printed(code, d_logit, command, part.opening, d_log_prob)
                 code.write(code.fmul(derivative, per_sample), outputs, row)
             code.write(code.fmul(d_value, per_sample), outputs, rows[-1])
             return [code.fadd(old, new) for old, new in zip(sums, losses, strict=True)]

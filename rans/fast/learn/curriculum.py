@@ -127,71 +127,50 @@ def task_at(task: Task, ramps: Sequence[Ramp], steps: int) -> Task:
 
 
 class Curriculum:
-    """Task of K members whose ramped settings are arrays that are changed in place.
+    """Task whose ramped settings are arrays without axes that are changed in place.
 
-    Steps therefore need no new compilation and no new CUDA graph. A number that differs between members is a field
-    with a value for each of their environments.
+    Steps therefore need no new compilation and no new CUDA graph.
 
     Args:
-        tasks: one task per member, with the final values; they differ in numbers only.
+        task: the task with its final values.
         ramps: ramps of settings.
         dtype: dtype of the engine's fields, of NumPy or torch.
         device: torch device.
-        each: number of environments of each member.
     """
 
     def __init__(
         self,
-        tasks: Sequence[Task],
+        task: Task,
         ramps: Sequence[Ramp],
         dtype: Any,
         device: Any = None,
-        each: int = 1,
     ) -> None:
         # Arrays of the settings that move, with their values before the first step.
-        self._moving: list[tuple[Ramp, list[Range], list[Any]]] = []
+        ends = _numbers_of(task) if ramps else {}
         memory = dict[str, Any]()
-        ends = [_numbers_of(task) for task in tasks] if ramps else []
+        self._moving: list[tuple[Ramp, Range, list[Any]]] = []
         for ramp in ramps:
-            targets = [end[ramp.setting] for end in ends]
-            numbers = [
-                _memory(column[:1] if len({*targets}) == 1 else column, each, dtype, device)
-                for column in _columns(ramp, targets, 0)
-            ]
-            self._moving.append((ramp, targets, numbers))
-            memory |= zip(_places(ramp.setting, ends[0]), numbers, strict=True)
-
-        # All other settings are numbers where members agree, and arrays where they differ.
-        def number(name: str, *values: Any) -> Any:
-            if name in memory:
-                return memory[name]
-            return values[0] if len({*values}) == 1 else _memory(values, each, dtype, device)
-
-        self.task = map_settings(number, *tasks)
+            end = ends[ramp.setting]
+            numbers = [_array(value, dtype, device) for value in ramp.values(end, 0)]
+            self._moving.append((ramp, end, numbers))
+            memory |= zip(_places(ramp.setting, ends), numbers, strict=True)
+        self.task = map_settings(lambda name, number: memory.get(name, number), task)
         """Task for the engine, whose ramped settings are arrays."""
 
     def move_to(self, steps: int) -> None:
         """Set every ramped setting to its value after ``steps`` environment steps."""
-        for ramp, ends, numbers in self._moving:
-            for number, values in zip(numbers, _columns(ramp, ends, steps), strict=True):
-                parts = number.reshape(len(values), -1) if number.shape else [number]
-                for part, value in zip(parts, values, strict=False):
-                    part[...] = value
+        for ramp, end, numbers in self._moving:
+            for number, value in zip(numbers, ramp.values(end, steps), strict=True):
+                number[...] = value
 
 
-def _columns(ramp: Ramp, ends: Sequence[Range], steps: int) -> list[tuple[float, ...]]:
-    """The one or two numbers of a setting, each for all members."""
-    return list(zip(*(ramp.values(end, steps) for end in ends), strict=True))
-
-
-def _memory(values: Sequence[float], each: int, dtype: Any, device: Any) -> Any:
-    """Array with the values of the members for their environments, or without axes for one value."""
-    column = np.repeat(values, each) if len(values) > 1 else np.asarray(values[0])
+def _array(value: float, dtype: Any, device: Any) -> Any:
+    """Array without axes, of NumPy or torch as its dtype is."""
     if isinstance(dtype, type):
-        return column.astype(dtype)
+        return np.asarray(value, dtype)
     import torch
 
-    return torch.tensor(column, dtype=dtype, device=device)
+    return torch.tensor(value, dtype=dtype, device=device)
 
 
 def _numbers(value: Range) -> tuple[float, ...]:

@@ -12,8 +12,8 @@ import torch
 from rans.errors import ConfigError, brief, fits, meant, whole
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.engine import Engine
+from rans.fast.learn.beginning import begin, statistics
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.member import begin, statistics
 from rans.fast.learn.policy_file import adopt, write_learner
 from rans.policy.predict import predict
 
@@ -69,7 +69,7 @@ class PPO:
         quarter = rollout // 4 if count % 4 == 0 else rollout
         sizes: dict[str, Any] = {"n_envs": count, "batch_size": quarter}
         self.settings = PPOSettings(**(sizes | settings))
-        self.learner = begin(self.engine, [self.settings], [seed], plain)
+        self.learner = begin(self.engine, self.settings, seed, plain)
         self.num_timesteps = 0
         self.network = self.learner.network
         """Network of actor and critic."""
@@ -100,7 +100,7 @@ class PPO:
         rollout = self.settings.n_envs * self.settings.n_steps
         while self.num_timesteps - begun < total_timesteps:
             self.learner.slow_down(1 - (self.num_timesteps - begun) / total_timesteps)
-            (values,) = self.learner.learn().tolist()
+            values = self.learner.learn().tolist()
             self.num_timesteps += rollout
             self.log = statistics(values, self.learner, self.num_timesteps)
             report(self)

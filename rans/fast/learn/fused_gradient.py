@@ -15,7 +15,7 @@ from rans.compile.cuda.design import DoesNotFit
 from rans.compile.loss_gradient import STATISTICS, d_logit, opening_term, transition_losses
 from rans.errors import is_installed
 from rans.fast.learn.adam import Adam
-from rans.fast.learn.config import Coefficients
+from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.graph import fused
 from rans.fast.learn.rollout import Batch
 from rans.fast.learn.update_layout import Places, UpdateDesign
@@ -24,7 +24,7 @@ from rans.policy.network import Network
 
 
 class GradientBackend(Protocol):
-    """Computes gradients of minibatches of one member, written into its `Adam.gradient`."""
+    """Computes gradients of minibatches, written into its `Adam.gradient`."""
 
     description: ClassVar[str]
     """Description of the computation for the log."""
@@ -36,33 +36,33 @@ class GradientBackend(Protocol):
         ...
 
     def __call__(self, part: Batch) -> tuple[Tensor, ...]:
-        """Loss and `STATISTICS`, (1,) each, of a minibatch whose memory are the `inputs`."""
+        """Loss and `STATISTICS`, () each, of a minibatch whose memory are the `inputs`."""
         ...
 
 
 class FusedGradient(ABC):
-    """Gradients of minibatches of one member on a GPU, written into its `Adam.gradient` without synchronisation.
+    """Gradients of minibatches on a GPU, written into an `Adam.gradient` without synchronisation.
 
     Args:
         design: layout of the computation for the network.
-        network: network of one member.
+        network: network.
         adam: optimizer, whose `row` and `gradient` keep their addresses.
-        coefficients: coefficients of the losses.
+        settings: coefficients of the losses.
     """
 
     description: ClassVar[str]
     """Description of the computation for the log."""
 
     def __init__(
-        self, design: UpdateDesign, network: Network, adam: Adam, coefficients: Coefficients
+        self, design: UpdateDesign, network: Network, adam: Adam, settings: PPOSettings
     ) -> None:
         self.design = design
         self._network = network
         self._adam = adam
-        self._coefficients = coefficients
+        self._settings = settings
         self._device = adam.row.device
         self._zero = adam.row.new_zeros(1)
-        zero = adam.row.shape[1]  # index of a zero behind the parameters, for padding
+        zero = adam.row.shape[0]  # index of a zero behind the parameters, for padding
         # Index of every parameter in the row of all: the tensors are views of that row.
         indices = torch.arange(zero, device=self._device)
         offsets = design.places(
@@ -101,11 +101,11 @@ class FusedGradient(ABC):
 
     @staticmethod
     def made(
-        network: Network, adam: Adam, coefficients: Coefficients, samples: int
+        network: Network, adam: Adam, settings: PPOSettings, samples: int
     ) -> GradientBackend | None:
         """Fastest backend for a network and minibatches of ``samples`` transitions; None: autograd."""
         row = adam.row
-        arguments = (network, adam, coefficients)
+        arguments = (network, adam, settings)
         if row.device.type == "cpu":
             if not is_installed("llvmlite"):
                 return None
@@ -114,12 +114,7 @@ class FusedGradient(ABC):
             )
 
             return CpuGradient(*arguments) if CpuGradient.fits(network, samples) else None
-        if not (
-            network.architecture.bf16
-            and row.is_cuda
-            and row.dtype == torch.float32
-            and len(row) == 1
-        ):
+        if not (network.architecture.bf16 and row.is_cuda and row.dtype == torch.float32):
             return None
         try:
             return MatrixGradient(*arguments)
@@ -141,13 +136,13 @@ class FusedGradient(ABC):
         return torch.cat((x, ones, padding), dim=1).bfloat16()
 
     def __call__(self, part: Batch) -> tuple[Tensor, ...]:
-        """Loss and `STATISTICS`, (1,) each, of a minibatch whose memory are the `inputs`."""
+        """Loss and `STATISTICS`, () each, of a minibatch whose memory are the `inputs`."""
         assert part.memory is not None
         gradient, statistics = self._gather(
             self._sums(*self._pack(), part.memory, part), len(part.memory)
         )
         self._adam.gradient.copy_(gradient)
-        return statistics.split(1)
+        return statistics.unbind()
 
     @abstractmethod
     def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
@@ -165,26 +160,21 @@ class FusedGradient(ABC):
 
         The second layer's biases are rounded as in torch's bfloat16 layers.
         """
-        row = torch.cat((self._adam.row[0], self._zero))
+        row = torch.cat((self._adam.row, self._zero))
         weights, biases = (row[plus] - row[minus] for plus, minus in (self._weights, self._biases))
         weights = torch.where(self._is_remainder, weights - _rounded(weights), weights)
         return weights.bfloat16(), torch.where(self._is_head_bias, biases, _rounded(biases))
 
     def _gathered(self, sums: Tensor, count: int) -> tuple[Tensor, Tensor]:
-        """Gradient (1, parameters), and the loss with its statistics, from the sums of ``count`` transitions.
+        """Gradient (parameters,), and the loss with its statistics, from the sums of ``count`` transitions.
 
         A thruster's logit is a difference of two outputs, so that a sum counts for one with +1 and for the other
         with -1.
         """
         means = sums.sum(dim=0) / count
-        coefficients = self._coefficients
-        surrogate, value, entropy, *rest = means[
-            self.design.end : self.design.end + STATISTICS
-        ].split(1)
-        loss = surrogate + coefficients.vf_coef * value + coefficients.ent_coef * entropy
-        return (means[self._source] * self._sign)[None], torch.cat(
-            (loss, surrogate, value, entropy, *rest)
-        )
+        surrogate, value, *rest = means[self.design.end : self.design.end + STATISTICS].split(1)
+        loss = surrogate + self._settings.vf_coef * value
+        return means[self._source] * self._sign, torch.cat((loss, surrogate, value, *rest))
 
 
 class MatrixGradient(FusedGradient):
@@ -192,8 +182,8 @@ class MatrixGradient(FusedGradient):
 
     description: ClassVar[str] = "products of matrices"
 
-    def __init__(self, network: Network, adam: Adam, coefficients: Coefficients) -> None:
-        super().__init__(UpdateDesign(network.architecture), network, adam, coefficients)
+    def __init__(self, network: Network, adam: Adam, settings: PPOSettings) -> None:
+        super().__init__(UpdateDesign(network.architecture), network, adam, settings)
         self._activation = network.architecture.activation_module()
         # Two trunks are concatenated, which costs no time if compiled.
         self._second_activation = (
@@ -293,7 +283,6 @@ class MatrixGradient(FusedGradient):
             advantage: (N,).
             target: (N,) target of the critic's value.
         """
-        coefficients = self._coefficients
         thrusters = action.shape[1]
         # Outputs: log-odds of the thrusters, then the value; the rest is padding.
         result = outputs[:, : self.design.heads] + outputs[:, self.design.heads :] + bias
@@ -306,13 +295,11 @@ class MatrixGradient(FusedGradient):
             log_prob,
             advantage,
             target,
-            coefficients.clip_range,
-            coefficients.vf_coef,
+            self._settings.clip_range,
+            self._settings.vf_coef,
         )
         # Their gradients, padded likewise.
-        d_logits = d_logit(
-            logit, action, parts.opening, losses.d_log_prob[:, None], coefficients.ent_coef
-        )
+        d_logits = d_logit(action, parts.opening, losses.d_log_prob[:, None])
         d_value = losses.d_value[:, None]
         padding = d_value.new_zeros(1).expand(len(d_value), self.design.heads - thrusters - 1)
         gradient = torch.cat((d_logits, d_value, padding), dim=1)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Any, Protocol, TypeVar
 
 import torch
 from torch import Tensor
@@ -16,7 +16,7 @@ from rans.policy.network import Network
 
 
 class Learner(Protocol):
-    """Learning algorithm that updates the network of K members from the environments of an engine.
+    """Learning algorithm that updates a network from the environments of an engine.
 
     Each iteration flies every environment for ``n_steps`` control periods and updates the weights. Everything else
     (curriculum, selection, checkpoints, run folder, log) is part of `rans.fast.learn.trainer.Trainer`.
@@ -24,11 +24,11 @@ class Learner(Protocol):
 
     engine: Engine
     network: Network
-    """Network of the agents, changed in place."""
+    """Network of the agent, changed in place."""
     rollout: Rollout
     """Steps of the last iteration, and the present memory of the network for every environment."""
     adam: Adam
-    """Optimizer of the agents' weights; saved with an agent."""
+    """Optimizer of the agent's weights; saved with it."""
     n_steps: int
     """Control periods of an iteration."""
 
@@ -50,7 +50,7 @@ class Learner(Protocol):
         """Run one iteration: fly, and update the weights.
 
         Returns:
-            One row per member, (K, columns): `statistics`; the new step size; numbers of failed episodes, of all
+            A row (columns,): `statistics`; the new step size; numbers of failed episodes, of all
             ended ones, and of those truncated within the task's tolerances; steps of all ended ones; mean reward
             of a step by term.
         """
@@ -65,15 +65,7 @@ class Learner(Protocol):
         ...
 
 
-class Making(Protocol):
-    """Function that creates a learner from a network with initial weights."""
-
-    def __call__(
-        self,
-        engine: Engine,
-        network: Network,
-        settings: Sequence[PPOSettings],
-        generators: Sequence[torch.Generator],
-    ) -> Learner:
-        """Create a learner; there is one of ``settings`` and of ``generators`` (actions on a CPU) per member."""
-        ...
+Made = TypeVar("Made", bound=Learner)
+Making = Callable[[Engine, Network, PPOSettings, torch.Generator, bool], Made]
+"""Creates a learner of a network with initial weights; the generator is of actions on a CPU, and true as last
+argument forbids compilation."""

@@ -1,4 +1,4 @@
-"""Reading and writing of a learner of one member, so that its training can continue."""
+"""Reading and writing of a learner, so that its training can continue."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ def write_learner(file: Path, learner: Learner, settings: PPOSettings, steps: in
     write(
         file,
         network.architecture,
-        network.member(0),
+        network.weights(),
         settings,
         steps,
-        moments(adam, 0),
+        moments(adam),
         float(adam.rate),
     )
 
@@ -53,14 +53,10 @@ def adopt(learner: Learner, saved: SavedPolicy) -> None:
     load_moments(learner.adam, saved.adam, saved.rate)
 
 
-def moments(adam: Adam, number: int) -> dict[Any, Any]:
-    """Adam moments of one member, in the form of torch's Adam state."""
-    lone = len(adam.rate) == 1
+def moments(adam: Adam) -> dict[Any, Any]:
+    """Adam moments in the form of torch's Adam state."""
     steps = adam.steps.detach().cpu().float()
-    first, second = (
-        [(x if lone else x[number]).detach().cpu().clone() for x in tensors]
-        for tensors in adam.moments
-    )
+    first, second = ([x.detach().cpu().clone() for x in tensors] for tensors in adam.moments)
     return {
         index: {"step": steps.clone(), "exp_avg": a, "exp_avg_sq": b}
         for index, (a, b) in enumerate(zip(first, second, strict=True))
@@ -68,7 +64,7 @@ def moments(adam: Adam, number: int) -> dict[Any, Any]:
 
 
 def load_moments(adam: Adam, saved: dict[Any, Any], rate: float) -> None:
-    """Load Adam moments from `moments` for a single member; without any, they stay zero."""
+    """Load Adam moments from `moments`; without any, they stay zero."""
     adam.rate.fill_(rate)
     for parameter, moments_of in saved.items():
         for memory, name in zip(adam.moments, ("exp_avg", "exp_avg_sq"), strict=True):
@@ -78,7 +74,7 @@ def load_moments(adam: Adam, saved: dict[Any, Any], rate: float) -> None:
 
 @torch.no_grad()
 def begin_from(network: Network, agent: str) -> None:
-    """Set the weights of every member to those of an agent, and keep its observation statistics constant.
+    """Set the weights to those of an agent, and keep its observation statistics constant.
 
     Args:
         network: network, changed in place.
@@ -108,10 +104,10 @@ def begin_from(network: Network, agent: str) -> None:
     statistics = [EXTRACTOR + statistic for statistic in present.statistics()]
     for key, tensor in network.tensors.items():
         values = saved.tensors[key]
-        if values.shape != tensor.shape[-values.dim() or len(tensor.shape) :]:
+        if values.shape != tensor.shape:
             raise ConfigError(
                 f"begin_from is {agent!r}, whose {key} has the shape {tuple(values.shape)} and not that of this "
                 f"training; the usual cause is another ppo.backbone, ppo.layers or ppo.memory, and {same}."
             )
-        tensor.copy_(values.expand_as(tensor))
+        tensor.copy_(values)
     network.tensors[statistics[-1]].fill_(_SETTLED)

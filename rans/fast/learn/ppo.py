@@ -1,14 +1,11 @@
-"""Proximal policy optimisation (Schulman et al., 2017) of K members at once.
+"""Proximal policy optimisation (Schulman et al., 2017).
 
-Up to rounding every member learns as it would alone with the same random numbers: advantages and observations are
-normalised, gradients clipped and step sizes adapted per member. On a GPU an iteration is two CUDA graphs without
-synchronisation. `tests/fast/learn/test_ppo.py` holds it against SB3; another order of random numbers is another
-training.
+On a GPU an iteration is two CUDA graphs without synchronisation. `tests/fast/learn/test_ppo.py` holds it against
+SB3; another order of random numbers is another training.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -17,7 +14,7 @@ from torch import Tensor
 
 from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
-from rans.fast.learn.config import Coefficients, PPOSettings, ScheduleSettings
+from rans.fast.learn.config import PPOSettings, ScheduleSettings
 from rans.fast.learn.fused_gradient import FusedGradient, GradientBackend
 from rans.fast.learn.graph import fused, graphed
 from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
@@ -28,7 +25,7 @@ MIN_LEARNING_RATE = 1e-5
 
 
 class Losses(NamedTuple):
-    """Loss and its parts, by the names of SB3; (K,) each."""
+    """Loss and its parts, by the names of SB3; () each."""
 
     loss: Tensor
     policy_gradient_loss: Tensor
@@ -44,16 +41,13 @@ STATISTICS = (*Losses._fields, "grad_norm")
 
 
 class PPOLearner:
-    """Learner of K members by PPO; a `rans.fast.learn.learner.Learner`.
-
-    Members have the same architecture and sizes, but may differ in seeds, coefficients and numbers of their tasks.
-    Each has an equal, contiguous part of the engine's environments.
+    """Learner by PPO; a `rans.fast.learn.learner.Learner`.
 
     Args:
         engine: engine.
-        network: network of the members, changed in place.
-        settings: hyper-parameters, one per member.
-        generators: random generators of actions on a CPU, one per member; a GPU uses one stream for all.
+        network: network, changed in place.
+        settings: hyper-parameters.
+        generator: random generator of actions on a CPU; a GPU uses a stream of its own.
         plain: whether to use single operations of torch and autograd only, without compilation and CUDA graphs.
     """
 
@@ -63,29 +57,25 @@ class PPOLearner:
         self,
         engine: Engine,
         network: Network,
-        settings: Sequence[PPOSettings],
-        generators: Sequence[torch.Generator],
+        settings: PPOSettings,
+        generator: torch.Generator,
         plain: bool = False,
     ) -> None:
-        first = settings[0]
         device = engine.device
-        self.members = len(settings)
         self.engine = engine
         self.processes = engine.processes
         self.network = network
-        self._generators = generators
-        self.n_steps = first.n_steps
-        self.n_epochs = first.n_epochs
-        self._minibatches = first.n_envs * first.n_steps // first.batch_size
-        self.rollout = Rollout(engine, network, first.n_steps)
-        self.coefficients = Coefficients.of(settings, self.rollout.failed)
-        self.adam = Adam(network, self.coefficients.learning_rate, plain)
-        self._samples = None if plain else first.batch_size // self.processes.size
+        self.settings = settings
+        self._generator = generator
+        self.n_steps = settings.n_steps
+        self._minibatches = settings.n_envs * settings.n_steps // settings.batch_size
+        self.rollout = Rollout(engine, network, settings.n_steps)
+        self.adam = Adam(network, settings.learning_rate, plain)
+        self._samples = None if plain else settings.batch_size // self.processes.size
         if device.type == "cuda":
             _ = self.backend  # before its graphs are recorded
         # At a constant address, because a CUDA graph reads it.
-        self._ceiling = self.coefficients.max_learning_rate.clone()
-        self._with_entropy = any(setting.ent_coef for setting in settings)
+        self._ceiling = self.adam.rate.new_tensor(settings.schedule.max_learning_rate)
         self._act = fused(act, device, plain)
         self._remember = fused(remember, device, plain)
         self._gae = fused(gae, device, plain)
@@ -104,7 +94,7 @@ class PPOLearner:
         """What computes the gradients, made at the first iteration: an imitation needs none; None: autograd."""
         if self._samples is None:
             return None
-        return FusedGradient.made(self.network, self.adam, self.coefficients, self._samples)
+        return FusedGradient.made(self.network, self.adam, self.settings, self._samples)
 
     @property
     def description(self) -> str:
@@ -119,9 +109,8 @@ class PPOLearner:
 
     def slow_down(self, remaining: float) -> None:
         """Reduce the bound of the step sizes towards zero while less than ``anneal`` of all steps remains."""
-        highest = self.coefficients.max_learning_rate
-        anneal = self.coefficients.anneal
-        self._ceiling.copy_(highest * (remaining / anneal.clamp(min=1e-9)).clamp(max=1.0))
+        schedule = self.settings.schedule
+        self._ceiling.fill_(schedule.max_learning_rate * schedule.left(remaining))
 
     def state(self) -> dict[str, Any]:
         """State of the learner without the episodes of the engine; all processes must call it.
@@ -134,7 +123,7 @@ class PPOLearner:
         return {
             "weights": {name: x.detach() for name, x in weights},
             "adam": self.adam.state(),
-            "generators": [generator.get_state() for generator in self._generators],
+            "generators": [self._generator.get_state()],
             "memory": None if memory is None else self.processes.whole(memory),
         }
 
@@ -144,8 +133,8 @@ class PPOLearner:
         for name, tensor in self.network.tensors.items():
             tensor.copy_(saved["weights"][name])
         self.adam.load(saved["adam"])
-        for generator, state in zip(self._generators, saved["generators"], strict=True):
-            generator.set_state(state.cpu())
+        (random,) = saved["generators"]
+        self._generator.set_state(random.cpu())
         if self.rollout.memory is not None:
             self.rollout.memory.copy_(self.processes.mine(saved["memory"]))
 
@@ -161,7 +150,7 @@ class PPOLearner:
         rollout = self.rollout
         rollout.begin()
         observation = engine.observe()
-        numbers = rollout.uniform(self._generators)
+        numbers = rollout.uniform(self._generator)
         for uniform, slot in zip(numbers, rollout.steps, strict=True):
             privileged = self._privileged()
             acted = self._act(self.network, observation, rollout.memory, privileged, uniform)
@@ -187,21 +176,19 @@ class PPOLearner:
         rollout = self.rollout
         privileged = self._privileged()
         values = self._value(
-            rollout.beside(self.engine.observe(), rollout.cut),
+            torch.cat((self.engine.observe(), rollout.cut)),
             None
             if rollout.memory is None or rollout.cut_memory is None
-            else rollout.beside(rollout.memory, rollout.cut_memory),
-            None if privileged is None else rollout.beside(privileged, privileged),
-        ).view(self.members, 2, -1)
-        last = values[:, 0].flatten()
-        beyond = values[:, 1].flatten()
-        # Advantages.
-        coefficients = self.coefficients
-        gamma, gae_lambda, scale = map(
-            rollout.spread, (coefficients.gamma, coefficients.gae_lambda, coefficients.reward_scale)
+            else torch.cat((rollout.memory, rollout.cut_memory)),
+            None if privileged is None else privileged.repeat(2, 1),
         )
-        reward = steps.reward * scale + gamma * steps.truncated * beyond
-        advantage = self._gae(reward, steps.value, steps.ended, last, gamma, gae_lambda)
+        last, beyond = values.chunk(2)
+        # Advantages.
+        settings = self.settings
+        reward = steps.reward * settings.reward_scale + settings.gamma * steps.truncated * beyond
+        advantage = self._gae(
+            reward, steps.value, steps.ended, last, settings.gamma, settings.gae_lambda
+        )
         # Inputs of the network, which are the same in every epoch.
         memory, privileged_columns = (
             None if x is None else x.flatten(0, 1) for x in (steps.memory, steps.privileged)
@@ -226,41 +213,37 @@ class PPOLearner:
         )
 
     def _update(self) -> Tensor:
-        """Descend on all minibatches of all epochs and adapt step sizes; (K, statistics) as `learn` returns.
+        """Descend on all minibatches of all epochs and adapt step sizes; returns what `learn` does.
 
         Minibatches are the same in all epochs, in the same order, and their advantages are standardised once. The
         statistics of observations change only afterwards, so that all of them are seen through one normalisation.
         """
         batch = self.batch()
-        parts = minibatches(batch, self.members, self._minibatches)
-        # Standardise the advantages of every member in every minibatch.
-        advantage = torch.cat([part.advantage for part in parts]).view(
-            len(parts) * self.members, -1
-        )
+        parts = minibatches(batch, self._minibatches)
+        # Standardise the advantages of every minibatch.
+        advantage = torch.cat([part.advantage for part in parts]).view(len(parts), -1)
         standard = self.processes.standardised(advantage).flatten().chunk(len(parts))
         parts = [part._replace(advantage=x) for part, x in zip(parts, standard, strict=True)]
         losses_by_minibatch = torch.stack(
-            [self._descend(part) for _ in range(self.n_epochs) for part in parts]
+            [self._descend(part) for _ in range(self.settings.n_epochs) for part in parts]
         ).mean(dim=0)
         self.network.update_statistics(batch.columns, self.processes.pooled, self.processes.size)
-        means = self.processes.average(
-            torch.cat((losses_by_minibatch, self.rollout.totals()), dim=1)
-        )
-        self._adapt(means[:, STATISTICS.index("approx_kl")])
-        first, rest = means.tensor_split([len(STATISTICS)], dim=1)
-        return torch.cat((first, self.adam.rate[:, None], rest), dim=1)
+        means = self.processes.average(torch.cat((losses_by_minibatch, self.rollout.totals())))
+        self._adapt(means[STATISTICS.index("approx_kl")])
+        first, rest = means.tensor_split([len(STATISTICS)])
+        return torch.cat((first, self.adam.rate[None], rest))
 
     # Gradient step on one minibatch.
 
     def _descend(self, part: Batch) -> Tensor:
-        """Gradient step on a minibatch; returns losses and norms of the gradients, (K, statistics)."""
+        """Gradient step on a minibatch; returns losses and the norm of the gradient, (statistics,)."""
         result = (
             Losses(*self.backend(part))
             if self.backend is not None
-            else self._losses(self.network, part, self.coefficients, self._with_entropy)
+            else self._losses(self.network, part, self.settings)
         )
-        norm = self.adam.descend(result.loss.sum(), self.coefficients.max_grad_norm, self.processes)
-        return torch.stack((*result, norm), dim=1).detach()
+        norm = self.adam.descend(result.loss, self.settings.max_grad_norm, self.processes)
+        return torch.stack((*result, norm)).detach()
 
     # Adapt step sizes: shorter if the divergence is above the desired one, longer if it is below.
 
@@ -318,27 +301,19 @@ def preprocessed(
     )
 
 
-def losses(
-    network: Network, batch: Batch, coefficients: Coefficients, with_entropy: bool
-) -> Losses:
-    """Clipped surrogate, squared value error and entropy bonus of a minibatch, equal to those of SB3."""
-    by_member = lambda x: x.view(network.members, -1)  # noqa: E731
+def losses(network: Network, batch: Batch, settings: PPOSettings) -> Losses:
+    """Clipped surrogate and squared value error of a minibatch, equal to those of SB3 without an entropy bonus."""
     output = network.evaluate_seen(batch.columns, batch.memory, batch.privileged)
     # Clipped surrogate objective.
-    advantage = by_member(batch.advantage)
-    log_ratio = by_member(output.policy.log_prob(batch.action) - batch.log_prob)
+    log_ratio = output.policy.log_prob(batch.action) - batch.log_prob
     ratio = log_ratio.exp()
-    clip_range = coefficients.clip_range[:, None]
+    clip_range = settings.clip_range
     clipped = ratio.clamp(1 - clip_range, 1 + clip_range)
-    surrogate = -torch.minimum(advantage * ratio, advantage * clipped).mean(dim=1)
-    # Value error and entropy.
-    value = by_member(batch.target - output.value).square().mean(dim=1)
-    loss = surrogate + coefficients.vf_coef * value
-    entropy = torch.zeros_like(value)
-    if with_entropy:
-        entropy = -by_member(output.policy.entropy()).mean(dim=1)
-        loss = loss + coefficients.ent_coef * entropy
+    surrogate = -torch.minimum(batch.advantage * ratio, batch.advantage * clipped).mean()
+    value = (batch.target - output.value).square().mean()
+    loss = surrogate + settings.vf_coef * value
     with torch.no_grad():
-        divergence = ((ratio - 1) - log_ratio).mean(dim=1)
-        clip_fraction = ((ratio - 1).abs() > clip_range).to(ratio.dtype).mean(dim=1)
+        entropy = -output.policy.entropy().mean()
+        divergence = ((ratio - 1) - log_ratio).mean()
+        clip_fraction = ((ratio - 1).abs() > clip_range).to(ratio.dtype).mean()
     return Losses(loss, surrogate, value, entropy, divergence, clip_fraction)

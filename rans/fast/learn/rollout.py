@@ -42,7 +42,7 @@ class Acted(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Transitions to learn from; the environments of K members are contiguous."""
+    """Transitions to learn from."""
 
     columns: Tensor
     """Preprocessed observations, see `Network.look`."""
@@ -57,14 +57,13 @@ class Batch(NamedTuple):
 
 
 class Rollout:
-    """T steps of the N environments of an engine, controlled by the K members of a network."""
+    """T steps of the N environments of an engine, controlled by a network."""
 
     def __init__(self, engine: Engine, network: Network, n_steps: int) -> None:
         count = engine.num_envs
         width = engine.observation_width
         thrusters = engine.craft.command_count
         architecture = network.architecture
-        members = network.members
         new = lambda *shape: torch.zeros(shape, dtype=engine.dtype, device=engine.device)  # noqa: E731
         every = lambda *shape: new(n_steps, count, *shape)  # noqa: E731
         self.all = Slot(
@@ -89,59 +88,38 @@ class Rollout:
         """Last observation of a truncated episode, and the memory of the network then. Episodes are at least
         as long as a rollout, so there is at most one per rollout."""
         self._processes = engine.processes
-        self._members = members
-        self.terms = new(members, len(engine.term_names))
-        """Mean over a member's environments of each reward term, summed over the steps."""
-        self.succeeded = new(members)
-        """Number of episodes per member that ended as a success."""
-        self.failed = new(members)
-        """Number of episodes per member that the task ended as a failure."""
+        self.terms = new(len(engine.term_names))
+        """Mean over the environments of each reward term, summed over the steps."""
+        self.succeeded = new()
+        """Number of episodes that ended as a success."""
+        self.failed = new()
+        """Number of episodes that the task ended as a failure."""
         self._engine = engine
-        self._elapsed = new(members)
+        self._elapsed = new()
 
     def begin(self) -> None:
         """Reset the sums over the steps."""
         self.terms.zero_()
         self.succeeded.zero_()
         self.failed.zero_()
-        self._elapsed.copy_(self._by_member(self._engine.elapsed()))
+        self._elapsed.copy_(self._engine.elapsed().sum())
 
-    def uniform(self, generators: Sequence[torch.Generator]) -> Tensor:
-        """Random numbers (T, N, thrusters) in [0, 1), on a CPU from one generator per member."""
+    def uniform(self, generator: torch.Generator) -> Tensor:
+        """Random numbers (T, N, thrusters) in [0, 1), on a CPU from the generator."""
         action = self.all.action
-        if action.is_cuda:
-            return self._processes.uniform_like(action)
-        parts = zip(action.chunk(self._members, dim=1), generators, strict=True)
-        samples = [self._processes.uniform_like(part, generator) for part, generator in parts]
-        return torch.cat(samples, dim=1) if len(samples) > 1 else samples[0]
-
-    def spread(self, values: Tensor) -> Tensor:
-        """Repeat numbers (K,) of the members for their environments: (N,), or (1,) for one member."""
-        if self._members == 1:
-            return values
-        return values.repeat_interleave(self.all.reward.shape[1] // self._members)
-
-    def beside(self, first: Tensor, second: Tensor) -> Tensor:
-        """Concatenate the rows of both by member, (2 N, ...), for a single evaluation of the network."""
-        pair = [x.unflatten(0, (self._members, -1)) for x in (first, second)]
-        return torch.cat(pair, dim=1).flatten(0, 1)
+        return self._processes.uniform_like(action, None if action.is_cuda else generator)
 
     def totals(self) -> Tensor:
-        """Episode counts and mean rewards in this process, (K, 4 + terms).
+        """Episode counts and mean rewards in this process, (4 + terms,).
 
         Columns: episodes that failed, that ended, and that succeeded; steps of those that ended, from their
         starts; then the mean reward per step of each term.
         """
-        ended = self.all.ended.unflatten(1, (self._members, -1)).sum(dim=(0, 2))
         # Every step adds 1 to the time of a running episode, and an end takes its length away.
-        steps = self.all.reward.numel() // self._members
-        lengths = self._elapsed + steps - self._by_member(self._engine.elapsed())
-        counts = torch.stack([self.failed, ended, self.succeeded, lengths], dim=1)
-        return torch.cat((counts, self.terms / len(self.steps)), dim=1)
-
-    def _by_member(self, numbers: Tensor) -> Tensor:
-        """Sums over the environments of each member, (K,)."""
-        return numbers.unflatten(0, (self._members, -1)).sum(dim=1).to(self.terms.dtype)
+        steps = self.all.reward.numel()
+        lengths = self._elapsed + steps - self._engine.elapsed().sum()
+        counts = torch.stack([self.failed, self.all.ended.sum(), self.succeeded, lengths])
+        return torch.cat((counts, self.terms / len(self.steps)))
 
 
 def remember(
@@ -180,12 +158,10 @@ def remember(
     if memory is not None and cut_memory is not None and acted.memory is not None:
         cut_memory.copy_(torch.where(last, acted.memory, cut_memory))
         memory.copy_(torch.where(ended[:, None], 0.0, acted.memory))
-    # Sums for the log, by member.
-    members = (len(rollout.succeeded), -1)
-    rollout.terms.add_(step.terms.unflatten(1, members).mean(dim=2).T)
-    rollout.succeeded.add_(step.success.unflatten(0, members).sum(dim=1))
-    lost = step.terminated & ~step.reached
-    rollout.failed.add_(lost.unflatten(0, members).sum(dim=1))
+    # Sums for the log.
+    rollout.terms.add_(step.terms.mean(dim=1))
+    rollout.succeeded.add_(step.success.sum())
+    rollout.failed.add_((step.terminated & ~step.reached).sum())
 
 
 def gae(
@@ -193,14 +169,13 @@ def gae(
     value: Tensor,
     ended: Tensor,
     last_value: Tensor,
-    gamma: Tensor | float,
-    gae_lambda: Tensor | float,
+    gamma: float,
+    gae_lambda: float,
 ) -> Tensor:
     """Generalised advantage estimates (T, N) (Schulman et al., 2016).
 
     Rewards, values before each step and ``ended`` (1 where the episode ended with this step) are (T, N);
-    ``last_value``, the values after the last step, is (N,). The discount ``gamma`` and ``gae_lambda`` are
-    numbers or (N,).
+    ``last_value``, the values after the last step, is (N,).
     """
     going_on = 1.0 - ended
     following = torch.cat((value[1:], last_value[None]))
@@ -214,19 +189,13 @@ def gae(
     return result
 
 
-def minibatches(batch: Batch, members: int, count: int) -> list[Batch]:
-    """Cut (T, N, ...) into ``count`` minibatches of whole environments, independent of the other members.
+def minibatches(batch: Batch, count: int) -> list[Batch]:
+    """Cut (T, N, ...) into ``count`` minibatches of n whole environments, whose fields become (T n, ...).
 
-    Environments are independent, so they need no shuffling. Fields become (K T n, ...) with n environments of
-    each member.
+    Environments are independent, so they need no shuffling.
     """
-
-    def chunks(field: Tensor) -> Sequence[Tensor]:
-        return field.unflatten(1, (members, -1)).chunk(count, dim=2)
-
     none: list[Tensor | None] = [None] * count
     flat: list[Sequence[Tensor | None]] = [
-        none if x is None else [part.transpose(0, 1).flatten(0, 2) for part in chunks(x)]
-        for x in batch
+        none if x is None else [part.flatten(0, 1) for part in x.chunk(count, dim=1)] for x in batch
     ]
     return [Batch._make(fields) for fields in zip(*flat, strict=True)]

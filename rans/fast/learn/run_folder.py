@@ -28,7 +28,8 @@ class RunFolder:
     """Names and formats of the files of one training.
 
     ``config.json`` repeats it, ``spacecraft.toml`` is the spacecraft at its start, ``metrics.jsonl`` has one
-    row per report, ``checkpoint.safetensors`` resumes it, ``agent.safetensors`` is the agent with its critic;
+    row per report, ``checkpoint.safetensors`` resumes it, ``agent.safetensors`` is the agent with its critic,
+    ``nonfinite.safetensors`` what a training was in which a number became NaN;
     that of an exported agent has no critic. Opening these files executes no code from them
     (docs/decisions/security.md).
 
@@ -46,6 +47,7 @@ class RunFolder:
         self.metrics_file = files.inside(path, "metrics.jsonl")
         self.checkpoint_file = files.inside(path, CHECKPOINT)
         self.trained_file = files.inside(path, AGENT)
+        self.nonfinite_file = files.inside(path, "nonfinite.safetensors")
         self._archive = files.inside(path, "policy.zip")
         self._lock = files.Lock(files.inside(path, files.LOCK))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from statistics import fmean
 
 import torch
@@ -10,9 +10,7 @@ from torch import Tensor
 
 from rans.episode import Guard
 from rans.fast.engine import Engine
-from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.graph import fused, graphed
-from rans.fast.stepping.step import field_dtype
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -26,10 +24,10 @@ EPISODES = 1024
 
 
 class Selection:
-    """Evaluates every member from the same 1,024 initial states; a multi-task in each of its tasks.
+    """Evaluates an agent from the same 1,024 initial states; a multi-task in each of its tasks.
 
-    Weights of the members may change between evaluations. Tasks (one per member) and conditions are those of
-    training, without its curriculum and with evaluation starts. Success is judged by the true state. With
+    Its weights may change between evaluations. Task and conditions are those of training, without its curriculum
+    and with evaluation starts. Success is judged by the true state. With
     ``plain`` nothing is compiled; with a ``guard`` this safety filter corrects the commands.
     """
 
@@ -37,60 +35,41 @@ class Selection:
         self,
         network: Network,
         craft: Spacecraft,
-        tasks: Sequence[Task],
+        task: Task,
         timing: Timing,
         device: torch.device,
         conditions: Conditions | None = None,
         plain: bool = False,
         guard: Guard | None = None,
     ) -> None:
-        members = len(tasks)
-        judged = [task.parts() for task in tasks]
-
-        # An engine a task: the evaluation's starts of every member, one group of episodes behind the other.
-        def engine(name: str) -> Engine:
-            """Engine of one task: `EPISODES` rows a member, the same starts for each, without a curriculum.
-
-            Starts depend on `SELECTION_SEED` alone, so that members, runs and resumed runs are compared on the same
-            episodes.
-            """
-            fixed = [each[name].for_evaluation() for each in judged]
-            task = Curriculum(fixed, (), field_dtype(device, plain=plain), device, EPISODES).task
-            seeds = [SELECTION_SEED] * members
-            return Engine(
+        self._network = network
+        # Starts depend on the seed alone, so that runs and resumed runs are compared on the same episodes.
+        self._engines = {
+            name: Engine(
                 craft,
-                task,
-                members * EPISODES,
+                part.for_evaluation(),
+                EPISODES,
                 timing,
-                seed=seeds,
+                seed=SELECTION_SEED,
                 device=device,
                 conditions=conditions,
                 guard=guard,
                 plain=plain,
             )
-
-        self._network = network
-        self._engines = {name: engine(name) for name in judged[0]}
+            for name, part in task.parts().items()
+        }
         self._act = fused(Network.deterministic_action, device, plain)
         self._flight = graphed(self._fly, device, plain)
 
-    def judge(self) -> list[dict[str, float]]:
-        """Evaluation results of every member.
+    def judge(self) -> dict[str, float]:
+        """Figures of an evaluation by their names in the log.
 
         "success" is the share of episodes that are solved (`rans.verdict`), for a multi-task that of its worst
         task; "duty" is the mean share of open thrusters; "error/..." are mean errors before each step of the
         last fifth. Episodes started after a failure enter the means. Errors of a multi-task are named
         "error/go-to-pose/position".
         """
-        return [self._named(values) for values in self._flight().tolist()]
-
-    def _named(self, values: Sequence[float]) -> dict[str, float]:
-        """Figures of an evaluation by their names in the log, in the order in which `judge` computes them.
-
-        An agent of several tasks counts as good as in its worst one. Logs, sweeps and `solved_share` read these
-        names.
-        """
-        left = iter(values)
+        left: Iterator[float] = iter(self._flight().tolist())
         duties = []
         success_rates = []
         errors = {}
@@ -103,29 +82,26 @@ class Selection:
 
     @torch.no_grad()
     def _fly(self) -> Tensor:
-        return torch.cat([self._flown(engine) for engine in self._engines.values()], dim=1)
+        return torch.cat([self._flown(engine) for engine in self._engines.values()])
 
     def _flown(self, engine: Engine) -> Tensor:
-        """Results of one episode per environment: duty, success share and mean errors, (K, 2 + errors).
+        """Results of one episode per environment: duty, success share and mean errors, (2 + errors,).
 
         Nothing is read on the host before the end: a GPU computes it without waiting. Solved is what `rans.verdict`
         says.
         """
-        members = self._network.members
         steps = engine.timing.episode_steps
         last = last_fifth(steps)
-        mean = lambda field: field.to(engine.dtype).reshape(members, -1).mean(dim=1)  # noqa: E731
+        mean = lambda field: field.to(engine.dtype).mean()  # noqa: E731
         observation = engine.reset(SELECTION_SEED)
         memory = self._network.initial_state(engine.num_envs)
         verdict = map_leaves(torch.as_tensor, FlightAccumulator.begin(engine, engine.episode))
         duty = mean(verdict.lost)
-        total = duty[:, None]
+        total = duty
         for t in range(steps):
             late = t >= steps - last
             if late:
-                total = total + torch.stack(
-                    [mean(error) for error in engine.errors().values()], dim=1
-                )
+                total = total + torch.stack([mean(error) for error in engine.errors().values()])
             command, memory = self._act(self._network, observation, memory)
             duty = duty + mean(command) / steps
             step = engine.step(engine.commands(command))
@@ -138,4 +114,4 @@ class Selection:
                 verdict = verdict.at(t + 1, late, step.reached, step.terminated, verdict.lost, done)
             else:
                 verdict = verdict.without_instant(step.terminated, done)
-        return torch.cat((duty[:, None], mean(verdict.solved)[:, None], total / last), dim=1)
+        return torch.cat((duty[None], mean(verdict.solved)[None], total / last))

@@ -1,47 +1,69 @@
-"""Sweeps: trainings with several seeds and hyper-parameters, batched on one device where possible.
+"""Sweeps: trainings with several seeds and hyper-parameters, as jobs of an executor.
 
-A member learns what it would alone (`tests/fast/learn/test_sweep.py`); files let a sweep be resumed.
+A member is a training like any other (`rans.fast.learn.trainer`), with a run folder of its own.
 """
 
 from __future__ import annotations
 
-import gc
 import json
+import shutil
 import sys
+import time
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import fmean
 from typing import Any, TypeVar
 
 import torch
 
-from rans.errors import ConfigError, WorkerLost, brief
-from rans.fast.agent_files.agent import save_agent
+from rans.errors import ConfigError, NonFiniteState
+from rans.executors import chosen_executor
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
-from rans.fast.learn.config import Coefficients, TrainConfig, from_table, to_table
-from rans.fast.learn.member import Member, architecture_of, check_sizes
+from rans.fast.learn.beginning import architecture_of, check_sizes
+from rans.fast.learn.config import TrainConfig, from_table, to_table
 from rans.fast.learn.recipes import craft_of
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.trainer import Trainer, check_device
-from rans.files import LOCK, Lock, inside, read_json, write_json
-from rans.policy.architecture import Architecture
+from rans.fast.learn.trainer import Trainer, check_device, is_solved
+from rans.files import LOCK, inside, read_json, write_json
+from rans.model.spacecraft import Spacecraft
+from rans.processes import Workers, nothing
+from rans.registry import typed
 from rans.structure import entries
-
-_BATCHED = {"seed", *(f"ppo.{Coefficients.entry(name)}" for name in Coefficients._fields)}
-"""Config entries in which members of a batch may differ, besides numeric settings of the task."""
 
 Item = TypeVar("Item")
 
 
+@dataclass
+class Member:
+    """Results of one training of a sweep."""
+
+    config: TrainConfig
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    """Rows of ``metrics.jsonl``; none: it has not begun."""
+    diverged: bool = False
+    """Whether a number became NaN or infinite, which ended the training."""
+
+    @property
+    def solved(self) -> bool:
+        """Whether it has solved its task."""
+        return not self.diverged and is_solved(self.config, self.rows)
+
+
 class Sweep:
-    """Trains many members in batches of compatible configs.
+    """Trainings of several configs, in processes of this machine or on the executor of `rans.run_on`.
 
-    Configs (one per member) that differ only in seed, in `Coefficients` and in numeric settings of the task
-    form one batch. The folder has ``configs.json`` and a run folder per batch, from which the sweep can be
-    resumed; nothing is written before `train`.
+    Its folder has ``configs.json`` and the run folder of every member, from which the sweep resumes; nothing is
+    written before `train`. Workers on other machines must see the folder under the same path. A CPU trains as many
+    members at once as it has processors, a GPU one after the other.
 
-    Batches are divided into ``parts``, by default one per process. Any number of processes may resume a sweep.
+    Args:
+        configs: config of each member.
+        path: folder of the sweep.
+        command: recorded in its files.
+        processes: processes of torchrun, of which each trains its part of the members.
 
     Raises:
         ConfigError: a config is invalid.
@@ -53,28 +75,19 @@ class Sweep:
         path: Path,
         command: str = "rans sweep",
         processes: Processes = ALONE,
-        parts: int | None = None,
     ) -> None:
         self.path = path
         self.command = command
         self.processes = processes
         self.members = [Member(config) for config in configs]
-        self._parts = parts or processes.size
-        # Members of equal structure train together, in as many parts as processes.
-        whole = grouped(range(len(configs)), lambda n: _key(configs[n], _is_structure))
-        for batch in whole:
-            checked_architecture(configs[batch[0]])
-        self._batches = [
-            part
-            for batch in whole
-            for first in range(self._parts)
-            if (part := batch[first :: self._parts])
-        ]
+        for same in grouped(configs, _key):
+            _check(same[0])
         self.seconds = 0.0
+        """Time of `train`."""
         self.timed_steps = 0
-        """Environment steps of all members within ``seconds``, the training time without compilation."""
+        """Environment steps of all members in that time."""
         # Settings in which members differ.
-        tables = [dict(entries(to_table(member.config))) for member in self.members]
+        tables = [dict(entries(to_table(config))) for config in configs]
         self.varied = [
             name
             for name, value in tables[0].items()
@@ -82,133 +95,93 @@ class Sweep:
         ]
         """Names of the hyper-parameters in which members differ."""
 
-    def train(
-        self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool] = lambda: False
-    ) -> None:
-        """Train until every member has solved its task or used all its steps, or ``stop``; see `Trainer.train`.
+    def train(self, report: Callable[[Member], object] = lambda _: None) -> None:
+        """Train until every member has solved its task, used all its steps, or diverged.
 
-        Afterwards every process has the results of all members.
+        Afterwards ``members`` has the results, also after an interrupt, of those that have any.
+
+        Args:
+            report: called with every member that has ended.
 
         Raises:
-            WorkerLost: another process is gone.
-            ConfigError: the folder belongs to another sweep, is in use, or has a part that is a symbolic link.
+            ConfigError: the folder belongs to another sweep, a member is in training, or a file is a symbolic link.
+            RansError: a worker died.
         """
-        lock = Lock(inside(self.path, LOCK))
         inside(self.path, "best")  # checked before the training, not after it
         if self.processes.is_first:
-            lock.take(
-                f"{self.path} is being trained by another sweep; wait for its end, or stop it."
-            )
+            self._begin()
+        self.processes.from_all(None)  # nobody trains before the folder is there
+        self._read()
+        before = self.steps
+        numbers = self.processes.mine([*range(len(self.members))])
+        jobs = [self._job(number) for number in numbers]
+        # A GPU, and each process of torchrun, trains one after the other.
+        lone = self.processes.size > 1 or self.members[0].config.device == "cuda"
+        workers = Workers(
+            nothing,
+            count=1 if lone and chosen_executor() is None else None,
+            work="trained a member",
+        )
+        begun = time.monotonic()
         try:
-            if self.processes.is_first:
-                self._begin()
-            self._train_all(report, stop)
+            for ended, _ in workers.finished(_train, jobs):
+                self._read()
+                report(self.members[numbers[ended]])
+            self.processes.from_all(None)  # everybody has ended
         finally:
-            lock.release()
+            self._read()
+            self.seconds = time.monotonic() - begun
+            self.timed_steps = self.steps - before
+
+    @property
+    def steps(self) -> int:
+        """Environment steps of all members."""
+        return sum(member.rows[-1]["steps"] for member in self.members if member.rows)
+
+    def run(self, number: int) -> RunFolder:
+        """Run folder of the member of a number."""
+        return RunFolder(inside(self.path, "members", str(number)))
 
     def _begin(self) -> None:
-        """Write the configs; ConfigError if the folder has another sweep.
-
-        A resumed sweep reads ``parts``: batches, and with them the folders of their runs, follow from it.
-        """
+        """Write the configs; ConfigError if the folder has another sweep."""
         file = inside(self.path, "configs.json")
-        members = [member.config for member in self.members]
-        if file.exists() and read_configs(self.path)[0] != members:
+        configs = [member.config for member in self.members]
+        if file.exists() and read_configs(self.path)[0] != configs:
             raise ConfigError(
                 f"{self.path} holds another sweep already; choose another folder with --output."
             )
-        write_json(
-            file,
-            {
-                "command": self.command,
-                "parts": self._parts,
-                "configs": [to_table(config) for config in members],
-            },
-        )
+        write_json(file, {"command": self.command, "configs": [*map(to_table, configs)]})
 
-    def _train_all(
-        self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool]
-    ) -> None:
-        """Train batch after batch until all are done or a stop is asked for.
+    def _job(self, number: int) -> tuple[TrainConfig, Spacecraft, str, str]:
+        """Arguments of `_train`; the spacecraft is read here, where the user has said whose code may run."""
+        config = self.members[number].config
+        run = self.run(number)
+        craft = run.spacecraft() if run.config_file.exists() else craft_of(config)
+        return config, craft, str(run.path.absolute()), self.command
 
-        Where a stop was asked for, batches with a checkpoint are still opened for their results, and no other one
-        begins.
-        """
-        for number, batch in self.processes.mine(list(enumerate(self._batches))):
-            run = RunFolder(inside(self.path, "batches", str(number)))
-            if not stop() or run.has_checkpoint:
-                if number > 0:
-                    gc.collect()  # the device's memory of the batch before hangs in reference cycles
-                self._train(run, batch, report, stop)
-        try:
-            self._gather_results()
-        except WorkerLost as error:
-            advice = f"What was trained is kept; go on with `rans sweep --resume {self.path}`."
-            raise WorkerLost(f"{error} {advice}") from error
+    def _read(self) -> None:
+        """Read the members' results from their run folders."""
+        for number, member in enumerate(self.members):
+            run = self.run(number)
+            member.rows = run.metrics()
+            member.diverged = run.nonfinite_file.exists()
 
-    def _gather_results(self) -> None:
-        """Bring the results of all processes into this one, replacing ``members`` and sums of time and steps.
-
-        Other processes' members are made anew, without their trainers: only rows, weights and counts are sent.
-        """
-        local = [number for batch in self.processes.mine(self._batches) for number in batch]
-        results = {
-            number: ((member := self.members[number]).rows, member.weights, member.in_a_row)
-            for number in local
-        }
-        gathered = self.processes.from_all((results, self.seconds, self.timed_steps))
-        for trained, _, _ in gathered:
-            for number, (rows, weights, in_a_row) in trained.items():
-                self.members[number] = Member(self.members[number].config, rows, weights, in_a_row)
-        self.seconds = max(seconds for _, seconds, _ in gathered)
-        self.timed_steps = sum(steps for _, _, steps in gathered)
-
-    def _train(
-        self,
-        run: RunFolder,
-        batch: Sequence[int],
-        report: Callable[[Sequence[Member]], object],
-        stop: Callable[[], bool],
-    ) -> None:
-        """Train a batch of members together in a run folder; replaces these ``members`` and adds up seconds.
-
-        `Trainer.resume` starts from the beginning where there is no checkpoint, so that both ways come here.
-        """
-        configs = [self.members[number].config for number in batch]
-        if "torch._dynamo" in sys.modules:
-            torch.compiler.reset()  # what earlier batches compiled counts towards the compiler's limit
-        if not run.config_file.exists():
-            run.begin(configs[0], self.command)
-        trainer = Trainer(configs, run.spacecraft(), run, goes_on=True)
-        trainer.resume()
-        for number, member in zip(batch, trainer.members, strict=True):
-            self.members[number] = member
-        trainer.train(report, stop)
-        self.seconds += trainer.seconds
-        self.timed_steps += trainer.timed_steps
-
-    def save(self, member: Member, path: Path) -> None:
-        """Write config, metrics and agent of a member into a new run folder; ConfigError if it exists."""
-        run = RunFolder(path)
-        run.begin(member.config, self.command)
-        for row in member.rows:
-            run.append_metrics(row)
-        save_agent(
-            run.trained_file,
-            checked_architecture(member.config),
-            member.weights,
-            member.config.ppo,
-            member.rows[-1]["steps"],
-        )
+    def save_best(self) -> Path:
+        """Copy the run folder of the best member to ``best``, in place of what is there; returns that folder."""
+        path = inside(self.path, "best")
+        shutil.rmtree(path, ignore_errors=True)
+        run = self.run(self.members.index(self.best()))
+        shutil.copytree(run.path, path, symlinks=True, ignore=shutil.ignore_patterns(LOCK))
+        return path
 
     def best(self) -> Member:
         """Best seed of the config with the best results over all its seeds."""
         return min(min(self.configs(), key=_rank), key=lambda member: _rank([member]))
 
     def configs(self) -> list[list[Member]]:
-        """Members that have started, grouped by config without the seed."""
+        """Members that have begun, grouped by config without the seed."""
         begun = [member for member in self.members if member.rows]
-        return grouped(begun, lambda member: _key(member.config, lambda name, _: name != "seed"))
+        return grouped(begun, lambda member: _key(member.config))
 
     def choice(self, member: Member) -> dict[str, Any]:
         """Values of the varied hyper-parameters of a member."""
@@ -216,7 +189,7 @@ class Sweep:
         return {name: table[name] for name in self.varied}
 
     def results(self) -> list[dict[str, Any]]:
-        """One row per started member: number, seed, varied values and last metrics; JSON values."""
+        """One row per member that has begun: number, seed, varied values and last metrics; JSON values."""
         return [
             {
                 "member": number,
@@ -231,32 +204,42 @@ class Sweep:
         ]
 
 
-def read_configs(path: Path) -> tuple[list[TrainConfig], str, int]:
-    """Configs, command and number of parts of the sweep in this folder; ConfigError if there is none."""
+def _train(_: None, config: TrainConfig, craft: Spacecraft, path: str, command: str) -> None:
+    """Train a member in its run folder, from its checkpoint if it has one; one that diverges has ended."""
+    for name in (config.task, config.spacecraft, config.algorithm):
+        typed(name)  # the process that sent this job has asked whose code may run
+    if "torch._dynamo" in sys.modules:
+        torch.compiler.reset()  # what earlier members compiled counts towards the compiler's limit
+    run = RunFolder(Path(path))
+    if not run.config_file.exists():
+        run.begin(config, command)
+    trainer = Trainer(config, craft, run)
+    trainer.resume()
+    with suppress(NonFiniteState):
+        trainer.train()
+
+
+def read_configs(path: Path) -> tuple[list[TrainConfig], str]:
+    """Configs and command of the sweep in this folder; ConfigError if there is none."""
     file = inside(path, "configs.json")
     if not file.exists():
         raise ConfigError(f"{path} is not a sweep's folder: it has no configs.json.")
     table = read_json(file)
     if not isinstance(table, dict) or not isinstance(table.get("configs"), list):
         raise ConfigError(f"{file} is damaged: it lists no configs.")
-    parts = table.get("parts", 1)
-    if not isinstance(parts, int) or parts < 1:
-        raise ConfigError(
-            f"{file} is damaged: parts must be a whole number >= 1, got {brief(parts)}."
-        )
     try:
         configs = [from_table(config) for config in table["configs"]]
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from error
-    return configs, str(table.get("command")), parts
+    return configs, str(table.get("command"))
 
 
-def checked_architecture(config: TrainConfig) -> Architecture:
-    """Network architecture of a config; ConfigError if the config is invalid."""
+def _check(config: TrainConfig) -> None:
+    """Raise ConfigError if a config is invalid."""
     check_device(config.device)
     engine = Engine(craft_of(config), config.settings, config.ppo.n_envs, config.timing)
-    check_sizes(engine, config.ppo, 1)
-    return architecture_of(engine, config.ppo)
+    check_sizes(engine, config.ppo)
+    architecture_of(engine, config.ppo)
 
 
 def grouped(items: Iterable[Item], key: Callable[[Item], str]) -> list[list[Item]]:
@@ -272,17 +255,9 @@ def short(name: str) -> str:
     return name.rsplit(".", 1)[-1]
 
 
-def _key(config: TrainConfig, counts: Callable[[str, Any], bool]) -> str:
-    """Key of the selected entries of a config; equal for equal entries."""
-    return json.dumps(
-        [(name, value) for name, value in entries(to_table(config)) if counts(name, value)]
-    )
-
-
-def _is_structure(name: str, value: Any) -> bool:
-    numbers = value if isinstance(value, tuple) else (value,)
-    is_number = all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers)
-    return name not in _BATCHED and not (name.startswith("settings.") and is_number)
+def _key(config: TrainConfig) -> str:
+    """Key of a config without its seed; equal for equal ones."""
+    return json.dumps(to_table(replace(config, seed=0)))
 
 
 def _rank(members: Sequence[Member]) -> tuple[float, float, float]:

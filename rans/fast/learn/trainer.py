@@ -1,4 +1,4 @@
-"""Training from configs until the task is solved or the steps are used up, with regular checkpoints.
+"""Training from a config until the task is solved or the steps are used up, with regular checkpoints.
 
 A checkpoint continues bit by bit (`tests/fast/learn/test_trainer.py`), so that whatever a step changes is in
 `_checkpoint`.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
@@ -28,12 +28,12 @@ from rans.fast.agent_files.tensors import pack_tensors
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
 from rans.fast.learn.any_craft import imitate, teacher
+from rans.fast.learn.beginning import begin, statistics
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.graph import as_written, calls_until_recorded
 from rans.fast.learn.learners import LEARNERS, own_settings
 from rans.fast.learn.loggers import Events
-from rans.fast.learn.member import SOLVED_IN_A_ROW, Member, begin, statistics
 from rans.fast.learn.policy_file import begin_from, write_learner
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
@@ -44,6 +44,8 @@ from rans.policy.network import Network
 from rans.randomization.plausible import warn_of_implausible
 from rans.tasks.feasible import check_feasible
 
+SOLVED_IN_A_ROW = 2
+"""Number of successive reports with a solved task at which training ends; a single one may be chance."""
 _COMPILING = 30.0
 """Training time above which compiling saves time, s; it takes 5 to 35 s and doubles the speed."""
 _CHECKPOINT_SECONDS = 5.0
@@ -59,107 +61,103 @@ _ARCHITECTURE = (
 
 
 class Trainer:
-    """Trains the members of one batch together in one run folder.
+    """Trains an agent in a run folder.
 
     The number of threads of torch is set for the whole process. Nothing is written before `train`, and only by
     the first of the processes that share the environments.
 
     Args:
-        configs: one per member; they differ only in seed, coefficients and numeric settings of the task.
+        config: config of the training.
         craft: spacecraft.
         run: run folder.
         processes: processes among which the environments are divided.
-        goes_on: whether training continues, as in a sweep, when the weights of a member become non-finite.
         guard: safety filter, if the config requests one.
 
     Raises:
-        ConfigError: a config is invalid.
+        ConfigError: the config is invalid.
     """
 
     def __init__(
         self,
-        configs: Sequence[TrainConfig],
+        config: TrainConfig,
         craft: Spacecraft,
         run: RunFolder,
         processes: Processes = ALONE,
-        goes_on: bool = False,
         guard: Guard | None = None,
     ) -> None:
-        self.members, self.config = [Member(config) for config in configs], (first := configs[0])
-        check_device(first.device)
-        _check_guard(first, guard)
-        torch.set_num_threads(first.threads)
-        if first.device == "cpu" and not is_installed("llvmlite"):
+        check_device(config.device)
+        _check_guard(config, guard)
+        torch.set_num_threads(config.threads)
+        if config.device == "cpu" and not is_installed("llvmlite"):
             warnings.warn(
                 "training on a processor is several times slower without the package llvmlite: "
                 f"{installing('fast')}",
                 RansWarning,
                 stacklevel=2,
             )
+        self.config = config
         self.run = run
         self.processes = processes
-        self._goes_on = goes_on
+        self.rows: list[dict[str, Any]] = []
+        """Rows of ``metrics.jsonl``."""
         self.seconds = 0.0
         self.warm_up = 0.0
         self.steps = 0
-        # Members on this process's share of the environments.
-        device = torch.device(first.device)
-        each = processes.portion("n_envs", first.ppo.n_envs)
-        tasks = [config.settings for config in configs]
-        seeds = [config.seed for config in configs]
-        algorithm = LEARNERS[first.algorithm]
+        # This process's share of the environments.
+        device = torch.device(config.device)
+        count = processes.portion("n_envs", config.ppo.n_envs)
+        algorithm = LEARNERS[config.algorithm]
         # Automatic differentiation needs tensors of torch throughout.
-        plain = first.plain or algorithm.needs_autograd
+        plain = config.plain or algorithm.needs_autograd
         self.curriculum = Curriculum(
-            tasks, first.curriculum, field_dtype(device, plain=plain), device, each
+            config.settings, config.curriculum, field_dtype(device, plain=plain), device
         )
         # Engine.
         timing = replace(
-            first.timing, episode_steps=first.episode_steps or first.timing.episode_steps
+            config.timing, episode_steps=config.episode_steps or config.timing.episode_steps
         )
-        check_feasible(craft, first.settings, timing)
-        warn_of_implausible(first.conditions, craft)
+        check_feasible(craft, config.settings, timing)
+        warn_of_implausible(config.conditions, craft)
         self.engine = Engine(
             craft,
             self.curriculum.task,
-            each * len(configs),
+            count,
             timing,
-            seed=seeds,
+            seed=config.seed,
             device=device,
             processes=processes,
-            conditions=first.conditions.or_none,
-            remember=first.ppo.privileged_critic,
+            conditions=config.conditions.or_none,
+            remember=config.ppo.privileged_critic,
             guard=guard,
             plain=plain,
         )
         # Learner, from initial weights or those of another agent, which may also teach it.
-        settings = [config.ppo for config in configs]
         by_torch = plain or algorithm.plain_network
-        own = own_settings(first.algorithm, first.learner)
-        making = algorithm.making(first, craft, own)
-        self.learner = begin(self.engine, settings, seeds, by_torch, making)
+        own = own_settings(config.algorithm, config.learner)
+        making = algorithm.making(config, craft, own)
+        self.learner = begin(self.engine, config.ppo, config.seed, by_torch, making)
         self._teacher = None
-        if first.begin_from is not None and not run.has_checkpoint:
+        if config.begin_from is not None and not run.has_checkpoint:
             self._teacher = teacher(
-                first.begin_from, self.engine, self.learner.network.architecture
+                config.begin_from, self.engine, self.learner.network.architecture
             )
             if self._teacher is None:
-                begin_from(self.learner.network, first.begin_from)
+                begin_from(self.learner.network, config.begin_from)
         self.selection = Selection(
             self.learner.network,
             craft,
-            tasks,
-            first.timing,
+            config.settings,
+            config.timing,
             device,
-            first.conditions.or_none,
-            first.plain,
+            config.conditions.or_none,
+            config.plain,
             guard,
         )
-        self._statistics: list[dict[str, float]] = []
-        self._rollout = first.ppo.n_envs * first.ppo.n_steps
+        self._statistics: dict[str, float] = {}
+        self._rollout = config.ppo.n_envs * config.ppo.n_steps
         self._begun = self._reported = (0, 0.0)
         # Opened by `train`, so that a start that fails leaves no empty event file.
-        self._events: list[Events] = []
+        self._events: Events | None = None
 
     @property
     def imitates(self) -> str:
@@ -169,21 +167,12 @@ class Trainer:
 
     @property
     def solved(self) -> bool:
-        """Whether enough consecutive reports found the task of every member solved."""
-        return not self.running()
-
-    def running(self) -> list[int]:
-        """Numbers of the members that have not solved their tasks."""
-        return [number for number, member in enumerate(self.members) if not member.solved]
-
-    @property
-    def timed_steps(self) -> int:
-        """Environment steps of all members within ``seconds``, including members that are already solved."""
-        return (self.steps - self._begun[0]) * len(self.members)
+        """Whether the training ends because its task is solved, see `is_solved`."""
+        return is_solved(self.config, self.rows)
 
     @property
     def rate(self) -> float:
-        """Environment steps per second and member since the warm-up."""
+        """Environment steps per second since the warm-up."""
         return self._rate_since(self._begun)
 
     def _rate_since(self, then: tuple[int, float]) -> float:
@@ -195,12 +184,14 @@ class Trainer:
         return self.solved or self.steps >= self.config.total_timesteps
 
     def train(
-        self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool] = lambda: False
+        self,
+        report: Callable[[dict[str, Any]], object] = lambda _: None,
+        stop: Callable[[], bool] = lambda: False,
     ) -> None:
         """Train until the task is solved, the steps are used up, or ``stop`` returns true.
 
         Args:
-            report: called after every row of metrics.
+            report: called with every row of metrics.
             stop: called after every iteration, and often in an imitation (`rans.fast.learn.any_craft`), of which
                 nothing is saved if it is stopped: ``steps`` are 0 then.
 
@@ -219,21 +210,10 @@ class Trainer:
         finally:
             self.run.release()
 
-    def _train(
-        self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool]
-    ) -> None:
-        """Imitate a teacher if there is one, train until the end or a stop, and save.
-
-        Weights of members that still run are stored in them.
-        """
-        if self.processes.is_first and not self._events:
-            folders = [inside_for_others(self.run.path, "tensorboard")]
-            if len(self.members) > 1:
-                folders = [
-                    inside_for_others(self.run.path, "tensorboard", str(number))
-                    for number in range(len(self.members))
-                ]
-            self._events = [Events(folder) for folder in folders]
+    def _train(self, report: Callable[[dict[str, Any]], object], stop: Callable[[], bool]) -> None:
+        """Imitate a teacher if there is one, train until the end or a stop, and save."""
+        if self.processes.is_first and self._events is None:
+            self._events = Events(inside_for_others(self.run.path, "tensorboard"))
         stopped = False
         with nullcontext() if self.config.compiled else as_written():
             if self._teacher is not None and self.steps == 0:
@@ -245,14 +225,12 @@ class Trainer:
                 stopped = self._go_on(report, stop, self._compiling_pays)
         if not (stopped or self.ended):
             self._go_on(report, stop)
-        for number in self.running():
-            self.members[number].weights = self.learner.network.member(number)
         self.save()
 
     def _imitate(
         self,
         expert: Network,
-        report: Callable[[Sequence[Member]], object],
+        report: Callable[[dict[str, Any]], object],
         stop: Callable[[], bool],
     ) -> bool:
         """Learn from an agent for any craft, changing network, Adam and counts; may end a training once solved.
@@ -260,19 +238,17 @@ class Trainer:
         Returns whether it came to its end, and was not stopped.
         """
         begun = time.monotonic()
-        member = self.members[0]
-        may_end = self.config.solved_share is not None and len(self.members) == 1
+        share = self.config.solved_share
+        judged: dict[str, float] = {}
 
-        judged: list[dict[str, float]] = []
-
-        def is_solved() -> bool:
-            judged[:] = self.selection.judge()
-            return member.finds_solved(judged[0]["success"])
+        def is_enough() -> bool:
+            judged.update(self.selection.judge())
+            return share is not None and judged["success"] >= share
 
         def log(periods: int, loss: float) -> None:
             steps = periods * self.config.ppo.n_envs
-            for events in self._events:
-                events.write({"imitation/loss": loss}, steps)
+            if self._events is not None:
+                self._events.write({"imitation/loss": loss}, steps)
 
         flown = imitate(
             self.engine,
@@ -280,27 +256,23 @@ class Trainer:
             self.learner.adam,
             expert,
             self.config.ppo,
-            is_solved if may_end else None,
+            None if share is None else is_enough,
             stop,
             log,
         )
         self.seconds += time.monotonic() - begun
         if not flown:
             return False
-        if not may_end:
+        if share is None:
             self._begun = (self.steps, self.seconds)
             return True
         self.steps = flown * self.config.ppo.n_envs
-        self._statistics = [{}]
         self._report(report, judged)
-        if member.finds_solved(judged[0]["success"]):
-            member.in_a_row = SOLVED_IN_A_ROW
-            member.weights = self.learner.network.member(0)
         return True
 
     def _go_on(
         self,
-        report: Callable[[Sequence[Member]], object],
+        report: Callable[[dict[str, Any]], object],
         stop: Callable[[], bool],
         over: Callable[[], bool] = lambda: False,
     ) -> bool:
@@ -367,15 +339,12 @@ class Trainer:
         """
         self.curriculum.move_to(self.steps)
         self.learner.slow_down(max(0.0, 1 - self.steps / self.config.total_timesteps))
-        losses = self.learner.learn().tolist()
+        numbers = self.learner.learn().tolist()
         self.steps += self._rollout
         try:
-            self._statistics = [
-                statistics(numbers, self.learner, self.steps, goes_on=self._goes_on)
-                for numbers in losses
-            ]
+            self._statistics = statistics(numbers, self.learner, self.steps)
         except NonFiniteState as error:
-            file = self.run.path / "nonfinite.safetensors"
+            file = self.run.nonfinite_file
             state = pack_tensors(self._checkpoint())
             if self.processes.is_first:
                 replace_file(file, lambda draft: draft.write_bytes(state))
@@ -383,68 +352,41 @@ class Trainer:
 
     def _report(
         self,
-        report: Callable[[Sequence[Member]], object],
-        judged: Sequence[dict[str, float]] | None = None,
+        report: Callable[[dict[str, Any]], object],
+        judged: Mapping[str, float] | None = None,
     ) -> None:
-        """Evaluate the members, if they are not ``judged``, and write metrics; solved members have ended.
-
-        Changes their rows, weights and whether they are solved.
-
-        Rows go to metrics.jsonl, whose keys pages and cards read.
-        """
-        judged = judged or self.selection.judge()
+        """Evaluate the agent, if it is not ``judged``, and write a row of metrics, whose keys pages read."""
+        # All processes must take the same decisions, which follow from the rows.
+        found: dict[str, float] = self.processes.from_first(judged or self.selection.judge())
         rate = self._rate_since(self._reported)
-        due = self._is_report_due()
-        # All processes must take the same decisions.
-        result = self.processes.any(
-            *(
-                member.finds_solved(results["success"])
-                for member, results in zip(self.members, judged, strict=True)
-            )
-        )
         self._reported = (self.steps, self.seconds)
-        for number in self.running():
-            member = self.members[number]
-            row = {
-                "steps": self.steps,
-                "seconds": round(self.seconds, 3),
-                "steps_per_s": round(rate),
-                **judged[number],
-                **self._statistics[number],
-            }
-            member.note(row, result[number] if due else None)
-            if member.solved:
-                member.weights = self.learner.network.member(number)
-            if self.processes.is_first:
-                self.run.append_metrics(
-                    row if len(self.members) == 1 else {"member": number, **row}
-                )
-                self._show(number, row)
-        report(self.members)
-
-    def _show(self, number: int, row: dict[str, Any]) -> None:
-        """Write the row to TensorBoard, with the names of SB3."""
-        judged = (key for key in row if key in ("success", "duty") or key.startswith("error/"))
-        named = {f"evaluation/{key.removeprefix('error/')}": row[key] for key in judged}
-        named |= self._statistics[number] | {"perf/steps_per_s": row["steps_per_s"]}
-        self._events[number].write(named, self.steps)
+        row = {
+            "steps": self.steps,
+            "seconds": round(self.seconds, 3),
+            "steps_per_s": round(rate),
+            **found,
+            **self._statistics,
+        }
+        self.rows.append(row)
+        if self.processes.is_first:
+            self.run.append_metrics(row)
+            if self._events is not None:
+                # With the names of SB3.
+                named = {f"evaluation/{key.removeprefix('error/')}": found[key] for key in found}
+                named |= self._statistics | {"perf/steps_per_s": row["steps_per_s"]}
+                self._events.write(named, self.steps)
+        report(row)
 
     def save(self) -> None:
-        """Write the checkpoint, and the agent of a single member; every process must call this."""
+        """Write the checkpoint and the agent; every process must call this."""
         state = self._checkpoint()
-        if not self.processes.is_first:
-            return
-        self.run.save_checkpoint(state)
-        if len(self.members) == 1:
+        if self.processes.is_first:
+            self.run.save_checkpoint(state)
             write_learner(self.run.trained_file, self.learner, self.config.ppo, self.steps)
 
     def _checkpoint(self) -> dict[str, Any]:
         """What a training needs to go on as if it had not stopped; `_restore` reads the same keys."""
         cuda = torch.cuda.get_rng_state() if self.config.device.startswith("cuda") else None
-        members = [
-            {"in_a_row": member.in_a_row, "weights": member.weights if member.solved else {}}
-            for member in self.members
-        ]
         return {
             "network": self._network(),
             "learner": self.learner.state(),
@@ -452,7 +394,6 @@ class Trainer:
             "engine": self.engine.save_state(),
             "steps": self.steps,
             "seconds": self.seconds,
-            "members": members,
         }
 
     def _network(self) -> str:
@@ -472,15 +413,13 @@ class Trainer:
             self._restore(self.run.load_checkpoint(self.config.device))
         elif self.run.agent_file.exists():
             raise ConfigError(
-                f"{self.run.path} holds an agent without a checkpoint to go on from, as a sweep, "
-                "an export or an early version of RANS leaves it; train it anew from "
+                f"{self.run.path} holds an agent without a checkpoint to go on from, as an export or an "
+                "early version of RANS leaves it; train it anew from "
                 f"{self.run.config_file}."
             )
         if self.processes.is_first:
             self.run.forget_after(self.steps)
-        for row in self.run.metrics():
-            if row["steps"] <= self.steps:
-                self.members[row.pop("member", 0)].rows.append(row)
+        self.rows += [row for row in self.run.metrics() if row["steps"] <= self.steps]
 
     def _restore(self, saved: dict[str, Any]) -> None:
         """Put weights, optimiser, engine and counts back as a checkpoint has them.
@@ -497,15 +436,29 @@ class Trainer:
                 torch.cuda.set_rng_state(saved["cuda_generator"].cpu())
             self.steps = saved["steps"]
             self.seconds = saved["seconds"]
-            for member, state in zip(self.members, saved["members"], strict=True):
-                member.in_a_row = state["in_a_row"]
-                member.weights = state["weights"]
         except (RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
             reason = " ".join(str(error).split())
             raise ConfigError(
                 f"{self.run.checkpoint_file} does not fit the run's config: {reason}; the "
                 "usual cause is a config.json edited after training began."
             ) from error
+
+
+def is_solved(config: TrainConfig, rows: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether a training has solved its task by its rows of metrics, which ends it.
+
+    The last `SOLVED_IN_A_ROW` reports at the interval of the config must say so. An imitation, whose row has no
+    learning rate, is judged once.
+    """
+    share = config.solved_share
+    if share is None or not rows:
+        return False
+    if "train/learning_rate" not in rows[-1]:
+        return rows[-1]["success"] >= share
+    rollout = config.ppo.n_envs * config.ppo.n_steps
+    due = [row for row in rows if row["steps"] // rollout % config.report_interval == 0]
+    last = due[-SOLVED_IN_A_ROW:]
+    return len(last) == SOLVED_IN_A_ROW and all(row["success"] >= share for row in last)
 
 
 def _check_guard(config: TrainConfig, guard: Guard | None) -> None:

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from rans.errors import counted
-from rans.fast.learn.member import Member
-from rans.fast.learn.sweep import Sweep, short
+from rans.fast.learn.sweep import Member, Sweep, short
 from rans.show.figures.figures import styled
 from rans.show.figures.panels import MILLIONS, label, only
 from rans.show.figures.plotting import Axes, Figure

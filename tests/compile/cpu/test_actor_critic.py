@@ -11,8 +11,8 @@ import torch
 
 from rans.compile.cpu.actor_critic import CpuActorCritic
 from rans.fast.engine import Engine
+from rans.fast.learn.beginning import architecture_of
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.member import architecture_of
 from rans.policy.network import Network
 from rans.policy.symmetry import symmetries
 from rans.tasks import MultiTask

@@ -25,7 +25,7 @@ def trained(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     run = RunFolder(path)
     config = replace(CONFIG, spacecraft=request.param)
     run.begin(config, "rans train")
-    Trainer([config], run.spacecraft(), run).train(lambda _: None)
+    Trainer(config, run.spacecraft(), run).train(lambda _: None)
     return path
 
 

@@ -77,7 +77,7 @@ def test_after_somebody_a_controller_needs_no_task(spec: str) -> None:
 
 def test_an_agent_that_comes_with_rans(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     saved = read_policy(run / "agent.safetensors").network
-    shipped = actor_bytes(saved.architecture, saved.member(0), 0)
+    shipped = actor_bytes(saved.architecture, saved.weights(), 0)
     (run / "agent.safetensors").write_bytes(shipped)
     monkeypatch.setattr(rans.pretrained, "FOLDER", run.parent)
     assert contestant("pretrained:poser").controller.name == "poser"

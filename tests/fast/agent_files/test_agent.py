@@ -146,7 +146,7 @@ def test_what_flies_is_kept_of_an_agent_and_no_more(name: str, tmp_path: Path) -
     }
     whole = Network(given, tensors)
     file = tmp_path / AGENT
-    file.write_bytes(actor_bytes(given, whole.member(0), 128))
+    file.write_bytes(actor_bytes(given, whole.weights(), 128))
     saved = read_policy(file)
     assert (saved.has_critic, saved.steps, saved.adam) == (False, 128, {})
     assert file.stat().st_size < 4 * sum(x.numel() for x in tensors.values())

@@ -32,7 +32,7 @@ def config(task: str = "go-to-pose", craft: str = "floating-platform", **ppo: An
 
 
 def trainer(folder: Path, given: TrainConfig) -> Trainer:
-    return Trainer([given], load_spacecraft(given.spacecraft), RunFolder(folder))
+    return Trainer(given, load_spacecraft(given.spacecraft), RunFolder(folder))
 
 
 def imitate(begun: Trainer) -> Any:
@@ -166,7 +166,7 @@ def test_a_graph_replays_its_gradient_steps(
         expert = any_craft.teacher("pretrained:any-craft-2d", begun.engine, learner.architecture)
         assert expert is not None
         any_craft.imitate(begun.engine, learner, begun.learner.adam, expert, begun.config.ppo)
-        weights.append(learner.member(0))
+        weights.append(learner.weights())
     for name, weight in weights[0].items():
         torch.testing.assert_close(weight, weights[1][name], rtol=1e-3, atol=1e-4)
 
@@ -220,13 +220,13 @@ def test_an_imitation_that_solves_the_task_is_all_of_a_training(
     found = iter([0.98, 1.0])
     compiles: list[bool] = []
 
-    def judge() -> list[dict[str, float]]:
+    def judge() -> dict[str, float]:
         compiles.append(graph._compiles)
-        return [{"success": next(found)}]
+        return {"success": next(found)}
 
     monkeypatch.setattr(begun.selection, "judge", judge)
     rows: list[Any] = []
-    begun.train(lambda members: rows.append(dict(members[0].rows[-1])))
+    begun.train(rows.append)
     assert begun.solved
     assert compiles == [False, False]
     # One round that the expert flies and eight of its own, of two periods each.

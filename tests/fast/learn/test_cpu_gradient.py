@@ -17,21 +17,19 @@ from tests.support.training import MACHINE_CODE_CASES, collected, tiny_learner
 @MACHINE_CODE_CASES
 def test_gradients_are_autograds(craft: Any, settings: Any) -> None:
     learner, batch = collected(craft, **settings)
-    learner.backend = machine = CpuGradient(learner.network, learner.adam, learner.coefficients)
-    (part,) = minibatches(batch, 1, 1)
-    exact = losses(learner.network, part, learner.coefficients, with_entropy=True)
+    learner.backend = machine = CpuGradient(learner.network, learner.adam, learner.settings)
+    (part,) = minibatches(batch, 1)
+    exact = losses(learner.network, part, learner.settings)
     network = learner.network
-    gradients = torch.autograd.grad(
-        exact.loss.sum(), [network.tensors[name] for name in network.learnt]
-    )
-    (part,) = minibatches(learner.batch(), 1, 1)
+    gradients = torch.autograd.grad(exact.loss, [network.tensors[name] for name in network.learnt])
+    (part,) = minibatches(learner.batch(), 1)
     learner.adam.gradient.fill_(float("nan"))
     found = machine(part)
     # 160 float32 summands in another order.
     torch.testing.assert_close(found, tuple(x.detach() for x in exact), rtol=1e-5, atol=1e-6)
     for name, gradient in zip(network.learnt, gradients, strict=True):
         start = network.tensors[name].storage_offset()
-        own = learner.adam.gradient[0, start : start + gradient.numel()].view(gradient.shape)
+        own = learner.adam.gradient[start : start + gradient.numel()].view(gradient.shape)
         assert (own - gradient).norm() <= 1e-5 * gradient.norm(), name
 
 

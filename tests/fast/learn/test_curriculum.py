@@ -110,7 +110,7 @@ def test_ramps_that_are_possible_together_only() -> None:
     ramps = (Ramp("fail_distance", 4.0, 10), Ramp("spawn_distance", (0.1, 0.5), 10))
     check_ramps(TASK, ramps)
     check_ramps(TASK, ramps[::-1])
-    assert Curriculum([TASK], ramps, np.float32).task != TASK
+    assert Curriculum(TASK, ramps, np.float32).task != TASK
 
 
 @pytest.mark.parametrize(
@@ -179,7 +179,7 @@ def flown(curriculum: Curriculum, engine: Engine) -> None:
 
 
 def test_the_engine_follows() -> None:
-    curriculum = Curriculum([TASK], RAMPS, np.float32)
+    curriculum = Curriculum(TASK, RAMPS, np.float32)
     flown(curriculum, Engine(PLATFORM, curriculum.task, 512, SHORT))
 
 
@@ -190,7 +190,7 @@ def test_a_compiled_step_follows_without_being_compiled_again(
     """Whether a graph is used again is decided before there is machine code, which takes long to make."""
     monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))
     counters.clear()
-    curriculum = Curriculum([TASK], RAMPS, torch.float32)
+    curriculum = Curriculum(TASK, RAMPS, torch.float32)
     flown(curriculum, Engine(PLATFORM, curriculum.task, 512, SHORT, compiled=True))
     assert counters["stats"]["unique_graphs"] == 1
 
@@ -212,9 +212,9 @@ def test_the_agent_is_judged_on_the_final_task(tmp_path: Path) -> None:
     strict = replace(RAMPED.settings, position_tolerance=1e-4, attitude_tolerance=1e-4)
     trainer = tiny_trainer(tmp_path, replace(RAMPED, settings=strict, curriculum=ramp))
     assert float(trainer.engine.task.tolerances()["position"]) == 100.0
-    assert trainer.selection.judge()[0]["success"] == 0.0
+    assert trainer.selection.judge()["success"] == 0.0
     easy = replace(
         strict, position_tolerance=100.0, attitude_tolerance=4.0, fail_distance=99.0, fail_spin=99.0
     )
     there = tiny_trainer(tmp_path / "easy", replace(CONFIG, settings=easy))
-    assert there.selection.judge()[0]["success"] > 0.9
+    assert there.selection.judge()["success"] > 0.9

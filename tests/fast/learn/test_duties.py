@@ -13,8 +13,6 @@ from rans.deploy.export import write_export
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_policy
 from rans.fast.learn.config import Head
-from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.sweep import checked_architecture
 from rans.fast.learn.trainer import Trainer
 from rans.flight import fly
 from rans.model.actuators import Actuators, Pulsed, Throttle
@@ -22,7 +20,7 @@ from rans.model.spacecraft_file import to_toml
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
 from tests.support.engines import PLATFORM
-from tests.support.training import CONFIG, after, as_sb3, ignore, seen
+from tests.support.training import CONFIG, after, as_sb3, ignore, seen, tiny_trainer
 
 
 def begun(folder: Path, kind: Actuators, head: Head = "auto") -> Trainer:
@@ -30,10 +28,9 @@ def begun(folder: Path, kind: Actuators, head: Head = "auto") -> Trainer:
     file = folder / "craft.toml"
     file.write_text(to_toml(replace(PLATFORM, name="own", actuators=kind)))
     config = replace(CONFIG, spacecraft=str(file), ppo=replace(CONFIG.ppo, head=head))
-    assert checked_architecture(config).continuous
-    run = RunFolder(folder / "run")
-    run.begin(config, "rans train")
-    return Trainer([config], run.spacecraft(), run)
+    trainer = tiny_trainer(folder / "run", config)
+    assert trainer.learner.network.architecture.continuous
+    return trainer
 
 
 @pytest.mark.parametrize(
@@ -83,7 +80,7 @@ def test_gated_throttles_are_trained_saved_flown_and_exported(tmp_path: Path) ->
 def test_gates_need_thrusters_that_may_be_throttled(tmp_path: Path) -> None:
     config = replace(CONFIG, ppo=replace(CONFIG.ppo, head="gated"))
     with pytest.raises(ConfigError, match=r"the head 'gated' needs .* \(thruster 0\)"):
-        checked_architecture(config)
+        tiny_trainer(tmp_path, config)
 
 
 def test_an_agent_for_other_actuators_is_refused(tmp_path: Path) -> None:

@@ -52,13 +52,11 @@ def agree(kernel: FusedGradient, learner: PPOLearner, batch: Batch, share: float
     learner.backend = kernel
     prepared = learner.batch()
     network._through = rounding(network.activation)  # type: ignore[method-assign]
-    (part,) = minibatches(batch, 1, 1)
-    exact = losses(network, part, learner.coefficients, with_entropy=True)
-    gradients = torch.autograd.grad(
-        exact.loss.sum(), [network.tensors[name] for name in network.learnt]
-    )
+    (part,) = minibatches(batch, 1)
+    exact = losses(network, part, learner.settings)
+    gradients = torch.autograd.grad(exact.loss, [network.tensors[name] for name in network.learnt])
     learner.adam.gradient.fill_(float("nan"))
-    (part,) = minibatches(prepared, 1, 1)
+    (part,) = minibatches(prepared, 1)
     found = kernel(part)
     torch.testing.assert_close(
         found[:5], tuple(x.detach() for x in exact[:5]), rtol=share, atol=share / 10
@@ -66,7 +64,7 @@ def agree(kernel: FusedGradient, learner: PPOLearner, batch: Batch, share: float
     assert abs(found[5] - exact.clip_fraction) <= 2 / len(part.columns)
     for name, gradient in zip(network.learnt, gradients, strict=True):
         start = network.tensors[name].storage_offset()
-        found = learner.adam.gradient[0, start : start + gradient.numel()].view(gradient.shape)
+        found = learner.adam.gradient[start : start + gradient.numel()].view(gradient.shape)
         assert (found - gradient).norm() <= share * gradient.norm(), name
 
 
@@ -82,7 +80,7 @@ def agree(kernel: FusedGradient, learner: PPOLearner, batch: Batch, share: float
 def test_products_find_what_autograd_finds(craft: Any, settings: Any, own_critic: bool) -> None:
     history = {"memory": MemorySettings("history", 2, (0.5,))}
     learner, batch = collected(craft, **settings, **history, privileged_critic=own_critic)
-    agree(MatrixGradient(learner.network, learner.adam, learner.coefficients), learner, batch, 0.03)
+    agree(MatrixGradient(learner.network, learner.adam, learner.settings), learner, batch, 0.03)
 
 
 @pytest.mark.parametrize(

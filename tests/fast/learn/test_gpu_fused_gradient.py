@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from rans.fast.engine import Engine
+from rans.fast.learn.beginning import begin, set_precision
 from rans.fast.learn.config import MemorySettings, PPOSettings
-from rans.fast.learn.member import begin, set_precision
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import Batch, minibatches
 from rans.tasks import GoToPose
@@ -39,12 +39,10 @@ def by_autograd(learner: PPOLearner, part: Batch, bf16: bool) -> tuple[Tensor, l
     given = learner.network.architecture
     set_precision("bf16" if bf16 else "float32", part.columns.device)
     network.architecture = replace(given, bf16=bf16)
-    found = losses(network, part, learner.coefficients, with_entropy=True)
-    gradients = torch.autograd.grad(
-        found.loss.sum(), [network.tensors[name] for name in network.learnt]
-    )
+    found = losses(network, part, learner.settings)
+    gradients = torch.autograd.grad(found.loss, [network.tensors[name] for name in network.learnt])
     network.architecture = given
-    return torch.cat(found[:]).detach(), list(gradients)
+    return torch.stack(found[:]).detach(), list(gradients)
 
 
 def clipped(learner: PPOLearner, part: Batch, bf16: bool) -> Tensor:
@@ -57,7 +55,7 @@ def clipped(learner: PPOLearner, part: Batch, bf16: bool) -> Tensor:
         output = network.evaluate_seen(part.columns, part.memory, part.privileged)
         ratio = (output.policy.log_prob(part.action) - part.log_prob).exp()
     network.architecture = given
-    return (ratio - 1).abs() > learner.coefficients.clip_range
+    return (ratio - 1).abs() > learner.settings.clip_range
 
 
 WIDE = {"layers": (256, 192), "memory": MemorySettings("history", averages=(0.5, 0.9))}
@@ -81,8 +79,8 @@ WIDE = {"layers": (256, 192), "memory": MemorySettings("history", averages=(0.5,
     ],
 )
 def test_gradients_are_as_good_as_torchs(craft: Any, settings: Any) -> None:
-    given = settings_with(SETTINGS, **{"ent_coef": 0.01} | settings)
-    learner = begin(Engine(craft, GoToPose(), given.n_envs, device="cuda"), [given], [0])
+    given = settings_with(SETTINGS, **settings)
+    learner = begin(Engine(craft, GoToPose(), given.n_envs, device="cuda"), given, 0)
     kernel = learner.backend
     network = learner.network
     assert kernel is not None
@@ -98,11 +96,9 @@ def test_gradients_are_as_good_as_torchs(craft: Any, settings: Any) -> None:
         0.02 * torch.randn(learner.adam.row.shape, device="cuda", generator=generator)
     )
     advantage = plain.advantage / plain.advantage.std()
-    part, prepared = (
-        minibatches(x._replace(advantage=advantage), 1, 4)[1] for x in (plain, prepared)
-    )
+    part, prepared = (minibatches(x._replace(advantage=advantage), 4)[1] for x in (plain, prepared))
     exact, rounded = (by_autograd(learner, part, bf16) for bf16 in (False, True))
-    found = torch.cat(kernel(prepared))
+    found = torch.stack(kernel(prepared))
     # torch rounds as often, at other places.
     allowed = 2 * (rounded[0] - exact[0]).abs() + 5e-4 * exact[0].abs() + 5e-5
     # Rounding moves samples over the clipping bound in either direction, as many as it moves under torch. What
@@ -113,6 +109,6 @@ def test_gradients_are_as_good_as_torchs(craft: Any, settings: Any) -> None:
     assert (off <= allowed).all(), (off / allowed).tolist()
     for name, true, theirs in zip(network.learnt, exact[1], rounded[1], strict=True):
         start = network.tensors[name].storage_offset()
-        ours = learner.adam.gradient[0, start : start + true.numel()].view(true.shape)
+        ours = learner.adam.gradient[start : start + true.numel()].view(true.shape)
         # Of a bias both are off by 1e-3.
         assert (ours - true).norm() <= 1.5 * (theirs - true).norm() + 3e-3 * true.norm(), name

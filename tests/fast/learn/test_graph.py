@@ -103,7 +103,7 @@ def test_what_a_gpu_compiles_is_traced_whole(
     given = replace(given, ppo=changed, plain=True, total_timesteps=64, report_interval=1)
 
     def weights(folder: str) -> dict[str, torch.Tensor]:
-        trainer = Trainer([given], load_spacecraft(craft), RunFolder(tmp_path / folder))
+        trainer = Trainer(given, load_spacecraft(craft), RunFolder(tmp_path / folder))
         trainer.train(lambda _: None)
         return {name: x.detach() for name, x in trainer.learner.network.tensors.items()}
 

@@ -51,8 +51,8 @@ from rans.fast.learn.run_folder import RunFolder
 trainer._CHECKPOINT_SECONDS = 0.0
 torch.set_num_threads(1)
 run = RunFolder(Path(sys.argv[1]))
-training = trainer.Trainer([run.config()], run.spacecraft(), run)
-training.train(lambda members: print(members[0].rows[-1]["steps"], flush=True))
+training = trainer.Trainer(run.config(), run.spacecraft(), run)
+training.train(lambda row: print(row["steps"], flush=True))
 """
 """A training in another process, with a checkpoint after every iteration."""
 
@@ -168,7 +168,7 @@ def test_a_finished_training_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_an_agent_without_a_checkpoint_is_not_lost(tmp_path: Path) -> None:
-    """A sweep leaves such a one; to resume would begin anew and write over it."""
+    """To resume would begin anew and write over it."""
     tiny_trainer(tmp_path / "run").train(ignore)
     (tmp_path / "run" / "checkpoint.safetensors").unlink()
     with pytest.raises(

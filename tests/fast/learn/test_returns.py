@@ -14,8 +14,8 @@ from rans.episode import Setup
 from rans.errors import NonFiniteState
 from rans.fast.engine import Engine
 from rans.fast.flights import Flights
+from rans.fast.learn.beginning import begin, statistics
 from rans.fast.learn.config import TrainConfig
-from rans.fast.learn.member import begin, statistics
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.model.dynamics import State
@@ -72,7 +72,7 @@ def test_one_return_in_bar_curve_tensorboard_and_evaluation(tmp_path: Path) -> N
     )
     run = RunFolder(tmp_path / "run")
     run.begin(config, "rans train")
-    trainer = Trainer([replace(config, settings=Gate())], HEAVY, run)
+    trainer = Trainer(replace(config, settings=Gate()), HEAVY, run)
     trainer.train(lambda _: None)
     row: dict[str, Any] = json.loads(run.metrics_file.read_text().splitlines()[-1])
 
@@ -94,9 +94,9 @@ def test_one_return_in_bar_curve_tensorboard_and_evaluation(tmp_path: Path) -> N
 def test_no_return_where_no_episode_ended() -> None:
     """Ten steps an episode and eight a rollout, from clocks at zero: the first one ends none."""
     engine = Engine(HEAVY, GoToPosition(spawn_distance=(1.0, 2.0)), 16, TEN)
-    learner = begin(engine, [TINY], [0])
+    learner = begin(engine, TINY, 0)
     engine.reset(0)
-    row = statistics(learner.learn().tolist()[0], learner, 128)
+    row = statistics(learner.learn().tolist(), learner, 128)
     assert not [key for key in row if key.startswith(("return/", "rollout/"))]
     shown = describe(row | {"steps": 128, "success": 0.0, "steps_per_s": 1.0}, 256)
     assert "return" not in shown
@@ -113,8 +113,8 @@ class Rooted(GoToPosition):
 
 @pytest.mark.filterwarnings("ignore:invalid value", "ignore:this engine steps slower")
 def test_a_reward_that_is_nan_is_named() -> None:
-    learner = begin(Engine(HEAVY, Rooted(spawn_distance=(2.0, 3.0)), 16, TEN), [TINY], [0])
+    learner = begin(Engine(HEAVY, Rooted(spawn_distance=(2.0, 3.0)), 16, TEN), TINY, 0)
     with pytest.raises(NonFiniteState, match="bad") as error:
-        statistics(learner.learn().tolist()[0], learner, 128)
+        statistics(learner.learn().tolist(), learner, 128)
     assert "stillness" not in str(error.value)
     assert "learning rate" not in str(error.value)

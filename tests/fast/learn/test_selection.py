@@ -31,7 +31,7 @@ LENIENT = GoToPose(
 
 def judge(network: Network, craft: Any, task: Any, timing: Timing = SHORT) -> dict[str, float]:
     """What `Selection` says of one member."""
-    return Selection(network, craft, [task], timing, torch.device("cpu")).judge()[0]
+    return Selection(network, craft, task, timing, torch.device("cpu")).judge()
 
 
 def found(said: dict[str, float]) -> tuple[float, dict[str, float]]:
@@ -78,7 +78,7 @@ def test_mean_errors_of_the_last_fifth(craft: Any) -> None:
 
 def test_an_episode_that_follows_a_failure_remembers_nothing_of_it() -> None:
     network = scatter(tiny_learner(memory=MemorySettings("history")).network)
-    selection = Selection(network, PLATFORM, [LENIENT], SHORT, torch.device("cpu"))
+    selection = Selection(network, PLATFORM, LENIENT, SHORT, torch.device("cpu"))
     engine = selection._engines[""]
     act = selection._act
     move = engine.step
@@ -105,7 +105,7 @@ def test_an_episode_that_follows_a_failure_remembers_nothing_of_it() -> None:
 
 def test_it_always_judges_the_same_flights() -> None:
     network = scatter(tiny_learner().network)
-    selection = Selection(network, PLATFORM, [LENIENT], SHORT, torch.device("cpu"))
+    selection = Selection(network, PLATFORM, LENIENT, SHORT, torch.device("cpu"))
     generator = torch.get_rng_state()
     first = selection.judge()
     assert selection.judge() == first

@@ -97,12 +97,12 @@ def test_solved_twice_in_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     config = replace(CONFIG, report_interval=2, solved_share=0.9, total_timesteps=10_000)
     found = iter([0.95, 0.2, 0.9, 0.91, 0.99, 0.99])
     trainer = tiny_trainer(tmp_path / "run", config)
-    monkeypatch.setattr(trainer.selection, "judge", lambda: [{"success": next(found), "duty": 0.5}])
+    monkeypatch.setattr(trainer.selection, "judge", lambda: {"success": next(found), "duty": 0.5})
     trainer.train(ignore, after(7))  # reports at iterations 2, 4, 6, and at 7 because of the stop
     assert [row["success"] for row in trainer.run.metrics()] == [0.95, 0.2, 0.9, 0.91]
     assert not trainer.solved
     again = resumed(tmp_path / "run")
-    monkeypatch.setattr(again.selection, "judge", lambda: [{"success": next(found), "duty": 0.5}])
+    monkeypatch.setattr(again.selection, "judge", lambda: {"success": next(found), "duty": 0.5})
     again.train(ignore)
     assert again.solved
     assert again.steps == 8 * 128
@@ -170,7 +170,7 @@ def test_nothing_is_written_for_a_config_that_cannot_work(tmp_path: Path) -> Non
     run = RunFolder(tmp_path / "run")
     config = replace(CONFIG, ppo=replace(TINY, n_steps=21, batch_size=21 * 16))
     with pytest.raises(ConfigError, match="n_steps must not exceed the episode's 20 steps"):
-        Trainer([config], tiny_trainer(tmp_path / "good").run.spacecraft(), run)
+        Trainer(config, tiny_trainer(tmp_path / "good").run.spacecraft(), run)
     assert not run.path.exists()
 
 
@@ -186,10 +186,10 @@ def test_steps_are_those_of_all_processes(tmp_path: Path, monkeypatch: pytest.Mo
     """One of two has half of the environments, and counts the flight of both."""
     run = RunFolder(tmp_path / "run")
     trainer = Trainer(
-        [CONFIG], tiny_trainer(tmp_path / "whole").run.spacecraft(), run, Processes(0, 2)
+        CONFIG, tiny_trainer(tmp_path / "whole").run.spacecraft(), run, Processes(0, 2)
     )
     assert trainer.engine.num_envs == 8
-    said = torch.zeros(1, len(STATISTICS) + 4 + len(trainer.engine.term_names))
+    said = torch.zeros(len(STATISTICS) + 4 + len(trainer.engine.term_names))
     monkeypatch.setattr(trainer.learner, "collect", lambda: None)
     monkeypatch.setattr(trainer.learner, "update", lambda: said)
     trainer._iterate()
@@ -235,6 +235,16 @@ def test_compiling_pays_where_much_is_left(
     assert trainer._compiling_pays() == pays
 
 
+def test_a_warm_up_that_takes_all_steps_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where few steps are wanted of a GPU, which compiles and records in the first iterations."""
+    monkeypatch.setattr(Trainer, "_warm_up", lambda trainer: [trainer._iterate() for _ in range(3)])
+    trainer = tiny_trainer(tmp_path, replace(CONFIG, total_timesteps=384))
+    trainer.train()
+    assert [row["steps"] for row in trainer.rows] == [384]
+
+
 def test_a_training_that_is_compiled_on_its_way_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -264,7 +274,7 @@ def trained_behind(guard: Any, folder: Path) -> tuple[Trainer, list[dict[str, An
     """A short training, and its rows of metrics."""
     run = RunFolder(folder)
     run.begin(GUARDED, "test")
-    trainer = Trainer([GUARDED], PLATFORM, run, guard=guard)
+    trainer = Trainer(GUARDED, PLATFORM, run, guard=guard)
     rows: list[dict[str, Any]] = []
     trainer.train(newest(rows))
     return trainer, rows

@@ -173,7 +173,7 @@ def test_a_lost_state_earns_nothing(on_host: Any) -> None:
 @two_a_thread
 def test_a_curriculum_moves_the_settings_of_a_compiled_kernel(on_host: Any) -> None:
     ramps = (Ramp("thrust_weight", 0.5, 100), Ramp("spawn_distance", (0.1, 0.2), 100))
-    ours, theirs = (Curriculum([NEAR], ramps, dtype) for dtype in (np.float32, torch.float32))
+    ours, theirs = (Curriculum(NEAR, ramps, dtype) for dtype in (np.float32, torch.float32))
     a = Engine(PLATFORM, ours.task, 16, SHORT)
     b = on_host(PLATFORM, theirs.task, 16, SHORT)
     seen = []
@@ -188,7 +188,7 @@ def test_a_curriculum_moves_the_settings_of_a_compiled_kernel(on_host: Any) -> N
 
 def test_settings_that_would_be_read_wrongly_are_refused(on_host: Any) -> None:
     """The kernel is given where they lie, not what they are."""
-    task = Curriculum([NEAR], [Ramp("thrust_weight", 0.5, 100)], torch.float64).task
+    task = Curriculum(NEAR, [Ramp("thrust_weight", 0.5, 100)], torch.float64).task
     with pytest.raises(
         TypeError, match=r"must be torch\.float32 on cpu, got torch\.float64 on cpu"
     ):

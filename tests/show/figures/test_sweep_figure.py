@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.colors import to_hex
 
-from rans.fast.learn.member import Member
-from rans.fast.learn.sweep import Sweep
+from rans.fast.learn.config import TrainConfig
+from rans.fast.learn.sweep import Member, Sweep
 from rans.show.figures.sweep_figure import sweep_figure
 from rans.show.palette import ORANGE
 from tests.support.training import CONFIG, TINY
@@ -26,11 +26,17 @@ def sweep() -> Sweep:
     return result
 
 
-def member(config: object, steps: int, success: float) -> Member:
-    made = Member(config)  # type: ignore[arg-type]
-    for when in (steps - 100, steps):
-        made.note({"steps": when, "success": success}, made.finds_solved(success))
-    return made
+def member(config: TrainConfig, steps: int, success: float) -> Member:
+    rows = [
+        {"steps": when, "success": success, "train/learning_rate": 1e-3}
+        for when in (steps - 100, steps)
+    ]
+    return Member(
+        replace(
+            config, report_interval=1, ppo=replace(config.ppo, n_envs=2, n_steps=1, batch_size=2)
+        ),
+        rows,
+    )
 
 
 def test_every_member_has_a_curve_and_a_mark_and_the_best_stands_out() -> None:

@@ -26,12 +26,10 @@ class Timed(Clock):
 def test_trained_steps_are_those_of_the_whole_rollout(monkeypatch: pytest.MonkeyPatch) -> None:
     """8 environments x 4 steps in half a second, flown and learned from; epochs do not count twice."""
     done: list[str] = []
-    learner = SimpleNamespace(
-        collect=lambda: done.append("collect"), update=lambda: done.append("update")
-    )
+    learner = SimpleNamespace(learn=lambda: done.append("learn"))
     monkeypatch.setattr(training, "begin", lambda *_: learner)
     found = trainer_rate(PLATFORM, GoToPose(), SETTINGS, Timed("cpu"))
-    assert done == ["collect", "update"]
+    assert done == ["learn"]
     assert (found.value, found.unit, found.warm_up) == (
         pytest.approx(8 * 4 / 0.5 / 1e6),
         "M steps/s",

@@ -12,7 +12,6 @@ Thrusters must be throttled, because the opening of a valve has no gradient.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
@@ -25,7 +24,6 @@ from rans.extend import (
     Acted,
     Adam,
     Algorithm,
-    Coefficients,
     ConfigError,
     Engine,
     Network,
@@ -72,7 +70,7 @@ class GradientSettings:
 
 
 class GradientLearner:
-    """Learner of K members by the gradient of their returns; a `rans.fast.learn.learner.Learner`.
+    """Learner by the gradient of the return; a `rans.fast.learn.learner.Learner`.
 
     In every iteration the policy takes one gradient step on
 
@@ -87,9 +85,10 @@ class GradientLearner:
     Args:
         engine: plain engine of a craft with throttled thrusters.
         network: network of the agents, changed in place.
-        settings: one per member; ``n_steps`` is T, ``batch_size`` and ``n_epochs`` are those of the critic.
-        generators: random generators of the noise on commands, one per member.
-        own: further hyper-parameters of this learner, for all members.
+        settings: ``n_steps`` is T, ``batch_size`` and ``n_epochs`` are those of the critic.
+        generator: random generator of the noise on commands.
+        plain: without meaning, as everything is computed by single operations of torch.
+        own: further hyper-parameters of this learner.
 
     Raises:
         ConfigError: thrusters are not throttled, or the engine is not plain.
@@ -102,75 +101,67 @@ class GradientLearner:
         self,
         engine: Engine,
         network: Network,
-        settings: Sequence[PPOSettings],
-        generators: Sequence[torch.Generator],
+        settings: PPOSettings,
+        generator: torch.Generator,
+        plain: bool,
         own: GradientSettings,
     ) -> None:
         _check(engine, network)
-        first = settings[0]
-        self.members = len(settings)
         self.engine = engine
         self.network = network
         self.processes = engine.processes
-        self.n_steps = first.n_steps
-        self._n_epochs = first.n_epochs
-        self._minibatches = first.n_envs * first.n_steps // first.batch_size
-        self._generators = generators
+        self.settings = settings
+        self.n_steps = settings.n_steps
+        self._minibatches = settings.n_envs * settings.n_steps // settings.batch_size
+        self._generator = generator
         self._own = own
         # The policy.
         if "log_std" in network.tensors:
             with torch.no_grad():
                 network.tensors["log_std"].fill_(own.noise).log_()
-        self.rollout = Rollout(engine, network, first.n_steps)
-        self.coefficients = Coefficients.of(settings, self.rollout.failed)
-        self.adam = Adam(network, self.coefficients.learning_rate, plain=True)
+        self.rollout = Rollout(engine, network, settings.n_steps)
+        self.adam = Adam(network, settings.learning_rate, plain=True)
         # The critic, and V, the target network.
         self.critic = self._copy()
         self._target = self._copy()
-        self._critic_adam = Adam(
-            self.critic,
-            torch.full_like(self.coefficients.learning_rate, own.critic_learning_rate),
-            plain=True,
-        )
+        self._critic_adam = Adam(self.critic, own.critic_learning_rate, plain=True)
 
     def _copy(self) -> Network:
         """Copy of the network with its present weights."""
         network = self.network
         tensors = {name: x.detach().clone() for name, x in network.tensors.items()}
-        return Network(network.architecture, tensors, network.members)
+        return Network(network.architecture, tensors)
 
     def slow_down(self, remaining: float) -> None:
         """Reduce the step sizes towards zero while less than ``anneal`` of all steps remains."""
-        coefficients = self.coefficients
-        share = (remaining / coefficients.anneal.clamp(min=1e-9)).clamp(max=1.0)
-        self.adam.rate.copy_(coefficients.learning_rate * share)
-        self._critic_adam.rate.copy_(self._own.critic_learning_rate * share)
+        left = self.settings.schedule.left(remaining)
+        self.adam.rate.fill_(self.settings.learning_rate * left)
+        self._critic_adam.rate.fill_(self._own.critic_learning_rate * left)
 
     def learn(self) -> Tensor:
         """Run one iteration, see `rans.fast.learn.learner.Learner.learn`."""
         loss = self.loss()
-        norm = self.adam.descend(loss.sum(), self.coefficients.max_grad_norm, self.processes)
+        norm = self.adam.descend(loss, self.settings.max_grad_norm, self.processes)
         value_loss, critic_norm = self._fit()
         with torch.no_grad():
-            spread = self.network.tensors["log_std"].exp().view(self.members, -1).mean(dim=1)
-            values = torch.stack((loss.detach(), value_loss, spread, norm, critic_norm), dim=1)
-            means = self.processes.average(torch.cat((values, self.rollout.totals()), dim=1))
-            first, rest = means.tensor_split([len(self.statistics)], dim=1)
-            return torch.cat((first, self.adam.rate[:, None], rest), dim=1)
+            spread = self.network.tensors["log_std"].exp().mean()
+            values = torch.stack((loss.detach(), value_loss, spread, norm, critic_norm))
+            means = self.processes.average(torch.cat((values, self.rollout.totals())))
+            first, rest = means.tensor_split([len(self.statistics)])
+            return torch.cat((first, self.adam.rate[None], rest))
 
     # The policy: T control periods, with their gradient.
 
     def loss(self) -> Tensor:
-        """Fly every environment for T control periods; returns minus the mean return over T of each member, (K,).
+        """Fly every environment for T control periods; returns minus the mean return over T, ().
 
         The episodes of the engine continue from the end, and the rollout stores the steps.
         """
         engine = self.engine
         network = self.network
         rollout = self.rollout
-        coefficients = self.coefficients
-        gamma = rollout.spread(coefficients.gamma)
-        scale = rollout.spread(coefficients.reward_scale)
+        gamma = self.settings.gamma
+        scale = self.settings.reward_scale
         rollout.begin()
         episode = engine.running()
         observation = engine.observe()
@@ -182,7 +173,7 @@ class GradientLearner:
         cut = rollout.cut.clone()
         cut_memory = None if memory is None else memory.clone()
         cut_weight = torch.zeros_like(gained)
-        for uniform, slot in zip(rollout.uniform(self._generators), rollout.steps, strict=True):
+        for uniform, slot in zip(rollout.uniform(self._generator), rollout.steps, strict=True):
             privileged = self._privileged(episode)
             output, columns = network.forward(observation, memory)
             action, command = output.policy.differentiable(uniform)
@@ -206,22 +197,22 @@ class GradientLearner:
             weight = torch.where(ended[:, 0], 1.0, weight)
             observation = step.observation
         # Values of the states in which episodes were truncated, and of the last states.
-        beside = rollout.beside
         privileged = self._privileged(episode)
         values = self._target.evaluate(
-            beside(cut, observation),
-            None if memory is None or cut_memory is None else beside(cut_memory, memory),
-            None if privileged is None else beside(privileged, privileged),
-        ).value.view(self.members, 2, -1)
-        gained = gained + cut_weight * values[:, 0].flatten() + weight * values[:, 1].flatten()
+            torch.cat((cut, observation)),
+            None if memory is None or cut_memory is None else torch.cat((cut_memory, memory)),
+            None if privileged is None else privileged.repeat(2, 1),
+        ).value
+        at_cut, at_end = values.chunk(2)
+        gained = gained + cut_weight * at_cut + weight * at_end
         engine.go_on(episode)
-        return -gained.view(self.members, -1).mean(dim=1) / self.n_steps
+        return -gained.mean() / self.n_steps
 
     def _bounded(self, x: Any) -> Any:
         """Numbers unchanged, with their gradient clipped to the bound of one environment's return."""
         if not isinstance(x, Tensor) or not x.requires_grad:
             return x
-        bound = self._own.bound * self.members / (self.engine.num_envs * self.n_steps)
+        bound = self._own.bound / (self.engine.num_envs * self.n_steps)
         x = x.view_as(x)
         x.register_hook(lambda gradient: gradient.clamp(-bound, bound))
         return x
@@ -234,17 +225,15 @@ class GradientLearner:
     # The critic: the same steps, without the motion's gradient.
 
     def _fit(self) -> tuple[Tensor, Tensor]:
-        """Train the critic; returns means of its loss and of the norm of its gradient, (K,) each."""
+        """Train the critic; returns means of its loss and of the norm of its gradient, () each."""
         batch = self._targets()
-        parts = minibatches(batch, self.members, self._minibatches)
+        parts = minibatches(batch, self._minibatches)
         results = []
-        for _ in range(self._n_epochs):
+        for _ in range(self.settings.n_epochs):
             for part in parts:
                 value = self.critic.evaluate_seen(part.columns, part.memory, part.privileged).value
-                loss = (value - part.target).square().view(self.members, -1).mean(dim=1)
-                norm = self._critic_adam.descend(
-                    loss.sum(), self.coefficients.max_grad_norm, self.processes
-                )
+                loss = (value - part.target).square().mean()
+                norm = self._critic_adam.descend(loss, self.settings.max_grad_norm, self.processes)
                 results.append(torch.stack((loss.detach(), norm)))
         for network in (self.network, self.critic):
             network.update_statistics(batch.columns, self.processes.pooled, self.processes.size)
@@ -270,27 +259,22 @@ class GradientLearner:
             None if memory is None else memory.unflatten(0, shape),
             kept.privileged,
         )
-        # One minibatch of all steps, member by member, as networks expect them.
-        (whole,) = minibatches(batch, self.members, 1)
+        # One minibatch of all steps.
+        (whole,) = minibatches(batch, 1)
         value = self._target.evaluate_seen(whole.columns, whole.memory, whole.privileged).value
-        value = value.view(self.members, shape[0], -1).transpose(0, 1).flatten(1)
+        value = value.unflatten(0, shape)
         privileged = self._privileged(self.engine.episode)
         values = self._target.evaluate(
-            rollout.beside(self.engine.observe(), rollout.cut),
+            torch.cat((self.engine.observe(), rollout.cut)),
             None
             if rollout.memory is None or rollout.cut_memory is None
-            else rollout.beside(rollout.memory, rollout.cut_memory),
-            None if privileged is None else rollout.beside(privileged, privileged),
-        ).value.view(self.members, 2, -1)
-        last = values[:, 0].flatten()
-        beyond = values[:, 1].flatten()
-        coefficients = self.coefficients
-        gamma = rollout.spread(coefficients.gamma)
-        reward = kept.reward * rollout.spread(coefficients.reward_scale)
-        reward = reward + gamma * kept.truncated * beyond
-        advantage = gae(
-            reward, value, kept.ended, last, gamma, rollout.spread(coefficients.gae_lambda)
-        )
+            else torch.cat((rollout.memory, rollout.cut_memory)),
+            None if privileged is None else privileged.repeat(2, 1),
+        ).value
+        last, beyond = values.chunk(2)
+        settings = self.settings
+        reward = kept.reward * settings.reward_scale + settings.gamma * kept.truncated * beyond
+        advantage = gae(reward, value, kept.ended, last, settings.gamma, settings.gae_lambda)
         return batch._replace(advantage=advantage, target=advantage + value)
 
     @torch.no_grad()
@@ -311,7 +295,7 @@ class GradientLearner:
             "target": _weights(self._target),
             "adam": self.adam.state(),
             "critic_adam": self._critic_adam.state(),
-            "generators": [generator.get_state() for generator in self._generators],
+            "generators": [self._generator.get_state()],
             "memory": None if memory is None else self.processes.whole(memory),
         }
 
@@ -324,8 +308,8 @@ class GradientLearner:
                 tensor.copy_(saved[key][name])
         self.adam.load(saved["adam"])
         self._critic_adam.load(saved["critic_adam"])
-        for generator, state in zip(self._generators, saved["generators"], strict=True):
-            generator.set_state(state.cpu())
+        (random,) = saved["generators"]
+        self._generator.set_state(random.cpu())
         if self.rollout.memory is not None:
             self.rollout.memory.copy_(self.processes.mine(saved["memory"]))
 

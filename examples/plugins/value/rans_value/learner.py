@@ -11,7 +11,6 @@ learning and structured prediction to no-regret online learning", AISTATS 2011).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -26,7 +25,6 @@ from rans.extend import (
     Acted,
     Adam,
     Algorithm,
-    Coefficients,
     ConfigError,
     Engine,
     GoToPose,
@@ -188,13 +186,14 @@ def _chosen(patterns: Tensor, costs: Tensor) -> Tensor:
 
 
 class ValueLearner:
-    """Learner of one member by fitted value iteration; a `rans.fast.learn.learner.Learner`.
+    """Learner by fitted value iteration; a `rans.fast.learn.learner.Learner`.
 
     Args:
         engine: engine of a planar craft with on/off thrusters that flies to a pose.
         network: policy network, changed in place.
-        settings: settings of one member; ``batch_size`` and ``learning_rate`` are those of the imitation.
-        generators: random generator of one member.
+        settings: ``batch_size`` and ``learning_rate`` are those of the imitation.
+        generator: random generator of actions on a CPU.
+        plain: without meaning: the network is computed by single operations of torch.
         own: further hyper-parameters of this learner.
 
     Raises:
@@ -208,23 +207,23 @@ class ValueLearner:
         self,
         engine: Engine,
         network: Network,
-        settings: Sequence[PPOSettings],
-        generators: Sequence[torch.Generator],
+        settings: PPOSettings,
+        generator: torch.Generator,
+        plain: bool,
         own: ValueSettings,
     ) -> None:
-        _check(engine, network, len(settings))
-        first = settings[0]
+        _check(engine, network)
         self.engine = engine
         self.network = network
-        self.n_steps = first.n_steps
-        self.rollout = Rollout(engine, network, first.n_steps)
-        self.coefficients = Coefficients.of(settings, self.rollout.failed)
-        self.adam = Adam(network, self.coefficients.learning_rate, plain=True)
+        self.settings = settings
+        self.n_steps = settings.n_steps
+        self.rollout = Rollout(engine, network, settings.n_steps)
+        self.adam = Adam(network, settings.learning_rate, plain=True)
         self._own = own
         self._progress = 0.0
-        self._generators = generators
+        self._actions = generator
         device = engine.device
-        self._generator = torch.Generator(device).manual_seed(generators[0].initial_seed())
+        self._generator = torch.Generator(device).manual_seed(generator.initial_seed())
         period = engine.timing.control_period
         self.problem = PoseProblem(engine.craft, engine.task, period, own.price)
         # The value function, and its average, by which is flown.
@@ -232,7 +231,7 @@ class ValueLearner:
         self._pool = pool
         example = torch.cat((pool, self._fresh(pool)), dim=1)
         with torch.random.fork_rng([device] if device.type == "cuda" else []):
-            torch.manual_seed(generators[0].initial_seed())
+            torch.manual_seed(generator.initial_seed())
             self.value = ValueNetwork(self.problem, example, own.units)
             self.average = ValueNetwork(self.problem, example, own.units)
         self.average.load_state_dict(self.value.state_dict())
@@ -250,8 +249,7 @@ class ValueLearner:
         self._flights: list[tuple[Tensor, Tensor]] = []
         self._labels: list[list[Tensor]] = []
         self._batch: tuple[Tensor, ...] = ()
-        self._batch_size = first.batch_size
-        self._unclipped = torch.full_like(self.adam.rate, torch.inf)
+        self._batch_size = settings.batch_size
         self._descend = graphed(self._descent, device)
 
     def slow_down(self, remaining: float) -> None:
@@ -264,7 +262,7 @@ class ValueLearner:
                 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * done))
             )
         left = min(1.0, remaining / (1.0 - fitted))
-        self.adam.rate.copy_(self.coefficients.learning_rate * (0.02 + 0.98 * left))
+        self.adam.rate.fill_(self.settings.learning_rate * (0.02 + 0.98 * left))
 
     def learn(self) -> Tensor:
         """Run one iteration, see `rans.fast.learn.learner.Learner.learn`."""
@@ -280,8 +278,7 @@ class ValueLearner:
             norm = self._imitate()
         value = self._flights[-1][1].mean() if self._flights else loss
         result = torch.stack((loss, value, mismatch, norm))
-        rest = torch.cat((self.adam.rate[:, None], self.rollout.totals()), dim=1)
-        return torch.cat((result[None], rest), dim=1)
+        return torch.cat((result, self.adam.rate[None], self.rollout.totals()))
 
     def states(self) -> Tensor:
         """States (7, N) of the engine's episodes in the frame of their goals."""
@@ -384,7 +381,7 @@ class ValueLearner:
         samples = row < 0.25 * share * count
         observation = engine.observe()
         pool, labels, differs = [], [], []
-        for uniform, slot in zip(rollout.uniform(self._generators), rollout.steps, strict=True):
+        for uniform, slot in zip(rollout.uniform(self._actions), rollout.steps, strict=True):
             state = self.states()
             label, regret = self.greedy.label(state)
             columns, _, order = network.look(network.in_body(observation))
@@ -423,14 +420,14 @@ class ValueLearner:
             chosen = self._indices(len(labels[0]), self._batch_size)
             for fixed, x in zip(self._batch, labels, strict=True):
                 fixed.copy_(x[chosen])
-            norms.append(self._descend().clone()[0])
+            norms.append(self._descend().clone())
         return torch.stack(norms).mean()
 
     def _descent(self) -> Tensor:
         columns, label, decided = self._batch
         logit = self.network.evaluate_seen(columns).policy.logit  # type: ignore[attr-defined]
         loss = (decided * functional.softplus((1 - 2 * label) * logit)).sum(dim=1).mean()
-        return self.adam.descend(loss, self._unclipped, self.engine.processes)
+        return self.adam.descend(loss, math.inf, self.engine.processes)
 
     def state(self) -> dict[str, Any]:
         """State of the learner without flights and labels, which a resumed training collects again."""
@@ -454,7 +451,7 @@ class ValueLearner:
         self._flights = [self._flown()]
 
 
-def _check(engine: Engine, network: Network, members: int) -> None:
+def _check(engine: Engine, network: Network) -> None:
     """Reject (`ConfigError`) engines and networks for which there is no such value function."""
     craft = engine.craft
     if craft.dimension != 2 or craft.is_continuous or not isinstance(engine.task, GoToPose):
@@ -463,10 +460,8 @@ def _check(engine: Engine, network: Network, members: int) -> None:
             f"go-to-pose-priced); {craft.name} with {type(engine.task).__name__} is another problem: train "
             'with the algorithm "ppo".'
         )
-    if members > 1 or engine.processes.size > 1:
-        raise ConfigError(
-            "the algorithm 'value' trains one agent in one process: train other seeds one after the other."
-        )
+    if engine.processes.size > 1:
+        raise ConfigError("the algorithm 'value' trains in one process: leave out --gpus.")
     if network.architecture.memory or network.architecture.backbone != "dense":
         raise ConfigError(
             "the algorithm 'value' has no use for a memory: leave out ppo.memory, ppo.filters and ppo.backbone."

@@ -346,6 +346,6 @@ def _size(columns: Any) -> float:
 
 def on_device(network: Network, device: str) -> Network:
     """A copy of a network of one member."""
-    return Network.stacked(
-        network.architecture, [network.member(0)], torch.device(device), torch.float32
+    return Network.copied(
+        network.architecture, network.weights(), torch.device(device), torch.float32
     )

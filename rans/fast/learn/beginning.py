@@ -1,20 +1,18 @@
-"""Members that train together: creation of their learner, and their reports."""
+"""Creation of a learner, and the statistics of its iterations by name."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from math import isfinite
-from typing import Any, get_args, overload
+from typing import get_args
 
 import torch
-from torch import Tensor
 
 from rans.compile.preprocess import compiled_preprocessor
 from rans.errors import ConfigError, NonFiniteState
 from rans.fast.engine import Engine
-from rans.fast.learn.config import PPOSettings, Precision, TrainConfig
-from rans.fast.learn.learner import Learner, Making
+from rans.fast.learn.config import PPOSettings, Precision
+from rans.fast.learn.learner import Learner, Made, Making
 from rans.fast.learn.ppo import PPOLearner
 from rans.policy.any_craft import effects
 from rans.policy.architecture import Architecture
@@ -23,12 +21,9 @@ from rans.policy.network import Network
 from rans.policy.preprocess import TorchPreprocessor
 from rans.policy.symmetry import symmetries
 
-SOLVED_IN_A_ROW = 2
-"""Number of successive reports with a solved task at which training ends; a single one may be chance."""
-
 
 def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
-    """Network architecture of settings for an engine's task and craft; members that train together share it.
+    """Network architecture of settings for an engine's task and craft.
 
     Agent files have it as a table, and a checkpoint must have the same one to be resumed.
     """
@@ -75,64 +70,41 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
     )
 
 
-@overload
 def begin(
     engine: Engine,
-    settings: Sequence[PPOSettings],
-    seeds: Sequence[int],
+    settings: PPOSettings,
+    seed: int,
     plain: bool | None = None,
-) -> PPOLearner: ...
-@overload
-def begin(
-    engine: Engine,
-    settings: Sequence[PPOSettings],
-    seeds: Sequence[int],
-    plain: bool | None,
-    make: Making | None,
-) -> Learner: ...
-def begin(
-    engine: Engine,
-    settings: Sequence[PPOSettings],
-    seeds: Sequence[int],
-    plain: bool | None = None,
-    make: Making | None = None,
-) -> Learner:
+    make: Making[Made] = PPOLearner,
+) -> Made:
     """Create a learner with initial weights on an engine, and set its episodes to random times.
 
     Args:
         engine: engine.
-        settings: hyper-parameters, one per member.
-        seeds: seeds of weights, actions and times, one per member.
+        settings: hyper-parameters.
+        seed: seed of weights, actions and times.
         plain: whether to use single operations of torch only; None: as the engine.
-        make: creates the learner; None: PPO.
+        make: creates the learner; by default that of PPO.
 
     Raises:
         ConfigError: the settings do not fit the engine.
     """
     plain = engine.plain if plain is None else plain
-    for entry in settings:
-        check_sizes(engine, entry, len(settings))
-    architecture = architecture_of(engine, settings[0])
-    set_precision(settings[0].matmul, engine.device)
-    # Weights of every member, as one network, and the random numbers that go on from there.
-    tables, generators = zip(
-        *(
-            architecture.initial(
-                seed, setting.exploration.initial_duty, setting.exploration.log_std_init
-            )
-            for seed, setting in zip(seeds, settings, strict=True)
-        ),
-        strict=True,
+    check_sizes(engine, settings)
+    architecture = architecture_of(engine, settings)
+    set_precision(settings.matmul, engine.device)
+    # Weights, and the random numbers that go on from there.
+    exploration = settings.exploration
+    tensors, generator = architecture.initial(
+        seed, exploration.initial_duty, exploration.log_std_init
     )
     preprocessor = TorchPreprocessor if plain else compiled_preprocessor
-    network = Network.stacked(architecture, tables, engine.device, engine.dtype, preprocessor)
+    network = Network.copied(architecture, tensors, engine.device, engine.dtype, preprocessor)
     # Episodes at random times, so that they do not end all at once.
-    engine.stagger(*generators)
+    engine.stagger(generator)
     if engine.device.type == "cuda":
-        torch.cuda.manual_seed(seeds[0])
-    if make is None:
-        return PPOLearner(engine, network, settings, generators, plain)
-    return make(engine, network, settings, generators)
+        torch.cuda.manual_seed(seed)
+    return make(engine, network, settings, generator, plain)
 
 
 def _head(engine: Engine, settings: PPOSettings) -> str:
@@ -155,7 +127,7 @@ def _head(engine: Engine, settings: PPOSettings) -> str:
     return head_name
 
 
-def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
+def check_sizes(engine: Engine, settings: PPOSettings) -> None:
     """Reject (`ConfigError`) sizes of rollouts and minibatches that do not divide."""
     steps = settings.n_steps
     batch = settings.batch_size
@@ -165,10 +137,10 @@ def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
             f"n_steps must not exceed the episode's {engine.timing.episode_steps} steps, got "
             f"{steps}: an episode may be truncated at most once in a rollout."
         )
-    if engine.num_envs * processes.size != settings.n_envs * members:
+    count = engine.num_envs * processes.size
+    if count != settings.n_envs:
         raise ConfigError(
-            f"n_envs must be the engine's {engine.num_envs * processes.size // members} "
-            f"environments per member, got {settings.n_envs}."
+            f"n_envs must be the engine's {count} environments, got {settings.n_envs}."
         )
     samples = settings.n_envs * steps
     if batch % steps or samples % batch:
@@ -189,43 +161,8 @@ def set_precision(matmul: str, device: torch.device) -> None:
         torch.set_float32_matmul_precision("highest" if matmul == "float32" else "high")
 
 
-@dataclass
-class Member:
-    """One training among those that train together, with its reports."""
-
-    config: TrainConfig
-    rows: list[dict[str, Any]] = field(default_factory=list)
-    """Rows of ``metrics.jsonl``, until the task is solved."""
-    weights: dict[str, Tensor] = field(default_factory=dict)
-    """Weights of the agent when its task was solved, or at the end (`Network.member`)."""
-    in_a_row: int = 0
-    """Number of successive reports until now with a solved task."""
-
-    @property
-    def solved(self) -> bool:
-        """Whether enough successive reports have a solved task; False if ``solved_share`` is None."""
-        return self.config.solved_share is not None and self.in_a_row >= SOLVED_IN_A_ROW
-
-    @property
-    def diverged(self) -> bool:
-        """Whether a weight became NaN or infinite."""
-        return not all(tensor.isfinite().all() for tensor in self.weights.values())
-
-    def finds_solved(self, success: float) -> bool:
-        """Whether a share of successful episodes counts as solved."""
-        return self.config.solved_share is not None and success >= self.config.solved_share
-
-    def note(self, row: dict[str, Any], solved: bool | None) -> None:
-        """Store a report, and whether its task is solved; None: it is not counted."""
-        self.rows.append(row)
-        if solved is not None:
-            self.in_a_row = self.in_a_row + 1 if solved else 0
-
-
-def statistics(
-    numbers: Sequence[float], learner: Learner, steps: int, *, goes_on: bool = False
-) -> dict[str, float]:
-    """Statistics of a member by the names of SB3's log, from a row of `Learner.learn`.
+def statistics(numbers: Sequence[float], learner: Learner, steps: int) -> dict[str, float]:
+    """Statistics of an iteration by the names of SB3's log, from the row of `Learner.learn`.
 
     The length of an episode is the mean over those that ended in this rollout; SB3 uses the last hundred. Its
     return, the sum of its rewards, is this length times the mean reward of a step, as a whole and by term. Where
@@ -235,7 +172,6 @@ def statistics(
         numbers: row of `Learner.learn`.
         learner: learner.
         steps: environment steps so far.
-        goes_on: whether to accept numbers that are not finite.
 
     Raises:
         NonFiniteState: a number is NaN or infinite.
@@ -243,7 +179,7 @@ def statistics(
     names = learner.engine.term_names
     losses = dict(zip(learner.statistics, numbers, strict=False))
     rate, failed, ended, succeeded, lengths, *rewards = numbers[len(learner.statistics) :]
-    if not goes_on and not all(map(isfinite, numbers)):
+    if not all(map(isfinite, numbers)):
         odd = [name for name, reward in zip(names, rewards, strict=True) if not isfinite(reward)]
         cause = "the usual cause is a learning rate or a reward that is too large"
         # Weights that are NaN make every term NaN; a mistake in the task only its own.
