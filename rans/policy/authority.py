@@ -536,7 +536,8 @@ def braking(way: Field, acceleration: Field, period: Field) -> Field:
 
 def _wide(x: Field) -> Field:
     """Signed logarithm, about a third of a decade for each unit."""
-    return _sign(x) * log(1.0 + absolute(x)) * (1.0 / 3.0)
+    size = log(1.0 + absolute(x)) * (1.0 / 3.0)
+    return where(x < 0.0, -size, size)
 
 
 def _sign(x: Field) -> Field:

@@ -100,6 +100,9 @@ def chosen(
         # What flies in the end says what is outside of its training.
         warnings.simplefilter("ignore", RansWarning)
         for each, run in _candidates(own, craft, period, value):
+            # Values beside one that loses half of the flights lose many, too: only the fastest is left to try.
+            if best is not None and best.solved < FLIGHTS / 2 and 0.0 < each < best.value:
+                continue
             result = _flown(frugal(run, each), each)
             if best is None or result.solved > best.solved:
                 best = result
