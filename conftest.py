@@ -189,9 +189,8 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def unswept(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Comparisons fly no curve of a controller's weights, and measure processor times from one start."""
+    """Comparisons fly no curve of a controller's weights."""
     monkeypatch.setattr("rans.evaluation.compare.entrants.swept", lambda *_: [])
-    monkeypatch.setattr("rans.evaluation.compare.contest._TIMED_STARTS", 1)
 
 
 @pytest.fixture(params=FREE_CRAFT)

@@ -297,6 +297,8 @@ def compare(
                 result.waiting = ()
                 with watched() as shown:
                     fly({}, slow, stages=noting(shown))
+            with watched() as shown:
+                result.sweep(quick, noting(shown), workers)
         except KeyboardInterrupt:
             result.note_interrupt(begun, bounded, cache is not None)
             raise

@@ -461,7 +461,7 @@ def _rivals(path: Path, dimension: int, count: int) -> tuple[list[Entry], list[s
         flying = {}
         with contextlib.suppress(ConfigError):  # what it cannot fly
             flying = enlisted(agents, comparison.contest)
-        comparison.fly(flying, _RIVALS, 0, workers=1, in_detail=False)
+        comparison.fly(flying, _RIVALS, 0, workers=1)
     # Networks stay in their process.
     entries = [
         replace(one, contestant=replace(one.contestant, controller=nobody))
@@ -485,7 +485,7 @@ def _compare(trainer: Trainer, rivals: _Rivals) -> None:
     agent = FOR_ANY_CRAFT[trainer.engine.craft.dimension]
     with doing("flying others from the same starts", in_log=False):
         comparison = Comparison(contest_of(path, _COMPARED, TRAINED_SEED))
-        comparison.fly(enlisted([path], comparison.contest), (), 0, in_detail=False)
+        comparison.fly(enlisted([path], comparison.contest), (), 0)
         entries, failures = rivals()
         comparison.entries += entries
         comparison.failures += failures

@@ -536,8 +536,7 @@ def braking(way: Field, acceleration: Field, period: Field) -> Field:
 
 def _wide(x: Field) -> Field:
     """Signed logarithm, about a third of a decade for each unit."""
-    size = log(1.0 + absolute(x)) * (1.0 / 3.0)
-    return where(x < 0.0, -size, size)
+    return _sign(x) * log(1.0 + absolute(x)) * (1.0 / 3.0)
 
 
 def _sign(x: Field) -> Field:

@@ -27,7 +27,7 @@ def entry() -> Entry:
     commands = np.zeros((10, 3, 8))
     commands[:4, 0, 0] = commands[:2, 1, 0] = 1.0
     contestant = Contestant("agent", NOBODY, "observation", "none")
-    return Entry(contestant, flight_of(distance, 0.0, commands), np.arange(101) * 1e-3)
+    return Entry(contestant, flight_of(distance, 0.0, commands))
 
 
 def comparison(**changes: Any) -> Comparison:

@@ -6,11 +6,8 @@ Scores are (N,) by start, in SI units; tables, charts and files take them from h
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass, replace
 from functools import cached_property
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
@@ -27,7 +24,7 @@ from rans.evaluation.measure.metrics import (
     settling_times,
     staying_times,
 )
-from rans.flight import Controller, Flight, begin_flight, fly
+from rans.flight import Controller, Flight
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -35,8 +32,6 @@ from rans.progress import Progress, unseen
 from rans.randomization.conditions import Conditions
 from rans.scenario import Endpoints, Scenario, scenarios
 from rans.tasks import Task
-
-_TIMED_STARTS = 4
 
 
 @dataclass(frozen=True)
@@ -110,27 +105,6 @@ class Contest:
             endpoints=self.endpoints,
         )
 
-    def latencies(self, controller: Controller) -> np.ndarray:
-        """Processor time of single actions, one observation at a time, (T,) s.
-
-        On an idle core it is the wall time, without other work of the machine. The actions are those of the first
-        fifth of episodes from a few starts, because a controller that rests later takes less time.
-        """
-        seconds: list[float] = []
-
-        def act(*inputs: Any) -> np.ndarray:
-            before = time.process_time()
-            command = own.act(*inputs)
-            seconds.append(time.process_time() - before)
-            return command
-
-        timed: Any = SimpleNamespace(name=controller.name, reset=lambda _: None, act=act)
-        short = replace(self.timing, episode_steps=max(1, self.timing.episode_steps // 5))
-        for k in range(min(_TIMED_STARTS, self.episodes)):
-            own = begin_flight(controller, 1)
-            fly(self.craft, self.task, timed, self.start(k), short)
-        return np.array(seconds)
-
     def title(self) -> str:
         """Title in one line: starts, spacecraft, time, task, conditions and engine."""
         world = (
@@ -176,8 +150,6 @@ class Entry:
 
     contestant: Contestant
     flight: Flight
-    latencies: np.ndarray
-    """See `Contest.latencies`; empty: its actions were not timed."""
 
     @property
     def name(self) -> str:

@@ -214,7 +214,6 @@ class Comparison(NotebookRepr):
         stages: Stages = unseen_stages,
         workers: int | None = None,
         returns: bool = True,
-        in_detail: bool = True,
         asked: bool = True,
     ) -> None:
         """Fly all contestants and compute optima and bounds; failures are noted, and the rest goes on.
@@ -229,7 +228,6 @@ class Comparison(NotebookRepr):
             stages: reports progress.
             workers: processes, by default one per processor.
             returns: whether the optima of the task's return are computed too, which take longer than all others.
-            in_detail: whether actions are timed and controllers fly with other weights, too, which only pages have.
             asked: whether somebody has named the opponents, so that one that cannot fly is a failure.
         """
         if opponents is None:
@@ -237,7 +235,7 @@ class Comparison(NotebookRepr):
         # Contestants first: what opponents and bounds cost is not lost with an interrupt of theirs.
         for spec, contestant in contestants.items():
             with _noted(self, spec):
-                self.entries.append(_entry(self, contestant, stages, workers, in_detail))
+                self.entries.append(_entry(self, contestant, stages, workers))
         of_mission = "optimal" in opponents and bounded(self.contest)
         if of_mission and certified:
             # Before the others, which may be slow: an interrupted comparison has this bound.
@@ -250,11 +248,7 @@ class Comparison(NotebookRepr):
                 continue
             with _noted(self, name):
                 if simple.name not in self.names():  # A controller flies once.
-                    self.entries.append(_entry(self, simple, stages, workers, in_detail))
-                self.curve += [
-                    _entry(self, contestant, stages, workers)
-                    for contestant in (entrants.swept(name, self.contest) if in_detail else ())
-                ]
+                    self.entries.append(_entry(self, simple, stages, workers))
         if of_mission:
             if certified > 1:
                 _bound_mission(self, certified, stages)
@@ -267,6 +261,14 @@ class Comparison(NotebookRepr):
             _find_relaxed(self, stages, workers, returns)
             _find_certified(self, certified, cache, stages, workers)
             self.failures += self.impossible()
+
+    def sweep(self, opponents: Sequence[str], stages: Stages, workers: int | None) -> None:
+        """Fly controllers with other weights, which only pages have; failures are noted."""
+        others = {"optimal", *(name for names in self.grounded.values() for name in names)}
+        for name in (x for x in opponents if x not in others):
+            with _noted(self, name):
+                for contestant in entrants.swept(name, self.contest):
+                    self.curve.append(_entry(self, contestant, stages, workers))
 
     def _ground(self, name: str, reason: str, sentences: list[str]) -> None:
         """Say that an opponent cannot fly; those of one reason have one sentence."""
@@ -306,7 +308,6 @@ def _entry(
     contestant: Contestant,
     stages: Stages,
     workers: int | None,
-    is_timed: bool = True,
 ) -> Entry:
     """Fly one contestant from all starts, as an entry of the comparison.
 
@@ -318,9 +319,7 @@ def _entry(
         comparison.failures.append(
             f"{contestant.name}: its solver stopped {flight.stopped} times; the plan before was flown on."
         )
-    controller = contestant.controller
-    latencies = comparison.contest.latencies(controller) if is_timed else np.empty(0)
-    return Entry(contestant, flight, latencies)
+    return Entry(contestant, flight)
 
 
 @contextlib.contextmanager

@@ -84,9 +84,7 @@ def tuned_settings(
             if not results:
                 raise
             break
-        results.append(
-            (cost(Entry(Contestant(name, tuned, "", ""), flight, np.zeros(0)), price), settings)
-        )
+        results.append((cost(Entry(Contestant(name, tuned, "", ""), flight), price), settings))
         progress(1)
     least, best = min(results, key=lambda pair: pair[0])
     return Tuned(

@@ -41,9 +41,9 @@ TEXT = (
     "pose or position, also slow (5 cm/s, 5 degrees/s); a flight may leave it again. Impulse is force times "
     "open time, summed over the thrusters. A flight that never gets there counts as infinitely late. "
     "The return is the task's own reward, of starts with a relaxed optimum as a share of its return. "
-    "Medians and means stand with 95 % bootstrap intervals over starts, solved with Wilson's, computing time with "
-    "the middle 90 % of the actions. Certified bounds hold for every on/off controller at this rate; relaxed "
-    "optima may throttle, know the future and are only locally optimal."
+    "Medians and means stand with 95 % bootstrap intervals over starts, solved with Wilson's. "
+    "Certified bounds hold for every on/off controller at this rate; relaxed optima may throttle, know the future "
+    "and are only locally optimal."
 )
 """The protocol in short; docs/protocol.md has all of it."""
 
@@ -52,7 +52,7 @@ _MISSION_TEXT = (
     "that succeeds without breaking a limit wins; one that does not counts as infinitely late. Impulse is force "
     "times open time, summed over the thrusters. Bounds hold for every flight from the same start that succeeds "
     "by its deadline, with any control law. Shares have Wilson's 95 % intervals, the others bootstrap intervals "
-    "over starts, computing time the middle 90 % of the actions."
+    "over starts."
 )
 """The same for missions that end with their success."""
 

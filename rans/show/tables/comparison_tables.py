@@ -38,7 +38,6 @@ DETAILS = (
     "first in the goal set",
     "impulse until then",
     "impulse over the bound",
-    "computing time",
     RETURN,
 )
 """Beginnings of the names of scores that short tables leave out."""
@@ -87,10 +86,7 @@ def scores(
         solved = np.isfinite(optimum)
         ratio = Bootstrap(int(solved.sum())).ratio(entry.returns[solved], optimum[solved])
         result[RETURN] = ratio.scaled(100.0)
-    if not len(entry.latencies):
-        return result
-    middle = (1e3 * float(np.quantile(entry.latencies, q)) for q in (0.5, 0.05, 0.95))
-    return result | {"computing time, ms": Estimate(*middle)}
+    return result
 
 
 def _mission_scores(entry: Entry, bootstrap: Bootstrap, mission: MissionBounds | None) -> Scores:

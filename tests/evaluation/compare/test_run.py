@@ -20,6 +20,7 @@ from rans.flight import fly
 from rans.model.timing import Timing
 from rans.optimal.certificate.problem import SearchEffort
 from rans.optimal.trajectory.objectives import MaximumReward
+from rans.progress import unseen_stages
 from rans.show.pages.comparison_page import TEXT, page
 from rans.show.pages.report import comparison_section
 from rans.show.tables.comparison_tables import (
@@ -218,7 +219,7 @@ def test_files_for_others(comparison: Comparison) -> None:
     section = comparison_section(read)
     assert section.summary[1][1].startswith("solves its task from 0 of 3 starts")
     html = page(comparison).html()
-    assert html.count("<figure") == 7  # plane, gaps, two starts, errors, return and latency, craft
+    assert html.count("<figure") == 7  # plane, gaps, two starts, errors, return, craft
     assert "http" not in html.replace("http://www.w3.org", "")
 
 
@@ -294,6 +295,7 @@ def test_nobody_flies_twice_and_names_differ(monkeypatch: pytest.MonkeyPatch) ->
     found = Comparison(replace(CONTEST, episodes=1, timing=Timing(episode_steps=3)))
     thrice = ["lqr:go-to-pose-2d", "lqr:go-to-pose-2d", "lqr:go-to-pose-2d@floating-platform"]
     found.fly(enlisted(thrice, found.contest), ["lqr"])
+    found.sweep(["lqr", "optimal"], unseen_stages, 1)
     assert [entry.name for entry in found.entries] == ["LQR", "lqr:go-to-pose-2d@floating-platform"]
     assert len(found.curve) == len(SWEEP)
     assert found.failures == []

@@ -102,7 +102,7 @@ def test_the_cost_is_that_of_the_flights() -> None:
     contest = Contest(*setup[:3], TUNING_SEED, 4)
     made = LQR(*setup[:3], **arguments(LQR, found.settings))
     flight = contest.fly(made)
-    entry = Entry(Contestant("LQR", made, "", ""), flight, np.zeros(0))
+    entry = Entry(Contestant("LQR", made, "", ""), flight)
     expected = (
         0.5 * (settling_times(flight) + entry.arrival).mean() + 0.02 * impulses(flight).mean()
     )

@@ -29,7 +29,7 @@ def test_tiles_have_units() -> None:
 
 def test_what_never_happens_has_no_unit() -> None:
     far = flight_of(np.full((11, 3), 9.0), 0.0, np.zeros((10, 3, 8)))
-    entry = Entry(Contestant("agent", NOBODY, "observation", "none"), far, np.zeros(1))
+    entry = Entry(Contestant("agent", NOBODY, "observation", "none"), far)
     contest = Contest(far.craft, far.task, far.timing, 1, 3)
     shown = Comparison(contest, [entry])
     assert values(shown)["settling time"] == "never"
