@@ -286,17 +286,21 @@ def compare(
 
     # Quick opponents first; results so far are written even after an interrupt.
     quick, slow = result.quick_and_slow(opponents)
+    # The first table of a craft needs a single value of its agent.
+    soon = 1 if slow and len(invited) == 1 else None
+    now = dict([*flying.items()][:soon])
+    later = {text: flying[text] for text in flying if text not in now}
     with writing_at_end(end):
         try:
             with watched() as shown:
-                fly(flying, quick, stages=noting(shown))
+                fly(now, quick, stages=noting(shown))
             if slow:
-                result.waiting = slow
+                result.waiting = [*(["other values"] if later else []), *slow]
                 if show is not None:
                     show(result)
                 result.waiting = ()
                 with watched() as shown:
-                    fly({}, slow, stages=noting(shown))
+                    fly(later, slow, stages=noting(shown))
             with watched() as shown:
                 result.sweep(quick, noting(shown), workers)
         except KeyboardInterrupt:

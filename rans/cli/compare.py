@@ -181,11 +181,10 @@ def _show_so_far(comparison: Comparison) -> None:
     for sentence in verdict(comparison):
         console.say(sentence)
     console.table(Table(("", *board), rows, f"{comparison.contest.title()}, so far"))
-    more = " and ".join(
-        "certified bounds" if name == "optimal" else name.upper() for name in comparison.waiting
-    )
+    said = {"optimal": "certified bounds", "mpc": "MPC"}
+    more = ", ".join(said.get(name, name) for name in comparison.waiting)
     console.print(
-        f"Now {more}, which take longer. Ctrl-C ends here and writes what there is.", soft_wrap=True
+        f"Still to come: {more}. Ctrl-C ends here and writes what there is.", soft_wrap=True
     )
 
 
