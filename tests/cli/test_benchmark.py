@@ -64,13 +64,12 @@ def test_figures(
     assert (
         shares["floating-platform, one environment: share of the 250 bytes aimed at"] == 151 / 250
     )
-    assert "floating-platform, 64 environments" in file.with_suffix(".svg").read_text()
 
 
 def test_interrupted_it_shows_and_writes_what_was_measured(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Ctrl-C comes while the first agent is timed: the figure has no panel of agents."""
+    """Ctrl-C comes while the first agent is timed."""
 
     def measured(*_: object) -> Iterator[Measurement]:
         yield Measurement("memory", "memory copy", 12.5, "GB/s")
@@ -98,7 +97,6 @@ def test_interrupted_it_shows_and_writes_what_was_measured(
         3.0,
         None,
     ]
-    assert "7 environments" in file.with_suffix(".svg").read_text()
 
 
 def test_interrupted_before_anything_was_measured_it_writes_nothing(

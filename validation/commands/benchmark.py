@@ -12,7 +12,7 @@ from tyro.conf import arg
 from rans.api.names import load_spacecraft
 from rans.cli.door import Options, command_of, word
 from rans.errors import ConfigError
-from rans.files import command_line, environment, ready_folder, write_json, write_text
+from rans.files import command_line, environment, ready_folder, write_json
 from rans.table import Table
 from rans.terminal import Terminal, writing_at_end
 from validation.functions import benchmark
@@ -39,7 +39,7 @@ class Benchmark(Options):
     examples = ("rans benchmark --quick",)
 
     output: Annotated[Path | None, arg(metavar="FILE")] = None
-    """JSON file to write all values to, warm-up times and notes too, with a figure next to it."""
+    """JSON file to write all values to, warm-up times and notes too."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -108,10 +108,7 @@ class Benchmark(Options):
         measured: list[Measurement],
         ratios: list[Ratio],
     ) -> None:
-        """Write figures and machine as JSON, with a chart beside it."""
-        from rans.show.figures.svg import svg
-        from validation.speed.figure import speed_figure
-
+        """Write figures and machine as JSON."""
         content: dict[str, Any] = {
             "ratios": [asdict(r) for r in ratios],
             "measurements": [asdict(m) for m in measured],
@@ -119,9 +116,7 @@ class Benchmark(Options):
             "command": command_line(),
         }
         write_json(file, content)
-        figure = file.with_suffix(".svg")
-        write_text(figure, svg(speed_figure(_hardware(about), measured)))
-        Terminal().say(f"Written to {file} and {figure}.")
+        Terminal().say(f"Written to {file}.")
 
 
 def _hardware(about: dict[str, str]) -> str:
