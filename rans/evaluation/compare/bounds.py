@@ -419,9 +419,9 @@ def bounds_table(
         """Row of the table for one start: hull, tube, ``cost`` of the trajectory, certified bounds and gap."""
         lower = answer.lower
         upper = answer.upper
-        is_certified = lower is not None and lower < math.inf and answer.kind == "arrival"
-        gap = f"{100 * (upper / lower - 1):.1f} %" if lower and is_certified else "-"
-        best = "-" if answer.kind == "settling" else f"{upper:.3f}"
+        has_both = lower and upper < math.inf and answer.kind == "arrival"
+        gap = f"{100 * (upper / lower - 1):.1f} %" if lower and has_both else "-"
+        best = f"{upper:.3f}" if answer.kind != "settling" and upper < math.inf else "-"
         certain = ["-"] * 2 if lower is None else [f"{lower:.3f}", best]
         loose = [f"{answer.hull:.3f}"]
         if has_tube:

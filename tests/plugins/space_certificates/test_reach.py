@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from rans_space_certificates.bounder import SpatialBounder
 from rans_space_certificates.reach import ReachRelaxation, SpinLattice
-from rans_space_certificates.search import is_in_goal_set
 
 from rans.errors import ConfigError, NonFiniteState
 from rans.model.actuators import Throttle
@@ -23,7 +22,6 @@ from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate import hull
 from rans.optimal.certificate.certificate import certified_least_fuel, certified_least_time
-from rans.optimal.certificate.flight import fuel, state_after
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.problem import Problem, SearchEffort, Unreachable
 from rans.scenario import EVALUATION_SEED, scenarios
@@ -72,13 +70,6 @@ def crossed() -> Spacecraft:
 
 
 CRAFTS = {"lopsided": lopsided, "crossed": crossed}
-
-
-@pytest.fixture
-def _bounds_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No commands are searched for, whatever the clock says."""
-    for search in ("search_fixed_pulses", "_soonest"):
-        monkeypatch.setattr(f"rans_space_certificates.bounder.{search}", lambda *_, **__: None)
 
 
 def instance(
@@ -148,7 +139,6 @@ def test_no_greedy_flight_is_below(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("_bounds_only")
 @pytest.mark.parametrize("build", [lopsided, equal, crossed])
 @pytest.mark.parametrize("seed", [4, 5])
 def test_least_fuel_and_time_are_below_those_of_every_sequence(
@@ -197,7 +187,6 @@ def test_lattice_of_the_free_flyer() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("_bounds_only")
 def test_closer_than_the_hull() -> None:
     """Start 5 of the evaluation: the hull excludes 3.8 s, turning 4.0 s too, and costs more."""
     batch = scenarios(GoToPose().for_evaluation(), FLYER, EVALUATION_SEED, 6)
@@ -218,30 +207,6 @@ def test_closer_than_the_hull() -> None:
     )
     assert spent.dual > 1.02 * hull.least_fuel(FLYER, REST, start, goal, 10.0, TASK_SET)
     assert spent.lower == pytest.approx(math.ceil(spent.dual / 0.4) * 0.4)  # two pulses at a time
-
-
-@pytest.mark.slow
-def test_what_is_found_flies_there() -> None:
-    """From 20 cm away, by the engines' equations in twice as many substeps as the search replays."""
-    goal = replace(
-        moving(1, 0.0), p=Vec3(0.0, 0.0, 0.0), v=Vec3(0.0, 0.0, 0.0), w=Vec3(0.0, 0.0, 0.0)
-    )
-    start = replace(goal, p=Vec3(0.1, -0.2, 0.05))
-    lattice = SpinLattice(FLYER, PERIOD)
-    for found in (
-        certified_least_time(
-            SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 40, SearchEffort(2.0)
-        ),
-        certified_least_fuel(
-            SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 20, SearchEffort(0.1)
-        ),
-    ):
-        assert found.commands is not None
-        assert 0.0 < found.lower <= found.upper + 1e-9
-        assert is_in_goal_set(
-            state_after(FLYER, start, found.commands, PERIOD, 16), goal, TASK_SET, True
-        )
-    assert fuel(FLYER, found.commands, PERIOD) == pytest.approx(found.upper)  # pyrefly: ignore[bad-argument-type]
 
 
 @pytest.mark.slow

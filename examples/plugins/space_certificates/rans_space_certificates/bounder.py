@@ -1,41 +1,29 @@
-"""Certified least fuel and time in space, and controls that come near: `reach` has the bound.
+"""Certified least fuel and time in space: `reach` has the bound.
 
-There is no branching: the bound is the dual value alone, rounded up to whole periods and pulses. Controls are
-looked for from more fuel than needed downwards, and from the least time upwards: see `search`.
+There is no branching: the bound is the dual value alone, rounded up to whole periods and pulses.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import replace
 
 import numpy as np
 
-from rans.extend import ConfigError, Spacecraft
+from rans.extend import ConfigError, Spacecraft, SpatialState
 from rans.optimal.certificate import hull
+from rans.optimal.certificate.flight import state_after
 from rans.optimal.certificate.goal_set import GoalSet, rounded_up
 from rans.optimal.certificate.problem import Found, Problem, SearchEffort, Unreachable
 from rans_space_certificates.halves import HalfTrajectories
 from rans_space_certificates.reach import ReachRelaxation, SpinLattice
-from rans_space_certificates.search import (
-    ArrivalSearch,
-    is_in_goal_set,
-    search_fixed_pulses,
-    search_fixed_time,
-)
-from rans_space_certificates.throttled import throttled
 
-_INNER = (0.4, 1.0)
-"""Shares of the tolerances that throttled thrust keeps to, the first that it can: rounding then may miss."""
-_LEVELS = 10
-"""Numbers of periods for which one search looks for commands."""
 _EVALUATIONS = 24
 """Evaluations of the dual function at most, 0.3 s each for 100 periods."""
 
 
 class SpatialBounder:
-    """Bounds on/off control in space by the dual value alone, and searches for commands near it.
+    """Bounds on/off control in space by the dual value alone, and finds no commands.
 
     See `rans.optimal.certificate.certificate.Bounder`.
     """
@@ -68,7 +56,7 @@ class SpatialBounder:
         start, goal, goal_set, aims = problem
         lattice = self.lattice
 
-        # The bound: the better one of the dual's and the hull's, and levels that halves exclude.
+        # The better one of the dual's and the hull's, and levels that halves exclude.
         relaxation = ReachRelaxation(lattice, aims, start, goal, goal_set, steps)
         loose = hull.least_fuel(lattice.craft, aims, start, goal, relaxation.time, goal_set)
         if math.isinf(loose):
@@ -79,12 +67,11 @@ class SpatialBounder:
         halves = HalfTrajectories(lattice, aims, start, goal, goal_set, steps)
         while lattice.pulse is not None and halves.exclude(round(lower / lattice.pulse)):
             lower = lattice.next_fuel(lower + lattice.pulse, relaxation.final_levels)
-
-        # Commands.
-        query = ArrivalSearch(lattice, start, goal, goal_set, "spin" in aims, effort.work)
-        pair = 2 if lattice.fixes_parity(relaxation.final_levels) else 1
-        result = _fewer(query, steps, _pulses(lattice, lower), pair)
-        return Found(lower, result, dual, nodes)
+        # A coast that arrives needs no commands, and no others are looked for.
+        nothing = np.zeros((steps, len(lattice.products)), dtype=np.int64)
+        final = state_after(lattice.craft, start, nothing, lattice.period, 1)
+        coasts = is_in_goal_set(final, goal, goal_set, "spin" in aims)
+        return Found(lower, nothing if coasts else None, dual, nodes)
 
     def least_time(self, problem: Problem, most_steps: int, effort: SearchEffort) -> Found:
         """See `Bounder`; the `ConfigError` is that of `ReachRelaxation`."""
@@ -92,7 +79,7 @@ class SpatialBounder:
         lattice = self.lattice
         h = lattice.period
 
-        # The bound: the first number of periods that neither the hull nor the dual excludes.
+        # The first number of periods that neither the hull nor the dual excludes.
         loose = rounded_up(hull.least_time(lattice.craft, aims, start, goal, goal_set), h)
         lower = max(1, round(loose / h))
         nodes = 0
@@ -103,10 +90,7 @@ class SpatialBounder:
             if value <= 0.0:
                 break
             lower += 1
-
-        # Commands.
-        query = ArrivalSearch(lattice, start, goal, goal_set, "spin" in aims, effort.work)
-        return Found(lower * h, _soonest(query, lower, most_steps), loose, nodes)
+        return Found(lower * h, None, loose, nodes)
 
 
 def spatial_bounder(
@@ -122,59 +106,17 @@ def spatial_bounder(
     return SpatialBounder(SpinLattice(craft, period))
 
 
-def _fewer(query: ArrivalSearch, steps: int, least: int, pair: int) -> np.ndarray | None:
-    """Commands of few pulses that arrive: some more than throttled thrust needs, then ever fewer or more."""
-    best = throttled(query.lattice, query.start, query.goal, query.goal_set, steps)
-    duties = [bound.duties for bound in best] or [np.ones((steps, len(query.wrenches)))]
-    first = max(least, _pulses(query.lattice, best[0].fuel)) if best else math.ceil(1.5 * least)
-    pulses = least + pair * math.ceil((first - least) / pair) + pair
-    result = None
-    while pulses >= least:
-        better = search_fixed_pulses(query, steps, pulses, duties)
-        if better is None and (result is not None or pulses >= 3 * least + 4 * pair):
-            break
-        result = better
-        pulses += pair * max(1, math.ceil(0.25 * least / pair)) if result is None else -pair
-    return result
-
-
-def _pulses(lattice: SpinLattice, lower: float) -> int:
-    """Fewest pulses of that fuel."""
-    strongest = max(thruster.force for thruster in lattice.craft.thrusters)
-    return math.ceil(lower / (strongest * lattice.period) - 1e-9)
-
-
-def _soonest(query: ArrivalSearch, least: int, highest: int) -> np.ndarray | None:
-    """Commands that arrive after the fewest periods for which some are found, from the least on.
-
-    None if that is none of the first few that throttled thrust can meet.
-    """
-    searches = 0
-    for steps in range(least, highest + 1):
-        if searches == _LEVELS:
-            break
-        tries = (
-            throttled(
-                query.lattice, query.start, query.goal, _inner(query.goal_set, fraction), steps
-            )
-            for fraction in _INNER
-        )
-        duties = [optimum.duties for optimum in next(filter(None, tries), [])]
-        if not duties:
-            continue
-        searches += 1
-        result = search_fixed_time(query, duties)
-        if result is not None:
-            return result
-    return None
-
-
-def _inner(goal_set: GoalSet, fraction: float) -> GoalSet:
-    return replace(
-        goal_set,
-        position=fraction * goal_set.position,
-        velocity=fraction * goal_set.velocity,
-        heading=fraction * goal_set.heading,
+def is_in_goal_set(
+    state: SpatialState, goal: SpatialState, goal_set: GoalSet, rest_asked: bool
+) -> bool:
+    """Whether a state of floats is in the goal set; its spin counts where ``rest_asked``."""
+    spin = np.linalg.norm(np.subtract(state.w.columns(), goal.w.columns()))
+    return bool(
+        (goal.p - state.p).norm() <= goal_set.position
+        and (goal.v - state.v).norm() <= goal_set.velocity
+        and state.attitude.normalised().to(goal.attitude.normalised()).magnitude()
+        <= goal_set.heading
+        and (not rest_asked or spin <= goal_set.spin + 1e-9)
     )
 
 

@@ -20,7 +20,6 @@ import numpy as np
 from rans.extend import SpatialState, leaves
 from rans.optimal.certificate.goal_set import GoalSet
 from rans_space_certificates.reach import SpinLattice
-from rans_space_certificates.search import gauss
 
 _MOST_HALVES = 2_000_000
 """Halves in memory at most, 0.2 GB; where there are more, the level is not excluded."""
@@ -320,3 +319,9 @@ def rotate_each(q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Rotate vectors (n, 3) by unit quaternions (n, 4), row by row."""
     across = 2.0 * np.cross(q[:, 1:], v)
     return v + q[:, :1] * across + np.cross(q[:, 1:], across)
+
+
+def gauss() -> np.ndarray:
+    """Gauss-Legendre quadrature, (2, 3): nodes and weights on (0, 1)."""
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    return np.stack([0.5 * (nodes + 1.0), 0.5 * weights])

@@ -136,42 +136,13 @@ def rotated_vector(
 
 
 @compiled
-def integrate_flight(
-    commands: np.ndarray,
-    first: int,
-    wrenches: np.ndarray,
-    h: float,
-    quadrature: np.ndarray,
-    path: np.ndarray,
-) -> None:
-    """Integrate states ``path`` (N + 1, 13) from period ``first`` on, starting from ``path[first]``.
-
-    Attitudes are of fourth order in the period (Magnus), forces are integrated by Gauss-Legendre quadrature:
-    accurate to some micrometres, so that solutions are replayed by the engines' equations afterwards.
-
-    Args:
-        commands: (N, thrusters) zeros and ones.
-        first: period from which on commands differ from those that ``path`` was computed with.
-        wrenches: (thrusters, 6) acceleration and angular acceleration on B.
-        h: control period, s.
-        quadrature: (2, nodes) nodes and weights of Gauss-Legendre on (0, 1).
-        path: states, written from index ``first`` + 1 on.
-    """
-    total = np.empty(6)
-    for k in range(first, len(commands)):
-        total[:] = 0.0
-        for i in range(len(wrenches)):
-            if commands[k, i] != 0:
-                for c in range(6):
-                    total[c] += wrenches[i, c]
-        integrate_period(path[k], path[k + 1], total, h, quadrature)
-
-
-@compiled
 def integrate_period(
     now: np.ndarray, new: np.ndarray, wrench: np.ndarray, h: float, quadrature: np.ndarray
 ) -> None:
-    """Integrate a state (13,) over h seconds of a steady wrench; accuracy as in `integrate_flight`.
+    """Integrate a state (13,) over h seconds of a steady wrench.
+
+    Attitudes are of fourth order in the period (Magnus), forces are integrated by Gauss-Legendre quadrature:
+    accurate to some micrometres.
 
     Args:
         now: (13,) state at the beginning.
@@ -233,124 +204,3 @@ def integrate_period(
     new[10] = w0 + h * ax
     new[11] = w1 + h * ay
     new[12] = w2 + h * az
-
-
-@compiled
-def miss(state: np.ndarray, goal: np.ndarray, radii: np.ndarray, quantum: float) -> float:
-    """Distance of a state (13,) from the goal set, in radii; 0 within the set.
-
-    It is the sum of what position, velocity and attitude are beyond their radii. Spin beyond its radius adds 5 for
-    every quantum: as much as five radii, since only other thrusters could change it.
-    """
-    position_error = 0.0
-    velocity_error = 0.0
-    spin_error = 0.0
-    cosine = 0.0
-    for i in range(3):
-        position_error += (state[i] - goal[i]) ** 2
-        velocity_error += (state[7 + i] - goal[7 + i]) ** 2
-        spin_error += (state[10 + i] - goal[10 + i]) ** 2
-    for i in range(4):
-        cosine += state[3 + i] * goal[3 + i]
-    angle = 2.0 * math.acos(min(1.0, abs(cosine)))
-    spin_error = math.sqrt(spin_error)
-    total = (
-        max(0.0, math.sqrt(position_error) / radii[0] - 1.0)
-        + max(0.0, math.sqrt(velocity_error) / radii[1] - 1.0)
-        + max(0.0, angle / radii[2] - 1.0)
-    )
-    return total if spin_error <= radii[3] else total + 5.0 * spin_error / quantum
-
-
-@compiled
-def anneal(
-    commands: np.ndarray,
-    wrenches: np.ndarray,
-    torque_pairs: np.ndarray,
-    start: np.ndarray,
-    goal: np.ndarray,
-    radii: np.ndarray,
-    quantum: float,
-    h: float,
-    quadrature: np.ndarray,
-    attempts: int,
-    random: np.random.Generator,
-) -> float:
-    """Change commands until the flight ends in the goal set, by simulated annealing at a constant temperature.
-
-    The temperature is low, so that the first commands must already rotate the craft as needed. A change toggles two
-    thrusters whose torques cancel, in the same period, up to three periods apart, or anywhere; or, in 3 % of
-    attempts, a single thruster.
-
-    Args:
-        commands: (N, thrusters) zeros and ones; overwritten by the best.
-        wrenches: (thrusters, 6) acceleration and angular acceleration on B.
-        torque_pairs: (thrusters, thrusters): 1 where torques are the same, -1 where opposite, else 0.
-        start: (13,) initial state.
-        goal: (13,) goal state.
-        radii: (4,) of position, velocity, attitude and spin.
-        quantum: of spin, rad/s.
-        h: control period, s.
-        quadrature: (2, nodes) nodes and weights of Gauss-Legendre on (0, 1).
-        attempts: changes that are tried at most.
-        random: generator.
-
-    Returns:
-        Distance of the best commands' end from the goal set, see `miss`.
-    """
-    steps, count = commands.shape
-    path = np.zeros((steps + 1, 13))
-    trial = np.zeros((steps + 1, 13))
-    best_commands = commands.copy()
-    path[0] = start
-    integrate_flight(commands, 0, wrenches, h, quadrature, path)
-    best_miss = current_miss = miss(path[steps], goal, radii, quantum)
-    for _ in range(attempts):
-        if best_miss <= 0.0:
-            break
-        # Draw a thruster and period to toggle, and a second to toggle with it.
-        period = int(steps * random.random())
-        thruster = int(count * random.random())
-        kind = random.random()
-        second_period = period
-        second_thruster = thruster if random.random() < 0.3 else int(count * random.random())
-        if kind > 0.45:
-            second_period = (
-                period - 3 + int(7.0 * random.random())
-                if kind < 0.8
-                else int(steps * random.random())
-            )
-        single = kind > 0.97
-        if (
-            second_period < 0
-            or second_period >= steps
-            or (second_period == period and second_thruster == thruster)
-        ):
-            continue
-        change_first = 1 - 2 * commands[period, thruster]
-        change_second = 1 - 2 * commands[second_period, second_thruster]
-        if not single and torque_pairs[thruster, second_thruster] != -change_first * change_second:
-            continue
-        # Fly the changed commands, from the first change on.
-        commands[period, thruster] += change_first
-        if not single:
-            commands[second_period, second_thruster] += change_second
-        first = period if single else min(period, second_period)
-        trial[first] = path[first]
-        integrate_flight(commands, first, wrenches, h, quadrature, trial)
-        trial_miss = miss(trial[steps], goal, radii, quantum)
-        # Accept or undo.
-        if trial_miss <= current_miss or random.random() < math.exp(
-            (current_miss - trial_miss) / _TEMPERATURE
-        ):
-            current_miss = trial_miss
-            path[first:] = trial[first:]
-            if current_miss < best_miss:
-                best_miss = current_miss
-                best_commands[:] = commands
-        else:
-            commands[period, thruster] -= change_first
-            if not single:
-                commands[second_period, second_thruster] -= change_second
-    commands[:] = best_commands
-    return best_miss

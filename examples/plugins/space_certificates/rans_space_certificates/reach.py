@@ -111,17 +111,11 @@ class SpinLattice:
         if self.pulse is None:
             return fuel
         count = round(rounded_up(fuel, self.pulse) / self.pulse)
-        if final_levels is not None and self.fixes_parity(final_levels):
-            count += (count - final_levels[0]) % 2
+        if self.pulses_flip_parity and final_levels is not None:
+            parities = {m % 2 for m in final_levels}
+            if len(parities) == 1:
+                count += (count - final_levels[0]) % 2
         return count * self.pulse
-
-    def fixes_parity(self, final_levels: range | None) -> bool:
-        """Whether these final levels determine if the number of pulses is even or odd."""
-        return (
-            self.pulses_flip_parity
-            and final_levels is not None
-            and len({m % 2 for m in final_levels}) == 1
-        )
 
     @cached_property
     def kinds(self) -> np.ndarray:
