@@ -329,8 +329,8 @@ def test_the_table_shows_every_number() -> None:
         ["4", "5", "6"],
         ["1.000", "1.250", "1.000"],
         ["1.500", "-", "2.000"],
-        ["2.000", "-", "-"],
-        ["2.500", "-", "inf"],
+        ["2.000", "-", "inf"],
+        ["2.500", "-", "-"],
         ["25.0 %", "-", "-"],
     ]
     assert (shown.title, shown.note) == ("What nothing can beat: N s", "why")
