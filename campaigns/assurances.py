@@ -37,7 +37,6 @@ _HEADINGS = (
     "failed",
     "probability of failure, 99 %",
     "how they fail",
-    "flown again: fail again in NumPy, Drake",
 )
 _CONFIDENCE = 0.99
 _WORST = 2
@@ -127,7 +126,6 @@ def _campaigns(names: tuple[str, ...] | list[str]) -> Iterator[tuple[str, str]]:
 
 def _cells(spec: str, conditions: str, told: dict[str, Any]) -> tuple[str, ...]:
     bound = told["bounds"]["any"]
-    replays = told["replays"]
     low = ""
     name = spec.removeprefix("pretrained:")
     if bound["failures"]:
@@ -137,16 +135,6 @@ def _cells(spec: str, conditions: str, told: dict[str, Any]) -> tuple[str, ...]:
         for kind, count in told["campaign"]["failures"].items()
         if count
     )
-    again = "–"  # noqa: RUF001
-    if replays and replays["flown again"]:
-        judged = [
-            one["again"]["drake"] is not None
-            for one in replays["judged"]
-            if "drake" in one["again"]
-        ]
-        again = (
-            f"{replays['failed again']} of {replays['flown again']}, {sum(judged)} of {len(judged)}"
-        )
     weights = sha256([(ContestantName.parse(spec).folder / AGENT).read_bytes()])
     is_same = weights == told["about"]["hashes"].get(f"weights ({AGENT})")
     earlier = "" if is_same else " (earlier weights)"
@@ -157,7 +145,6 @@ def _cells(spec: str, conditions: str, told: dict[str, Any]) -> tuple[str, ...]:
         f"{bound['failures']:,}",
         f"{low or 'at most '}{bound['at most']:.2g}",
         kinds or "–",  # noqa: RUF001
-        again,
     )
 
 
