@@ -32,17 +32,6 @@ _LEAST = 1.1
 _NONE = -1e5
 _NEVER = -1e6
 """Worth of leaving the choice to the network, in units of thrust for each period, and of pulses that are worse."""
-HOLD = {
-    "distance": _DISTANCE,
-    "angle": _ANGLE,
-    "kept": _KEPT,
-    "periods": _PERIODS,
-    "seconds": _SECONDS,
-    "open": _MOST_OPEN,
-    "least": _LEAST,
-    "none": _NONE,
-}
-"""Constants of this rule by their names in the page's own (rans/show/pages/allocation.js)."""
 NUMBERS = 6
 """Numbers of a pose and its rates."""
 

@@ -66,13 +66,6 @@ class Flight {
     return Array.from({length: DATA.checks}, (_, k) => after.poses.slice(k * size, (k + 1) * size));
   }
 
-  // Another number of thrusters from now on: all work, and no command is on its way.
-  refit() {
-    this.faults = DATA.thrusters.map(() => "ok");
-    const shut = {waiting: [], command: new Array(DATA.commands).fill(0)};
-    for (const one of [this, ...this.past]) Object.assign(one, shut);
-  }
-
   rewind(periods) {
     if (!this.past.length) return;
     const [then] = this.past.splice(Math.max(0, this.past.length - periods));

@@ -243,7 +243,7 @@ function history() {
   pen.globalAlpha = 1; pen.strokeStyle = ink("--line"); pen.lineWidth = 1; pen.strokeRect(left, split, width - left - 8, row * count);
 }
 
-let draw = () => {
+const draw = () => {
   frame();
   const [pen, width, height] = ready(field), pose = frames[0];
   floor(pen, width, height);
@@ -355,7 +355,6 @@ const sliders = [
   slider("world", "noise", [0, 1, 0.05], () => flight.noise, x => { flight.noise = x; }, x => `${(100 * x).toFixed(0)} %`),
   slider("world", "speed", [0.25, 4, 0.25], () => speed, x => { speed = x; }, x => `${x * DATA.pace} ×`),
 ];
-if (DATA.allocation?.prices.length > 1) sliders.push(slider("world", "saves thrust", [0, DATA.allocation.prices.length - 1, 1], () => frugal, save, x => ["fast", "even", "frugal"][x]));
 if (DATA.moves) {
   const set = (k, x) => moved(flight.goal.map((old, n) => n === k ? x : old));
   sliders.push(slider("place", "x", [-5, 5, 0.05], () => flight.goal[0], x => set(0, x), x => `${x.toFixed(2)} m`));

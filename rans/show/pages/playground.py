@@ -18,7 +18,7 @@ import numpy as np
 
 from rans.compile.javascript import JAVASCRIPT, activations, function, substep_functions
 from rans.compile.substeps import Substeps
-from rans.effectors.commands import is_identity, of_outputs
+from rans.effectors.commands import of_outputs
 from rans.episode import Episode, Setup, World, step
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, LoadedRun
@@ -30,20 +30,11 @@ from rans.model.coordinates import around
 from rans.model.drift import FREE
 from rans.model.fields import Field, leaves, unflatten
 from rans.model.random import Draws, seed_words
-from rans.model.spacecraft import Spacecraft, Thruster
-from rans.model.timing import Timing
+from rans.model.spacecraft import Spacecraft
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.outline import Outline
-from rans.policy.adaptation import AWAY, POSE
-from rans.policy.allocation import FALL, MOST_SUBSETS, PASSES, PRICE
-from rans.policy.any_craft import RANGES, frugal, is_for_any_craft
-from rans.policy.architecture import Architecture
-from rans.policy.authority import WAYS, Authority, of_observation
-from rans.policy.holding import HOLD
-from rans.policy.network import Network
 from rans.policy.program import inputs
 from rans.policy.scalars import symbols
-from rans.policy.timing import LARGEST_TURN, PERIODS
 from rans.policy.traced import parameters, policy_program
 from rans.randomization.conditions import Conditions, bounds
 from rans.randomization.parameters import StepInputs
@@ -80,8 +71,6 @@ _PACES = (1, 2, 5, 10, 20, 50, 100, 200)
 """Seconds of flight in a second on the screen that a page begins with."""
 _SECONDS = 30.0
 """Time on the screen of an episode at that pace, at most twice as long."""
-_MOST_DRAWN = 12
-"""Largest number of thrusters that a visitor may draw: all their subsets are compared."""
 
 
 def interactive_world(setup: Setup, frame: float = FRAME) -> World:
@@ -129,17 +118,13 @@ class Playground:
 
     def html(self) -> str:
         """The page as one text, which fetches nothing: script, data and template are in it."""
-        draws = bool(self.data.get("drawing"))
         return filled(
             "playground.html.j2",
             title=self.title,
             bits=self.data.get("bits"),
             kind=self.kind,
-            draws=draws,
             script=markup.code(self.script),
-            page=markup.code(
-                *map(text_of, ("craft.js", "playground.js", "drawing.js")[: 2 + draws])
-            ),
+            page=markup.code(text_of("craft.js"), text_of("playground.js")),
         )
 
     def write(self, file: Path) -> None:
@@ -175,40 +160,21 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
     setup = run.judged
     world = interactive_world(setup, FRAME * pace(setup))
     tables = parameters(controller.network)
-    choices, chosen = _choices(run)
     try:
         traced = _Traced(world)
-        text = [traced.begin(), traced.describe()]
-        # A craft that a visitor may draw has other thrusters, mass and inertia, and another control period.
-        draws = _may_draw(setup.craft, architecture)
-        if _is_allocated_here(architecture):
-            # Choices with weights of their own have layers of their own.
-            several = controller.network.at and len(choices) > 1
-            tables = {
-                f"{number}.{name}" if several else name: x
-                for number, one in enumerate(choices)
-                for name, x in parameters(one).items()
-            }
-            text += [
-                traced.demand(one, number, f"{number}." if several else "")
-                for number, one in enumerate(choices)
-            ]
-            text += [text_of("allocation.js"), traced.in_ranges()]
-        else:
-            text.append(traced.act(controller, tables))
-        if draws:
-            text += [_pushes(setup), text_of("drawn_craft.js")]
-        else:
-            text.append(traced.advance())
+        text = [
+            traced.begin(),
+            traced.describe(),
+            traced.act(controller, tables),
+            traced.advance(),
+        ]
     except UNTRACEABLE as error:
         raise ConfigError(
             f"the task {task_name(setup.task)} does more than arithmetic on fields, which no page computes: "
             f"{error}"
         ) from error
     names = [name for name in tables if name.endswith(".weight")]
-    size = sum(
-        x.size for name, x in parameters(controller.network).items() if name.endswith(".weight")
-    )
+    size = sum(tables[name].size for name in names)
     bits = next(bits for limit, bits in _BITS.items() if size <= limit)
     data = page_data(
         traced.world,
@@ -219,10 +185,6 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
         episode,
         architecture.memory,
     ) | {"bits": bits}
-    if _is_allocated_here(architecture):
-        data["allocation"] = _allocation_data(choices, chosen)
-    if draws:
-        data["drawing"] = _drawing_data(run)
     layers = {
         name.removesuffix(".weight"): _packed(
             tables[name], tables[name.removesuffix("weight") + "bias"], bits
@@ -339,70 +301,6 @@ class _Traced:
         errors, measured = self._measured()
         return errors, self.world.observe(replace(self.episode, state=measured, reading=None))
 
-    def demand(self, network: Network, number: int, prefix: str) -> str:
-        """``demand0(carried, errors, authority)`` or of another number: change of twist to be allocated.
-
-        Beside it is ``away``, 1 where the goal is far, if the price of thrust depends on it, and ``pose``
-        (`rans.policy.holding.pose`) if pulses hold it. The demand is in units
-        of the authority, which is a control period, six accelerations, the least linear and angular one of them,
-        and those along `rans.policy.authority.WAYS`. Names of layers begin with the prefix.
-        """
-        errors, observation = self._observed()
-        architecture = network.architecture
-        tables = parameters(network)
-        program = policy_program(architecture)
-        numbers = inputs("authority", 9 + len(WAYS))
-        period, *authority = numbers[:7]
-        least_linear, least_angular, *reach = numbers[7:]
-        columns = of_observation(
-            architecture.layout,
-            observation,
-            Authority(
-                period,
-                authority[:4],
-                authority[4:],
-                least_linear,
-                least_angular,
-                reach if architecture.reach else (),
-            ),
-            architecture.coast,
-            frugality=architecture.frugality,
-        )
-        values: dict[str, Any] = {"body": columns} | {
-            name: tables[name].tolist()
-            for name in ("mean", "scale", "zoom")
-            if name in program.parameters
-        }
-        (head,) = (
-            name
-            for step in program.steps
-            if step.operation == "Dense" and "head.weight" in step.inputs
-            for name in step.outputs
-        )
-        # The page allocates the demand itself, so that the program ends before the head's choice.
-        rows = {"demand": head} | ({"away": AWAY} if architecture.frugality.away != 1.0 else {})
-        rows |= {"pose": POSE} if architecture.frugality.hold else {}
-        outputs, stages = symbols(program, values, [*rows.values()])
-        arguments = {"carried": self.carried, "errors": errors, "authority": numbers}
-        stages = [
-            stage._replace(
-                layers=tuple(one._replace(weight=prefix + one.weight) for one in stage.layers)
-            )
-            for stage in stages
-        ]
-        results = {name: outputs[row] for name, row in rows.items()}
-        return function(f"demand{number}", arguments, results, stages)
-
-    def in_ranges(self) -> str:
-        """``in_ranges(outputs)``: commands in the craft's ranges for numbers from 0 to 1."""
-        craft = self.world.craft
-        outputs = inputs("output", craft.command_count)
-        if is_identity(craft):
-            return "const in_ranges = outputs => ({command: outputs});"
-        return function(
-            "in_ranges", {"outputs": outputs}, {"command": of_outputs(craft, tuple(outputs))}
-        )
-
     def advance(self) -> str:
         """``advance(carried, command, gain, leak)``: what is carried a control period later, and poses on the way.
 
@@ -414,37 +312,6 @@ class _Traced:
         gain = inputs("gain", craft.thruster_count)
         leak = inputs("leak", craft.thruster_count)
         body = replace(Body.of(craft), gain=tuple(gain), leak=tuple(leak))
-        arguments = {"command": command, "gain": gain, "leak": leak}
-        return "\n".join(self._advanced("advance", arguments, command, body))
-
-    def push(self, number: int) -> tuple[str, str]:
-        """Functions of substeps, and ``push0(carried, wrench, body)`` or of another number.
-
-        It is as `advance`, of a craft of `_probe` with this wrench in B. The body is its mass, kg, and its moment
-        of inertia, kg m^2.
-        """
-        wrench = inputs("wrench", 3)
-        mass, moment = inputs("body", 2)
-        gains: list[Field] = [*wrench, 1.0, 1.0, 1.0]
-        gains[1] = gains[1] - gains[2]
-        body = replace(
-            Body.of(self.world.craft),
-            mass=mass,
-            inertia=(moment,),
-            gain=tuple(gains),
-        )
-        arguments = {"wrench": wrench, "body": [mass, moment]}
-        return self._advanced(f"push{number}", arguments, [1.0] * 3 + [0.0] * 3, body)
-
-    def _advanced(
-        self,
-        name: str,
-        arguments: Mapping[str, Sequence[Symbol]],
-        command: Sequence[Field],
-        body: Body,
-    ) -> tuple[str, str]:
-        """Functions of substeps, and one of this name: what is carried a period later, and poses on the way."""
-        world = self.world
         poses: list[Field] = []
         substeps = Substeps()
 
@@ -456,9 +323,10 @@ class _Traced:
         outcome = step(world, replace(self.episode, body=body), tuple(command), None, move)
         after = replace(outcome.episode, body=None)
         over = [outcome.failed, False if outcome.done is None else outcome.done]
+        arguments = {"carried": self.carried, "command": command, "gain": gain, "leak": leak}
         results = {"carried": leaves(after), "poses": poses, "over": over}
-        text = function(name, {"carried": self.carried, **arguments}, results, substeps.calls)
-        return substep_functions(substeps), text
+        text = function("advance", arguments, results, substeps.calls)
+        return f"{substep_functions(substeps)}\n{text}"
 
     def describe(self) -> str:
         """``describe(carried)``: errors, whether all are within their tolerances, scenery and markers.
@@ -483,150 +351,6 @@ class _Traced:
 def scenery(task: Task, goal: Any) -> list[Shape]:
     """Shapes of a task that the page draws."""
     return [shape for shape in task.scenery(goal) if isinstance(shape, Ball | Cone | GlideSlope)]
-
-
-def _is_allocated_here(architecture: Architecture) -> bool:
-    """Whether the page's own script allocates demands, as for drawn craft: of agents for any planar craft."""
-    is_planar = is_for_any_craft(architecture) and len(architecture.tokens[0]) == 4
-    return is_planar and not architecture.adapts
-
-
-def _may_draw(craft: Spacecraft, architecture: Architecture) -> bool:
-    """Whether a visitor may change the craft: the agent flies any, and forces are constant for a period."""
-    others = craft.wheels or craft.propellant or craft.further_effectors
-    return (
-        is_for_any_craft(architecture)
-        and not architecture.adapts
-        and craft.dimension == 2
-        and craft.actuators.kind == "on-off"
-        and not others
-    )
-
-
-def _timings(own: Timing) -> tuple[Timing, ...]:
-    """Timing of the page's craft, then those of drawn craft with the long and with the short control period."""
-    timings = (replace(own, control_period=period) for period in reversed(PERIODS))
-    return (own, *timings)
-
-
-def _probe(craft: Spacecraft) -> Spacecraft:
-    """A craft whose first three thrusters, open for F_x, F_y - torque and torque, give any wrench.
-
-    The other three stay shut; without them it could not be pushed every way, which is worth a warning.
-    """
-    centre = (0.0, 0.0, 0.0)
-    points = ((centre, (1.0, 0.0)), (centre, (0.0, 1.0)), ((1.0, 0.0, 0.0), (0.0, 1.0)))
-    return replace(
-        craft,
-        centre_of_mass=(0.0, 0.0, 0.0),
-        thrust_sharing="none",
-        thrusters=tuple(
-            Thruster(point, (sign * x, sign * y, 0.0), 1.0)
-            for sign in (1.0, -1.0)
-            for point, (x, y) in points
-        ),
-    )
-
-
-def _pushes(setup: Setup) -> str:
-    """The functions of `_Traced.push` for every one of `_timings`, and ``PUSHES``, a list of them."""
-    printed = [
-        _Traced(interactive_world(setup._replace(craft=_probe(setup.craft), timing=timing))).push(
-            number
-        )
-        for number, timing in enumerate(_timings(setup.timing))
-    ]
-    # Durations are arguments of substeps, which are the same for all periods.
-    (substeps,) = {substeps for substeps, _ in printed}
-    names = ", ".join(f"push{number}" for number in range(len(printed)))
-    return "\n".join((substeps, *(text for _, text in printed), f"const PUSHES = [{names}];"))
-
-
-_FAST_TO_FRUGAL = 0.0, 0.5, 1.0
-"""Values of the page's slider for an agent for any craft."""
-
-
-def _choices(run: LoadedRun) -> tuple[list[Network], int]:
-    """What a visitor may choose of, fast to frugal, and the number of the agent's own.
-
-    The first is an agent as it was trained, if it has no value. An agent that is not for any craft is the only one;
-    one of another value stands in place of the nearest.
-    """
-    own = run.network
-    if not is_for_any_craft(own.architecture):
-        return [own], 0
-    low, high = run.judged.task.spawn_distance  # type: ignore[attr-defined]  # it flies to a pose
-    timing = run.judged.timing
-    seconds = timing.control_period * timing.episode_steps
-    choices = [frugal(own, value, 0.5 * (low + high), seconds) for value in _FAST_TO_FRUGAL]
-    text = run.controller.name.partition("#")[2]
-    value = float(text) if text.replace(".", "", 1).isdigit() else 0.0
-    nearest = min(range(len(choices)), key=lambda k: abs(_FAST_TO_FRUGAL[k] - value))
-    choices[nearest] = own
-    return choices, nearest
-
-
-def _allocation_data(choices: list[Network], chosen: int) -> dict[str, Any]:
-    """What the page's allocation must know: tokens and authority of the craft, and its constants.
-
-    allocation.js reads these keys.
-    """
-    architecture = choices[chosen].architecture
-    period, *authority = architecture.authority
-    reach = next((one.architecture.reach for one in choices if one.architecture.reach), ())
-    return {
-        "tokens": architecture.tokens,
-        "authority": [
-            *(period, *authority, min(authority[:4]), min(authority[4:])),
-            *(reach or (0.0,) * len(WAYS)),
-        ],
-        "ways": WAYS,
-        "prices": [one.architecture.frugality.price * PRICE for one in choices],
-        "away": [one.architecture.frugality.away for one in choices],
-        "chosen": chosen,
-        "fall": FALL,
-        "passes": PASSES,
-        "subsets": MOST_SUBSETS,
-        "hold": HOLD,
-    }
-
-
-def _drawing_data(run: LoadedRun) -> dict[str, Any]:
-    """What a visitor may change, and the ranges of the training; lengths in m, angles in rad.
-
-    drawing.js and drawn_craft.js read these keys.
-    """
-    craft = run.craft
-    nozzles = Outline(craft).nozzles
-    return {
-        "craft": {
-            "name": craft.name,
-            "mass": craft.mass,
-            "inertia": craft.inertia[2][2],
-            "shared": craft.thrust_sharing == "split",
-            "thrusters": [
-                {
-                    "at": nozzle.root[:2].tolist(),
-                    "angle": math.atan2(-nozzle.exhaust[1], -nozzle.exhaust[0]),
-                    "force": thruster.force,
-                }
-                for nozzle, thruster in zip(nozzles, craft.thrusters, strict=True)
-            ],
-        },
-        "most": _MOST_DRAWN,
-        "turn": LARGEST_TURN,
-        "timings": [
-            {"period": timing.control_period, "checks": timing.checks}
-            for timing in (
-                interactive_world(run.judged._replace(timing=own)).timing
-                for own in _timings(run.timing)
-            )
-        ],
-        "ranges": [
-            {"name": name, "unit": unit, "low": low, "high": None if math.isinf(high) else high}
-            for name, unit, low, high in RANGES[2]
-        ],
-    }
 
 
 def page_data(

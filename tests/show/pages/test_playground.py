@@ -25,7 +25,6 @@ from rans.deploy.contract import flights_of_training, golden
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, LoadedRun
-from rans.evaluation.fly.any_craft import for_spacecraft
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.engine import Engine
@@ -33,19 +32,14 @@ from rans.fast.learn.config import MemorySettings
 from rans.flight import Controller
 from rans.model.fields import leaves, wrap
 from rans.model.random import seed_words
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.twists import authority_margin
 from rans.policy.activations import ACTIVATIONS
-from rans.policy.any_craft import authority
-from rans.policy.timing import timing_for
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.registry import typed
 from rans.scenario import scenarios
 from rans.show.pages.playground import _Traced, interactive_world, playground
 from tests.support.browser import opened, served
 from tests.support.interactive_flight import InteractiveFlight
-from tests.support.layouts import sample_layout
 from tests.support.processes import PATIENCE
 
 NODE = shutil.which("node")
@@ -268,104 +262,6 @@ console.log(JSON.stringify([between, once, flight.carried]));"""
     assert once == again
 
 
-def drawn(columns: np.ndarray, shared: bool) -> tuple[dict[str, Any], Spacecraft]:
-    """A craft with these columns of F_x, F_y and torque: as the page's script has it, and as a spacecraft."""
-    force = np.hypot(columns[:, 0], columns[:, 1])
-    angle = np.arctan2(columns[:, 1], columns[:, 0])
-    # The point of the line of action that is nearest to the centre, and a lever of 0.3 m for a lever of 1.
-    place = 0.3 * (columns[:, 2] / force**2 * np.stack([-columns[:, 1], columns[:, 0]])).T
-    mass, inertia = 6.0, 0.4
-    thrusters = [
-        {"at": p, "angle": a, "force": f}
-        for p, a, f in zip(place.tolist(), angle.tolist(), force.tolist(), strict=True)
-    ]
-    script = {"mass": mass, "inertia": inertia, "shared": shared, "thrusters": thrusters}
-    craft = Spacecraft.planar(
-        "drawn",
-        mass,
-        inertia,
-        [
-            (one["at"], (math.cos(one["angle"]), math.sin(one["angle"])), one["force"])
-            for one in thrusters
-        ],
-        thrust_sharing="split" if shared else "none",
-    )
-    return script, craft
-
-
-@needs_node
-@pytest.mark.parametrize(
-    ("number", "shared", "agent"),
-    [(2, False, "any-craft-2d"), (6, True, "any-craft-2d#0")],
-)
-def test_a_drawn_craft_flies_as_it_does_in_python(
-    number: int, shared: bool, agent: str, tmp_path: Path
-) -> None:
-    """Random layouts with a dead thruster on the way: authority, the same commands and states, and its file.
-
-    The first has an authority margin of 0.42, with which thrust costs less. The second is given what it can do
-    along its way.
-    """
-    columns = sample_layout(number)
-    script, craft = drawn(columns, shared)
-    run = run_of(agent)
-    page = playground(run, SEED)
-    asked = f"""{page.script}
-const craft = {json.dumps(script)}, {{ways, numbers, period}} = assessed(craft), taken = [];
-use(craft);
-const flight = new Flight(5);
-flight.refit();
-for (let k = 0; k < 40; ++k) {{
-  if (k === 10) flight.faults[0] = "dead";
-  flight.step();
-  taken.push({{command: flight.command, state: flight.carried.slice(0, DATA.goal)}});
-}}
-console.log(JSON.stringify({{ways, margin: numbers[3], period, taken, toml: toml(craft)}}));"""
-    found = answer(asked, tmp_path)
-
-    timing = timing_for(craft, run.timing)
-    assert found["period"] == timing.control_period
-    np.testing.assert_allclose(found["ways"], authority(craft, 0.1)[1:], rtol=1e-9)
-    assert found["margin"] == pytest.approx(authority_margin(columns), rel=1e-9)
-    flight = InteractiveFlight([for_spacecraft(run, craft, timing)], SEED, 5)
-    for k, row in enumerate(found["taken"]):
-        if k == 10:
-            flight.dead.add(0)
-        flight.step()
-        np.testing.assert_array_equal(row["command"], flight.command)
-        state = np.ravel(leaves(flight.state))
-        np.testing.assert_allclose(row["state"], state, rtol=0, atol=1e-9)
-
-    # The file that a visitor takes along is that of the same craft.
-    file = tmp_path / "mine.toml"
-    file.write_text(found["toml"])
-    np.testing.assert_allclose(
-        load_spacecraft(file).wrench_map, craft.wrench_map, rtol=0, atol=1e-12
-    )
-
-
-@needs_node
-def test_a_craft_outside_of_the_training_is_told_so(tmp_path: Path) -> None:
-    """Of a tenth of the mass, 0.532 kg, two thrusters push 3.76 m/s^2; two thrusters cannot push every way."""
-    page = playground(run_of("any-craft-2d"), SEED)
-    script = f"""{page.script}
-const [light, poor, radial] = [1, 2, 3].map(() => clone(DATA.drawing.craft));
-light.mass /= 10;
-poor.thrusters = poor.thrusters.slice(0, 2);
-for (const thruster of radial.thrusters) thruster.at = [0, 0];
-use(poor);
-const flight = new Flight(5);
-flight.refit();
-for (let k = 0; k < 5; ++k) flight.step();
-console.log(JSON.stringify([...[DATA.drawing.craft, light, poor, radial].map(verdict), flight.command]));"""
-    inside, outside, missing, radial, command = answer(script, tmp_path)
-    assert [one["kind"] for one in (inside, outside, missing)] == ["ok", "outside", "bad"]
-    assert "cannot turn" not in missing["text"]
-    assert "cannot turn" in radial["text"]
-    assert "3.76 m/s²; the agent was trained from 0.015 to 0.7" in outside["text"]
-    assert command == [0, 0]
-
-
 @pytest.mark.parametrize(
     "name", ["go-to-pose-2d", "go-to-pose-3d", "any-craft-3d@cubesat-3u", "any-craft-2d"]
 )
@@ -557,28 +453,3 @@ def test_no_page_of_the_site_has_a_frame_with_a_fragment() -> None:
     ]
     assert frames
     assert [frame for frame in frames if "#" in frame] == []
-
-
-@needs_node
-@pytest.mark.parametrize(("number", "value"), [(1, 0.5), (2, 1.0)])
-def test_its_slider_saves_thrust_as_the_number_after_the_name(
-    number: int, value: float, tmp_path: Path
-) -> None:
-    """Moved after ten periods, from fast: the commands are those of the agent with this value from there on."""
-    page = playground(run_of("any-craft-2d#0"), SEED)
-    asked = f"""{page.script}
-const flight = new Flight(5), seen = [];
-for (let k = 0; k < 60; ++k) {{
-  if (k === 10) save({number});
-  flight.step();
-  seen.push(flight.command);
-}}
-console.log(JSON.stringify(seen));"""
-    found = answer(asked, tmp_path)
-    runs = [run_of(f"any-craft-2d#{text:g}") for text in (0.0, value)]
-    flight = InteractiveFlight(runs, SEED, 5)
-    for k, command in enumerate(found):
-        if k == 10:
-            flight.command_by(1)
-        flight.step()
-        np.testing.assert_array_equal(command, flight.command, err_msg=str(k))
