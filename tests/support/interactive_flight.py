@@ -57,11 +57,6 @@ class InteractiveFlight:
         moved = unflatten(goal, [*(np.full(1, float(x)) for x in pose), *rest])
         self._episode = replace(self._episode, goal=moved)
 
-    def command_by(self, number: int) -> None:
-        """Let another one command, who begins without a memory."""
-        self.active = number
-        self.controllers[number].reset(1)
-
     def step(self) -> None:
         """Fly one control period."""
         world = self.world
