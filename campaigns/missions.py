@@ -16,9 +16,8 @@ from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 import tyro
-from rans_missions.bounds.approaches import judged_approaches
 from rans_missions.bounds.ports import least_to_dock
-from rans_missions.bounds.transfers import transfer_bounds
+from rans_missions.bounds.transfers import judged_approaches, transfer_bounds
 from rans_missions.bounds.zones import least_to_stay
 from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.corridor import Corridor

@@ -18,6 +18,7 @@ from rans.extend import (
     Task,
     Terminal,
     distinct,
+    environment,
     progress,
     ready_folder,
     write_json,
@@ -56,7 +57,7 @@ def transfers(command: Optimal, craft: Spacecraft, task: Task) -> int:
 
 def approaches(command: Optimal, craft: Spacecraft, task: Task) -> int:
     """Compare guidance with the bounds of a final approach; print and write the table."""
-    from rans_missions.bounds.approaches import judged_approaches
+    from rans_missions.bounds.transfers import judged_approaches
 
     approach = FinalApproach.expected(task, "approaches end at ports")
     command.refuse_all_but("spacecraft", "episodes")
@@ -90,7 +91,7 @@ def _reported(title: str, folder: Path, table: TransferTable) -> int:
 
 def landings(command: Optimal, craft: Spacecraft, task: Task) -> int:
     """Compute landings by convex programming; only starts and ending can be chosen."""
-    from rans_missions.bounds.landings import landing_table, landings, write_landings
+    from rans_missions.bounds.landings import landing_table, landings
 
     assert isinstance(task, Land)
     command.refuse_all_but("spacecraft", "ending", "episodes", "start", "goal")
@@ -117,12 +118,14 @@ def landings(command: Optimal, craft: Spacecraft, task: Task) -> int:
         "spacecraft": craft.name,
         "ending": command.ending or "set",
         "seed": None if command.start else EVALUATION_SEED,
+        "environment": environment(),
+        "starts": [answer.to_json() for answer in answers],
     }
-    write_landings(folder, about, answers)
+    write_json(folder / "optimal.json", about)
     lost = sum(not answer.good for answer in answers)
     Terminal().say(
         f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
-        f"{folder / 'optimal.json'} and optimal.npz."
+        f"{folder / 'optimal.json'}."
     )
     return 1 if lost else 0
 
@@ -140,7 +143,7 @@ def paths_on_orbits(
 def pictures_of_landings(
     entries: Sequence[Entry], bounds: MissionBounds | None
 ) -> Iterator[tuple[Any, str]]:
-    """Descents, thrust and tilt, and propellant beside its bounds, of a comparison's entries; texts stand below."""
+    """Descents, and thrust and tilt, of a comparison's entries; texts stand below."""
     from rans_missions.figures import landing_figures
 
     yield (
@@ -153,9 +156,6 @@ def pictures_of_landings(
         "Least, largest and tilt limit are dashed. The optimum has the largest thrust, the least, and the largest "
         "again.",
     )
-    if bounds is not None and np.isfinite(bounds.lower).any():
-        text = "Contestants without a marker did not land from this start."
-        yield landing_figures.propellant_beside_bounds(entries, bounds), text
 
 
 RENDEZVOUS = Problem(bounded, mission_bounds, steps_of, solve=transfers, pictures=paths_on_orbits)

@@ -154,21 +154,22 @@ def opm(folder: Path, more: str = "", **changed: str | None) -> Path:
     ("changed", "sentence"),
     [
         ({"X": "23e6 [ft]"}, r"X of .*a\.opm is in '\[ft\]', and km and m are read"),
-        ({"X": "7000 [km/s]"}, r"is in '\[km/s\]'"),
         ({"Y_DOT": "7.546 [km]"}, r"Y_DOT of .* is in '\[km\]', and km/s and m/s are read"),
         ({"X": "7000 [km"}, r"is in '\[km'"),
         ({"X": "7000000.0"}, r"6,350 to 1,500,000 km .* got 7e\+06 km: .*other units"),
-        ({"X": "7.0"}, "got 7 km"),
         ({"X": "7_000"}, "X of .* must be a finite number, got '7_000'"),
         ({"Y_DOT": "7546.0"}, r"at most 12 km/s.* take \[m/s\]"),
-        ({"X": "nan"}, "must be a finite number, got 'nan'"),
         ({"X": None}, "got none for X"),
         ({"CCSDS_OPM_VERS": "99"}, "must be 1.0, 2.0 or 3.0, got '99'"),
         ({"CENTER_NAME": "MOON"}, "must be EARTH, got 'MOON'"),
         ({"TIME_SYSTEM": "GPS"}, "must be UTC, got 'GPS'"),
         ({"more": "X = 6900"}, "X stands twice in .* again in line 16"),
         ({"more": "X 6900"}, "line 16 of .* is no keyword of an OPM with a value, got 'X 6900'"),
-        ({"more": "XX = 6900"}, "line 16 of .* is no keyword"),
+        ({"REF_FRAME": "ITRF2000"}, "inertial frame, .*got 'ITRF2000': .*turns with the Earth"),
+        ({"REF_FRAME": "EME1950"}, "inertial frame, .*got 'EME1950': .*turns is not known"),
+        ({"EPOCH": "2026-02-29T00:00:00"}, "EPOCH of .* must be an instant"),
+        ({"EPOCH": "2026-03-15T23:59:60"}, "EPOCH of .* must be an instant"),
+        ({"EPOCH": "2026-01-01T00:00:00+01:00"}, "EPOCH of .* must be an instant"),
     ],
 )
 def test_what_a_message_says_otherwise_is_refused(
@@ -176,20 +177,6 @@ def test_what_a_message_says_otherwise_is_refused(
 ) -> None:
     with pytest.raises(ConfigError, match=sentence):
         read_opm(opm(tmp_path, **changed))
-
-
-TURNING = ["ITRF2000", "ITRF-97", "TDR", "GTOD", "RTN", "TNW", "LVLH"]
-
-
-@pytest.mark.parametrize("frame", [*TURNING, "anything", "EME1950", "", None])
-def test_frames_that_may_turn_are_refused_by_name(tmp_path: Path, frame: str | None) -> None:
-    reason = "turns with the Earth or the orbit" if frame in TURNING else "turns is not known"
-    sentence = rf"inertial frame, .*got '{frame or ''}': .*{reason}"
-    with pytest.raises(ConfigError, match=sentence):
-        read_opm(opm(tmp_path, REF_FRAME=frame))
-    state = replace(read_opm(opm(tmp_path)), frame=frame or "")
-    with pytest.raises(ConfigError, match=f"the frame of the target .*{reason}"):
-        relative_state(state, state)
 
 
 def test_a_leap_second_is_an_instant_of_its_own(tmp_path: Path) -> None:
@@ -202,25 +189,6 @@ def test_a_leap_second_is_an_instant_of_its_own(tmp_path: Path) -> None:
             with pytest.raises(ConfigError, match="must have one epoch and frame"):
                 relative_state(state, other)
         relative_state(state, state)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "2026-366T00:00:00",
-        "2026-000T00:00:00",
-        "2026-02-29T00:00:00",
-        "2026-03-15T23:59:60",
-        "2016-12-31T23:59:61",
-        "2026-01-01T24:00:00",
-        "2026-01-01 00:00:00",
-        "2026-01-01T00:00:00+01:00",
-    ],
-)
-def test_instants_that_are_none(tmp_path: Path, text: str) -> None:
-    with pytest.raises(ConfigError, match=r"EPOCH of .* must be an instant"):
-        read_opm(opm(tmp_path, EPOCH=text))
 
 
 OEM = """CCSDS_OEM_VERS = 2.0
@@ -255,15 +223,9 @@ def test_an_ephemeris_begins_with_its_first_state(tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         (" 6.0\n2026", "\n2026", "line 14 .* six numbers"),
-        ("TIME_SYSTEM = UTC", "TIME_SYSTEM = TDB", "TIME_SYSTEM .* must be UTC"),
-        ("REF_FRAME = EME2000", "REF_FRAME = ITRF", "REF_FRAME"),
-        ("OEM_VERS = 2.0", "OEM_VERS = 9.0", "must be 1.0, 2.0 or 3.0"),
         ("COMMENT the", "OBJECT_NAME = OTHER\nCOMMENT the", "of 2 objects"),
         ("NAME = ISS", "NAME = I\x1b[2JSS", "OBJECT_NAME of .* must be one line"),
-        ("6800.0", "6.8", "usual cause are other units"),
         ("TIME_SYSTEM", "REF_FRAME = ITRF2000\nTIME_SYSTEM", "REF_FRAME stands twice .* line 8"),
-        ("4.7 6.0", "4700.0 6.0", "at most 12 km/s.* got 4,700"),
-        ("T00:00:00.000", "T00:00:00.000 0\n2026", "six numbers"),
         ("START_TIME = 2026-01-01T00:00", "START_TIME = 2026-01-01T00:01", "than START_TIME"),
         ("2026-01-01T00:04:00.000", "2025-12-31T23:59:59", "than the state before it"),
     ],
@@ -291,9 +253,7 @@ def test_the_covariances_and_further_segments_of_an_ephemeris_are_passed_over(
 @pytest.mark.parametrize(
     ("changed", "p", "v"),
     [
-        ({}, 7e6, 7546.0),
         ({"X": "7000000.0 [m]", "Y_DOT": "7546.0 [m/s]"}, 7e6, 7546.0),
-        ({"X": "7000.0 [km]", "Y_DOT": "7.546[km/s]"}, 7e6, 7546.0),
         ({"X": "7.0D3", "Y_DOT": "75.46d-1"}, 7e6, 7546.0),
         ({"X": "+.7e4", "Y_DOT": "7546.E-3"}, 7e6, 7546.0),
     ],
@@ -307,8 +267,6 @@ def test_units_and_numbers(tmp_path: Path, changed: dict[str, Any], p: float, v:
     ("text", "micro"),
     [
         ("2024-12-31T12:30:05.123456789", 5_123_456),
-        ("2024-12-31T12:30:05.1", 5_100_000),
-        ("2024-12-31T12:30:05", 5_000_000),
         ("2024-12-31T12:30", 0),
         ("2024-366T12:30:05Z", 5_000_000),
     ],

@@ -26,33 +26,6 @@ TIMES = np.concatenate(
 """Instants of coasts, s: the first 201 are a tenth of a second apart."""
 
 
-def coast_distance(*state: float) -> float:
-    """Certified least distance of a coast of one orbit."""
-    coast = single_coasts(np.array([state]), np.array([ORBIT]), np.array([0]))
-    return float(least_distances(N, coast, 1)[0])
-
-
-@pytest.mark.parametrize(
-    ("state", "distance"),
-    [
-        # The closed ellipse around the target, twice as long as wide: its half width.
-        ((30.0, 0.0, 0.0, 0.0, -2.0 * N * 30.0, 0.0), 30.0),
-        # Radial velocity u at 100 m behind: an ellipse whose farther end is 4 u / n ahead of the start.
-        ((0.0, -100.0, 0.0, -20.0 * N, 0.0, 0.0), 20.0),
-        ((0.0, -100.0, 0.0, -25.0 * N, 0.0, 0.0), 0.0),
-        # At rest on the target's orbit it stays; at rest across the plane it falls through the target.
-        ((0.0, -100.0, 0.0, 0.0, 0.0, 0.0), 100.0),
-        ((0.0, 0.0, 100.0, 0.0, 0.0, 0.0), 0.0),
-        # A lower circular orbit passes below at its distance: y' = -1.5 n x.
-        ((-10.0, -60.0, 0.0, 0.0, 15.0 * N, 0.0), 10.0),
-    ],
-)
-def test_hand_worked_coasts(state: tuple[float, ...], distance: float) -> None:
-    found = coast_distance(*state)
-    assert found <= distance
-    assert found >= distance - 2.0 * PRECISION
-
-
 def hill(y: np.ndarray, push: np.ndarray) -> np.ndarray:
     """Slope of states (6, K) by Hill's equations under an acceleration."""
     x, _, z, u, v, w = y

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rans.episode import Mover
-from rans.evaluation.measure.aggregate import save_arrays
 from rans.extend import (
     Body,
     Progress,
@@ -21,16 +19,13 @@ from rans.extend import (
     Scenario,
     Setup,
     Spacecraft,
-    SpatialState,
     StepInputs,
     Table,
     Timing,
     Vec3,
     World,
-    environment,
     map_leaves,
     unseen,
-    write_json,
 )
 from rans.scenario import each
 from rans_missions.convex.landing import Descent, Lander, Landing, best_landing
@@ -61,26 +56,17 @@ class LandingAnswer:
     @property
     def good(self) -> bool:
         """Whether there is a landing, and the flights in both engines end as planned."""
-        misses = self.replayed, self.in_drake
-        return self.landing is not None and all(miss <= REPLAY_BOUND for miss in misses)
+        return self.landing is not None and max(self.replayed, self.in_drake) <= REPLAY_BOUND
 
     def to_json(self) -> dict[str, Any]:
-        """Data for `rans.files.write_json`; missing numbers are NaN.
-
-        Propellant, bound and duality_gap are in kg, time in s, replayed and in_drake in m. Residuals are in the
-        solver's units, and looseness is relative (`rans_missions.convex.landing.Landing`).
-        """
-        result = self.landing
+        """Data for `rans.files.write_json`, in kg, s and m; missing numbers are NaN."""
+        plan = self.landing
         return {
             "start": self.start,
             "good": self.good,
-            "propellant": math.nan if result is None else result.propellant,
+            "propellant": math.nan if plan is None else plan.propellant,
             "bound": self.bound,
-            "time": math.nan if result is None else result.time,
-            "duality_gap": math.nan if result is None else result.propellant - result.dual,
-            "primal_residual": math.nan if result is None else result.primal_residual,
-            "dual_residual": math.nan if result is None else result.dual_residual,
-            "looseness": math.nan if result is None else result.looseness,
+            "time": math.nan if plan is None else plan.time,
             "replayed": self.replayed,
             "in_drake": self.in_drake,
         }
@@ -133,20 +119,13 @@ def landings(
     return answers
 
 
-def replay_landing(
+def _missed(
     craft: Spacecraft, task: Land, lander: Lander, start: Any, plan: Landing, drake: bool
-) -> list[SpatialState]:
-    """States after every period of a plan whose thrusts are held, for a craft that turns at once.
+) -> float:
+    """Distance, m, between a plan's end and that of its flight, with thrusts that are held.
 
-    The attitude is set before every period, and stores (propellant, kg) follow from the plan.
-
-    Args:
-        craft: spacecraft.
-        task: task with the gravity.
-        lander: the plan's model of the craft.
-        start: state of numbers.
-        plan: plan to fly.
-        drake: whether to fly in Drake instead of the fast engine.
+    The craft turns at once: the attitude is set before every period, and stores (propellant, kg) follow from the
+    plan.
     """
     timing = Timing(plan.period, None, len(plan.acceleration))
     move: Mover
@@ -159,7 +138,6 @@ def replay_landing(
     zero = np.zeros(1)
     state = map_leaves(lambda x: zero + x, replace(start, stores=()))
     left = lander.propellant
-    states = []
     for k, acceleration in enumerate(plan.acceleration):
         # Constant thrust that changes the velocity as much, with the same propellant.
         used = plan.mass[k] - plan.mass[k + 1]
@@ -175,16 +153,7 @@ def replay_landing(
         command = (zero + throttle,) * craft.thruster_count + (zero,) * craft.wheel_count
         (state,) = move(state, StepInputs(Body.of(craft), (command,)))
         left = float(np.asarray(state.stores[0]).item())
-        states.append(state)
-    return states
-
-
-def _missed(
-    craft: Spacecraft, task: Land, lander: Lander, start: Any, plan: Landing, drake: bool
-) -> float:
-    """Distance, m, between the plan's end and that of its flight."""
-    last = replay_landing(craft, task, lander, start, plan, drake)[-1]
-    return float(np.linalg.norm(numbers(last.p) - plan.p[-1]))
+    return float(np.linalg.norm(numbers(state.p) - plan.p[-1]))
 
 
 def _upright_along(direction: np.ndarray) -> Quat:
@@ -213,19 +182,3 @@ def landing_table(title: str, answers: list[LandingAnswer]) -> Table:
         )
         rows.append(row)
     return Table(columns, rows, title, right=columns)
-
-
-def write_landings(folder: Path, about: dict[str, Any], answers: list[LandingAnswer]) -> None:
-    """Write optimal.json, and optimal.npz with every landing's p, v, mass and acceleration.
-
-    Keys are an interface: pages and users' scripts read both files.
-    """
-    rows = [answer.to_json() for answer in answers]
-    write_json(folder / "optimal.json", {**about, "environment": environment(), "starts": rows})
-    arrays = {
-        f"{name}_{answer.start}": getattr(answer.landing, name)
-        for answer in answers
-        if answer.landing is not None
-        for name in ("p", "v", "mass", "acceleration")
-    }
-    save_arrays(folder / "optimal.npz", arrays)

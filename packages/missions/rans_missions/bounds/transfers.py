@@ -19,6 +19,7 @@ from rans.extend import (
     Progress,
     Scenario,
     Spacecraft,
+    Task,
     contestant,
     fly,
     fly_in_drake,
@@ -28,8 +29,10 @@ from rans.optimal.control.lqr import LQR
 from rans.scenario import each
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.convex_guidance import ConvexGuidance
+from rans_missions.control.corridor import Corridor
 from rans_missions.control.guidance import VelocityToGain
 from rans_missions.control.mission_guidance import MissionGuidance
+from rans_missions.convex.approach import PortMeeting, flight_to_port, least_to_approach
 from rans_missions.convex.holding import flight_that_holds, least_to_hold
 from rans_missions.convex.rendezvous import (
     Answer,
@@ -41,6 +44,7 @@ from rans_missions.convex.rendezvous import (
     within_limits,
 )
 from rans_missions.script import Script
+from rans_missions.tasks.final_approach import FinalApproach
 from rans_missions.tasks.orbital import OrbitalMission
 
 _RESERVE = 0.01
@@ -176,10 +180,50 @@ def judged_transfers(
         for name, make_controller in contestants.items():
             flight = fly(craft, task, make_controller(task), starts, task.timing)
             rows.append(row_of(name, flight))
-    replayed = optimum(craft, task, starts, answers)
-    lower = np.array([answer.lower for answer in answers])
-    upper = np.where(replayed.docked, replayed.impulse, np.inf)
-    return TransferTable(deadline, lower, upper, (*rows, replayed))
+    found = optimum(craft, task, starts, answers)
+    return _table(deadline, [answer.lower for answer in answers], rows, found)
+
+
+def judged_approaches(
+    craft: Spacecraft,
+    task: FinalApproach,
+    seed: int,
+    episodes: int,
+    progress: Progress | None = None,
+) -> TransferTable:
+    """Fly guidance of final approaches and the cheapest flights found from the same starts, beside their bounds.
+
+    Args:
+        craft: spacecraft, whose thrusters do not turn it.
+        task: the final approach.
+        seed: seed of the starts.
+        episodes: number of starts.
+        progress: reports starts.
+
+    Raises:
+        ConfigError: see `rans_missions.convex.rendezvous.forces_in_w`.
+    """
+    timing = task.timing
+    starts = scenarios(task, craft, seed, episodes)
+    lower = []
+    transfers = []
+    for one in each(starts):
+        meeting, state = PortMeeting.at_port(craft, task, timing, one.goal), state_of(one)
+        lower.append(least_to_approach(meeting, state)[0])
+        transfers.append(flight_to_port(meeting, state))
+        if progress is not None:
+            progress(1)
+    guided = row_of("corridor", fly(craft, task, Corridor(craft, task, timing), starts, timing))
+    found = _flown("cheapest found", craft, task, starts, transfers)
+    return _table(timing.control_period * timing.episode_steps, lower, [guided], found)
+
+
+def _table(
+    deadline: float, lower: Sequence[float], rows: Sequence[Row], found: Row
+) -> TransferTable:
+    """Table with the row of the flights that were found below the others; these are the upper bounds."""
+    upper = np.where(found.docked, found.impulse, np.inf)
+    return TransferTable(deadline, np.array(lower), upper, (*rows, found))
 
 
 def transfer_bounds(
@@ -217,12 +261,11 @@ def optimum(
     A point is held by the flight of `rans_missions.convex.holding.flight_that_holds`; where motion changes along
     the orbit, by a transfer to an instant within the tolerances, from which on the craft stays as guidance does.
     """
-    steps = task.timing.episode_steps
-    commands = np.zeros((steps, len(answers), craft.thruster_count))
     # In a drift that changes the program of arrival and stay takes minutes a start.
     is_one_program = task.drift.steady and task.stay_seconds > 0.0
     afterwards = Afterwards(craft, task, task.timing) if task.stays and not is_one_program else None
-    for k, (answer, scenario) in enumerate(zip(answers, each(starts), strict=True)):
+    transfers = []
+    for answer, scenario in zip(answers, each(starts), strict=True):
         transfer = answer.transfer
         if is_one_program:
             meeting = Meeting.of(craft, task, scenario.goal)
@@ -231,10 +274,25 @@ def optimum(
             )
         elif afterwards is not None:
             transfer = _to_stay(Meeting.of(craft, task, scenario.goal), state_of(scenario), answer)
+        transfers.append(transfer)
+    return _flown("optimum", craft, task, starts, transfers, afterwards)
+
+
+def _flown(
+    name: str,
+    craft: Spacecraft,
+    task: Task,
+    starts: Scenario,
+    transfers: Sequence[MeetingTransfer | None],
+    afterwards: Afterwards | None = None,
+) -> Row:
+    """Row of transfers, which win where they win in the fast engine and in Drake."""
+    commands = np.zeros((task.timing.episode_steps, len(transfers), craft.thruster_count))
+    for k, transfer in enumerate(transfers):
         if transfer is not None:
             commands[: len(transfer.commands), k] = transfer.commands
     fast, drake = (
-        row_of("optimum", flying(craft, task, Script(commands, afterwards), starts, task.timing))
+        row_of(name, flying(craft, task, Script(commands, afterwards), starts, task.timing))
         for flying in (fly, fly_in_drake)
     )
     return replace(fast, docked=fast.docked & drake.docked)

@@ -246,21 +246,11 @@ class Landing:
     """Used, kg."""
     dual: float
     """Propellant that the dual solution proves to be needed, kg: what is above it is the duality gap."""
-    primal_residual: float
-    """Of the solver's equations and cones, in its units."""
-    dual_residual: float
-    """The same of the dual problem."""
 
     @property
     def time(self) -> float:
         """Flight time, s."""
         return self.period * len(self.acceleration)
-
-    @property
-    def looseness(self) -> float:
-        """Largest excess of sigma over the acceleration, relative to it: 0 where the relaxation is lossless."""
-        size = np.linalg.norm(self.acceleration, axis=1)
-        return float(np.max(self.slack / size - 1.0))
 
 
 def landing(
@@ -551,8 +541,6 @@ class _Problem:
             controls[:, 3],
             float(mass[0] - mass[-1]),
             self.needed(answer),
-            float(answer.r_prim),
-            float(answer.r_dual),
         )
 
     def _z(self, knot: int) -> int:

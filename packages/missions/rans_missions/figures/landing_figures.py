@@ -1,4 +1,4 @@
-"""Figures of landings: paths above the ground, thrust and tilt, and propellant beside its certified least."""
+"""Figures of landings: paths above the ground, and thrust and tilt."""
 
 from __future__ import annotations
 
@@ -95,34 +95,6 @@ def _ground(axes: Axes, task: Any, left: float, right: float, top: float) -> Non
         linewidth=0.0,
         label=f"below the glide slope of {math.degrees(task.glide_slope):.3g} degrees",
     )
-
-
-@styled
-def propellant_beside_bounds(entries: Sequence[Entry], bounds: MissionBounds) -> Figure:
-    """Propellant of contestants from every bounded start beside the bounds, in ascending order of these."""
-    figure = Figure(figsize=(7.4, 3.8), layout="constrained")
-    axes = figure.subplots()
-    order = [k for k in np.argsort(bounds.lower) if np.isfinite(bounds.lower[k])]
-    lower = bounds.lower[order]
-    columns = np.arange(len(order))
-    edges = np.arange(len(order) + 1) - 0.5
-    times = [lower]
-    for k, entry in enumerate(entries):
-        colour, marker = series_style(k)
-        spent = (bounds.over(entry) * bounds.lower)[order]
-        times.append(spent)
-        axes.plot(columns, spent, marker, color=colour, markersize=6, label=entry.name)
-    values = np.concatenate(times)
-    values = values[np.isfinite(values)]
-    low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
-    room = max(0.15 * (high - low), 0.02 * high, 1e-3)
-    axes.stairs(lower, edges, color=INK, linewidth=1.4, label="certified least")
-    axes.stairs(lower, edges, fill=True, color=GREY, alpha=0.2, label="provably impossible")
-    axes.set_xticks(columns, [str(k) for k in order])
-    axes.set(xlim=(edges[0], edges[-1]), ylim=(max(0.0, low - 2.0 * room), high + room))
-    axes.legend(loc="best")
-    label(axes, "propellant beside its certified least", "start, by its bound", "propellant, kg")
-    return figure
 
 
 @styled

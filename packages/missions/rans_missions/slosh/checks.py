@@ -75,43 +75,23 @@ def check_body(slosh: Slosh, craft: Spacecraft, body: Body) -> None:
 
 def check_conditions(slosh: Slosh, craft: Spacecraft, conditions: Any) -> None:
     """Refuse (`ConfigError`) masses, inertias and centres of mass that leave no rigid craft around the liquid."""
-    for part in (conditions, *conditions.others):
-        (_, mass), (least, _), (_, shift) = map(
-            bounds, (part.body.mass, part.body.inertia, part.body.centre)
-        )
-        liquid = part.factor("slosh mass")
-        if bounds(liquid)[0] <= 0.0:
-            raise ConfigError(
-                f"Conditions: the factor on the slosh mass must be > 0, got {liquid!r}."
-            )
-        # The largest that the mass at rest adds, as in the check of the spacecraft.
-        away = math.dist(slosh.point(), craft.centre_of_mass) + shift
-        swings = slosh.mass * largest(liquid)
-        if swings > craft.mass * MOST:
-            raise ConfigError(
-                f"Conditions of the slosh mass up to {largest(liquid):g} let {swings:g} kg swing of the "
-                f"{craft.mass:g} kg of {craft.name!r}: draw smaller factors."
-            )
-        adds = mass * swings * away**2 / (1.0 - swings / craft.mass)
-        moment = least * craft.least_spread
-        if adds > moment * MOST:
-            raise ConfigError(
-                f"Conditions of body.mass up to {mass:g}, body.inertia from {least:g}, body.centre up to {shift:g} "
-                f"m and the slosh mass up to {largest(liquid):g} leave no inertia to {craft.name!r} without its "
-                f"sloshing liquid: that adds up to {adds:.4g} kg m^2 of {moment:.4g} kg m^2. Raise body.inertia, "
-                "or narrow the ranges."
-            )
+    for body in extreme_bodies(slosh, craft, conditions):
+        try:
+            check_body(slosh, craft, body)
+        except ConfigError as error:
+            raise ConfigError(f"Conditions: {error} Or narrow their ranges.") from None
 
 
 def extreme_bodies(slosh: Slosh, craft: Spacecraft, conditions: Any) -> list[Body]:
-    """Bodies for which friction may stop the rod fastest.
+    """Bodies that leave least of a rigid craft, or for which friction may stop the rod fastest.
 
     Those have the least inertia, the largest damping, and the extremes of the masses. The centre of mass is as
     designed, or as far as can be from the mass at rest.
     """
     size = craft.dimension
-    away = [c - x for c, x in zip(craft.centre_of_mass, slosh.point(), strict=True)][:size]
-    distance = math.hypot(*away) or 1.0
+    away = np.subtract(craft.centre_of_mass, slosh.point())[:size]
+    distance = float(np.linalg.norm(away))
+    away = away / distance if distance > 0.0 else np.eye(size)[0]
     designed = Body.of(craft)
     bodies = []
     for part in (conditions, *conditions.others):
@@ -127,7 +107,7 @@ def extreme_bodies(slosh: Slosh, craft: Spacecraft, conditions: Any) -> list[Bod
                     designed,
                     mass=mass * craft.mass,
                     inertia=tuple(least * x for x in designed.inertia),
-                    centre=tuple(shift / distance * x for x in away),
+                    centre=tuple((shift * away).tolist()),
                     factors=tuple(own.get(name, 1.0) for name in craft.factors),
                 )
             )

@@ -13,16 +13,15 @@ from scipy.linalg import expm
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
-from rans.evaluation.measure.metrics import impulses, settling_times
-from rans.flight import Flight, fly
-from rans.model.drift import FREE, ClohessyWiltshire, Drift, UniformGravity, step_goal
+from rans.evaluation.measure.metrics import impulses
+from rans.flight import fly
+from rans.model.drift import FREE, ClohessyWiltshire, Drift, step_goal
 from rans.model.fields import leaves, map_leaves
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.regulator import Deadband
 from rans.scenario import Scenario, scenarios
-from rans.tasks import GoToPose, GoToPosition
+from rans.tasks import GoToPosition
 from tests.support.clohessy_wiltshire import orbit
 from tests.support.crafts import deputy
 
@@ -131,40 +130,6 @@ def test_arrives_at_the_deadline_in_an_independent_model_of_the_orbit() -> None:
     assert distances[70] > 1.0
     assert max(distances[79:]) < 1e-4  # and stays there
     assert coasts > 80
-
-
-def settled(craft: Spacecraft, task: Any, timing: Timing, **given: Any) -> Flight:
-    starts = scenarios(task, craft, 6, 4)
-    flight = fly(craft, task, VelocityToGain(craft, task, timing, **given), starts, timing)
-    assert np.isfinite(settling_times(flight)).all()
-    return flight
-
-
-@pytest.mark.parametrize(
-    ("name", "task"),
-    [
-        ("floating-platform", GoToPosition()),
-        pytest.param("floating-platform-shared", GoToPose(), marks=pytest.mark.slow),
-        pytest.param("free-flyer", GoToPose(), marks=pytest.mark.slow),
-    ],
-    ids=lambda x: getattr(x, "name", x if isinstance(x, str) else type(x).__name__),
-)
-def test_on_off_craft_settle_near_the_deadline(name: str, task: Any) -> None:
-    craft = load_spacecraft(name)
-    flight = settled(craft, task.for_evaluation(), Timing(), deadline=12.0)
-    assert settling_times(flight).max() < (20.0 if "shared" in name else 16.0)
-
-
-@pytest.mark.slow
-def test_gravity_is_countered_and_a_drifting_goal_met() -> None:
-    slope = Place(pulled=UniformGravity((0.05, -0.08)), spawn_distance=(2.0, 3.0))
-    settled(PLATFORM, slope, Timing(), deadline=10.0)
-    chase = Place(pulled=ClohessyWiltshire(0.05), chased=True, spawn_distance=(2.0, 3.0))
-    starts = scenarios(chase, PLATFORM, 6, 3)
-    moving = replace(starts.goal, p=type(starts.goal.p)(starts.goal.p.x + 1.0, starts.goal.p.y))
-    pilot = VelocityToGain(PLATFORM, chase, Timing(), 15.0)
-    flight = fly(PLATFORM, chase, pilot, Scenario(starts.start, moving), Timing())
-    assert flight.errors()["position"][-25:].max() < 0.05
 
 
 def test_free_flight_is_two_burns_by_hand() -> None:

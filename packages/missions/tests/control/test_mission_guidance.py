@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rans_missions.bounds.transfers import row_of
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.tasks import Dock, Hold, Rendezvous
 from rans_missions.tasks.orbital import OrbitalMission
@@ -109,29 +108,6 @@ def test_a_known_force_does_not_lead_the_filter_astray() -> None:
     assert won(ours).all()
     # It corrects what is not there: a tenth more at least.
     assert impulses(trusting).mean() > 1.1 * impulses(ours).mean()
-
-
-@pytest.mark.slow
-def test_known_noise_costs_little_impulse() -> None:
-    """Whoever believes every reading burns its noise."""
-    task = Dock(deadline=(1000.0, 1000.0))
-    starts = scenarios(task, DEPUTY, 7, 4)
-    noisy = Conditions(
-        thrusters=ThrusterConditions(thrust=(0.95, 1.05), command_delay=(0.0, 1.0)),
-        sensors=NOISY,
-    )
-    blind = MissionGuidance(DEPUTY, task)
-    knowing = MissionGuidance(DEPUTY, task, conditions=noisy)
-    believing, ours = (
-        row_of(
-            "",
-            fly(DEPUTY, task, one, starts, coarse(task), conditions=noisy, draws=draws(7, 4)),
-        )
-        for one in (blind, knowing)
-    )
-    assert ours.docked.all()
-    assert not ours.violated.any()
-    assert believing.impulse.mean() > 1.2 * ours.impulse.mean()
 
 
 @pytest.mark.usefixtures("unswept")

@@ -15,7 +15,6 @@ from rans_missions.convex.landing import (
     Lander,
     Landing,
     _floor,
-    _Problem,
     best_landing,
     landing,
     largest_turning,
@@ -55,9 +54,9 @@ def test_the_published_landing(time: float, expected: float) -> None:
     assert found is not None
     assert found.propellant == pytest.approx(expected, rel=1e-3)
     # The relaxation is lossless: the slack is the acceleration's size.
-    assert found.looseness < 1e-5
+    size = np.linalg.norm(found.acceleration, axis=1)
+    np.testing.assert_allclose(found.slack, size, rtol=1e-5)
     assert abs(found.propellant - found.dual) < 1e-3
-    assert max(found.primal_residual, found.dual_residual) < 1e-7
 
 
 def test_too_short_a_flight_is_out_of_reach() -> None:
@@ -89,28 +88,6 @@ def test_no_landing_is_below_the_bounds_of_its_flight_time(apart: bool) -> None:
                         sharpness.append(floor / needed)
     assert len(sharpness) > 10
     assert np.mean(sharpness) > 0.99
-
-
-@pytest.mark.parametrize("apart", [pytest.param(False, marks=pytest.mark.slow), True])
-def test_landings_in_the_middle_of_a_period_are_hardly_cheaper(apart: bool) -> None:
-    """The mission is judged there too, and the bound is of whole periods.
-
-    Near its minimum the propellant is a parabola of the flight time: 374.68 kg after 75 s and 375.30 kg after 74 s,
-    so that it rises by less than 0.7 kg times the square of the time from it in seconds. Half a second from the
-    nearest whole periods it is lower by 0.7 / 4 kg at most.
-    """
-    lander = Lander.of(CRAFT, apart=apart)
-    descent = Descent.of(Land(), craft=CRAFT)
-
-    def needed(*lengths: float) -> float:
-        problem = _Problem(lander, descent, PUBLISHED, np.array(lengths), None)
-        answer = problem.answer(problem.heaviest, "bound")
-        return math.inf if answer is None else problem.needed(answer)
-
-    counts = range(71, 77)
-    whole = min(needed(*[1.0] * count) for count in counts)
-    middle = min(needed(*[1.0] * count, 0.5) for count in counts)
-    assert whole - 0.7 / 4.0 < middle < whole + 0.7
 
 
 @pytest.mark.slow

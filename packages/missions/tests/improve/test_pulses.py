@@ -58,21 +58,6 @@ def test_a_miss_is_measured_in_tolerances_of_the_worst_instant_at_the_end() -> N
     assert shortfall(flight)[0][0] == pytest.approx(last.max() / TASK.position_tolerance - 1.0)
 
 
-def test_changes_of_pulses_do_what_they_say_and_a_set_has_each_pulse_once() -> None:
-    """A change takes at most one pulse away, and adds at most one where there was none."""
-    random = np.random.default_rng(3)
-    flight = (random.random((30, 4)) < 0.1).astype(float)
-    changes = pulses._changes(flight, random)
-    for off, on in changes:
-        changed = pulses._changed(flight, np.array([[off, on]])).ravel()
-        expected = flight.ravel().copy()
-        assert off < 0 or expected[off] == 1.0
-        assert on < 0 or expected[on] == 0.0
-        expected[[place for place in (off,) if place >= 0]] = 0.0
-        expected[[place for place in (on,) if place >= 0]] = 1.0
-        np.testing.assert_array_equal(changed, expected)
-
-
 def test_sets_of_changes_lead_to_the_goal_where_effects_add_up() -> None:
     """Two of the changes shift a flight to its goal together, and none does alone."""
     random = np.random.default_rng(4)

@@ -64,18 +64,6 @@ def test_the_rocket_equation(flying: Any) -> None:
     assert float(flight.states.stores[0][-1, 0]) == pytest.approx(400.0 - 67.438, abs=1e-3)
 
 
-@both_engines
-def test_free_fall_once_the_tank_is_empty(flying: Any) -> None:
-    """Two seconds of propellant: the weight alone afterwards, and a failed mission."""
-    start = above(3000.0, 0.0)
-    zero = np.zeros(1)
-    stores = (zero + 2.0 * FLOW, zero, zero, zero)
-    flight = flown(flying, Scenario(replace(start.start, stores=stores), start.goal), 0.8, 12)
-    speeds = flight.states.v.z[:, 0]
-    np.testing.assert_allclose(np.diff(speeds)[-6:], -0.5 * G, rtol=0, atol=1e-9)
-    assert flight.failed().all()
-
-
 @pytest.mark.slow
 @both_engines
 def test_the_burn_at_the_last_moment_lands(flying: Any) -> None:
