@@ -287,28 +287,6 @@ def _script_left_alone() -> Iterator[None]:
         main.update(hidden)
 
 
-@contextlib.contextmanager
-def beside(function: Callable[..., object], *arguments: Any) -> Iterator[None]:
-    """Context in which another process runs a function; the block continues even if that process fails.
-
-    The process is spawned, ignores Ctrl-C, and ends with the block or with this process.
-
-    Args:
-        function: function to run, defined at the top level of a module.
-        arguments: arguments of the function.
-    """
-    process = multiprocessing.get_context("spawn").Process(
-        target=_begin, args=(function, arguments), daemon=True
-    )
-    with _started_safely(), _interrupts_deferred(), _script_left_alone():
-        process.start()
-    try:
-        yield
-    finally:
-        process.kill()
-        process.join()
-
-
 def _begin(prepare: Callable[..., object], arguments: tuple[Any, ...]) -> None:
     signal.signal(
         signal.SIGINT, signal.SIG_IGN

@@ -123,9 +123,3 @@ def set_alarm(seconds: float) -> None:
     """Send SIGALRM to this process after a time, s, or with 0 no more; without effect on Windows."""
     if ALARMS:
         signal.setitimer(signal.ITIMER_REAL, seconds)
-
-
-def lower_priority() -> None:
-    """Give this process the lowest priority; without effect on Windows."""
-    if hasattr(os, "nice"):
-        os.nice(19)

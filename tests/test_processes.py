@@ -18,7 +18,7 @@ import pytest
 
 from rans.errors import RansError
 from rans.executors import use_one_thread
-from rans.processes import Workers, beside, nothing, submitted
+from rans.processes import Workers, nothing, submitted
 from tests.support.processes import wait_until
 
 _made: list[str] = []
@@ -155,16 +155,6 @@ def test_an_interrupt_while_processes_start_is_heard_when_they_have(other_thread
             teller.join()
         signal.signal(signal.SIGINT, handler)
     assert asked == [0, 1, 2]
-
-
-def test_something_runs_beside_a_block_and_no_longer(tmp_path: Path) -> None:
-    with beside(beats, tmp_path):
-        wait_until((tmp_path / "beat").exists)
-        first = (tmp_path / "beat").read_text()
-        wait_until(lambda: (tmp_path / "beat").read_text() not in ("", first))
-    last = (tmp_path / "beat").read_text()
-    time.sleep(0.1)  # ten beats
-    assert (tmp_path / "beat").read_text() == last
 
 
 WORKS = """

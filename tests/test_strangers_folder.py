@@ -60,8 +60,8 @@ def test_python_m_rans(folder: Path) -> None:
 
 WORKERS = """
 import sys
-from rans.processes import beside, submitted
-with beside(print, "beside"), submitted(int, [("7",)], 1, dict, ()) as futures:
+from rans.processes import submitted
+with submitted(int, [("7",)], 1, dict, ()) as futures:
     print(futures[0].result())
 """
 

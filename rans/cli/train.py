@@ -8,14 +8,12 @@ import os
 import re
 import shlex
 import signal
-import socket
-import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import FrameType, SimpleNamespace
+from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from tyro.conf import UseAppendAction, arg
@@ -34,24 +32,18 @@ from rans.errors import (
     is_installed,
     meant_file,
 )
-from rans.executors import use_one_thread
 from rans.files import as_command, command_line, first_line, inside, write_text
 from rans.model.spacecraft_file import effector_kind, load_spacecraft
-from rans.processes import beside, submitted
 from rans.randomization.conditions_file import load_conditions
-from rans.registry import trust_files, typed
-from rans.show.curve import Rows, curve_in_another_process
+from rans.registry import typed
 from rans.show.progress import TrainingProgress
-from rans.system import ALARMS, ENDS, lower_priority, set_alarm
+from rans.system import ALARMS, ENDS, set_alarm
 from rans.terminal import Terminal, doing
 
 if TYPE_CHECKING:
-    from rans.evaluation.compare.contest import Entry
     from rans.fast.learn.config import TrainConfig
     from rans.fast.learn.trainer import Trainer
     from rans.model.spacecraft import Spacecraft
-
-    _Rivals = Callable[[], tuple[list[Entry], list[str]]]
 
 _GENTLE = 30.0
 """Largest time that an iteration may continue after Ctrl-C, s."""
@@ -91,8 +83,6 @@ class Train(Options):
     steps with `--total-timesteps N`, which counts those before too."""
     rl: bool = False
     """Train by reinforcement learning from random weights, where a training would begin by imitation."""
-    view: bool = False
-    """Show the newest agent in the browser during the training."""
 
     def _trainer(self) -> Trainer:
         """Trainer that is ready to train; a new run folder is created after its config has been checked."""
@@ -153,7 +143,7 @@ class Train(Options):
                     f"{self.resume} is not a run folder: there is nothing of that name{near}."
                 )
             rest = tuple(x for x in self.set if x.partition("=")[0] not in _RESUMED)
-            own = replace(self, resume=None, total_timesteps=None, view=False, log=(), set=rest)
+            own = replace(self, resume=None, total_timesteps=None, log=(), set=rest)
             if own != Train():
                 raise ConfigError(
                     "--resume reads everything from the run folder but the number of steps, which "
@@ -212,15 +202,6 @@ class Train(Options):
         if self.device != "cpu":
             open_ahead()
         compile_in_this_process()
-        if os.environ.get("RANK", "0") != "0":
-            return self._train(None)
-        if not is_installed("matplotlib"):
-            return self._train(None)
-        with curve_in_another_process() as curve:
-            return self._train(curve)
-
-    def _train(self, curve: Callable[[Rows], str] | None) -> int:
-        """Train in this process, with rivals that fly beside; other processes of the same training only train."""
         from rans.fast.learn.loggers import require_loggers
 
         require_loggers(self._elsewhere)
@@ -230,33 +211,31 @@ class Train(Options):
             with StopGently() as stop:
                 run_training(trainer, (), (), stop)
             return stop.code
-        with _flying_beside(trainer) as rivals:
-            return self._shown(trainer, curve, rivals)
+        return self._shown(trainer)
 
     @property
     def _elsewhere(self) -> list[LoggerName]:
         """Where figures of the training go, beside the screen."""
         return [name for name in self.log if name != "terms"]
 
-    def _shown(
-        self, trainer: Trainer, curve: Callable[[Rows], str] | None, rivals: _Rivals | None
-    ) -> int:
-        """Train, and make what follows: learning curve, summary, comparison with rivals, page."""
+    def _shown(self, trainer: Trainer) -> int:
+        """Train, and make what follows: summary, learning curve, comparison with rivals, page."""
         begun_at = trainer.steps
-        watched = _watched(trainer.run.path) if self.view else contextlib.nullcontext()
         if trainer.imitates and trainer.steps == 0:
             Terminal().say(
                 f"This training imitates {trainer.imitates}, and ends as soon as that solves the task. "
                 "Reinforcement learning from random weights: add --rl."
             )
         showing = TrainingProgress(trainer.config.total_timesteps, "terms" in self.log)
-        with watched, showing as progress, StopGently() as stop:
+        with showing as progress, StopGently() as stop:
             run_training(trainer, self._elsewhere, [progress.show], stop)
         # Result: curve, summary, and a warning where the training left the nominal craft out.
         Terminal().say(_summary(trainer, begun_at, stop.requested, time.monotonic() - STARTED))
         rows = trainer.run.metrics()
-        if len(rows) > 1 and curve is not None:
+        if len(rows) > 1 and is_installed("matplotlib"):
             with _beside_the_agent("its learning curve"):
+                from rans.show.curve import curve
+
                 write_text(trainer.run.path / "learning_curve.svg", curve(rows))
         if not stop.requested and trainer.steps > begun_at and (hole := _nominal_hole(trainer)):
             Terminal().say(hole)
@@ -264,9 +243,9 @@ class Train(Options):
             if trainer.ended:
                 Terminal().suggest(*self._next(trainer))
             return stop.code
-        if trainer.steps > begun_at and rivals is not None:
+        if trainer.steps > begun_at and _is_compared(trainer):
             with _beside_the_agent("a comparison with others"):
-                _compare(trainer, rivals)
+                _compare(trainer)
         # No page has the safety filter.
         page = None
         if not trainer.config.guard:
@@ -399,81 +378,19 @@ _MUCH = 1_000_000
 _RIVALS = "lqr", "switching"
 
 
-@contextlib.contextmanager
-def _flying_beside(trainer: Trainer) -> Iterator[_Rivals | None]:
-    """Context in which another process flies whom `_compare` needs beside the agent; None: it compares nobody.
-
-    This is for trainings that the agent for any craft could replace. The flights take as long as an imitation that
-    is all of a training, and wait for nothing that is trained. Where the comparison is loaded already they are
-    flown when they are asked for: a process would load it once more.
-    """
+def _is_compared(trainer: Trainer) -> bool:
+    """Whether the agent for any craft could replace a training, and this one has come far enough to be compared."""
     from rans.policy.timing import flies_to_a_pose
 
-    config, craft = trainer.config, trainer.engine.craft
-    if config.guard or config.conditions.or_none or not flies_to_a_pose(config.settings, craft):
-        yield None
-        return
-    # A short training that is not solved is not compared.
-    if config.total_timesteps < _MUCH:
-        yield None
-        return
-    job = trainer.run.path, craft.dimension, _COMPARED
-    if "rans.evaluation.compare.run" in sys.modules:
-        yield lambda: _rivals(*job)
-        return
-    with (
-        contextlib.suppress(_NobodyAsked),
-        submitted(_rivals, [job], 1, use_one_thread, ()) as (entries,),
-    ):
-        yield entries.result
-        if not entries.done():  # as after Ctrl-C: an error ends the other process at once
-            raise _NobodyAsked
-
-
-class _NobodyAsked(Exception):
-    """What flies beside a training is not needed."""
-
-
-def _rivals(path: Path, dimension: int, count: int) -> tuple[list[Entry], list[str]]:
-    """Flights of the agent for any craft, where it can, and of `_RIVALS`, and sentences about what failed.
-
-    Args:
-        path: run folder with the setup.
-        dimension: of the craft.
-        count: number of flights of each.
-    """
-    from rans.evaluation.compare.entrants import contest_of, enlisted
-    from rans.evaluation.compare.run import Comparison
-    from rans.evaluation.fly.agent import LoadedRun
-    from rans.fast.learn.run_folder import RunFolder
-    from rans.pretrained import FOR_ANY_CRAFT
-    from rans.scenario import TRAINED_SEED
-
-    run = RunFolder(path)
-    config = run.config()
-    own = inside(path, "spacecraft.toml")
-    agents = [f"{FOR_ANY_CRAFT[dimension]}{value}@{own}" for value in ("", "#0", "#0.5")]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RansWarning)  # evaluations of that agent say them
-        nobody: Any = SimpleNamespace(name=path.name)
-        setup = LoadedRun(nobody, run.spacecraft(), config.settings, config.timing)
-        comparison = Comparison(contest_of(setup, count, TRAINED_SEED))
-        flying = {}
-        with contextlib.suppress(ConfigError):  # what it cannot fly
-            flying = enlisted(agents, comparison.contest)
-        comparison.fly(flying, _RIVALS, 0, workers=1)
-    # Networks stay in their process.
-    entries = [
-        replace(one, contestant=replace(one.contestant, controller=nobody))
-        for one in comparison.entries
-    ]
-    return entries, comparison.failures
-
-
-def _compare(trainer: Trainer, rivals: _Rivals) -> None:
-    """Fly the agent from new starts, and say who dominates whom among it and `_rivals`, once trainings fly."""
+    config = trainer.config
     if not trainer.solved and trainer.steps < _MUCH:
-        return
+        return False
+    is_nominal = not config.guard and config.conditions.or_none is None
+    return is_nominal and flies_to_a_pose(config.settings, trainer.engine.craft)
+
+
+def _compare(trainer: Trainer) -> None:
+    """Fly agent, any craft and `_RIVALS` from the same new starts, and say who dominates whom among them."""
     from rans.evaluation.compare.entrants import contest_of, enlisted
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.measure.statistics import figure
@@ -483,12 +400,15 @@ def _compare(trainer: Trainer, rivals: _Rivals) -> None:
 
     path = str(trainer.run.path)
     agent = FOR_ANY_CRAFT[trainer.engine.craft.dimension]
-    with doing("flying others from the same starts", in_log=False):
+    own = inside(trainer.run.path, "spacecraft.toml")
+    with doing("flying others from the same starts", in_log=False), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RansWarning)  # evaluations of the agents say them
         comparison = Comparison(contest_of(path, _COMPARED, TRAINED_SEED))
-        comparison.fly(enlisted([path], comparison.contest), (), 0)
-        entries, failures = rivals()
-        comparison.entries += entries
-        comparison.failures += failures
+        flying = enlisted([path], comparison.contest)
+        with contextlib.suppress(ConfigError):  # what any craft cannot fly
+            names = [f"{agent}{value}@{own}" for value in ("", "#0", "#0.5")]
+            flying |= enlisted(names, comparison.contest)
+        comparison.fly(flying, _RIVALS, 0, workers=1)
     columns = {
         "solved, %": "solved",
         "settling time, s": "time, s",
@@ -558,32 +478,6 @@ def _nominal_hole(trainer: Trainer) -> str:
         "the conditions of its training, which leave that out. If your robot may be as designed, train with ranges "
         "that reach it, such as latency = [0.0, 0.05] instead of 0.03."
     )
-
-
-def _watched(run: Path) -> contextlib.AbstractContextManager[None]:
-    """Context with a process that shows the newest agent of a training; see `rans.show.watch`.
-
-    It reads the checkpoints of the training and has the lowest priority.
-    """
-    with socket.create_server(("localhost", 0)) as free:
-        port: int = free.getsockname()[1]
-    print(
-        f"The newest agent is shown at http://localhost:{port} from the first checkpoint on.",
-        file=sys.stderr,
-    )
-    return beside(_watch, run, port)
-
-
-def _watch(run: Path, port: int) -> None:
-    """Serve the live view of a training from a process of its own."""
-    lower_priority()
-    trust_files()  # the training has checked its files
-    from rans.show.watch import watch
-
-    try:
-        watch(run, port)
-    except RansError as error:
-        print(f"rans: the view has ended, but training continues: {error}", file=sys.stderr)
 
 
 _RESUMED = ("plain", "total_timesteps")

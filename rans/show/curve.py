@@ -1,16 +1,11 @@
-"""The learning curve, by a process that loads Matplotlib while another one trains."""
+"""The learning curve of a training."""
 
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from rans.processes import beside
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.palette import series_style
 
@@ -20,7 +15,6 @@ Rows = Sequence[Mapping[str, Any]]
 
 _MOST_POINTS = 100
 """Of a learning curve."""
-_SOME = 2 * [{"steps": 1, "seconds": 1.0, "success": 0.5, "return/term": 1.0}]
 
 
 def learning_charts(rows: Rows) -> Iterator[Chart]:
@@ -66,28 +60,3 @@ def curve(rows: Rows) -> str:
     from rans.show.figures.svg import svg
 
     return svg(charts_figure([*learning_charts(rows)]))
-
-
-@contextmanager
-def curve_in_another_process() -> Iterator[Callable[[Rows], str]]:
-    """`curve` once, by another process that is ready for it by then; here, where that fails."""
-    if "matplotlib" in sys.modules:
-        yield curve
-        return
-    receiver, sender = Pipe()
-
-    def ask(rows: Rows) -> str:
-        try:
-            receiver.send(rows)
-            return receiver.recv()
-        except (OSError, EOFError):
-            return curve(rows)
-
-    with receiver, beside(_draw, sender):
-        sender.close()
-        yield ask
-
-
-def _draw(pipe: Connection) -> None:
-    curve(_SOME)  # loads Matplotlib and its fonts
-    pipe.send(curve(pipe.recv()))

@@ -10,11 +10,11 @@ import pytest
 import rans
 from rans import cli
 from rans.cli import main
-from rans.cli.train import _has_solved, train_on
+from rans.cli.train import train_on
 from rans.errors import ConfigError, checked, meant, meant_file
 from rans.evaluation.fly.contestant_name import ContestantName
-from rans.fast.learn.beginning import SOLVED_IN_A_ROW
 from rans.fast.learn.recipes import training
+from rans.fast.learn.trainer import SOLVED_IN_A_ROW, is_solved
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.structure import structure
 
@@ -70,11 +70,21 @@ def test_leads_to_what_it_is_called_here(
 
 def test_a_solved_task_is_trained_on() -> None:
     """Its last reports end a training, unless the number of steps alone does."""
-    config = replace(training("go-to-pose", None, "cpu"), solved_share=0.9)
-    good = {"success": 0.95}
-    assert _has_solved(config, [{"success": 0.1}, *[good] * SOLVED_IN_A_ROW])
-    assert not _has_solved(config, [*[good] * SOLVED_IN_A_ROW, {"success": 0.1}])
-    assert not _has_solved(replace(config, solved_share=None), [good] * SOLVED_IN_A_ROW)
+    config = replace(training("go-to-pose", None, "cpu"), solved_share=0.9, report_interval=1)
+    bad, good = (
+        {
+            "success": share,
+            "train/learning_rate": 1e-3,
+            "steps": config.ppo.n_envs * config.ppo.n_steps,
+        }
+        for share in (0.1, 0.95)
+    )
+    assert is_solved(config, [bad, *[good] * SOLVED_IN_A_ROW])
+    assert not is_solved(config, [*[good] * SOLVED_IN_A_ROW, bad])
+    assert not is_solved(replace(config, solved_share=None), [good] * SOLVED_IN_A_ROW)
+    # A report between those at the interval, as of a stop, does not count; an imitation has one report.
+    assert not is_solved(replace(config, report_interval=2), [good] * SOLVED_IN_A_ROW)
+    assert is_solved(config, [{"success": 0.95, "steps": 1}])
     assert "--total-timesteps 400000" in train_on(Path("runs/x"), 204_800)
 
 
