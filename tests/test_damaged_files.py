@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -70,13 +69,6 @@ def test_results(name: str, count: int, tmp_path: Path) -> None:
     write_json(tmp_path / name, RESULTS[name])
     write_json(tmp_path / "config.json", {"seed": 0, "about": {"command": "c"}})
     check([tmp_path / name], lambda: report_from_run(tmp_path), 2 * count)
-
-
-@pytest.mark.parametrize("content", [{"members": [], "best": 0}, {"members": [[]], "best": 0}])
-def test_a_sweep_without_members(content: Any, tmp_path: Path) -> None:
-    write_json(tmp_path / "sweep.json", content)
-    with pytest.raises(rans.ConfigError, match=r"sweep\.json is not what RANS writes there"):
-        rans.report(tmp_path)
 
 
 @COUNTS

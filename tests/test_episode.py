@@ -12,7 +12,6 @@ import pytest
 import torch
 
 from rans.episode import Episode, Setup, World, step
-from rans.errors import ConfigError
 from rans.fast import Engine
 from rans.flight import fly
 from rans.model.drift import ClohessyWiltshire, Drift, step_goal
@@ -240,12 +239,6 @@ def test_controllers_are_told_what_sensors_tell() -> None:
         assert np.array_equal(told[3:5], true[3:5])
         away = np.hypot(seen[:, 6], seen[:, 7])  # the way to go, m
         np.testing.assert_allclose(away, np.hypot(*(goal - told[:2])), rtol=1e-6)
-
-
-def test_conditions_without_draws_are_a_sentence() -> None:
-    world, starts, *_ = under(BLIND)
-    with pytest.raises(ConfigError, match="drawn by its seed and number: give `draws`"):
-        world.begin(starts.start, starts.goal)
 
 
 def test_an_episode_of_conditions_that_promise_all_is_that_of_none() -> None:

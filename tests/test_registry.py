@@ -15,7 +15,7 @@ import gymnasium
 import pytest
 
 from rans.errors import ConfigError, meant
-from rans.registry import Registry, resolve_typed, typed
+from rans.registry import Registry, typed
 from rans.tasks import TASKS, GoToPose, SingleTask
 from tests.support.processes import printed
 
@@ -325,14 +325,6 @@ def test_a_word_that_is_no_slip_of_a_name_suggests_nothing() -> None:
     known = ["switching", "lqr", "dock"]
     assert [meant(word, known) for word in ("nothing", "something", "rocket")] == ["", "", ""]
     assert meant("lrq", known) == " (did you mean lqr?)"
-
-
-def test_a_class_of_a_function_has_no_name(here: Path) -> None:
-    """As a task that a notebook's function defines: nobody finds it by its module."""
-    (here / "mine.py").write_text("def make():\n    class Task: ...\n    return Task\n")
-    with pytest.raises(ConfigError, match="defined inside a function"):
-        resolve_typed("mine:make.<locals>.Task")
-    sys.modules.pop("mine", None)
 
 
 def test_names_of_the_distribution_of_rans_are_its_own(monkeypatch: pytest.MonkeyPatch) -> None:

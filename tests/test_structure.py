@@ -13,33 +13,6 @@ from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
 from rans.randomization.conditions_file import load_conditions
 from rans.structure import read_toml
 
-PARTS = "a." * 20_000 + "b = 1"
-
-
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        (PARTS, "at most 16 parts"),
-        ('"a" . ' * 20_000 + "b = 1", "at most 16 parts"),
-        (f"x = {{ y = 1, {PARTS} }}", "at most 16 parts"),
-        # The fourth quote belongs to the text; taken for the beginning of another it would hide the key.
-        (f'x = {{ y = """z"""", {PARTS}, w = "" }}', "at most 16 parts"),
-        (f"x = {{ y = '''z'''', {PARTS}, w = '' }}", "at most 16 parts"),
-        ("".join(f"[{'a.' * 800}b{k}]\n" for k in range(600)), "at most 16 parts"),
-        (
-            "".join(f"[{'a.' * 800}b{k}]\n" for k in range(3000)),
-            "at most 1,048,576 characters beside",
-        ),
-        ("x = " + "[" * 200 + "]" * 200, "at most 64 deep"),
-        ("# " + "x" * 2**24, "at most 16,777,216 characters"),
-    ],
-    ids=["key", "quoted", "inline", "quotes", "literal", "tables", "long", "deep", "comment"],
-)
-def test_what_takes_long_is_told_at_once(text: str, sentence: str) -> None:
-    """Each is refused by its bound, before it is read; read, the sixth takes minutes."""
-    with pytest.raises(ConfigError, match=sentence):
-        read_toml(text)
-
 
 def test_dots_elsewhere_are_no_keys() -> None:
     numbers = [k + 0.5 for k in range(100)]

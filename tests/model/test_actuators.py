@@ -8,8 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from rans.effectors.commands import action_space, check_commands
-from rans.errors import ConfigError
+from rans.effectors.commands import action_space
 from rans.model.actuators import ON_OFF, OnOff, Pulsed, Throttle
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import parse_spacecraft
@@ -103,17 +102,6 @@ def test_a_command_below_half_the_least_level_shuts_an_engine(least: float) -> N
     assert [*engine.levels(given)] == pytest.approx([0.0, 0.0, least, least, 0.9])
     arrays = engine.levels([np.array(given)])
     np.testing.assert_allclose(arrays[0], [0.0, 0.0, least, least, 0.9])
-
-
-def test_what_can_be_followed_is_not() -> None:
-    check_commands(craft_with(OnOff(), 2), np.array([True, False]))
-    check_commands(
-        craft_with(Throttle(), 2), np.array([[0.0, 0.5], [1.0, 0.3]], dtype=np.float32), 2
-    )
-    with pytest.raises(
-        ConfigError, match=r"must be 100 times 2 numbers, .* got numbers from 0\.0 to 2\.0"
-    ):
-        check_commands(craft_with(OnOff(), 2), np.linspace(0, 2, 200).reshape(100, 2), 100)
 
 
 def test_files_say_which() -> None:

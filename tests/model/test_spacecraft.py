@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.errors import ConfigError, counted
+from rans.errors import ConfigError
 from rans.model.dynamics import wrench
 from rans.model.joined import joined
 from rans.model.spacecraft import Spacecraft, Thruster, controls_every_direction
@@ -158,15 +158,6 @@ def test_the_platform_survives_the_loss_of_any_one_thruster(missing: int) -> Non
     craft = load_spacecraft("floating-platform")
     rest = tuple(t for i, t in enumerate(craft.thrusters) if i != missing)
     assert controls_every_direction(dataclasses.replace(craft, thrusters=rest))
-
-
-@pytest.mark.parametrize("kept", [(0, 2, 4, 6), (0, 1, 2, 3), (0, 1), (0, 5, 3, 6), (0,)])
-def test_a_thruster_set_without_control_warns(kept: tuple[int, ...]) -> None:
-    """Clockwise torque only; nothing from the lower half; a line; a force without its opposite; one alone."""
-    craft = load_spacecraft("floating-platform")
-    few = tuple(craft.thrusters[i] for i in kept)
-    with pytest.warns(UserWarning, match=f"{counted(len(kept), 'thruster')} cannot push"):
-        dataclasses.replace(craft, thrusters=few)
 
 
 def test_control_depends_on_directions_not_on_strength_or_scale() -> None:

@@ -13,7 +13,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rans.errors import ConfigError, NonFiniteState
+from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, load_policy
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
@@ -381,12 +381,3 @@ def test_files_of_before_prices_fell_and_pulses_held_are_read(
     assert read_policy(file).network.architecture.frugality == AS_TRAINED._replace(
         farthest=0.5, price=2.0
     )
-
-
-def test_weights_that_are_not_finite_are_not_written() -> None:
-    network = contestant("any-craft-2d").network
-    tensors = dict(network.weights())
-    name = next(name for name in tensors if name.endswith("weight"))
-    tensors[name] = torch.full_like(tensors[name], math.nan)
-    with pytest.raises(NonFiniteState, match="not finite"):
-        actor_bytes(network.architecture, tensors, 0)

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from rans.episode import Episode, Setup, World
-from rans.errors import ConfigError
-from rans.model.actuators import Throttle
 from rans.model.fields import leaves
 from rans.model.random import Draws
 from rans.model.spacecraft_file import load_spacecraft
@@ -49,32 +47,6 @@ def test_which_thrusters_are_known_to_be_dead() -> None:
         later,
     ):
         assert (other.dead, other.only_dead) == ((), False)
-
-
-def test_faults_of_thrusters_that_a_craft_lacks_are_refused() -> None:
-    craft = load_spacecraft("floating-platform")
-    Conditions(faults=Faults(thrusters=(7,))).check_craft(craft)
-    with pytest.raises(ConfigError, match=r"thrusters \[8\]; .* numbers 0 to 7"):
-        Conditions(faults=Faults(thrusters=(8,))).check_craft(craft)
-
-
-def test_more_faults_than_thrusters_are_refused() -> None:
-    craft = load_spacecraft("innocube")
-    for faults in (Faults(count=(1.0, 2.0)), Faults(thrusters=(0,))):
-        with pytest.raises(ConfigError, match=r"faults of 1 thrusters .* 'innocube' has none"):
-            Conditions(faults=faults).check_craft(craft)
-
-
-@pytest.mark.parametrize("others", [False, True])
-def test_valves_that_are_not_on_off_have_no_least_time(others: bool) -> None:
-    """Refused where a world is made of both, also when only one of several conditions asks for it."""
-    craft = replace(load_spacecraft("floating-platform"), actuators=Throttle())
-    asked = Conditions(thrusters=Thrusters(least_on=(0.0, 0.4)))
-    conditions = Conditions(others=(asked,)) if others else asked
-    sentence = r"thrusters\.least_on up to 0\.4 s.*'floating-platform' are throttle"
-    with pytest.raises(ConfigError, match=sentence):
-        World(Setup(craft, GoToPose(), conditions=conditions))
-    World(Setup(load_spacecraft("floating-platform"), GoToPose(), conditions=conditions))
 
 
 PLATFORM = load_spacecraft("floating-platform")

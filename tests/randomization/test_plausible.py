@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.stress.effects import applicable_effects
-from rans.fast.engine import Engine
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.model.timing import Timing
-from rans.pretrained import pretrained_folder
 from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
@@ -22,9 +18,8 @@ from rans.randomization.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.randomization.conditions_file import CONDITIONS, load_conditions
+from rans.randomization.conditions_file import CONDITIONS
 from rans.randomization.plausible import implausible
-from rans.tasks import GoToPose
 from tests.support.engines import PLATFORM
 
 
@@ -52,16 +47,6 @@ def test_a_slip_is_named(slip: str) -> None:
         Conditions(disturbances=HARDLY_MEANT[slip].disturbances), others=(HARDLY_MEANT[slip],)
     )
     assert len(implausible(mixed, PLATFORM)) == 1
-
-
-def test_a_flight_warns(tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text("[sensors.position]\nnoise = 5\n")
-    with pytest.warns(UserWarning, match="distance in mm"):
-        Engine(PLATFORM, GoToPose(), 2, conditions=tmp_path / "mine.toml")
-    with pytest.warns(UserWarning, match="distance in mm"):
-        load_policy(pretrained_folder("go-to-pose-2d")).under(
-            load_conditions(tmp_path / "mine.toml")
-        )
 
 
 def test_what_rans_ships_is_meant() -> None:

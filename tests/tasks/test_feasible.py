@@ -15,7 +15,7 @@ from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.model.pace import misfits, seconds_for_a_metre, seconds_for_half_a_turn
 from rans.model.spacecraft import Spacecraft, can_turn
-from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
+from rans.model.spacecraft_file import SPACECRAFT
 from rans.model.timing import Timing
 from rans.tasks import GoToPose, GoToPosition
 from rans.tasks.feasible import warn_of_obstacles
@@ -114,13 +114,6 @@ def test_an_engine_of_a_slow_file_warns_and_a_training_of_what_cannot_turn_is_re
         Engine(tmp_path / "grams.toml", GoToPosition(), 2)
     with pytest.raises(ConfigError, match="cannot turn"):
         tiny_trainer(tmp_path / "run", replace(CONFIG, spacecraft="afrl-deputy"))
-
-
-def test_a_file_with_a_radius_in_mm_warns(tmp_path: Path) -> None:
-    text = SPACECRAFT["floating-platform"].text.replace("radius = 0.31", "radius = 310")
-    (tmp_path / "mine.toml").write_text(text)
-    with pytest.warns(UserWarning, match="radius in mm"):
-        load_spacecraft(tmp_path / "mine.toml")
 
 
 def test_a_radius_that_no_file_has_is_not_suspected() -> None:

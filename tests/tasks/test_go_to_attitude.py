@@ -10,7 +10,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import rans
-from rans.errors import ConfigError
 from rans.evaluation.fly.episodes import EngineName
 from rans.evaluation.measure.metrics import impulses
 from rans.evaluation.stress.effects import applicable_effects
@@ -20,10 +19,6 @@ from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
-from rans.optimal.control.mpc import MPC
-from rans.optimal.control.switching import Switching
-from rans.optimal.trajectory.objectives import objective_of
-from rans.optimal.trajectory.pool import solve_all
 from rans.scenario import scenarios
 from rans.tasks import GoToAttitude, observation
 from rans.tasks.rewards import Transition
@@ -105,12 +100,3 @@ def test_drake_turns_it_alike() -> None:
     assert (ours.states.w.x != drakes.states.w.x).any()
     for a, b in zip(ours.errors().values(), drakes.errors().values(), strict=True):
         np.testing.assert_allclose(a, b, atol=1e-6)
-
-
-def test_what_needs_thrusters_says_so() -> None:
-    for controller in (MPC, Switching):
-        with pytest.raises(ConfigError, match="flies craft with thrusters, and 'innocube' has"):
-            controller("innocube", "go-to-attitude")
-    starts = scenarios(GoToAttitude(), INNOCUBE, 0, 1)
-    with pytest.raises(ConfigError, match="optimal trajectories"):
-        solve_all(INNOCUBE, GoToAttitude(), [objective_of("fuel")], starts)

@@ -7,13 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.errors import ConfigError
 from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose, MultiTask, TrackVelocity, observation
-from rans.tasks.derived import residual
 from rans.tasks.rewards import Transition
 from tests.support.crafts import random_states
 
@@ -100,10 +97,3 @@ def test_parts_carry_their_settings_and_their_evaluation() -> None:
     assert {name: part.flag for name, part in TASK.parts().items()} == FLAGS
     assert {name: type(part) for name, part in TASK.parts().items()}.items() < TASKS.items()
     assert TrackVelocity().parts() == {"": TrackVelocity()}  # a task alone needs no name
-
-
-def test_it_is_judged_one_task_at_a_time() -> None:
-    every = scenarios(MultiTask(), load_spacecraft("free-flyer"), 1, 1)
-    for ask in (MultiTask().tolerances, lambda: residual(MultiTask(), every.start, every.goal)):
-        with pytest.raises(ConfigError, match=r"name one of them"):
-            ask()

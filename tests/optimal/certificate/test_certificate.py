@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import pytest
 
@@ -20,17 +19,8 @@ from rans.optimal.certificate.plane.lattice import Lattice
 from rans.optimal.certificate.problem import Problem
 from tests.support.states import planar
 from tests.support.tiny_lattice import (
-    PERIOD,
     PLATFORM,
 )
-
-
-@pytest.mark.parametrize("steps", [0, -3, math.nan, math.inf, 2.5])
-def test_periods_are_counted(steps: Any) -> None:
-    rest = planar()
-    for ask in (certified_least_fuel, certified_least_time):
-        with pytest.raises(ConfigError, match="at least one control period"):
-            ask(PlanarBounder(Lattice(PLATFORM, PERIOD)), Problem(rest, rest), steps)
 
 
 def test_already_there_costs_nothing() -> None:
