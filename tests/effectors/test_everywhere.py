@@ -27,13 +27,12 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.reference.flight import DrakeMover
-from rans.scenario import draws, scenarios
+from rans.scenario import scenarios
 from tests.support.effector_crafts import CUBESAT, LANDER, WHEELED, commands
 from tests.support.effector_flights import ALL, BOTH, scripted, task_of, untrained_policy
 from tests.support.played import Played
 from tests.support.scripts import module_of
 from tests.support.torquer import TURNED, TURNED_IN_SPACE
-from tests.support.worlds import EFFECTS
 
 OWN = [TURNED, TURNED_IN_SPACE]
 """With an effector of a kind that RANS does not know."""
@@ -107,17 +106,6 @@ def test_drake_flies_an_episode_alike(craft: Spacecraft) -> None:
     store = flown_alike(craft, timing, 3, 2e-6 if craft in OWN else 2e-5)
     assert store.shape == (21, 3)
     assert np.ptp(store) > 1e-3
-
-
-@pytest.mark.parametrize(("effect", "tolerance"), [("rise", 1e-5), ("faults", 1e-7), ("all", 3e-5)])
-def test_drake_flies_alike_under_conditions(effect: str, tolerance: float) -> None:
-    """Valves delay thrusters and dead ones fail, wheels obey at once, and the tank knows what really flows.
-
-    Pushes, and thrusts that change, meet the mean mass of a piece, of whose mass 8e-4 is used.
-    """
-    timing = Timing(episode_steps=12, substeps=4)
-    given = {"conditions": EFFECTS[effect], "draws": draws(5, 4)}
-    assert np.ptp(flown_alike(BOTH, timing, 4, tolerance, **given)) > 0.01
 
 
 @pytest.fixture(scope="module", params=[0, 1, 4], ids=["cubesat", "lander", "both"])

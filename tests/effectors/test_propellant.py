@@ -10,19 +10,15 @@ import pytest
 import torch
 
 import rans
-from rans.effectors.motion import held, states_at_checks
+from rans.effectors.motion import held
 from rans.errors import ConfigError
 from rans.model.accuracy import chosen
 from rans.model.actuators import Propellant
 from rans.model.body import Body
-from rans.model.drift import UniformGravity
 from rans.model.dynamics import PlanarState, undelayed
-from rans.model.fields import Heading, Vec2, leaves
-from rans.model.spacecraft import Spacecraft
+from rans.model.fields import Heading, Vec2
 from rans.model.timing import Timing
 from rans.randomization.conditions import BodyConditions, Conditions
-from rans.reference.flight import rows_from_states, states_from_rows
-from rans.reference.plant import Plant
 from tests.support.effector_crafts import BURNING, LANDER, commands, platform, rocket, states
 
 G0 = 9.80665
@@ -61,32 +57,6 @@ def test_thrust_ends_when_the_tank_is_empty() -> None:
     assert state.p.x[0] == pytest.approx(speed * (1.0 - 0.5 * ends), rel=1e-5)
     after = held(state, craft, Body.of(craft), (1.0,), Timing(control_period=1.0))
     assert (after.v.x[0], after.stores[0][0]) == (state.v.x[0], 0.0)
-
-
-@pytest.mark.parametrize(
-    ("craft", "drift"),
-    [
-        (LANDER, UniformGravity((0.0, 0.0, -3.7114))),
-        (BURNING, UniformGravity((0.3, 0.1))),
-        (replace(BURNING, thrust_sharing="split"), UniformGravity((0.0, 0.0))),
-    ],
-)
-def test_drake_weighs_a_craft_alike(craft: Spacecraft, drift: UniformGravity) -> None:
-    before = states(craft, 5, spin=0.2 if craft.dimension == 2 else 0.0)
-    most = craft.stores[0].high
-    before = replace(before, stores=(np.array([most, 0.5 * most, 0.0004, 0.0001, 0.0]),))
-    given = commands(craft, 5)
-    timing = Timing(control_period=0.2, checks=2, substeps=1)
-    ours = states_at_checks(before, craft, Body.of(craft), tuple(given.T), timing, drift)
-    drake = Plant(craft, 5, drift=drift).states_at_checks(
-        rows_from_states(before), given, 0.2, checks=2
-    )
-    for one, rows in zip(ours, drake, strict=True):
-        other = states_from_rows(rows, before).normalised()
-        np.testing.assert_allclose(
-            np.stack(leaves(one)), np.stack(leaves(other)), rtol=0, atol=2e-8
-        )
-    assert (ours[-1].stores[0][2:] < 1e-12).all()
 
 
 def test_leaking_thrusters_use_propellant_and_dead_ones_none() -> None:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pytest
 import torch
 
 import rans
@@ -14,7 +13,7 @@ from rans.flight import fly
 from rans.model.drift import Drift, UniformGravity
 from rans.model.dynamics import State
 from rans.model.timing import Timing
-from rans.reference.flight import DrakeEnv, DrakeMover
+from rans.reference.flight import DrakeMover
 from rans.scenario import scenarios
 from rans.tasks.observation_terms import ObservationTerm, Scalar
 from rans.tasks.rewards import Transition
@@ -85,13 +84,3 @@ def test_drake_lands_alike_and_pays_alike() -> None:
         np.testing.assert_allclose(paid, drake.rewards()[name], rtol=0, atol=1e-5)
     used = ours.states.stores[0][0] - ours.states.stores[0][-1]
     np.testing.assert_allclose(ours.rewards()["propellant"].sum(axis=0), -0.1 * used, rtol=1e-9)
-
-
-def test_the_drake_environment_shows_it() -> None:
-    env = DrakeEnv("go-to-position", 3, spacecraft=LANDER, task=Descend(), timing=TIMING)
-    seen, _ = env.reset(seed=0)
-    assert seen[COLUMN] == pytest.approx(400.0)
-    seen = env.step(np.full(6, 0.5, np.float32))[0]
-    assert seen[COLUMN] == pytest.approx(
-        400.0 - 0.5 * 6 * 0.5 * 3100.0 / (225.0 * 9.80665), abs=1e-3
-    )

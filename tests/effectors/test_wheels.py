@@ -3,56 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import pytest
 
 from rans.effectors.motion import held
 from rans.model.body import Body
-from rans.model.fields import Vec3
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.reference.flight import rows_from_states, states_from_rows
-from rans.reference.plant import Plant
-from tests.support.effector_crafts import CUBESAT, UNEVEN, WHEELED, commands, states
-
-FINE = Timing(control_period=1.0, substeps=32)
-
-
-def total_momentum(craft: Spacecraft, state: Any) -> np.ndarray:
-    """Angular momentum of craft and wheels in W, (3, N) N m s, by matrices."""
-    w = np.array(state.w.columns())
-    axes = np.array([wheel.axis for wheel in craft.wheels]).T
-    in_body = np.array(craft.inertia) @ w + axes @ np.array(state.stores)
-    return np.array(state.attitude.rotate(Vec3(*in_body)).columns())
-
-
-@pytest.mark.parametrize("craft", [CUBESAT, UNEVEN], ids=lambda craft: craft.name)
-def test_motors_change_no_angular_momentum_of_craft_and_wheels(craft: Spacecraft) -> None:
-    before = states(craft, 20)
-    given = commands(craft, 20)
-    given[:, : len(craft.thrusters)] = 0.0
-    after = held(before, craft, Body.of(craft), tuple(given.T), FINE)
-    assert np.abs(np.array(after.stores) - np.array(before.stores)).max() > 1e-3
-    np.testing.assert_allclose(
-        total_momentum(craft, after), total_momentum(craft, before), rtol=0, atol=1e-12
-    )
-
-
-def test_wheels_of_a_craft_that_burns_propellant_agree_with_drake() -> None:
-    """Mass falls by 0.07 % in a period: with its mean the spin was off by 1e-6 rad/s."""
-    craft = load_spacecraft("mars-lander-steered")
-    before = states(craft, 16)
-    engines, wheels = np.full((16, 6), 0.8), np.tile([-1.0, 1.0, 0.5], (16, 1))
-    given = np.hstack([engines, wheels])
-    timing = Timing(substeps=32)
-    after = held(before, craft, Body.of(craft), tuple(given.T), timing)
-    rows = Plant(craft, 16).advance(rows_from_states(before), given, timing.control_period)
-    drake = states_from_rows(rows, before)
-    np.testing.assert_allclose(after.w.columns(), drake.w.columns(), rtol=0, atol=5e-8)
-    np.testing.assert_allclose(after.v.columns(), drake.v.columns(), rtol=0, atol=5e-8)
+from tests.support.effector_crafts import CUBESAT, WHEELED, states
 
 
 def test_a_wheel_at_its_limit_only_slows_down() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -18,9 +18,7 @@ import rans
 from rans.episode import Setup
 from rans.fast.engine import Engine
 from rans.fast.flights import Flights
-from rans.fast.learn.config import MemorySettings, PPOSettings, TrainConfig
-from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.trainer import Trainer
+from rans.fast.learn.config import MemorySettings
 from rans.model.fields import Field, leaves
 from rans.model.timing import Timing
 from rans.model.trace import Symbol
@@ -99,13 +97,6 @@ def test_a_task_is_given_tensors_once_a_step_and_never_a_symbol(
         moving = leaves(transition.state)
         assert all(isinstance(x, Tensor) and x.shape == (4,) for x in moving)
         assert all(isinstance(x, Tensor | float) for x in given)
-    assert not witness.symbols
-
-
-@pytest.mark.slow
-def test_no_symbol_is_seen_in_a_whole_training(witness: Witness, tmp_path: Path) -> None:
-    """With its selection."""
-    _trainer(tmp_path, witness).train(lambda _: None)
     assert not witness.symbols
 
 
@@ -226,24 +217,6 @@ def test_an_iteration_touches_few_files_beside_those_of_its_steps() -> None:
     assert len(found) <= LEARNER_FILES, sorted(found)
 
 
-@pytest.mark.slow
-def test_what_is_printed_and_generated_is_not_touched() -> None:
-    def train(plain: bool) -> None:
-        engine = Engine(PLATFORM, "go-to-pose", 16, SHORTEST, plain=plain)
-        rans.PPO(engine, n_steps=4).learn(64)
-
-    plain = touched(lambda: train(plain=True))
-    fast = touched(lambda: train(plain=False))
-    generated = {
-        "model/trace.py",
-        "compile/cpu/program.py",
-        "compile/cpu/llvm.py",
-        "compile/cpu/matmul.py",
-    }
-    assert generated & fast.keys()
-    assert not generated & plain.keys()
-
-
 def touched(action: Callable[[], object]) -> Counter[str]:
     """How many functions of each of our files an action calls."""
     found = Counter[str]()
@@ -259,18 +232,3 @@ def touched(action: Callable[[], object]) -> Counter[str]:
     finally:
         sys.settrace(before)
     return found
-
-
-def _trainer(folder: Path, task: Task, **others: Any) -> Trainer:
-    config = TrainConfig(
-        "tests.fast.test_plain:Witness",
-        task,
-        PLATFORM.name,
-        PPOSettings(n_envs=8, n_steps=16, batch_size=64),
-        timing=SHORT,
-        total_timesteps=512,
-        report_interval=2,
-        plain=True,
-        **others,
-    )
-    return Trainer(replace(config), PLATFORM, RunFolder(folder / "run"))

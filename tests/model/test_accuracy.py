@@ -138,15 +138,6 @@ def test_too_fast_for_its_period_is_said_with_numbers() -> None:
         assert chosen(rod(0.1), Timing(1.0)).substeps == MOST
 
 
-def test_a_body_that_differs_takes_more() -> None:
-    """Half the inertia turns twice as fast; the lightest of many decides."""
-    craft = rod(0.1)
-    nominal = Body.of(craft)
-    many = replace(nominal, inertia=tuple(x * np.array([1.0, 2.0, 0.5]) for x in nominal.inertia))
-    timing = Timing(0.2)
-    assert (chosen(craft, timing, many).substeps or 0) > (chosen(craft, timing).substeps or 0)
-
-
 def test_faults_count_with_what_they_leave_of_each_thruster() -> None:
     """A nozzle stuck open in some episodes is no stronger in any: it takes no more steps than a sound one."""
     craft = rod(0.1)

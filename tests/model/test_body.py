@@ -183,7 +183,3 @@ def test_a_flat_body_in_float32_is_rigid() -> None:
     """The third moment of a disc is the sum of the others, up to float32's rounding."""
     side = torch.tensor([0.1, 0.3, 0.7, 1.1])
     Engine(FLYER, NEAR, 4, body=Body(5.0, (side, 0.0, 0.0, 1.7 * side, 0.0, 2.7 * side)))
-
-
-def test_one_number_for_all_is_no_field() -> None:
-    assert Engine(PLATFORM, NEAR, 4).body == Body.of(PLATFORM)

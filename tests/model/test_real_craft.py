@@ -11,7 +11,6 @@ import pytest
 from rans.model.body import Body
 from rans.model.dynamics import thrust
 from rans.model.spacecraft import (
-    Spacecraft,
     can_turn,
     controls_every_direction,
     wrenches_either_way,
@@ -19,8 +18,6 @@ from rans.model.spacecraft import (
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.faults import fault_sets
 from tests.support.crafts import REAL_CRAFT
-from validation.study.checks import Check
-from validation.study.dynamics import acceleration_checks, mass_checks, thruster_checks
 
 INCH = 0.0254
 """m."""
@@ -159,16 +156,3 @@ def test_single_faults(name: str) -> None:
     kinds: Any = ("dead", "stuck-open")
     counts = tuple(sum(one.recoverable for one in fault_sets(craft, 1, kind)) for kind in kinds)
     assert counts == SINGLE_FAULTS[name]
-
-
-@pytest.mark.parametrize("name", REAL_CRAFT)
-def test_drake_builds_the_same_craft(name: str) -> None:
-    craft: Spacecraft = load_spacecraft(name)
-    checks: list[Check] = [
-        *thruster_checks(craft),
-        *mass_checks(craft),
-        *acceleration_checks(craft, seed=3, count=16),
-    ]
-    assert checks
-    for check in checks:
-        assert check.passed, f"{check.name}: {check.worst}"

@@ -28,11 +28,3 @@ def test_one_step_would_not_do() -> None:
     with pytest.warns(UserWarning, match="set timing.substeps to 2 or more"):
         flight = fly(craft, GoToPose(), pilot, starts, Timing(period, 1, 78))
     assert gap(flight.states, integrated(flight))["attitude"] > BOUND
-
-
-def test_the_random_craft_differ_in_everything() -> None:
-    crafts = [random_craft(number) for number in range(40)]
-    assert {craft.dimension for craft, _ in crafts} == {2, 3}
-    assert {craft.thrust_sharing for craft, _ in crafts} == {"none", "split"}
-    assert {craft.actuators.kind for craft, _ in crafts} == {"on-off", "throttle", "pulsed"}
-    assert len({period for _, period in crafts}) == 40

@@ -136,26 +136,6 @@ def count(program: StepProgram) -> tuple[int, int]:
     return len(going), len(every - going)
 
 
-def moved(program: StepProgram, action_bytes: int) -> int:
-    """Bytes a step must read and write where no episode ends, in float32."""
-    size = {"float": 4, "int": 4, "signed char": 1}
-    used = set(ordered([program.ended, *(store.value for store in program.going())]))
-    read = sum(size[given.type] for given in program.memory if given.symbol in used)
-    kinds = {
-        "memory": lambda store: size[program.memory[store.row].type],
-        "reals": lambda _: 4,
-        "flags": lambda _: 1,
-    }
-    return action_bytes + read + sum(kinds[store.array](store) for store in program.going())
-
-
-def test_what_a_step_moves() -> None:
-    """Plane: six numbers of state and the clock read and written, goal's heading, ten of observation, five
-    terms, reward, three flags; nothing of the final observation."""
-    assert moved(traced(PLATFORM, GoToPose()), 8) == 8 + 2 * 4 * 7 + 4 + 4 * (10 + 5 + 1) + 3
-    assert moved(traced(FLYER, GoToPose()), 16) == 16 + 2 * 4 * 14 + 16 + 4 * (22 + 5 + 1) + 3
-
-
 @pytest.mark.parametrize(
     ("craft", "single", "multi"),
     [

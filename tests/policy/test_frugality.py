@@ -14,12 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import Agent, load_policy
+from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
-from rans.evaluation.measure.metrics import settling_times
 from rans.fast.agent_files.agent import actor_bytes, read_policy
 from rans.policy.any_craft import frugal as at_value
 from rans.policy.authority import Authority, of_body, shortened
@@ -64,20 +63,6 @@ def test_the_value_0_of_an_agent_without_further_weights_is_the_agent_as_it_was_
     fast = at_value(alone, 0.0, 3.5)
     assert own.architecture.frugal == fast.architecture.frugal == ()
     assert all(torch.equal(x, fast.tensors[name]) for name, x in own.tensors.items())
-
-
-def test_what_the_platform_can_do_along_its_way_saves_time() -> None:
-    """Four of its thrusters push along an axis of B, two between the axes; the least is not all that there is."""
-    run = contestant("any-craft-2d#0")
-    own = run.network
-    assert own.architecture.reach[0] == pytest.approx(math.sqrt(2.0) * own.architecture.reach[4])
-    plain = Network(replace(own.architecture, reach=()), own.tensors)
-    slow = run._replace(controller=Agent(plain, "plain", run.craft))
-    times = [
-        settling_times(fly_episodes(one.controller, one.judged, 77, 96, workers=1)).mean()
-        for one in (run, slow)
-    ]
-    assert times[0] < 0.99 * times[1]
 
 
 def test_the_ways_are_those_of_the_craft_that_flies() -> None:

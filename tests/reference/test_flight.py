@@ -11,8 +11,6 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
-from rans.flight import fly
-from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
@@ -25,81 +23,14 @@ from rans.reference.flight import (
     replay,
 )
 from rans.scenario import scenarios
-from rans.tasks import GoToPose, gymnasium_ids, observation_width
+from rans.tasks import GoToPose, gymnasium_ids
 from tests.support.crafts import ANY_CRAFT, nasty_planar, nasty_spatial, random_states
-from tests.support.played import Played
 from tests.support.random_flights import Random
-from validation.study.conditions import Watching
 from validation.study.sampling import Restless, gap
 
 TASK = GoToPose()
 CRAFTS = [replace(nasty_planar(), thrust_sharing="split"), nasty_spatial()]
 by_name = pytest.mark.parametrize("craft", CRAFTS, ids=lambda craft: craft.name)
-
-
-@by_name
-def test_closed_loop_agrees_with_our_equations(craft: Spacecraft) -> None:
-    """The same decisions, so the same commands, and states within the accuracy of 64 substeps."""
-    timing = Timing(substeps=64, episode_steps=10)
-    starts = scenarios(TASK, craft, 5, 2)
-    ours = fly(craft, TASK, Restless(craft, 1), starts, timing)
-    drake = fly_in_drake(craft, TASK, Restless(craft, 1), starts, timing)
-    assert np.array_equal(drake.commands, ours.commands)
-    assert 0.05 < ours.commands.mean() < 0.95, "a controller that does something"
-    assert max(gap(drake.states, ours.states).values()) < 1e-8  # truncation over 2 s
-    assert (drake.engine, drake.controller) == ("drake", "restless")
-
-
-@dataclass(frozen=True)
-class Low(GoToPose):
-    """On an orbit so low that a second of it is felt."""
-
-    @property
-    def drift(self) -> Drift:
-        return ClohessyWiltshire(0.2)
-
-
-@by_name
-def test_other_bodies_on_an_orbit_fly_alike(craft: Spacecraft) -> None:
-    """Each spacecraft with a mass and a weak thruster of its own; both matter by centimetres and more."""
-    timing = Timing(substeps=16, episode_steps=5)
-    starts = scenarios(TASK, craft, 5, 3)
-    count = len(craft.thrusters)
-    body = replace(
-        Body.of(craft),
-        mass=np.array([4.0, 7.0, 12.0]),
-        gain=(np.array([1.0, 0.3, 0.0]), *(1.0,) * (count - 1)),
-    )
-    ours = fly(craft, Low(), Restless(craft, 1), starts, timing, body=body)
-    drake = fly_in_drake(craft, Low(), Restless(craft, 1), starts, timing, body)
-    assert max(gap(drake.states, ours.states).values()) < 1e-8  # truncation over 1 s
-    for other in (
-        fly_in_drake(craft, TASK, Restless(craft, 1), starts, timing, body),
-        fly_in_drake(craft, Low(), Restless(craft, 1), starts, timing),
-    ):
-        assert max(gap(other.states, ours.states).values()) > 0.01
-    commands = drake.commands[:, 0]
-    start = map_leaves(lambda x: float(x[0]), starts.start)
-    alone = fly(
-        craft, Low(), Played(commands[:, None]), map_leaves(lambda x: x[:1], starts), timing
-    )
-    again = replay(craft, start, commands, timing, Low().drift)
-    for told, flown in zip(leaves(again.p), leaves(alone.states.p), strict=True):
-        np.testing.assert_allclose(told, flown[:, 0], rtol=0, atol=1e-8)
-
-
-@by_name
-def test_controllers_see_what_the_task_shows(craft: Spacecraft) -> None:
-    watching = Watching(craft, 2)
-    flight = fly_in_drake(
-        craft, TASK, watching, scenarios(TASK, craft, 0, 3), Timing(episode_steps=15)
-    )
-    assert {x.shape for x in watching.seen} == {(3, observation_width(GoToPose(), craft.dimension))}
-    assert {x.dtype for x in watching.seen} == {np.dtype(np.float32)}
-    # The flight records the states that were seen: headings wrapped, quaternions of unit length.
-    assert np.array_equal(
-        np.array(leaves(flight.states))[:, :-1], np.stack(watching.states, axis=1)
-    )
 
 
 @by_name

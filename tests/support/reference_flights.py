@@ -6,24 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from rans.flight import Flight, fly
+from rans.flight import Flight
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.lqr import LQR
-from rans.scenario import scenarios
-from rans.tasks import GoToPose, Task, TrackVelocityHeading
+from rans.tasks import Task
 
 FLYER = load_spacecraft("free-flyer")
-
-
-def lqr_flight(craft: Spacecraft = FLYER, episodes: int = 2, steps: int = 125) -> Flight:
-    """To poses, from starts that agents are judged on."""
-    timing = Timing(episode_steps=steps)
-    task = GoToPose().for_evaluation()
-    return fly(craft, task, LQR(craft, task, timing), scenarios(task, craft, 7, episodes), timing)
 
 
 def drifting(task: Task, speed: float = 0.5, steps: int = 10) -> Flight:
@@ -45,6 +35,3 @@ def drifting(task: Task, speed: float = 0.5, steps: int = 10) -> Flight:
     commands = np.zeros((steps, 1, len(FLYER.thrusters)))
     commands[1, 0, 11] = 1.0
     return Flight(FLYER, task, Timing(episode_steps=steps), states, goal, commands, "nobody")
-
-
-TRACKING = TrackVelocityHeading()
