@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,8 +13,8 @@ from tyro.conf import arg
 from rans.api.judging import compare
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
+from rans.cli.next_commands import after
 from rans.errors import ConfigError, RansError, counted
-from rans.evaluation.fly.controllers import default_opponents
 from rans.table import Table
 from rans.terminal import Terminal
 
@@ -23,12 +23,11 @@ if TYPE_CHECKING:
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.fly.contestant_name import ContestantName
     from rans.evaluation.measure.statistics import Estimate
-    from rans.tasks import Task
 
 
 @command_of(
     compare,
-    without=("workers", "show"),
+    without=("workers", "show", "guard_slack"),
     contestants=word("RUN...", tuple[str, ...]),
     beside=Annotated[tuple[str, ...] | None, arg(name="with", metavar="[NAME|optimal ...]")],
 )
@@ -52,7 +51,7 @@ class Compare(Options):
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        return (shlex.join(["rans", "view", *self.contestants]),)
+        return after(self, "compare", *self.contestants)
 
     def run(self) -> int:
         """Print the table of scores, and write page and numbers; 1 if a contestant could not fly."""
@@ -65,29 +64,7 @@ class Compare(Options):
         comparison = self.call(contestants=tuple(contestants), output=folder, show=show)
         if line := _without_training(contestants, comparison.contest):
             Terminal().say(line)
-        flown = {entry.contestant.registered for entry in comparison.entries[1:]}
-        self._suggest(comparison.contest.task, flown)
         return 1 if comparison.failures else 0
-
-    def _suggest(self, task: Task, flown: Collection[str]) -> None:
-        """Print commands that a user may want to run next, with the options of this one."""
-        run = self.contestants[0]
-        controllers = self._controllers(task, flown)
-        guard = self.changed("guard", "guard_slack")
-        same = [*guard, *self.changed("start", "goal", "zones", "conditions", "seed", "engine")]
-        trust = ["--trust"] if self.trust else []
-        same += trust
-        view = shlex.join(["rans", "view", run, *controllers, *same])
-        stress = shlex.join(["rans", "stress", run, *controllers, *guard, *trust])
-        # Only a comparison has opponents and certified bounds.
-        again = self.changed("episodes", "certified", "period", "output", "beside")
-        full = shlex.join(["rans", "compare", *self.contestants, *same, *again, "--full"])
-        Terminal().suggest(*([] if self.full else [full]), view, stress)
-
-    def _controllers(self, task: Task, flown: Collection[str]) -> list[str]:
-        """First further controller that has flown this craft, to view beside the first contestant."""
-        opponents = default_opponents(task) if self.beside is None else self.beside
-        return [name for name in opponents if name in flown][:1]
 
     def _check(self) -> None:
         """Reject (`ConfigError`) wrong options before anything is loaded."""

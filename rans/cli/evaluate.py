@@ -12,6 +12,7 @@ from rans.api.judging import evaluate, flown, own_endpoints
 from rans.choices import EngineName
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
+from rans.cli.next_commands import after
 from rans.cli.options import Trust
 from rans.errors import is_installed
 from rans.files import (
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.contestant_name import ContestantName
     from rans.evaluation.measure.aggregate import Metrics
     from rans.flight import Flight
-    from rans.model.spacecraft import Spacecraft
     from rans.randomization.conditions import Conditions
 
 _KEPT = 2**16
@@ -48,15 +48,6 @@ FLIGHT_FILES: Registry[Callable[[Flight, Path], str]] = Registry(
 )
 """Forms in which installed packages write flights, by the name of their folder: functions of the flight and the
 folder, whose result says what they are; empty: there are none of such a flight."""
-
-
-def _flies_in_drake(craft: Spacecraft) -> bool:
-    """Whether Drake is installed and every effector of a craft has its half there (`rans.drake_effectors`)."""
-    if not craft.mounted or not is_installed("pydrake"):
-        return is_installed("pydrake")
-    from rans.reference.further import REGISTERED
-
-    return all(type(effector).__name__ in REGISTERED for effector in craft.mounted)
 
 
 @command_of(evaluate, agent=word("RUN"), engine=Literal["fast", "drake", "both"])
@@ -91,7 +82,7 @@ class Evaluate(Options):
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        return (shlex.join(["rans", "compare", self.agent]),)
+        return after(self, "evaluate", str(self.agent))
 
     def run(self) -> int:
         """Print the tables of metrics; a multi-task agent is evaluated on each of its tasks."""
@@ -143,35 +134,7 @@ class Evaluate(Options):
         file = self._write(run, results, measured, next(iter(flights.values())))
         page = file.with_suffix(".html")
         Terminal().say(f"Written to {page}, {file.name}{written}.")
-        self._suggest(run.craft)
         return passed
-
-    def _suggest(self, craft: Spacecraft) -> None:
-        """Print commands that a user may want to run next, with the options of this one."""
-        more = [] if self.full else ["--full"]
-        same = self.changed("guard", "guard_slack", "conditions", "start", "goal", "zones", "seed")
-        same += ["--trust"] if self.trust else []
-        # Only this command has its protocols, and its number of episodes suits only itself.
-        own = self.changed("guard_coasts", "protocol", "period", "episodes")
-        period = self.changed("period")
-        drake = ["--engine", "drake"]
-        engine = self.changed("engine")
-        again = shlex.join(["rans", "evaluate", str(self.agent), *same, *own, *engine, *more])
-        judged = shlex.join(["rans", "evaluate", str(self.agent), *same, *own, *drake])
-        judges = [] if engine or not _flies_in_drake(craft) else [judged]
-        first = [f"{again}   # all metrics"] if more else judges
-        # Comparisons and pages cannot keep coasts safe: they would fly another filter.
-        others = () if self.guard_coasts else ("compare", "view")
-        same += drake if self.engine == "drake" else []
-        Terminal().suggest(
-            *first,
-            *(
-                shlex.join(
-                    ["rans", other, str(self.agent), *same, *(period if other == "compare" else [])]
-                )
-                for other in others
-            ),
-        )
 
     def _many(self, run: LoadedRun) -> bool:
         """Whether there are too many flights to store, and their metrics can be computed without that."""

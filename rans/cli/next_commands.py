@@ -1,12 +1,54 @@
-"""What a user may do next with a spacecraft: commands of which it can do what they ask."""
+"""What a user may do next: with a result, by the table `NEXT`, and with a spacecraft, what it can do."""
 
 from __future__ import annotations
 
 import shlex
+from dataclasses import fields
 
+from rans.cli.commands import COMMANDS
+from rans.cli.door import Options
 from rans.model.spacecraft import Spacecraft, controls_every_direction
 from rans.pretrained import FOR_ANY_CRAFT
 from rans.tasks.feasible import fitting_task
+
+NEXT = {
+    "evaluate": ("evaluate --full", "compare", "view"),
+    "compare": ("compare --full", "view", "stress"),
+    "view": ("compare",),
+}
+"""Commands that follow the flights of a command; the same one again prints more."""
+_OF_ITSELF = {"episodes", "output", "full", "seconds", "period"}
+"""Options that suit the command that has them, and are left out of others."""
+
+
+_NOT_REPEATED = {"agent", "contestants", "trust"}
+"""Words, and what `rans.cli.next_of` adds."""
+
+
+def after(command: Options, name: str, *contestants: str) -> tuple[str, ...]:
+    """Commands that follow a command about the same contestants, with its options as far as they have them.
+
+    Args:
+        command: what has run.
+        name: its name.
+        *contestants: whom it flew; commands but for the same one are about the first.
+    """
+    own = {field.name for field in fields(command)}
+    lines = []
+    for line in NEXT[name]:
+        other, *more = line.split()
+        again = other == name
+        if again and command.full:
+            continue
+        # A command of a package that is not installed is named without options.
+        theirs = {field.name for field in fields(COMMANDS[other])} if other in COMMANDS else set()
+        same = (own & theirs) - _NOT_REPEATED - ({"full"} if again else _OF_ITSELF)
+        if getattr(command, "engine", "") == "both" and not again:
+            same -= {"engine"}
+        who = contestants if again else contestants[:1]
+        options = command.changed(*(field.name for field in fields(command) if field.name in same))
+        lines.append(shlex.join(["rans", other, *who, *options, *more]))
+    return tuple(lines)
 
 
 def with_spacecraft(craft: Spacecraft, name: str) -> tuple[str, ...]:

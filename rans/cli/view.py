@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import contextlib
-import shlex
 import time
 from collections.abc import Callable
 
 from rans.api.pages import flyers, is_optimum, view
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
+from rans.cli.next_commands import after
 from rans.errors import ConfigError
 from rans.terminal import Terminal, doing
 
 
-@command_of(view, contestants=word("RUN...", tuple[str, ...]))
+@command_of(view, without=("guard_slack",), contestants=word("RUN...", tuple[str, ...]))
 class View(Options):
     """Replay flights in three dimensions in the browser, in real time; Ctrl-C ends it.
 
@@ -40,7 +40,7 @@ class View(Options):
         first = self.contestants[0]
         if is_optimum(first):
             return ("rans list CONTROLLERS",)
-        return (shlex.join(["rans", "compare", first]),)
+        return after(self, "view", first)
 
     def run(self) -> int:
         """Serve the page until an interrupt, or write the requested files; the exit code is 0."""
@@ -82,7 +82,7 @@ class View(Options):
 
         if len(self.contestants) != 1:
             raise ConfigError(f"one contestant flies with --play, got {len(self.contestants)}.")
-        (run,) = flyers(self.contestants, self.conditions, self.trust, self.guard, self.guard_slack)
+        (run,) = flyers(self.contestants, self.conditions, self.trust, self.guard)
         with doing("printing the step and the policy as JavaScript", in_log=False):
             page = playground(run, self.seed, self.episode)
         if self.save is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +12,9 @@ from typing import Any
 import pytest
 
 from rans.api.judging import starts_of
-from rans.cli import main
+from rans.cli import _parse, main, next_of
 from rans.cli.compare import Compare, _without_training
+from rans.cli.evaluate import Evaluate
 from rans.evaluation.compare.bounds import Bound
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import at_values, contest_of, enlisted
@@ -21,7 +23,6 @@ from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.optimal.trajectory.objectives import Objective
-from rans.tasks import GoToPose
 
 IDLE = "python:tests.support.policies:idle"
 
@@ -135,7 +136,6 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
             "go-to-pose-2d-trade-off#",
             "go-to-pose-2d-trade-off has a trade-off: fix it, as in go-to-pose-2d-trade-off#0.5",
         ),
-        ("avoid-2d --guard-slack 0.1", "fly behind one, by --guard"),
     ],
 )
 def test_mistakes_end_in_a_sentence(typed: str, sentence: str, refused: Any) -> None:
@@ -244,30 +244,22 @@ def test_the_file_of_a_craft_alone_is_the_agent_for_any_craft_from_fast_to_fruga
     assert {one.knows for one in found} == {"state, exact model"}
 
 
-def test_next_commands_have_the_options_of_the_comparison(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    options: dict[str, Any] = {
-        "conditions": "lab",
-        "seed": 3,
-        "engine": "drake",
-        "episodes": 7,
-        "certified": 0,
-    }
+def test_next_commands_have_the_options_of_the_comparison() -> None:
+    """As far as they have them: a page has no bounds, and a stress test no seed."""
+    options: dict[str, Any] = {"seed": 3, "engine": "drake", "episodes": 7, "certified": 0}
     command = Compare(("runs/a", "lqr"), beside=("mpc",), output=Path("o"), **options)
-    command._suggest(GoToPose(), {"mpc"})
-    same = "--conditions lab --seed 3 --engine drake"
-    lines = [line.partition("   # first")[0] for line in capsys.readouterr().out.splitlines()]
-    assert lines[1:] == [
-        f"  rans compare runs/a lqr {same} --episodes 7 --certified 0 --output o --with mpc --full",
-        f"  rans view runs/a mpc {same}",
-        "  rans stress runs/a mpc",
+    assert [*command.following()] == [
+        "rans compare runs/a lqr --with mpc --episodes 7 --certified 0 --seed 3 --engine drake --output o --full",
+        "rans view runs/a --seed 3 --engine drake",
+        "rans stress runs/a",
     ]
-    # A controller that could not fly this craft cannot be viewed either.
-    command._suggest(GoToPose(), {"lqr"})
-    assert [" mpc " in f"{line} " for line in capsys.readouterr().out.splitlines()[2:]] == [
-        False
-    ] * 2
-    Compare(("runs/a", "lqr"), trust=True)._suggest(GoToPose(), {"lqr"})
-    trusting = capsys.readouterr().out.splitlines()[1:]
-    assert ["--trust" in line.split() for line in trusting] == [True] * 3
+    for name in ("evaluate", "compare", "view"):
+        asked = _parse([name, "avoid-2d", "--guard", "--conditions", "lab", "--trust"])
+        for line in next_of(asked):
+            assert {"--guard", "lab", "--trust"} <= {*line.split()}
+            _parse(shlex.split(line)[1:])
+    both = Evaluate(ContestantName.parse("lqr:go-to-pose-2d"), engine="both", full=True)
+    assert [*both.following()] == [
+        "rans compare lqr:go-to-pose-2d",
+        "rans view lqr:go-to-pose-2d",
+    ]

@@ -13,10 +13,8 @@ from rans.cli import main
 from rans.cli.evaluate import Evaluate, _remedy
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
-from rans.model.spacecraft_file import load_spacecraft
 from rans.show.pages.report import report_from_run
 from rans.tasks.multi_task import MultiTask
-from tests.support.torquer import Torquer
 from tests.support.training import CONFIG, tiny_trainer
 
 
@@ -198,22 +196,6 @@ def test_behind_the_filter_no_controller_is_said_to_violate_constraints(
 ) -> None:
     assert main(["evaluate", "lqr:avoid-2d", "--episodes", "1", *guard]) == 0
     assert ("constraints of Avoid" in capsys.readouterr().err) is not bool(guard)
-
-
-class Unknown(Torquer):
-    """Nobody told Drake of it."""
-
-
-@pytest.mark.parametrize("kind", [Torquer, Unknown])
-def test_drake_is_suggested_for_craft_that_it_can_fly(
-    kind: type[Torquer], capsys: pytest.CaptureFixture[str]
-) -> None:
-    craft = load_spacecraft("floating-platform")
-    turned = replace(craft, further_effectors=(kind((0.0, 0.0, 1.0), 0.1, 1.0),))
-    command = Evaluate(ContestantName.parse("lqr:go-to-pose-2d"), full=True)
-    for flown, is_known in ((craft, True), (turned, kind is Torquer)):
-        command._suggest(flown)
-        assert ("--engine drake" in capsys.readouterr().out) == is_known
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ def test_an_option_twice_is_told(
     )
 
 
-@pytest.mark.parametrize("command", ["compare", "evaluate", "fly", "stress", "view"])
+@pytest.mark.parametrize("command", ["evaluate", "fly"])
 def test_a_switch_has_one_meaning_and_its_number_an_option_beside_it(command: str) -> None:
     parsed = _parse([command, "avoid-2d", "--guard", "--guard-slack", "0.2"])
     assert (parsed.guard, parsed.guard_slack) == (True, 0.2)

@@ -25,7 +25,7 @@ _SHOWN = 5
 
 @command_of(
     stress,
-    without=("slow_episodes", "seed", "worst", "workers", "show"),
+    without=("slow_episodes", "seed", "worst", "workers", "show", "guard_slack"),
     contestants=word("RUN...", tuple[str, ...]),
 )
 class Stress(Options):
