@@ -24,8 +24,6 @@ _HEADINGS = (
     "over the bound",
     "mean spent",
     "median time, s",
-    "least margin",
-    "unsafe coasts, %",
 )
 
 
@@ -38,7 +36,7 @@ class Mission:
     rows: tuple[tuple[str, str], ...]
     """What each row is, and who flies it in the evidence."""
     passive: tuple[tuple[str, str], ...] = ()
-    """Names in passive-safety.json of contestants, from which times, margins and coasts are."""
+    """Names in passive-safety.json of contestants, from which times are."""
     unit: str = "N s"
 
 
@@ -148,7 +146,7 @@ def rows(docs: Path, mission: str) -> tuple[Sequence[str], list[list[str]]]:
             spent += f", {row['impulse'] / other['impulse']:.2f} of guidance"
         name += ", own deadlines" if asked.condition else ""
         counts = f"{row['starts']:,}", f"{100.0 * row['won']:.1f}"
-        lines.append([_SAFE, name, *counts, "-", spent, *_safe(row)])
+        lines.append([_SAFE, name, *counts, "-", spent, _time(row)])
     # Rows in the order of their kinds: that of safe guidance before agents.
     order = (_BOUND, _CHEAPEST, _FOUND, _GUIDANCE, _SAFE, _AGENT)
     lines.sort(key=lambda line: order.index(line[0]))
@@ -214,17 +212,17 @@ def _bound(mission: str, asked: Mission, flown: dict[str, Any]) -> list[str]:
         "-",
         "1" if known else "-",
         spent,
-        *"---",
+        "-",
     ]
 
 
 def _cells(row: Any, safety: Any, evidence: dict[str, Any], unit: str) -> list[str]:
-    """Starts, won, over the bound, spent, time, margin and coasts of a contestant."""
+    """Starts, won, over the bound, spent and time of a contestant."""
     if row is None:
-        return [*"-------"]
+        return [*"-----"]
     won = _won(row)
     spent = _number(row, "spent") if "spent" in row else row["impulse"]
-    median, *margins = [*"---"] if safety is None else _safe(safety)
+    median = "-" if safety is None else _time(safety)
     if "median" in row:
         # A percentile is the time of a flight, which a median of an even number of flights may not be.
         median = f"{row['median']:,.0f}"
@@ -235,20 +233,12 @@ def _cells(row: Any, safety: Any, evidence: dict[str, Any], unit: str) -> list[s
         over(row),
         _spent(spent, unit),
         median,
-        *margins,
     ]
 
 
-def _safe(row: Any) -> list[str]:
-    """Median time, least margin and unsafe coasts of the flights of passive-safety.json."""
-    quantiles = row["percentiles"]
-    margins = [
-        f"{number(values[-1]):.3g} {name.rpartition(', ')[2]}"
-        for name, values in quantiles.items()
-        if name.startswith("margin of ")
-    ]
-    time = f"{number(quantiles['arrival, s'][0]):,.0f}"
-    return [time, margins[0] if margins else "-", f"{100.0 * row['unsafe']:.1f}"]
+def _time(row: Any) -> str:
+    """Median time of the flights of passive-safety.json."""
+    return f"{number(row['percentiles']['arrival, s'][0]):,.0f}"
 
 
 def _spent(value: float, unit: str) -> str:
