@@ -11,7 +11,7 @@ from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.tasks import Task
+from rans.tasks import Task, TrackVelocityHeading
 
 FLYER = load_spacecraft("free-flyer")
 
@@ -35,3 +35,6 @@ def drifting(task: Task, speed: float = 0.5, steps: int = 10) -> Flight:
     commands = np.zeros((steps, 1, len(FLYER.thrusters)))
     commands[1, 0, 11] = 1.0
     return Flight(FLYER, task, Timing(episode_steps=steps), states, goal, commands, "nobody")
+
+
+TRACKING = TrackVelocityHeading()
