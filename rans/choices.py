@@ -13,5 +13,5 @@ ObjectiveName = Literal["fuel", "time", "energy", "tracking", "reward"]
 """What an optimal trajectory minimizes, see `rans.optimal.trajectory.objectives`."""
 Quality = Literal["quick", "good", "best"]
 """Training effort: seconds, minutes on two CPU cores, or minutes on a GPU."""
-LoggerName = Literal["hparams", "wandb", "mlflow"]
+LoggerName = Literal["wandb"]
 """TensorBoard's table of hyper-parameters, Weights & Biases, MLflow."""

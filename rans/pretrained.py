@@ -23,7 +23,7 @@ PACKAGE = "rans_agents"
 RECIPE_FOLDER = FOLDER.parent / "recipes"
 """Folder with a recipe NAME.toml for each agent, installed or not, by which it was trained."""
 _OTHER_RECIPES = ("base-", "best-", "good-", "preset-")
-"""Beginnings of the names of recipes that belong to no agent (`rans.fast.learn.recipes`)."""
+"""Beginnings of the names of recipes that belong to no agent (`rans.fast.learn.config`)."""
 
 
 def agent_recipes() -> list[str]:

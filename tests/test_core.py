@@ -210,10 +210,7 @@ MISSING = [
     ],
     [("pydrake", "validate --quick")],
     [("clarabel", "optimal dock")],
-    [
-        ("matplotlib", "stress go-to-pose-2d --episodes 2"),
-        ("tensorboard", f"train go-to-pose {TINY} --log hparams"),
-    ],
+    [("matplotlib", "stress go-to-pose-2d --episodes 2")],
 ]
 """Modules, and commands that need them before anything else that is not of the core, a process each."""
 

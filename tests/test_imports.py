@@ -99,7 +99,7 @@ DOORS = (
 INNER_DOORS = {
     "rans.evaluation.fly.contestants",  # the text of a contestant names a task and a spacecraft
     "rans.evaluation.fly.contestant_name",  # also of the folder that an agent for any craft is written into
-    "rans.fast.learn.recipes",  # so do training configs, which are files
+    "rans.fast.learn.config",  # so do training configs, which are files
     "rans.optimal.control.arguments",  # controllers are public classes, like Engine
     "rans.tasks",  # hands out load_task of its module names
 }

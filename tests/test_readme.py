@@ -29,9 +29,14 @@ from rans.display import meanings
 from rans.errors import EXTRAS, ConfigError
 from rans.evaluation.measure.metrics import samples
 from rans.fast.learn.algorithms import with_algorithm
-from rans.fast.learn.changes import change_entry
-from rans.fast.learn.config import FilterSettings, MemorySettings, PPOSettings, to_table
-from rans.fast.learn.recipes import training
+from rans.fast.learn.config import (
+    FilterSettings,
+    MemorySettings,
+    PPOSettings,
+    change_entry,
+    to_table,
+    training,
+)
 from rans.flight import fly
 from rans.model.fields import Vec2, map_leaves
 from rans.model.spacecraft import Spacecraft

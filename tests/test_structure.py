@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rans.errors import ConfigError
-from rans.fast.learn.recipes import training
+from rans.fast.learn.config import training
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
 from rans.randomization.conditions_file import load_conditions
 from rans.structure import read_toml

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 from rans.api.agent import Agent
 from rans.api.judging import CRAFT, ConditionsLike, SpacecraftLike
@@ -90,8 +90,7 @@ def train(
         plain: whether to run a task's code without compiling it, so that a breakpoint in it stops; many times
             slower.
         output: folder for the run; by default a new one under runs/.
-        log: where metrics also go: hparams (TensorBoard's table of hyper-parameters), wandb (Weights & Biases),
-            mlflow.
+        log: where metrics also go: wandb (Weights & Biases).
         progress: whether to show progress; by default on a terminal and in a notebook.
         report: function that is called with every row of metrics, such as ``print``.
         **settings: any other entry of the config by its name, such as ``learning_rate=1e-3`` or
@@ -199,7 +198,7 @@ def check_loggers(names: Sequence[str]) -> None:
     if isinstance(names, str):
         raise ConfigError(f'log takes several names, as in log=["{names}"], got {names!r}.')
     for name in names:
-        one_of("log", name, ("hparams", "wandb", "mlflow"))
+        one_of("log", name, get_args(LoggerName))
 
 
 @settled_alone
@@ -408,9 +407,14 @@ def config_of(
         ConfigError: one of these does not exist, or they are not compatible.
     """
     from rans.fast.learn.algorithms import with_algorithm
-    from rans.fast.learn.changes import change_entry, check_memory
-    from rans.fast.learn.config import from_table, to_table
-    from rans.fast.learn.recipes import training, training_of_quality
+    from rans.fast.learn.config import (
+        change_entry,
+        check_memory,
+        from_table,
+        to_table,
+        training,
+        training_of_quality,
+    )
     from rans.fast.learn.run_folder import read_config
 
     craft = None if spacecraft is None else load_spacecraft(spacecraft)
@@ -459,7 +463,7 @@ def as_it_comes(
     *otherwise: object,
 ) -> TrainConfig:
     """The config, beginning from the agent for any craft if it is short and nothing was set otherwise."""
-    from rans.fast.learn.recipes import from_any_craft
+    from rans.fast.learn.config import from_any_craft
 
     is_named = task == config.task and ":" not in config.task  # no recipe, and no task of one's own
     is_short = quality in (None, "quick") and is_named

@@ -78,7 +78,7 @@ class Sweep(Options):
         code = 130 if stopped else 0
         if not first:
             return code
-        from rans.fast.learn.recipes import craft_of
+        from rans.fast.learn.config import craft_of
         from rans.show.sweep_files import save_sweep
 
         config = sweep.members[0].config

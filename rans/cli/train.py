@@ -133,7 +133,7 @@ class Train(Options):
 
     def _check(self) -> None:
         """Reject (`ConfigError`) what is wrong with the arguments alone, before torch is imported."""
-        from rans.fast.learn.recipes import check_task
+        from rans.fast.learn.config import check_task
         from rans.fast.learn.run_folder import RunFolder
 
         if self.resume is not None:
@@ -168,7 +168,7 @@ class Train(Options):
 
     def begun(self) -> TrainConfig:
         """Config of the training, which as it comes begins from the agent for any craft."""
-        from rans.fast.learn.recipes import craft_of
+        from rans.fast.learn.config import craft_of
 
         config = self.resolved()
         otherwise = self.rl, self.set, self.total_timesteps, self.conditions
@@ -301,8 +301,7 @@ def _beside_the_agent(what: str) -> Iterator[None]:
 
 def _is_setting(config: TrainConfig, change: str) -> bool:
     """Whether a word KEY=VALUE, which has changed the config, changes a setting of the task."""
-    from rans.fast.learn.changes import entry_named
-    from rans.fast.learn.config import to_table
+    from rans.fast.learn.config import entry_named, to_table
 
     return entry_named(to_table(config), change.partition("=")[0]).startswith("settings.")
 

@@ -13,7 +13,7 @@ from rans.cli import main
 from rans.cli.train import train_on
 from rans.errors import ConfigError, checked, meant, meant_file
 from rans.evaluation.fly.contestant_name import ContestantName
-from rans.fast.learn.recipes import training
+from rans.fast.learn.config import training
 from rans.fast.learn.trainer import SOLVED_IN_A_ROW, is_solved
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.structure import structure

@@ -19,8 +19,7 @@ from rans.errors import ConfigError
 from rans.fast.distributed import ALONE
 from rans.fast.engine import Engine
 from rans.fast.learn.beginning import begin
-from rans.fast.learn.changes import change_entry
-from rans.fast.learn.config import MemorySettings, TrainConfig, from_table, to_table
+from rans.fast.learn.config import MemorySettings, TrainConfig, change_entry, from_table, to_table
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing

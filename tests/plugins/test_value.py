@@ -17,8 +17,7 @@ from torch import Tensor
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.learn.beginning import begin
-from rans.fast.learn.config import TrainConfig
-from rans.fast.learn.recipes import training
+from rans.fast.learn.config import TrainConfig, training
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.flight import fly

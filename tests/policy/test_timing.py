@@ -13,7 +13,7 @@ import pytest
 from rans.errors import ConfigError, RansWarning
 from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.contestants import contestant
-from rans.fast.learn.recipes import training
+from rans.fast.learn.config import training
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.model.timing import Timing

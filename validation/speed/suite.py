@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from rans.fast.learn.recipes import preset
+from rans.fast.learn.config import preset
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
 from validation.speed.engine import copy_bandwidth, engine_rate, memory_per_environment

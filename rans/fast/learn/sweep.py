@@ -23,8 +23,7 @@ from rans.executors import chosen_executor
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
 from rans.fast.learn.beginning import architecture_of, check_sizes
-from rans.fast.learn.config import TrainConfig, from_table, to_table
-from rans.fast.learn.recipes import craft_of
+from rans.fast.learn.config import TrainConfig, craft_of, from_table, to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer, check_device, is_solved
 from rans.files import LOCK, inside, read_json, write_json

@@ -13,8 +13,7 @@ import torch
 from rans.errors import ConfigError, RansWarning
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn import any_craft, graph
-from rans.fast.learn.config import MemorySettings, TrainConfig
-from rans.fast.learn.recipes import from_any_craft, training
+from rans.fast.learn.config import MemorySettings, TrainConfig, from_any_craft, training
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.model.spacecraft_file import load_spacecraft

@@ -24,9 +24,9 @@ from rans.fast.learn.config import (
     ScheduleSettings,
     TrainConfig,
     from_table,
+    preset,
     to_table,
 )
-from rans.fast.learn.recipes import preset
 from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose
 from tests.support.training import CONFIG

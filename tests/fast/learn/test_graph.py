@@ -14,8 +14,8 @@ import pytest
 import torch
 
 from rans.fast.learn import adam, ppo, selection
+from rans.fast.learn.config import training
 from rans.fast.learn.graph import as_written, fused, graphed
-from rans.fast.learn.recipes import training
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.model.spacecraft_file import load_spacecraft

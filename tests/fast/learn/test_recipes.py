@@ -9,9 +9,16 @@ import pytest
 
 from campaigns.robustness import SINGLE
 from rans.errors import ConfigError
-from rans.fast.learn.config import MemorySettings, from_table, to_table
+from rans.fast.learn.config import (
+    RECIPES,
+    MemorySettings,
+    from_table,
+    recipe,
+    to_table,
+    training,
+    training_of_quality,
+)
 from rans.fast.learn.curriculum import Ramp
-from rans.fast.learn.recipes import RECIPES, recipe, training, training_of_quality
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder, pretrained_names
 from rans.randomization.conditions import Conditions

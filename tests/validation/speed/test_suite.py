@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rans.fast.learn.recipes import preset
+from rans.fast.learn.config import preset
 from rans.tasks import GoToPose
 from tests.support.engines import PLATFORM
 from validation.speed import suite
