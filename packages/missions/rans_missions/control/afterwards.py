@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rans.extend import Spacecraft, Timing, leaves, map_leaves
-from rans.optimal.trajectory.allocation import rounding
+from rans.extend import Spacecraft, Timing
+from rans_missions.control.tracking import Tracker
 from rans_missions.guidance.arrival import TIME_ROUNDING
 
 if TYPE_CHECKING:
@@ -36,10 +36,9 @@ class Afterwards:
     """
 
     def __init__(self, craft: Spacecraft, mission: OrbitalMission, timing: Timing) -> None:
-        self._craft = craft
         self._mission = mission
         self._period = timing.control_period
-        self._rounding = rounding(craft, self._period, np.zeros(craft.degrees_of_freedom, bool))
+        self._tracker = Tracker(craft, self._period)
         latest = mission.deadline
         self._again = float(latest if isinstance(latest, int | float) else latest[1])
         self.reset(0)
@@ -50,7 +49,7 @@ class Afterwards:
         """Whether each episode stays."""
         self._times = np.zeros((2, count))
         """Deadline and arrival of new plans, s from now."""
-        self._rounding.reset(count)
+        self._tracker.reset(count)
 
     def goal(self, state: Any, goal: Any, exact: bool = True) -> Any:
         """The goal to fly to, with the times of new plans where there are; updates `stays`.
@@ -107,17 +106,5 @@ class Afterwards:
         if not self.stays.any():
             return others
         change = self._mission.staying(state, goal, acceleration) - state.v
-        level = type(state.attitude)(*_LEVEL[len(leaves(state.attitude))])
-        force = state.attitude.to(level).rotate(map_leaves(self._force, change))
-        rows = np.stack(np.broadcast_arrays(*leaves(force)), axis=1)
-        wrench = np.pad(rows, ((0, 0), (0, self._craft.degrees_of_freedom - rows.shape[1])))
-        staying = self._rounding.round(wrench, ~(self.stays & wrench.any(axis=1)), state.stores)
+        staying = self._tracker.commands(state, change, self.stays)
         return np.where(self.stays[:, None], staying, others)
-
-    def _force(self, change: Any) -> Any:
-        """Force, N, that gives a change of velocity, m/s, in a control period."""
-        return np.asarray(change) * (self._craft.mass / self._period)
-
-
-_LEVEL = {1: (0.0,), 4: (1.0, 0.0, 0.0, 0.0)}
-"""Attitude whose axes are those of W, by its number of fields."""

@@ -7,7 +7,7 @@ frame.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -61,15 +61,6 @@ _PREDICTED = 8
 """Number of plans of each batch, safe if burns were impulses, whose flight is predicted."""
 _CLEAR = 0.1
 """Least distance of the coasts of a predicted flight from the zone, m: for rounding to pulses."""
-
-
-class SafePlan(NamedTuple):
-    """The plan that a search for safe coasts has chosen."""
-
-    row: int
-    """Number of the plan."""
-    distance: float
-    """Distance from the target that its coasts keep, m."""
 
 
 @dataclass
@@ -192,7 +183,7 @@ class PassiveApproach(VelocityGuidance[Hold]):
             safest = self._safest(batches, start, goal, is_unsafe_start)
             if safest is not None and safest[1] > distance:
                 farthest, distance = safest
-            if self._is_safe(distance):
+            if distance > self._radius + _CLEAR:
                 break
             for batch in batches:
                 row = int(np.argmin(batch.price))
@@ -214,9 +205,10 @@ class PassiveApproach(VelocityGuidance[Hold]):
     def _safest(
         self, batches: list[_Batch], start: np.ndarray, goal: np.ndarray, is_unsafe_start: bool
     ) -> tuple[_Plan, float] | None:
-        """The plan of `_cheapest_safe` among those drawn, and the distance (m) that its coasts keep.
+        """The cheapest plan of those drawn whose coasts are safe, as it is flown, and the distance (m) they keep.
 
-        Rows (6,) and (3,), m and m/s.
+        Without one, that whose coasts keep the largest distance; None: none would be safe with impulses. Start and
+        goal are rows (6,) and (3,), m and m/s.
         """
         # Plans have numbers across the batches, each of which has another number of coasts.
         batch_of = np.repeat(np.arange(len(batches)), [len(batch.price) for batch in batches])
@@ -239,17 +231,23 @@ class PassiveApproach(VelocityGuidance[Hold]):
             coasts = joined(pieces)
             return keep_away(self.task.mean_motion, coasts, len(numbers), self._radius)
 
-        def distance_of_flights(numbers: np.ndarray) -> np.ndarray:
-            return self._distance_of_flights(plans(numbers), start, goal, is_unsafe_start)
-
         price = np.concatenate([batch.price for batch in batches])
         order = np.argsort(price, kind="stable")
         order = order[price[order] < _IMPOSSIBLE]
-        safest = self._cheapest_safe(order, _CHECKED, safe_impulses, distance_of_flights)
-        if safest is None:
-            return None
-        (plan,) = plans(np.array([safest.row]))
-        return plan, safest.distance
+        found: tuple[_Plan, float] | None = None
+        for begin in range(0, len(order), _CHECKED):
+            numbers = order[begin : begin + _CHECKED]
+            some = plans(numbers[safe_impulses(numbers)][:_PREDICTED])
+            if not some:
+                continue
+            distances = self._distance_of_flights(some, start, goal, is_unsafe_start)
+            safe = distances > self._radius + _CLEAR
+            row = int(np.argmax(safe if safe.any() else distances))
+            if found is None or distances[row] > found[1]:
+                found = some[row], float(distances[row])
+            if safe.any():
+                break
+        return found
 
     def _plan_of(self, batch: _Batch, row: int) -> _Plan:
         """One plan of a batch; its first burn begins at once, the others half of their duration earlier."""
@@ -283,21 +281,39 @@ class PassiveApproach(VelocityGuidance[Hold]):
     def _distance_of_flights(
         self, plans: list[_Plan], start: np.ndarray, goal: np.ndarray, is_unsafe_start: bool
     ) -> np.ndarray:
-        """Distance (K,), m, that coasts of plans keep, with burns as they are flown."""
+        """Distance (K,), m, that coasts of plans keep, with constant thrust in every control period.
+
+        Where the coast from the start enters the zone itself, neither it nor coasts from within a burn in the first
+        control period count.
+        """
+        n, period = self.task.mean_motion, self._period
         count = len(plans)
         goals = np.tile(goal, (count, 1))
         last = max(plan.times[-1] for plan in plans) + self.task.hold_seconds
-
-        def law(states: np.ndarray, now: float) -> np.ndarray:
-            return self._change_by_plans(plans, states, goals, now)
-
-        return self._predicted_distance(
-            np.tile(start, (count, 1)),
-            law,
-            math.ceil(last / self._period),
-            self._orbit + last,
-            is_unsafe_start,
-        )
+        # Coasts since the last burn of each flight, and the instant at which they began.
+        coasts = states = np.tile(start, (count, 1))
+        since = np.zeros(count)
+        pieces = []
+        for step in range(math.ceil(last / period)):
+            now = step * period
+            change = self._change_by_plans(plans, states, goals, now)
+            after = pushed(n, states, change / period, period)
+            burn = np.flatnonzero(change.any(axis=1))
+            if len(burn):
+                if step or not is_unsafe_start:
+                    # Thrusters may shut on the coast before this burn, and in the midst of it.
+                    lasting = self._orbit + now - since[burn]
+                    pieces.append(single_coasts(coasts[burn], lasting, burn))
+                    family = pieces_of_periods(
+                        n, states[burn], after[burn], period, self._orbit, self._radius, burn
+                    )
+                    pieces.append(family)
+                since[burn] = now + period
+                coasts = coasts.copy()
+                coasts[burn] = after[burn]
+            states = after
+        pieces.append(single_coasts(coasts, self._orbit + last - since, np.arange(count)))
+        return least_distances(n, joined(pieces), count)
 
     def _durations(self, burns: np.ndarray) -> np.ndarray:
         """Times (..., 1) that changes of velocity (..., 3) take, in whole control periods, s."""
@@ -405,90 +421,6 @@ class PassiveApproach(VelocityGuidance[Hold]):
         """Velocities (K, 3) with which coasts lead from positions (K, 3) to others in times (K,)."""
         v = velocity_to_reach(self.task.drift, Vec3(*p.T), Vec3(*target.T), time)
         return np.stack(v.columns(), axis=1)
-
-    def _is_safe(self, distance: Any) -> Any:
-        """Whether a predicted flight whose coasts keep this distance, m, is safe."""
-        return distance > self._radius + _CLEAR
-
-    def _cheapest_safe(
-        self,
-        order: np.ndarray,
-        batch: int,
-        of_impulses: Callable[[np.ndarray], np.ndarray],
-        of_flights: Callable[[np.ndarray], np.ndarray],
-    ) -> SafePlan | None:
-        """The cheapest plan whose predicted flight is safe; else that whose coasts keep the largest distance.
-
-        Args:
-            order: numbers of the plans, the cheapest first.
-            batch: number of plans whose coasts are computed at once.
-            of_impulses: whether the coasts of plans (K,) keep out of the zone if burns are impulses, (K,).
-            of_flights: distances (K,) that the coasts of plans (K,) keep, of burns as they are flown.
-
-        Returns:
-            The plan; None if no plan would be safe with impulses.
-        """
-        best: SafePlan | None = None
-        for begin in range(0, len(order), batch):
-            rows = order[begin : begin + batch]
-            rows = rows[of_impulses(rows)][:_PREDICTED]
-            if not len(rows):
-                continue
-            distances = of_flights(rows)
-            safe = self._is_safe(distances)
-            if safe.any():
-                first = int(np.argmax(safe))
-                return SafePlan(int(rows[first]), float(distances[first]))
-            farthest = int(np.argmax(distances))
-            if best is None or distances[farthest] > best.distance:
-                best = SafePlan(int(rows[farthest]), float(distances[farthest]))
-        return best
-
-    def _predicted_distance(
-        self,
-        starts: np.ndarray,
-        law: Callable[[np.ndarray, float], np.ndarray],
-        steps: int,
-        end: Any,
-        is_unsafe_start: bool,
-    ) -> np.ndarray:
-        """Distance (K,), m, that coasts of K flights keep, with constant thrust in every control period.
-
-        Args:
-            starts: states (K, 6) from which they begin.
-            law: change of velocity in W, (K, 3) m/s, that states (K, 6) get at a time, s.
-            steps: number of control periods of the prediction.
-            end: time, s, or times (K,), at which the last coasts end.
-            is_unsafe_start: whether the coast from the start itself enters the zone. Of flights that burn in the
-                first control period it then does not count, nor do coasts from within it. Of others it does.
-        """
-        n, period = self.task.mean_motion, self._period
-        count = len(starts)
-        states = starts
-        # Coasts since the last burn of each flight, and the instant at which they began.
-        coasts = states
-        since = np.zeros(count)
-        pieces = []
-        for step in range(steps):
-            now = step * period
-            change = law(states, now)
-            after = pushed(n, states, change / period, period)
-            burn = np.flatnonzero(change.any(axis=1))
-            if len(burn):
-                if step or not is_unsafe_start:
-                    # Thrusters may shut on the coast before this burn, and in the midst of it.
-                    lasting = self._orbit + now - since[burn]
-                    pieces.append(single_coasts(coasts[burn], lasting, burn))
-                    family = pieces_of_periods(
-                        n, states[burn], after[burn], period, self._orbit, self._radius, burn
-                    )
-                    pieces.append(family)
-                since[burn] = now + period
-                coasts = coasts.copy()
-                coasts[burn] = after[burn]
-            states = after
-        pieces.append(single_coasts(coasts, end - since, np.arange(count)))
-        return least_distances(n, joined(pieces), count)
 
 
 def _sampled_points(

@@ -9,9 +9,9 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from rans.extend import Quat, Spacecraft, Task, Timing, Vec3, leaves, map_leaves
+from rans.extend import Spacecraft, Task, Timing, Vec3, map_leaves
 from rans.optimal.control.arguments import craft_and_task
-from rans.optimal.trajectory.allocation import rounding
+from rans_missions.control.tracking import Tracker
 from rans_missions.tasks.final_approach import FinalApproach
 from rans_missions.tasks.inspect import Inspect
 from rans_missions.tasks.orbital import OrbitalMission
@@ -52,10 +52,7 @@ class VelocityGuidance(ABC, Generic[Mission]):
         self.task: Mission = self.mission.expected(task_value, self.purpose)
         self._timing = self.task.timing if timing is None else timing
         self._period = self._timing.control_period
-        # Nothing is carried over to the next period: the law sees what is missing in the next state.
-        self._rounding = rounding(
-            self.craft, self._period, np.zeros(self.craft.degrees_of_freedom, bool)
-        )
+        self._tracker = Tracker(self.craft, self._period)
         self._step = 0
         """Number of control periods since the reset."""
 
@@ -71,7 +68,7 @@ class VelocityGuidance(ABC, Generic[Mission]):
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
-        self._rounding.reset(count)
+        self._tracker.reset(count)
         self._step = 0
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
@@ -81,7 +78,7 @@ class VelocityGuidance(ABC, Generic[Mission]):
         now = self._step * self._period
         self._step += 1
         change, burns = self.velocity_change(state, goal, now)
-        return self._commands(state, change, burns)
+        return self._tracker.commands(state, Vec3(*change.T), burns)
 
     @abstractmethod
     def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
@@ -92,14 +89,6 @@ class VelocityGuidance(ABC, Generic[Mission]):
             goal: goals of arrays (N,).
             now: time since the reset, s.
         """
-
-    def _commands(self, state: Any, change: np.ndarray, burns: np.ndarray) -> np.ndarray:
-        """Commands (N, thrusters) for changes of velocity in W, (N, 3) m/s; craft that do not burn keep shut."""
-        push = Vec3(*(change * (self.craft.mass / self._period)).T)
-        axes_of_world = Quat(1.0, 0.0, 0.0, 0.0)
-        force = np.array(leaves(state.attitude.to(axes_of_world).rotate(push)))
-        wrench = np.pad(force.T, ((0, 0), (0, self.craft.degrees_of_freedom - 3)))
-        return self._rounding.round(wrench, ~burns, state.stores)
 
 
 def closed_ellipse(mean_motion: float, x: Any, y: Any) -> tuple[Any, Any]:

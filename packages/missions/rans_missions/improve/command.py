@@ -67,7 +67,6 @@ def improve(
     file = Path(output)
     if file.suffix != ".csv":
         raise ConfigError(f"--output must end in .csv, got {str(file)!r}.")
-    _check_order(task, contestants)
     mission = TASKS[typed(task)]().for_evaluation()
     if not contestants:
         raise ConfigError(
@@ -100,22 +99,6 @@ def improve(
         found = search.improve(setup, starts, seeds, rounds, report=lambda *_: step(1))
     found.write(file)
     return found
-
-
-def _check_order(task: str, contestants: Sequence[str]) -> None:
-    """Refuse (`ConfigError`) flights or a controller where the mission stands, with what to type."""
-    from rans.extend import CONTROLLERS, TASKS
-
-    if task in TASKS or (":" in task and not task.startswith("pretrained:")):
-        return
-    if task.endswith(".csv") or task.startswith("pretrained:") or task in CONTROLLERS:
-        named = next((word for word in contestants if word in TASKS), "TASK")
-        others = [task, *(word for word in contestants if word != named)]
-        mission = "the mission" if named == "TASK" else named
-        raise ConfigError(
-            f"{task} is what the search begins from, and {mission} stands before it: "
-            f"rans improve {named} {' '.join(others)}."
-        )
 
 
 def _agent_of(contestants: Sequence[str]) -> str | None:

@@ -82,5 +82,7 @@ def test_every_coast_keeps_out_and_the_craft_holds() -> None:
     after = states[int(DEADLINE / PERIOD) * PARTS :]
     assert np.linalg.norm(after[..., :3] - GOAL, axis=-1).max() < TASK.position_tolerance
     assert np.linalg.norm(after[..., 3:], axis=-1).max() < TASK.velocity_tolerance
+    # The cheapest of the plans drawn that are safe, m/s.
+    assert (changes.sum(axis=0) < [1.56, 0.40, 1.0]).all()
     # Holding for 1,700 s costs less than braking from the tolerance once.
     assert changes[int((DEADLINE + 100.0) / PERIOD) :].sum(axis=0).max() < TASK.velocity_tolerance

@@ -26,7 +26,6 @@ from tests.support.past_the_end import flown_on
 REVERSALS = 3.0
 """Speed tolerances that holding may spend in 500 s: to stop from it, or turn round at half of it, three times. A
 limit cycle that fires in every period spends hundreds."""
-QUICK = "lqr", "switching", "guidance", "mission"
 SLOW = "mpc", "convex"
 MISSIONS: dict[str, OrbitalMission] = {"hold": Hold(), "dock": Dock(), "rendezvous": Rendezvous()}
 
@@ -56,17 +55,6 @@ def near_starts(setup: Setup, seconds: float, count: int = 2) -> Scenario:
     notes = replace(drawn.goal.notes, deadline=left, arrival=arrival, won=zero)
     start = replace(drawn.start, p=drawn.goal.p + way, v=way.scale(0.0))
     return Scenario(start, replace(drawn.goal, notes=notes))
-
-
-def test_every_controller_of_the_registry_is_flown_past_the_end() -> None:
-    assert set(filter(CONTROLLERS.comes_with_rans, CONTROLLERS)) == {
-        *QUICK,
-        *SLOW,
-        "corridor",
-        "landing",
-        "passive",
-        "circumnavigation",
-    }
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,11 +16,10 @@ from rans_missions.improve import pulses, search
 from rans_missions.improve.command import Improve
 from rans_missions.improve.judging import judged
 from rans_missions.script import Script
-from rans_missions.tasks import Avoid, Dock
+from rans_missions.tasks import Dock
 
 from rans.episode import Setup
 from rans.errors import ConfigError
-from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.flights_file import FlightsFile
 from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import fly
@@ -104,22 +102,6 @@ def test_a_changed_flight_keeps_to_what_its_thrusters_give(
     assert np.abs(flight @ form.levers.T).max() <= 1.0 + 1e-12
 
 
-@pytest.mark.slow
-def test_a_craft_that_turns_is_searched_by_its_commands(tmp_path: Path) -> None:
-    """On/off thrusters in the plane: the file holds commands, and the engine repeats the flights of it."""
-    craft = load_spacecraft("floating-platform")
-    task = Avoid().for_evaluation()
-    setup = Setup(craft, task, task.timing)
-    starts = scenarios(task, craft, 2023, 2)
-    agent = contestant("pretrained:avoid-2d", default_setup=setup).controller
-    found = search.improve(setup, starts, [agent], rounds=2)
-    assert (found.after < found.before).any()
-    flights = FlightsFile(found.write(tmp_path / "least.csv"), setup)
-    flight = fly(craft, task, flights, starts, setup.timing)
-    assert won(flight).all()
-    np.testing.assert_allclose(impulses(flight), found.after, rtol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("words", "judged"),
     [
@@ -195,17 +177,3 @@ def test_an_interrupt_leaves_what_was_found_until_then(
     with pytest.raises(KeyboardInterrupt):
         Improve("dock", ("mission",), episodes=1, output=file).run()
     assert file.exists()
-
-
-@pytest.mark.parametrize(
-    ("words", "typed"),
-    [
-        (("flown.csv", "dock"), "rans improve dock flown.csv"),
-        (("inspect",), "rans improve inspect circumnavigation"),
-    ],
-)
-def test_words_in_another_order_are_answered_by_what_to_type(
-    words: tuple[str, ...], typed: str
-) -> None:
-    with pytest.raises(ConfigError, match=re.escape(typed + ".")):
-        Improve(words[0], words[1:]).call()

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from rans_missions.judges import jeod
 from rans_missions.judges.jeod import RUNS, Run, differences, rows
@@ -16,7 +14,7 @@ from rans_missions.orbits.elliptic import EllipticOrbit
 
 from rans.errors import ConfigError
 from rans.model import dynamics
-from rans.model.fields import Quat, Vec3
+from rans.model.fields import Quat
 
 SHORT = {
     "6C": 1440,
@@ -100,29 +98,6 @@ def test_a_wrong_gradient_of_gravity_is_far_from_jeod(
     assert differences(_cut(RUNS["10C"], 480)).values["attitude"] > 1e-4
 
 
-@pytest.mark.parametrize("speed", [0.7, 1.3, 1.41, 1.6])
-def test_a_new_target_changes_no_motion(speed: float) -> None:
-    """On ellipses, one too long for `EllipticOrbit`, and a hyperbola: place, velocity, attitude and spin are kept.
-
-    Only the turn of the frame that is left out at the offset of a circle's target would be 3 km x n = 4 m/s.
-    """
-    p, v = (np.array(x) for x in RUNS["6D"].motion[0])
-    first = jeod.Orbit((tuple(p), tuple(v)))
-    spin, logged = RUNS["9B"].turning[0]
-    state = jeod._at_target(first, jeod.body_to_inertial(logged), np.array(spin))
-    push = first.axes(0.0).inv().apply((speed - 1.0) * v + 0.05 * p / 900.0)
-    state = replace(state, v=Vec3(*map(float, push)))
-    before = *first.inertial(state, 0.0, along_arc=False), *jeod._inertial_turn(state, first, 0.0)
-    state, new, length = jeod._renewed(state, first, 0.0)
-    after = *new.inertial(state, 0.0, along_arc=False), *jeod._inertial_turn(state, new, 0.0)
-    assert math.isinf(length) == (speed < 1.35)
-    assert length > 0.5
-    assert np.linalg.norm(after[0] - before[0]) < 1e-6
-    assert np.linalg.norm(after[1] - before[1]) < 1e-9
-    assert (after[2].inv() * before[2]).magnitude() < 1e-14
-    np.testing.assert_allclose(after[3], before[3], atol=1e-17)
-
-
 def _log(folder: Path, name: str, run: Run, header: list[str] | None = None) -> Path:
     """A log with JEOD's columns among others, as its simulation writes them."""
     columns = [TIME, "vehicle.dyn_body.derivs.rot_accel[0] {rad/s2}"]
@@ -167,17 +142,6 @@ def test_a_damaged_log_is_refused(tmp_path: Path, change: tuple[str, str], compl
     assert change[0] in text
     file.write_text(text.replace(*change), "utf-8")
     with pytest.raises(ConfigError, match=complaint):
-        logged(tmp_path)
-
-
-def test_a_log_that_was_cut_short_is_refused(tmp_path: Path) -> None:
-    """Between two rows, where all that is left agrees, and within a row."""
-    file = _log(tmp_path, "9A", _cut(RUNS["9A"], 1680))
-    with pytest.raises(ConfigError, match="ends at 1680 s, and the flight lasts 28800 s"):
-        logged(tmp_path)
-    text = file.read_text("utf-8")
-    file.write_text(text[: text.rindex(",")], "utf-8")
-    with pytest.raises(ConfigError, match="line 3, has 14 cells instead of 15"):
         logged(tmp_path)
 
 

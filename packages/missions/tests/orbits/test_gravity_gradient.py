@@ -85,25 +85,6 @@ def test_engine_and_drake_turn_alike(name: str, drift: str) -> None:
     assert max(abs(a - b) for a, b in zip(state.w.columns(), still.w.columns(), strict=True)) > 1e-3
 
 
-def test_a_craft_with_its_long_axis_along_the_radius_stays_there() -> None:
-    """The stable equilibrium: the smallest moment along x (radius), the largest along z (across the orbit)."""
-    craft = replace(
-        load_spacecraft("free-flyer"), inertia=((0.1, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.25))
-    )
-    timing = Timing(1.0, substeps=4)
-    rest = replace(_start(craft), attitude=Quat(1.0, 0.0, 0.0, 0.0), w=Vec3(0.0, 0.0, 0.0))
-    (state,) = states_at_checks(
-        rest, craft, Body.of(craft), [0.0] * craft.command_count, timing, DRIFTS["circle"]
-    )
-    assert max(map(abs, state.w.columns())) < 1e-16
-    # By hand, a pitch of a small angle a has the torque -3 n^2 (I_yy - I_xx) a about z.
-    tilted = replace(rest, attitude=Quat(np.cos(5e-4), 0.0, 0.0, np.sin(5e-4)))
-    (state,) = states_at_checks(
-        tilted, craft, Body.of(craft), [0.0] * craft.command_count, timing, DRIFTS["circle"]
-    )
-    assert state.w.z == pytest.approx(-3.0 * FAST**2 * 0.1 / 0.25 * 1e-3, rel=1e-2)
-
-
 def test_missions_and_attitudes_have_it_on_request() -> None:
     assert GoToAttitude().drift.gradient() is None
     assert GoToAttitude(mean_motion=0.001).drift.gradient() == pytest.approx(1e-6)
