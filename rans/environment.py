@@ -89,7 +89,7 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
         self._spec: EnvSpec | None = None
         self._seed: int | None = None
         self._episode = 0
-        loaded = None if conditions is None else load_conditions(typed(conditions))
+        loaded = None if conditions is None else load_conditions(typed(conditions), self.craft)
         self._world = World(Setup(self.craft, self.task, self.timing, loaded, guard))
         self._move = self._mover()
         self._now = None

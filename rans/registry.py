@@ -19,13 +19,14 @@ from importlib import resources
 from importlib.metadata import EntryPoint, distributions
 from pathlib import Path
 from types import MappingProxyType, ModuleType
-from typing import Any, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from rans.errors import ConfigError, NoSuchKey, RansWarning, brief, meant, meant_file, of_user_code
 from rans.files import first_line
 
 T = TypeVar("T")
 Given = TypeVar("Given")
+More = ParamSpec("More")
 
 _RANS = "rans"
 """Distribution whose names are those of RANS, also of its packages."""
@@ -66,12 +67,12 @@ def typed(name: Given) -> Given:
     return name
 
 
-def by_user(load: Callable[[Given], T]) -> Callable[[Given], T]:
+def by_user(load: Callable[Concatenate[Given, More], T]) -> Callable[Concatenate[Given, More], T]:
     """The same function of a name, for names that the user has `typed`."""
 
     @wraps(load)
-    def load_typed(name: Given) -> T:
-        return load(typed(name))
+    def load_typed(name: Given, *more: More.args, **named: More.kwargs) -> T:
+        return load(typed(name), *more, **named)
 
     return load_typed
 

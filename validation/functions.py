@@ -46,8 +46,8 @@ def validate(
     from rans.show.progress import watched
     from validation.study.study import study
 
-    met = None if conditions is None else load_conditions(conditions)
     craft = load_spacecraft(spacecraft)
+    met = None if conditions is None else load_conditions(conditions, craft)
     with watched() as stage:
         return study(craft, seed, quick, layer, stage, met)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 from rans.model import spacecraft_file
@@ -19,8 +18,3 @@ load_task = by_user(_load_task)
 def conditions_if_named(name: str | Path | Conditions | None) -> Conditions | None:
     """Conditions of a name, a TOML file or as such; None for None, which leaves an agent under its own."""
     return None if name is None else load_conditions(name)
-
-
-def conditions_by_name(names: Iterable[str]) -> dict[str, Conditions]:
-    """Conditions of several names or TOML files, by these."""
-    return {name: load_conditions(name) for name in names}

@@ -367,7 +367,7 @@ def searched(
     from rans.show.progress import watched
 
     ranges(typed(controller))
-    world = None if conditions is None else load_conditions(conditions).or_none
+    world = None if conditions is None else load_conditions(conditions, craft).or_none
     label = ""
     if world is not None:
         name = conditions if isinstance(conditions, str) else "own.toml"

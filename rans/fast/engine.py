@@ -42,7 +42,6 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
-from rans.randomization.plausible import warn_of_implausible
 from rans.registry import typed
 from rans.settled import settled
 from rans.tasks import Task, load_task
@@ -119,18 +118,14 @@ class Engine:
         seeds = seed if isinstance(seed, Sequence) else [seed]
         num_envs = divisible(num_envs, len(seeds))
         self._backend = backend = Backend.of(device, dtype, compiled, plain)
-        is_craft_named, are_conditions_named = (
-            isinstance(argument, str | Path) for argument in (craft, conditions)
-        )
+        is_craft_named = isinstance(craft, str | Path)
         if not isinstance(task, Task):
             task = load_task(typed(task))
         self.craft, self.task = craft, task = load_spacecraft(typed(craft)), task
         self.timing = task.timing if timing is None else checked("timing", timing, Timing)
-        conditions = None if conditions is None else load_conditions(typed(conditions))
+        conditions = None if conditions is None else load_conditions(typed(conditions), craft)
         if is_craft_named:
             warn_of_obstacles(craft, task, self.timing)
-        if are_conditions_named and conditions is not None:
-            warn_of_implausible(conditions, craft)
         # How it is stepped: device, precision, and whether a step is compiled.
         self.num_envs = num_envs
         self.dtype = dtype

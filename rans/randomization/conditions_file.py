@@ -10,7 +10,9 @@ from rans.display import default
 from rans.errors import ConfigError, brief, text_of_name
 from rans.files import distinct, read_text
 from rans.languages import Toml
+from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
+from rans.randomization.plausible import warn_of_implausible
 from rans.registry import Registry, resolve
 from rans.structure import LARGEST_TOML, merged, read_toml, refuse_other_file, structure
 
@@ -101,7 +103,9 @@ def conditions_names() -> list[str]:
     return list(CONDITIONS)
 
 
-def load_conditions(name_or_file: str | Path | Conditions) -> Conditions:
+def load_conditions(
+    name_or_file: str | Path | Conditions, craft: Spacecraft | None = None
+) -> Conditions:
     """Load conditions by name (`conditions_names`), as MODULE:NAME, or from a path that ends in ``.toml``.
 
     >>> rans.load_conditions("lab").body.mass
@@ -113,6 +117,11 @@ def load_conditions(name_or_file: str | Path | Conditions) -> Conditions:
     ``[disturbances]``, ``[sensors]``, ``[sensors.position]`` and ``[[effectors]]`` etc. with numbers or
     [least, largest]. The key ``base`` names conditions of RANS, whose values apply where the file has none.
 
+    Args:
+        name_or_file: see above.
+        craft: spacecraft that is flown under them: values that are hardly meant for it, such as milliseconds in
+            place of seconds, are warned of. `Conditions` are not doubted.
+
     Raises:
         ConfigError: the name or file does not exist, or does not describe conditions.
     """
@@ -120,12 +129,16 @@ def load_conditions(name_or_file: str | Path | Conditions) -> Conditions:
         return name_or_file
     source = text_of_name("conditions", name_or_file, Conditions)
     if not source.endswith(".toml"):
-        return CONDITIONS[source].conditions
-    text = read_text(Path(source), LARGEST_TOML)
-    try:
-        return _described(text).conditions
-    except ConfigError as error:
-        raise ConfigError(f"{source}: {error}") from error
+        conditions = CONDITIONS[source].conditions
+    else:
+        text = read_text(Path(source), LARGEST_TOML)
+        try:
+            conditions = _described(text).conditions
+        except ConfigError as error:
+            raise ConfigError(f"{source}: {error}") from error
+    if craft is not None:
+        warn_of_implausible(conditions, craft)
+    return conditions
 
 
 def conditions_label(name_or_file: str, conditions: Conditions) -> str:

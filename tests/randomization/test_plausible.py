@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import gymnasium
 import pytest
+from rans_robot.functions import twin
 
+import rans
+from rans.errors import ConfigError
 from rans.evaluation.stress.effects import applicable_effects
+from rans.fast.engine import Engine
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import (
@@ -20,6 +28,7 @@ from rans.randomization.conditions import (
 )
 from rans.randomization.conditions_file import CONDITIONS
 from rans.randomization.plausible import implausible
+from rans.tasks import GoToPose
 from tests.support.engines import PLATFORM
 
 
@@ -47,6 +56,26 @@ def test_a_slip_is_named(slip: str) -> None:
         Conditions(disturbances=HARDLY_MEANT[slip].disturbances), others=(HARDLY_MEANT[slip],)
     )
     assert len(implausible(mixed, PLATFORM)) == 1
+
+
+DOORS: dict[str, Callable[[Path], object]] = {
+    "engine": lambda file: Engine(PLATFORM, GoToPose(), 2, conditions=file),
+    "environment": lambda file: gymnasium.make("rans/GoToPose2D-v0", conditions=file),
+    "evaluate": lambda file: rans.load_agent("go-to-pose-2d").under(file),
+    "stress": lambda file: rans.stress("go-to-pose-2d", conditions=[str(file)], slow_episodes=0),
+    "tune": lambda file: rans.tune("lqr", conditions=file, output=file / "lqr.json"),
+    "twin": lambda file: twin(PLATFORM, conditions=file, start=("nowhere",)),
+    "validate": lambda file: rans.validate(PLATFORM, conditions=file, layer="none"),
+}
+"""What takes conditions, with something else wrong where a flight would begin."""
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_conditions_are_doubted_once_wherever_they_are_taken(door: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("[sensors.position]\nnoise = 5\n")
+    with pytest.warns(UserWarning, match="distance in mm") as said, suppress(ConfigError):
+        DOORS[door](tmp_path / "mine.toml")
+    assert len(said) == 1
 
 
 def test_what_rans_ships_is_meant() -> None:

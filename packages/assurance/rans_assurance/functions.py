@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from rans.api.agent_data import AgentData
 from rans.api.judging import CRAFT, ConditionsLike
-from rans.api.names import conditions_by_name, conditions_if_named
+from rans.api.names import conditions_if_named
 from rans.extend import (
     EVALUATION_SEED,
     ConfigError,
@@ -98,7 +98,8 @@ def stress(
     contest = contest_of(
         first, whole("episodes", episodes), seed, trust=trust, guard=guard, slack=guard_slack
     )
-    sets = conditions_by_name(stress_conditions(conditions, only))
+    names = stress_conditions(conditions, only)
+    sets = {name: load_conditions(name, contest.craft) for name in names}
     # Slow controllers fly 32 of 256 starts: their interval is then about three times as wide.
     slow = max(1, episodes // 8) if slow_episodes is None else whole("slow_episodes", slow_episodes)
     planned = prepared(contest, invited, sets, only, slow, trust)

@@ -320,7 +320,7 @@ def twin(
     if conditions is not None and Path(conditions).is_dir():
         met = RunFolder(Path(conditions)).config().conditions
     elif conditions is not None:
-        met = load_conditions(str(conditions))
+        met = load_conditions(str(conditions), craft)
     begin = read_state([*map(str, start)], craft.dimension, "--start")
     if begin.velocities:
         raise ConfigError("--start of a twin is at rest: leave its velocities out.")
