@@ -16,12 +16,21 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property, wraps
 from importlib import resources
-from importlib.metadata import EntryPoint, distributions
+from importlib.metadata import Distribution, EntryPoint, distributions
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
-from rans.errors import ConfigError, NoSuchKey, RansWarning, brief, meant, meant_file, of_user_code
+from rans.errors import (
+    ConfigError,
+    NoSuchKey,
+    RansWarning,
+    brief,
+    meant,
+    meant_file,
+    of_user_code,
+    one_line,
+)
 from rans.files import first_line
 
 T = TypeVar("T")
@@ -165,6 +174,7 @@ class Registry(Mapping[str, T]):
         Raises:
             ConfigError: the name is taken or not valid, or the object is not valid.
         """
+        one_line(f"the name of a {self._kind}", name)
         if name in self.built_in or name in self._offered or ":" in name:
             raise ConfigError(
                 f"the {self._kind} {brief(name)} exists already, or is not a valid name; choose another one."
@@ -331,16 +341,20 @@ def _of_file(name: str, kind: str, files: Mapping[str, str]) -> str:
 def _entry_points(group: str) -> list[EntryPoint]:
     """Entry points of a group and of GROUP.WORD; a package whose list cannot be read is left out, with a warning.
 
-    Python's own `entry_points` fails for all packages if one of them has a line without "=".
+    Python's own `entry_points` fails for all packages if one of them has a line without "=". Names are one line, as
+    those of spacecraft are.
     """
 
-    def chosen(points: Iterable[EntryPoint]) -> list[EntryPoint]:
-        return [point for point in points if f"{point.group}.".startswith(f"{group}.")]
+    def chosen(package: Distribution) -> list[EntryPoint]:
+        own = [one for one in package.entry_points if f"{one.group}.".startswith(f"{group}.")]
+        for name in [package.name, *(point.name for point in own)] if own else []:
+            one_line("a name", name)
+        return own
 
     points: dict[str, list[EntryPoint]] = {}
     for package in distributions():
         try:
-            points.setdefault(package.name, chosen(package.entry_points))
+            points.setdefault(package.name, chosen(package))
         except Exception as error:  # metadata of other packages may hold anything
             points[package.name] = []
             if f"[{group}" in (package.read_text("entry_points.txt") or ""):

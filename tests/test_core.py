@@ -12,28 +12,9 @@ from packaging.requirements import Requirement
 
 import rans.errors
 from rans.errors import EXTRAS, MissingPackage, installing, is_installed, require
+from tests.support.hidden_modules import BLOCK, ran
 from tests.support.processes import PATIENCE, ROOT, python
 
-BLOCK = """
-import importlib.abc, sys
-
-class Blocked(importlib.abc.MetaPathFinder):
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in sys.argv[1].split(","):
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-
-sys.meta_path.insert(0, Blocked())
-"""
-RUN_EACH = (
-    BLOCK
-    + """
-from rans.cli import main
-sys.stdout = sys.stderr
-for line in sys.argv[2:]:
-    print("code of exit:", main(line.split()))
-"""
-)
-"""Runs commands, and prints each one's code of exit after what it says."""
 TINY = (
     "--set ppo.n_envs=8 --set ppo.n_steps=4 --set ppo.batch_size=16 --set timing.episode_steps=20 "
     "--set total_timesteps=64"
@@ -219,12 +200,10 @@ MISSING = [
 @pytest.mark.parametrize("missing", MISSING, ids=lambda missing: missing[0][0])
 def test_a_missing_package_is_a_sentence(missing: list[tuple[str, str]], tmp_path: Path) -> None:
     """A process imports torch for seconds, so that one lacks several modules and runs several commands."""
-    modules = ",".join({module for module, _ in missing})
-    code_of_exit, text = said(RUN_EACH, modules, *(line for _, line in missing), folder=tmp_path)
-    assert code_of_exit == 0, text
-    *said_of, rest = text.split("code of exit: 2\n")
-    assert not rest.strip(), text
-    for (module, line), sentence in zip(missing, said_of, strict=True):
+    hidden = {module for module, _ in missing}
+    results = ran([line for _, line in missing], hidden, tmp_path)
+    for (module, _), (line, code, sentence) in zip(missing, results, strict=True):
+        assert code == 2, line
         assert "Traceback" not in sentence, line
         assert installing(EXTRAS[module]) in " ".join(sentence.split()), line
 

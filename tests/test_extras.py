@@ -9,35 +9,8 @@ from zlib import crc32
 import pytest
 
 from rans.errors import EXTRAS, installing
-from tests.support.processes import PATIENCE, python
+from tests.support.hidden_modules import ran
 
-BLOCK = """
-import importlib.abc, sys
-import torch._dynamo  # it asks for onnx, and takes a refusal by a finder for an error
-
-class Blocked(importlib.abc.MetaPathFinder):
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in sys.argv[1].split(","):
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-
-sys.meta_path.insert(0, Blocked())
-"""
-"""Hides modules, named in the first argument, from the process."""
-RUN_EACH = (
-    BLOCK
-    + """
-import shlex, webbrowser
-import rans.evaluation.compare.entrants
-from rans.cli import main
-sys.stdout = sys.stderr
-rans.evaluation.compare.entrants.swept = lambda *_: []  # curves for pages, which take seconds
-webbrowser.open = lambda *_, **__: True
-for line in sys.argv[2:]:
-    print("$", line, flush=True)
-    print("code of exit:", main(shlex.split(line)), flush=True)
-"""
-)
-"""Runs commands, and prints each one's code of exit after what it says."""
 README = (
     "init own.toml --from atmos",
     "list own.toml",
@@ -72,15 +45,11 @@ def shortened(line: str) -> str:
     return line if "--save" in line else f"{line} {options}"
 
 
-def ran(lines: list[str], hidden: set[str], folder: Path) -> list[tuple[str, int, str]]:
-    """Each command with its code of exit and what it printed, in one process."""
-    with python("-c", RUN_EACH, ",".join(sorted(hidden)), *lines, cwd=folder) as process:
-        _, said = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0, said
-    parts = re.split(r"^\$ ", said, flags=re.MULTILINE)[1:]
-    found = [re.fullmatch(r"(.*?)\n(.*)code of exit: (\d+)\n", part, re.DOTALL) for part in parts]
-    assert len(found) == len(lines)
-    return [(one[1], int(one[3]), one[2]) for one in found if one]
+def printed_next(text: str) -> dict[str, str]:
+    """Commands under "Next:" in what a command prints, shortened, with their comments."""
+    lines = re.findall(r"^  (?:rans )?(.*)$", text.partition("Next:\n")[2], re.MULTILINE)
+    parts = [line.partition("   # ") for line in lines]
+    return {shortened(command): comment for command, _, comment in parts}
 
 
 @pytest.mark.slow
@@ -91,9 +60,7 @@ def test_commands_do_what_they_can_with_an_extra_alone(alone: str, tmp_path: Pat
     following: dict[str, str] = {}
     for line, code, text in ran([shortened(line) for line in README], hidden, tmp_path):
         assert code == 0, f"{line}\n{text}"
-        for printed in re.findall(r"^  rans (.*)$", text.partition("Next:\n")[2], re.MULTILINE):
-            command, _, comment = printed.partition("   # ")
-            following[shortened(command)] = comment
+        following |= printed_next(text)
     assert following
     if alone not in ("", "optimal", "plots", "verify"):  # the others change none of these
         return
@@ -119,3 +86,44 @@ def test_a_comparison_writes_its_numbers_without_a_package(hidden: str, tmp_path
     assert (installing("plots") in page.replace("&#39;", "'")) is (hidden == "matplotlib")
     assert refused == (2 if hidden == "casadi" else 0)
     assert ("starts of seed" in sentence) is (hidden != "casadi")
+
+
+EVERY = (
+    *README,
+    "list",
+    "list go-to-pose-2d",
+    "list dock",
+    "list lab",
+    "evaluate own.toml",
+    "view lqr:go-to-pose-2d@own.toml",
+    "optimal go-to-pose --spacecraft own.toml --episodes 1 --output optimum",
+    "view optimum",
+    "export runs/first --format c --output c",
+    "export go-to-pose-2d --format onnx --output onnx",
+    "export go-to-pose-2d --format numpy --output numpy",
+    "tune lqr:go-to-pose-2d@own.toml --seconds 1",
+    "sweep go-to-pose --seeds 2",
+    "stress go-to-pose-2d lqr --output stress",
+    "assure go-to-pose-2d --episodes 20 --output assured",
+    "follow track-velocity-2d lemniscate --episodes 1",
+    "faults own.toml",
+    "improve dock mission --episodes 1 --rounds 1 --output dock.csv",
+    "prove pulse-agent --property position=0.05,heading=5 --from position=0.02,heading=1.5",
+    "validate own.toml --quick --layer thrusters",
+    "validate --judges",
+    "benchmark --quick",
+    "twin own.toml --bus udp --seconds 0.2",
+    "identify --excite own.toml",
+)
+"""Every command, in an order in which each has what it needs."""
+
+
+@pytest.mark.slow
+def test_commands_that_are_printed_to_run_next_run(tmp_path: Path) -> None:
+    """With everything installed."""
+    following: dict[str, str] = {}
+    for line, code, text in ran([shortened(line) for line in EVERY], set(), tmp_path):
+        assert code == 0, f"{line}\n{text}"
+        following |= printed_next(text)
+    for line, code, text in ran([*following], set(), tmp_path):
+        assert code == 0, f"{line}\n{text}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -161,6 +162,16 @@ def test_imports_point_down() -> None:
             if ours and unit(imported) != unit(name) and RANK[unit(imported)] >= RANK[unit(name)]:
                 found.append(f"{name} imports {imported}")
     assert not found
+
+
+def test_no_module_imports_itself_through_others() -> None:
+    """In functions neither: what needs one another is one module."""
+    every = MODULES | PACKAGED
+    graph = {
+        name: {one if one in every else one.rpartition(".")[0] for one in imports(file)} - {name}
+        for name, file in every.items()
+    }
+    TopologicalSorter(graph).prepare()  # its CycleError names the circle
 
 
 def test_nothing_imports_the_front_door() -> None:

@@ -107,12 +107,15 @@ def test_a_package_that_ends_the_process_is_named(install: Install, ending: str)
         registry()["early"]
 
 
-def test_a_line_without_an_equals_sign_breaks_no_other_package(
-    install: Install, tmp_path: Path
+@pytest.mark.parametrize(
+    "line", ["eight", "eig\x1b[2Jht = careless:number", f"{'8' * 101} = careless:number"]
+)
+def test_a_line_without_an_equals_sign_or_a_name_breaks_no_other_package(
+    line: str, install: Install, tmp_path: Path
 ) -> None:
     install("careful", seven="careful:number")
     install("careless", eight="careless:number")
-    (tmp_path / "careless-1.0.dist-info/entry_points.txt").write_text("[numbers]\neight\n")
+    (tmp_path / "careless-1.0.dist-info/entry_points.txt").write_text(f"[numbers]\n{line}\n")
     with pytest.warns(UserWarning, match="entry points of the package careless cannot be read"):
         assert list(registry()) == ["byte", "seven"]
 
@@ -200,8 +203,8 @@ def test_registered_in_python() -> None:
     assert found["two"] == 3
     with pytest.raises(ConfigError, match="it is no number"):
         found.register("three")("3")  # type: ignore[type-var]
-    for taken in ("byte", "a:b"):
-        with pytest.raises(ConfigError, match="choose another one"):
+    for taken in ("byte", "a:b", "two\nlines", 8 * "long names of "):
+        with pytest.raises(ConfigError, match=r"choose another one|must be one line"):
             found.register(taken)
 
 

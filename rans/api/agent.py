@@ -294,7 +294,7 @@ def load_agent(
     from rans.evaluation.fly.agent import LoadedRun, load_policy, run_of
     from rans.evaluation.fly.any_craft import for_spacecraft
     from rans.evaluation.fly.contestant_name import ContestantName
-    from rans.evaluation.fly.contestants import contestant, for_craft
+    from rans.evaluation.fly.contestants import contestant
     from rans.evaluation.fly.object_policy import ObjectPolicy
 
     # The task that a policy or a name is flown on; agents of RANS have their own.
@@ -311,8 +311,8 @@ def load_agent(
         own = load_policy(name.own_folder)
         if setup is not None and type(setup.task) is type(own.task):
             own = own._replace(task=setup.task)
-        run: LoadedRun | None = for_craft(
-            own, name, craft=None if spacecraft is None else load_spacecraft(spacecraft)
+        run: LoadedRun | None = name.for_craft(
+            own, craft=None if spacecraft is None else load_spacecraft(spacecraft)
         )
     else:
         run = contestant(text, default_setup=setup, trust=trust) if text else run_of(agent)

@@ -340,7 +340,8 @@ def twin(
     link = opened_bus(bus)
     try:
         _say(
-            f"{craft.name} is on {bus} (ROS_DOMAIN_ID {ros_domain()}), at {rate:g} states a second."
+            f"{craft.name} is on {bus} (ROS_DOMAIN_ID {ros_domain()}), at {rate:g} states a second. Fly it from "
+            f"another terminal: rans fly AGENT --bus {bus} --goal 1 0 90deg."
         )
         return run_twin(link, plan, _say, stop.is_set)
     finally:

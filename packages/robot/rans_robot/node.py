@@ -490,6 +490,8 @@ class BagReplay:
     """Commands that the replay gave again, bit for bit."""
     first_difference: int | None
     """Number of the first command that differs; None: all are equal."""
+    folder: str
+    """Folder of the agent, with the spacecraft that flew."""
 
 
 def replay_bag(bag: Path, folder: Path | None = None) -> BagReplay:
@@ -552,7 +554,7 @@ def replay_bag(bag: Path, folder: Path | None = None) -> BagReplay:
         # The process was ended while it wrote: its last command may not be whole.
         if len(recorded) == len(outputs):
             compare()
-    return BagReplay(decisions, equal, difference)
+    return BagReplay(decisions, equal, difference, plan.folder)
 
 
 def _plan_of(bag: Path, first: BagMessage, folder: Path | None) -> Plan:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -372,10 +374,15 @@ def test_mcaps_own_reader_opens_a_bag(agent: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("killed", ["node", "twin"])
-def test_a_kill_of_either_side_shuts_the_valves(killed: str, agent: Path, tmp_path: Path) -> None:
-    """Two processes over UDP; one is ended by SIGKILL while valves are open."""
-    domain = {"node": 41, "twin": 42}[killed]
+@pytest.mark.parametrize("killed", ["node", "twin", "nobody"])
+def test_a_kill_of_either_side_shuts_the_valves(
+    killed: str, agent: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two processes over UDP; one is ended by SIGKILL while valves are open.
+
+    What a flight that ends well prints to run next runs, but a flight of a second identifies nothing.
+    """
+    domain = {"node": 41, "twin": 42, "nobody": 44}[killed]
     monitor = UDPBus(domain)
     valves: list[bool] = []
     commands: list[bool] = []
@@ -395,6 +402,14 @@ def test_a_kill_of_either_side_shuts_the_valves(killed: str, agent: Path, tmp_pa
         node = started("fly", str(agent), "--trust", "--output", "flight", **where)
         running.append(node)
         until(lambda: any(commands[-5:]) and any(valves[-5:]), twin, node)
+        if killed == "nobody":
+            node.send_signal(signal.SIGTERM)
+            text, _ = node.communicate(timeout=PATIENCE)
+            assert node.returncode == 0, text
+            monkeypatch.chdir(tmp_path)
+            found = re.findall(r"^  rans (.*)$", text.partition("Next:")[2], re.MULTILINE)
+            assert [main(shlex.split(line)) for line in found] == [0, 2]
+            return
         victim, survivor = (node, twin) if killed == "node" else (twin, node)
         victim.send_signal(signal.SIGKILL)
         victim.wait()

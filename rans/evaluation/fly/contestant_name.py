@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from rans.errors import ConfigError, RansWarning, brief, meant, meant_file
 from rans.evaluation.fly.controllers import CONTROLLERS
@@ -28,6 +28,10 @@ from rans.pretrained import (
 )
 from rans.registry import allow_current_folder, typed
 from rans.tasks import TASKS
+
+if TYPE_CHECKING:
+    from rans.evaluation.fly.agent import LoadedRun
+    from rans.model.spacecraft import Spacecraft
 
 FORMS = (
     f"a run folder, pretrained:NAME, or, for any craft, either after {ADAPTIVE}:, "
@@ -261,6 +265,41 @@ class ContestantName:
         """Name of the controller without training; empty for other contestants."""
         return self.name if self.kind == "controller" else ""
 
+    def for_craft(
+        self, run: LoadedRun, period: float | None = None, craft: Spacecraft | None = None
+    ) -> LoadedRun:
+        """The run of an agent for any craft as this name says: adapting, for a craft, at a value.
+
+        Without a craft in its name it flies ``craft``; None: its own. The order counts: constants of the craft are
+        computed for the network as it adapts, and frugality for the craft.
+        """
+        from rans.evaluation.fly.agent import Agent
+        from rans.evaluation.fly.any_craft import adapting, for_spacecraft, frugal
+        from rans.evaluation.fly.choice import chosen, chosen_period
+        from rans.policy.timing import timing_for
+
+        if self.craft:
+            craft = load_spacecraft(typed(self.craft))
+        value = self.frugality
+        choice = None
+        if value is None and run.network.at:
+            choice = chosen(run, craft, period)
+            value, period = choice.value, choice.period
+        elif run.network.at and craft is not None and period is None:
+            period = chosen_period(run, craft)
+        if self.adapts:
+            run = adapting(run)
+        if craft is not None:
+            timing = None if period is None else timing_for(craft, run.timing, period)
+            run = for_spacecraft(run, craft, timing)
+        if value is not None:
+            run = frugal(run, value)
+        if choice is not None and isinstance(run.controller, Agent):
+            run.controller.remark = choice.text(self.name)
+            if doubt := choice.doubt(self.name):
+                warnings.warn(doubt, RansWarning, stacklevel=2)
+        return run
+
     @property
     def folder(self) -> Path:
         """The run folder of a trained agent; that of an agent for any craft is written for craft and prefix.
@@ -274,10 +313,9 @@ class ContestantName:
         from rans.evaluation.fly.agent import load_policy
         from rans.evaluation.fly.any_craft import write_for_spacecraft
         from rans.evaluation.fly.choice import chosen
-        from rans.evaluation.fly.contestants import for_craft
 
         own = load_policy(source)
-        run = for_craft(own, self)
+        run = self.for_craft(own)
         if self.frugality is not None and own.network.at:
             flown = chosen(own, run.craft if self.craft else None, None, self.frugality)
             if not flown.is_enough:

@@ -18,7 +18,6 @@ from rans.evaluation.fly.agent import Agent, LoadedRun, load_policy, run_of
 from rans.evaluation.fly.contestant_name import ContestantName, Kind
 from rans.evaluation.fly.exported import is_exported, load_exported
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder
 from rans.registry import are_files_trusted, typed
@@ -129,50 +128,12 @@ def _controller(name: ContestantName, terms: Terms) -> LoadedRun:
     return LoadedRun(controller(typed(name.name), setup), *setup[:4])
 
 
-def for_craft(
-    run: LoadedRun,
-    name: ContestantName,
-    period: float | None = None,
-    craft: Spacecraft | None = None,
-) -> LoadedRun:
-    """The run of an agent for any craft as its name says: adapting, for a craft, at a value.
-
-    Without a craft in its name it flies ``craft``; None: its own. The order counts: constants of the craft are
-    computed for the network as it adapts, and frugality for the craft.
-    """
-    from rans.evaluation.fly.any_craft import adapting, for_spacecraft, frugal
-    from rans.evaluation.fly.choice import chosen, chosen_period
-    from rans.policy.timing import timing_for
-
-    if name.craft:
-        craft = load_spacecraft(typed(name.craft))
-    value = name.frugality
-    choice = None
-    if value is None and run.network.at:
-        choice = chosen(run, craft, period)
-        value, period = choice.value, choice.period
-    elif run.network.at and craft is not None and period is None:
-        period = chosen_period(run, craft)
-    if name.adapts:
-        run = adapting(run)
-    if craft is not None:
-        timing = None if period is None else timing_for(craft, run.timing, period)
-        run = for_spacecraft(run, craft, timing)
-    if value is not None:
-        run = frugal(run, value)
-    if choice is not None and isinstance(run.controller, Agent):
-        run.controller.remark = choice.text(name.name)
-        if doubt := choice.doubt(name.name):
-            warnings.warn(doubt, RansWarning, stacklevel=2)
-    return run
-
-
 def _agent(name: ContestantName, terms: Terms) -> LoadedRun:
     """A trained agent in its own setup, or in that of the protocol; one for any craft with the named one."""
     folder = name.own_folder
     run = load_exported(folder) if is_exported(folder) else load_policy(folder)
     if name.is_for_a_craft:
-        run = for_craft(run, name, terms.period)
+        run = name.for_craft(run, terms.period)
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), name)
     return LoadedRun(run.controller, *under_protocol(terms.protocol, own)[:4])
 

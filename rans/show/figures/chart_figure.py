@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,8 +23,10 @@ from rans.show.figures.plotting import (
     NullLocator,
     rc_context,
 )
-from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.palette import GREY, INK
+
+if TYPE_CHECKING:
+    from rans.show.pages.chart import Chart, Mark, Series
 
 _COLOURS = {"var(--ink)": INK, "var(--soft)": GREY}
 """Colours of pages that follow the reader's choice of light or dark, on paper."""

@@ -22,7 +22,7 @@ class Replay(Options):
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        return (shlex.join(["rans", "identify", str(self.bag), "--spacecraft", "SPACECRAFT"]),)
+        return ("rans list AGENTS",)
 
     def run(self) -> int:
         """Print the number of equal commands; the exit code is 0 if all are equal."""
@@ -32,4 +32,9 @@ class Replay(Options):
         Terminal().say(f"{result.equal} of {result.decisions} commands come out the same.")
         if result.first_difference is not None:
             Terminal().say(f"The first that does not is command {result.first_difference}.")
-        return 0 if result.equal == result.decisions else 1
+            return 1
+        spacecraft = str(Path(result.folder) / "spacecraft.toml")
+        Terminal().suggest(
+            shlex.join(["rans", "identify", str(self.bag), "--spacecraft", spacecraft])
+        )
+        return 0

@@ -29,7 +29,7 @@ class Twin(Options):
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        return ("rans fly AGENT --goal 1 0 90deg",)
+        return ("rans list AGENTS",)
 
     def run(self) -> int:
         """Simulate until the time is up or an interrupt, and print where it ended; the exit code is 0."""
