@@ -8,8 +8,10 @@ from zlib import crc32
 
 import pytest
 
+from rans.cli import COMMANDS
 from rans.errors import EXTRAS, installing
 from tests.support.hidden_modules import ran
+from tests.support.small_networks import damping, written
 
 README = (
     "init own.toml --from atmos",
@@ -28,7 +30,10 @@ SHORTER = {
     "compare": "--episodes 2 --certified 0",
     "stress": "--episodes 2 --only latency",
     "view": "--save replay.html",
-    "export": "--episodes 64",
+    "export": "--episodes 64 --force",
+    "assure": "--episodes 20",
+    "benchmark": "--quick",
+    "validate": "--quick --layer thrusters",
 }
 """Options with which commands take seconds."""
 
@@ -38,7 +43,7 @@ def shortened(line: str) -> str:
     name = line.split()[0]
     if name == "train" and "--resume" in line:
         return line
-    line = re.sub(r" --(episodes|certified|total-timesteps|quality) \S+", "", line)
+    line = re.sub(r" --(quick|(episodes|certified|total-timesteps|quality) \S+)", "", line)
     if name == "train" and "--output" not in line:  # a folder with a training is refused
         line += f" --output runs/{crc32(line.encode())}"
     options = SHORTER.get(name, "")
@@ -104,23 +109,34 @@ EVERY = (
     "tune lqr:go-to-pose-2d@own.toml --seconds 1",
     "sweep go-to-pose --seeds 2",
     "stress go-to-pose-2d lqr --output stress",
-    "assure go-to-pose-2d --episodes 20 --output assured",
+    "assure go-to-pose-2d --output assured",
     "follow track-velocity-2d lemniscate --episodes 1",
     "faults own.toml",
     "improve dock mission --episodes 1 --rounds 1 --output dock.csv",
-    "prove pulse-agent --property position=0.05,heading=5 --from position=0.02,heading=1.5",
-    "validate own.toml --quick --layer thrusters",
-    "validate --judges",
-    "benchmark --quick",
+    "prove network.onnx --problem problem.toml",
+    "validate own.toml",
+    "benchmark",
     "twin own.toml --bus udp --seconds 0.2",
     "identify --excite own.toml",
 )
-"""Every command, in an order in which each has what it needs."""
+"""Commands in an order in which each has what it needs."""
+PROBLEM = """
+name = "a speed that the network damps"
+period = 1.0
+steps = 1
+commands = 1
+derivative = ["u0"]
+start = {lower = [-0.1], upper = [0.1]}
+keep.every = ["4 - x0"]
+"""
 
 
 @pytest.mark.slow
 def test_commands_that_are_printed_to_run_next_run(tmp_path: Path) -> None:
-    """With everything installed."""
+    """With everything installed; those after a flight are run where a robot flies (packages/robot)."""
+    assert {*COMMANDS} - {line.split()[0] for line in EVERY} == {"fly", "replay", "reproduce"}
+    written(damping(1, [0], seed=1), tmp_path / "network.onnx")
+    (tmp_path / "problem.toml").write_text(PROBLEM)
     following: dict[str, str] = {}
     for line, code, text in ran([shortened(line) for line in EVERY], set(), tmp_path):
         assert code == 0, f"{line}\n{text}"
