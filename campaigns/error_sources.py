@@ -228,11 +228,11 @@ def quantile(values: np.ndarray, part: float) -> float:
 
 
 def of_mission(evidence: Any, mission: str) -> Iterator[dict[str, Any]]:
-    """Rows of a mission, with percentiles in the order of `PERCENTILES` as text."""
+    """Rows of a mission, with the first and the last of `PERCENTILES` as text."""
     for row in evidence["rows"]:
         if row["mission"] == mission:
             quantiles = {
-                what: " / ".join(rounded(number(x)) for x in row[what])
+                what: " / ".join(rounded(number(x)) for x in (row[what][0], row[what][-1]))
                 for what in ("arrival", "impulse", "margin")
             }
             yield {**row, **quantiles}

@@ -84,7 +84,12 @@ _DRAWN = """
 def _rows() -> Iterator[str]:
     for name, source in ROWS.items():
         link = f"[{Path(source.page).stem}]({_in_repository(source.page)})"
-        commands = "<br>".join(map(_short, source.measured_by(name)))
+        first, *others = map(_short, source.measured_by(name))
+        commands = (
+            f"{first}<br>and {len(others)} alike"
+            if len(others) > 1
+            else "<br>".join((first, *others))
+        )
         files = ", ".join(f"[{name}](validation/{name})" for name in source.evidence)
         full, quick = source.flights
         counts = f"{full:,}, {quick:,}" if full else "-"
