@@ -19,7 +19,6 @@ from rans.pretrained import RECIPE_FOLDER, pretrained_card, pretrained_folder
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import CONDITIONS
 from rans.registry import resolve_typed, typed
-from rans.show.tables.layout_text import AWAY, TOWARDS, layout_text
 from rans.show.tables.listing import (
     settings_listing,
     spacecraft_listing,
@@ -89,14 +88,12 @@ def _agent_details(name: str) -> Iterable[str | Table]:
 
 
 def _spacecraft_details(name: str) -> Iterable[str | Table]:
-    """A spacecraft with its thrusters and drawing; of a file also whether it can settle."""
+    """A spacecraft with its thrusters; of a file also whether it can settle."""
     craft = load_spacecraft(name)
     yield spacecraft_listing(craft)
     if not craft.thrusters:
         return
     yield thruster_listing(craft)
-    yield f"\n{layout_text(craft)}\n"
-    yield f"x to the right, y up; arrows are forces on the craft; {TOWARDS} towards you, {AWAY} away."
     if name.endswith(".toml"):
         yield from prospects(craft)
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import rans
-from rans.deploy.export import EXPORTERS
 from rans.errors import ConfigError
 
 
@@ -130,23 +129,6 @@ def test_limits_that_are_none(wrong: dict[str, Any], said: str) -> None:
 def test_an_environment_of_no_dimension() -> None:
     with pytest.raises(ConfigError, match=r"dimension must be 2 .* or 3 .* got '2d'"):
         rans.SpacecraftEnv("go-to-pose", "2d")  # type: ignore[arg-type]
-
-
-def test_a_package_may_export_controllers(tmp_path: Path) -> None:
-    asked: list[Any] = []
-
-    def write(*arguments: Any, **_: Any) -> Any:
-        asked.append(arguments)
-        return {}
-
-    with pytest.raises(ConfigError, match="is no trained agent"):
-        rans.export("lqr:go-to-pose-2d", tmp_path, "c")
-    EXPORTERS.register("controller")(write)
-    try:
-        assert rans.export("lqr:go-to-pose-2d", tmp_path, "c", episodes=4) == tmp_path
-    finally:
-        del EXPORTERS.own["controller"]
-    assert asked == [("lqr:go-to-pose-2d", tmp_path, "c", 4)]
 
 
 def test_an_export_to_nowhere() -> None:

@@ -28,7 +28,6 @@ from rans.structure import structure
         ("train mine.py", "mine:CLASS"),
         ("evaluate any-craft@a.toml", "did you mean any-craft-2d or any-craft-3d?"),
         ("evaluate anycraft2d@a.toml", "did you mean any-craft-2d?"),
-        ("compare lqr:go-to-pose-2d optimum", "--with optimal"),
         ("compare lqr:go-to-pose-2d --with lqr,mpc", "write --with lqr mpc"),
         ("evaluate lqr:go-to-pose-2d@nowhere.toml", "rans init nowhere.toml"),
         ("tune go-to-pose-2d", "`rans tune lqr pretrained:NAME`"),

@@ -18,13 +18,11 @@ from rans.cli.details import _agent_details
 from rans.cli.sweep import _table
 from rans.evaluation.measure.agreement import EngineComparison
 from rans.fast.learn.config import TrainConfig
-from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import objective_of
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.show.progress import describe, describe_terms
-from rans.show.tables.layout_text import layout_text
 from rans.table import Table
 from rans.tasks import GoToPose
 from validation.study.checks import Check, Skipped, Study
@@ -196,17 +194,6 @@ def test_an_agent_in_detail(monkeypatch: pytest.MonkeyPatch) -> None:
         ["settling time", "never", "2.5 to never"],
         ["duty", "7.25 %", "7 to 7.5"],
     ]
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_a_thruster_far_away_makes_no_large_picture() -> None:
-    unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    far = Thruster((100.0, -100.0, 0.0), (0.0, 1.0, 0.0), 1.0)
-    near = Thruster((0.0, 0.3, 0.0), (1.0, 0.0, 0.0), 1.0)
-    text = layout_text(Spacecraft("far", 3, 1.0, unit, (near, far), radius=0.3))
-    assert len(text) < 5000
-    assert "1↑" in text
-    assert "0→" in text
 
 
 def study_of(*checks: Check, skipped: tuple[Skipped, ...] = ()) -> Study:

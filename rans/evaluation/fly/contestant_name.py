@@ -8,13 +8,12 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from rans.errors import ConfigError, RansWarning, brief, meant, meant_file
+from rans.errors import ConfigError, RansWarning, brief, meant_file
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.policy_text import is_flights_file, is_user_policy, split_policy
 from rans.files import distinct
@@ -46,26 +45,8 @@ EVALUATIONS = Path("runs") / "evaluations"
 _LONGEST_NAME = 4096
 """Largest number of characters in a path on Linux."""
 
-_CONTROLLER_OF = {
-    "dock": "mission",
-    "hold": "convex",
-    "rendezvous": "mission",
-    "inspect": "circumnavigation",
-    "land": "landing",
-}
-"""Controllers that messages recommend for tasks which LQR does not win."""
-
-_TORCH = (
-    "a file of torch, which says nothing of its observations and commands: export the policy as ONNX "
-    "(torch.onnx.export), and name onnx:FILE.onnx:TASK-2d."
-)
-_FOREIGN_FILES = {
-    ".pt": _TORCH,
-    ".pth": _TORCH,
-    ".onnx": "a network that names no task: write onnx:FILE.onnx:TASK-2d.",
-    ".zip": "no run folder: write sb3:FILE.zip:TASK-2d for a model of Stable-Baselines3.",
-}
-"""What files of other libraries are and what to type, by the end of their names."""
+_FOREIGN_FILES = (".pt", ".pth", ".onnx", ".zip")
+"""Ends of the names of files of other libraries, which alone name no task."""
 
 Kind = Literal["run folder", "pretrained", "controller", "policy", "flights"]
 """A folder of a training or an export, an agent that comes with RANS, a controller without training, a policy of
@@ -113,7 +94,9 @@ class ContestantName:
         """
         if isinstance(text, ContestantName):
             return text
-        # Files of policies and flights, and controllers by their names.
+        if len(text) > _LONGEST_NAME:
+            raise ConfigError(f"there is no contestant {brief(text)}; known are {FORMS}.")
+        # Forms whose names may hold any letter: files of policies and flights, and an agent that adapts.
         if is_user_policy(text):
             policy, setup = split_policy(text)
             return cls(text, "policy", policy, setup)
@@ -121,92 +104,63 @@ class ContestantName:
             return cls(text, "flights", text)
         if _is_bare_controller(text):
             return cls(text, "controller", text)
-        if len(text) > _LONGEST_NAME:
-            raise ConfigError(f"there is no contestant {brief(text)}; known are {FORMS}.")
-        # What follows # and @.
-        longest, _, last = text.rpartition("#")
-        whole, _, part = text.partition("#")
-        if _exists(text):
-            whole, part = text, ""
-        elif longest and _exists(longest):
-            whole, part = longest, last
-        part, at, craft = part.partition("@")
-        whole += at + craft
-        first, _, rest = whole.partition(":")
-        # Forms with a colon.
-        if first == ADAPTIVE and rest:
-            inner = cls.parse(text.removeprefix(f"{ADAPTIVE}:"))
-            if inner.adapts:
-                raise ConfigError(f"{brief(text)} has {ADAPTIVE}: twice; write {inner.text}.")
-            if inner.kind not in ("run folder", "pretrained"):
-                raise ConfigError(
-                    f"{brief(rest)} is no agent for any craft, and no other adapts in flight: name "
-                    f"{ADAPTIVE}:any-craft-2d or {ADAPTIVE}:any-craft-3d."
-                )
-            return replace(inner, text=text, adapts=True)
+        if text.startswith(f"{ADAPTIVE}:") and text != f"{ADAPTIVE}:":
+            return cls._adapting(text)
+        # Forms with a colon, after what follows # and @.
+        whole, part = _divided(text)
+        first, colon, rest = whole.partition(":")
+        agent, _, craft = (rest if first == "pretrained" else whole).partition("@")
         if first == "pretrained" and rest:
-            agent, _, craft = rest.partition("@")
             return cls(text, "pretrained", agent, craft=craft, part=part)._with_frugality()
         if first in CONTROLLERS and rest:
             return cls(text, "controller", first, rest, part=part)
-        if whole == f"{first}:":
-            raise ConfigError(f"{whole} has no name after its colon; known are {FORMS}.")
-        if ":" in whole and not _exists(whole):
+        if colon and not _exists(whole):
             own, _, setup = rest.partition(":")
             if own and setup:
                 return cls(text, "controller", f"{first}:{own}", setup, part=part)
             near = CONTROLLERS.meant(first, ("pretrained", ADAPTIVE))
             raise ConfigError(f"there is no contestant {brief(whole)}{near}; known are {FORMS}.")
-        advice = _FOREIGN_FILES.get(Path(whole).suffix.lower())
-        if advice and not Path(whole).is_dir():
-            raise ConfigError(f"{brief(whole)} is {advice}")
-        # Names alone: a folder, an agent, or a mistake.
+        # Names alone: an agent, the file of a spacecraft, or a folder.
         agents = (*pretrained_names(), *missing_agents())
-        agent, _, craft = whole.partition("@")
         if not _exists(agent) and agent in agents:
             return cls(text, "pretrained", agent, craft=craft, part=part)._with_frugality()
-        if not _exists(whole) and (task := _task_alone(whole)):
-            raise ConfigError(
-                f"{whole} is a task, and a contestant is who flies it: type {_who_flies(task, agents)}."
-            )
-        if craft and not _exists(whole) and (task := _task_alone(agent)):
-            raise ConfigError(
-                f"no agent for {task} flies any craft: type {_CONTROLLER_OF.get(task, 'lqr')}:{whole}, or "
-                f"rans train {task} --spacecraft {craft}."
-            )
-        is_path = whole != Path(whole).name
-        if not _exists(whole) and not is_path and (near := CONTROLLERS.meant(whole, agents)):
-            raise ConfigError(
-                f"{whole} has no task; add one, as in {whole}:go-to-pose-2d."
-                if whole in CONTROLLERS
-                else f"{whole} is not a run folder, and no agent or controller{near}."
-            )
         if whole.endswith(".toml") and Path(whole).is_file():
             agent = FOR_ANY_CRAFT[load_spacecraft(typed(whole)).dimension]
             return cls(text, "pretrained", agent, craft=whole, part=part)._with_frugality()
+        if Path(whole).suffix.lower() in _FOREIGN_FILES and not Path(whole).is_dir():
+            raise ConfigError(f"{brief(whole)} is no run folder; known are {FORMS}.")
         if _exists(whole):
             return cls(text, "run folder", whole, part=part)._with_frugality()
-        # Mistakes, each with what to type; the first that fits is said.
-        if whole in ("optimal", "optimum", "bound", "bounds"):
-            raise ConfigError(
-                f"{whole} is no contestant: optimal trajectories and certified bounds join by --with optimal."
-            )
-        if craft and not is_path and not _exists(agent):
-            near = meant(agent, agents)
-            raise ConfigError(
-                f"there is no run folder {brief(agent)}, and no agent of this name{near}; `rans list AGENTS` "
-                "prints the agents."
-            )
-        if not craft and whole.endswith(".toml"):
+        # Mistakes, each with what to type.
+        if whole.endswith(".toml") and not craft:
             raise ConfigError(
                 f"there is no spacecraft file {brief(whole)}{meant_file(whole)}; `rans init {whole}` writes it."
             )
-        if not craft and not is_path:
+        if agent.removesuffix("-2d").removesuffix("-3d") in TASKS:
             raise ConfigError(
-                f"there is no run folder {brief(whole)}{meant_file(whole)}, and no controller or agent of this "
-                f"name; controllers are {', '.join(CONTROLLERS)}; `rans list AGENTS` prints the agents."
+                f"{whole} is a task: name who flies it, a controller ({', '.join(CONTROLLERS)}) as in lqr:{whole}, "
+                "or an agent of `rans list AGENTS`."
+            )
+        if agent == Path(agent).name:
+            near = CONTROLLERS.meant(agent, agents) or meant_file(agent)
+            raise ConfigError(
+                f"there is no run folder {brief(agent)}, and no controller or agent of this name{near}; "
+                f"controllers are {', '.join(CONTROLLERS)}; `rans list AGENTS` prints the agents."
             )
         return cls(text, "run folder", agent, craft=craft, part=part)._with_frugality()
+
+    @classmethod
+    def _adapting(cls, text: str) -> ContestantName:
+        """The parts of an agent for any craft that adapts in flight."""
+        inner = cls.parse(text.removeprefix(f"{ADAPTIVE}:"))
+        if inner.adapts:
+            raise ConfigError(f"{brief(text)} has {ADAPTIVE}: twice; write {inner.text}.")
+        if inner.kind not in ("run folder", "pretrained"):
+            raise ConfigError(
+                f"{brief(inner.text)} is no agent for any craft, and no other adapts in flight: name "
+                f"{ADAPTIVE}:any-craft-2d or {ADAPTIVE}:any-craft-3d."
+            )
+        return replace(inner, text=text, adapts=True)
 
     def _with_frugality(self) -> ContestantName:
         """The same with the number after "#" as its frugality, if this is an agent for any craft."""
@@ -398,16 +352,16 @@ def _is_bare_controller(text: str) -> bool:
     return find_spec(module.partition(".")[0]) is not None
 
 
-def _task_alone(text: str) -> str:
-    """Name of the task that a text is, with or without "-2d" or "-3d" at its end; empty: it is none."""
-    task = text.removesuffix("-2d").removesuffix("-3d")
-    return task if task in TASKS else ""
-
-
-def _who_flies(task: str, agents: Iterable[str]) -> str:
-    """Names of contestants for a task, for messages: its agents, or a controller, with this task."""
-    own = [agent for agent in agents if re.fullmatch(f"{re.escape(task)}-[23]d", agent)]
-    return " or ".join([*own, f"{_CONTROLLER_OF.get(task, 'lqr')}:{task}"])
+def _divided(text: str) -> tuple[str, str]:
+    """A name with its spacecraft after "@", and the part after "#", which the longest name that exists has not."""
+    longest, _, last = text.rpartition("#")
+    if _exists(text):
+        return text, ""
+    if longest and _exists(longest):
+        return longest, last
+    whole, _, part = text.partition("#")
+    part, at, craft = part.partition("@")
+    return whole + at + craft, part
 
 
 def _exists(name: str) -> bool:

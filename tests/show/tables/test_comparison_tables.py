@@ -236,13 +236,6 @@ def test_a_closed_gap_is_proven_optimal() -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_median_and_the_slowest_start_are_drawn() -> None:
-    shown = page(comparison())
-    (paths,) = (section for section in shown.sections if section.title == "Paths")
-    assert [picture.caption for picture in paths.pictures] == ["Start 1.", "Start 2."]
-
-
-@pytest.mark.usefixtures("undrawn")
 def test_what_the_optimiser_found_by_hand() -> None:
     """Medians of what was solved, and the largest error."""
     one = Relaxed(MinimumTime(), 0, "solved", True, 0.1, 4.0, 3.0, 7.0, 30.0, 1e-4)
