@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import os
 import py_compile
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -23,87 +24,11 @@ from rans.files import (
 from tests.support.sources import sources
 from tests.support.written_files import optimal_folder
 
-READERS = {
-    "rans.files": "reads bytes, texts and JSON",
-    "rans.archives": "reads archives and arrays, from streams of rans.files",
-    "rans.system": "opens files for rans.files, as the system can",
-}
-"""Modules that open files of strangers, and what they do with them."""
-
-CALLS = {
-    "open": "a file",
-    "read_text": "a file",
-    "read_bytes": "a file",
-    "json.load": "JSON",
-    "json.loads": "JSON",
-    "tomllib.load": "TOML",
-    "tomllib.loads": "TOML",
-    "np.load": "arrays",
-    "np.loadtxt": "arrays",
-    "np.genfromtxt": "arrays",
-    "np.fromfile": "arrays",
-    "np.memmap": "arrays",
-    "ZipFile": "an archive",
-    "torch.load": "a pickle",
-    "pickle.load": "a pickle",
-    "pickle.loads": "a pickle",
-    "cloudpickle.load": "a pickle",
-    "cloudpickle.loads": "a pickle",
-    "load_file": "safetensors",
-    "safe_open": "safetensors",
-    "InferenceSession": "ONNX",
-    "load_from_zip_file": "an archive of pickles",
-    "spec_from_file_location": "code",
-    "exec": "code",
-    "ET.parse": "XML",
-    "ET.fromstring": "XML",
-    "ET.iterparse": "XML",
-}
-"""Ends of the names of functions that read what may be a stranger's."""
-
+TABLES = tomllib.loads((Path(__file__).parent / "data" / "readers.toml").read_text("utf-8"))
+"""Calls that read, modules that may, and why other modules have some of them."""
+CALLS = TABLES["calls"]
 ENDS = {call.rpartition(".")[2] for call in CALLS}
-
-ALLOWED = {
-    ("rans_proof.claims", "json.loads"): "the checkers' own reader, with bounds of its own",
-    ("rans_proof.claims", "tomllib.loads"): "the same",
-    ("rans_proof.pose_flights", "json.loads"): "a certificate that the checker has accepted",
-    ("rans.structure", "tomllib.loads"): "the one parser of TOML, after a check of its effort",
-    (
-        "rans.processes",
-        "read_bytes",
-    ): "this process's own pickle, in a folder that only its user can read",
-    ("rans.processes", "cloudpickle.loads"): "the same",
-    ("rans.executors", "cloudpickle.loads"): "on a worker: calls of the user's own machine",
-    (
-        "rans.evaluation.fly.object_policy",
-        "cloudpickle.loads",
-    ): "another process of this session sent it",
-    (
-        "rans.evaluation.fly.foreign_policy",
-        "InferenceSession",
-    ): "ONNX Runtime opens networks by itself",
-    (
-        "rans_proof.network",
-        "InferenceSession",
-    ): "of bytes that the reader of the module has accepted",
-    ("rans.evaluation.fly.foreign_policy", "load_from_zip_file"): "a pickle, with --trust only",
-    (
-        "rans.evaluation.fly.foreign_policy",
-        "pickle.loads",
-    ): "statistics of a policy, with --trust only",
-    ("rans.evaluation.fly.exported", "exec"): "agent.py, with --trust only, from its text",
-    ("rans.compile.cuda.kernel_cache", "read_bytes"): "the user's own cache, with a digest",
-    ("rans.cli", "open"): "the null device",
-    ("rans.registry", "read_text"): "files of installed packages, beside their code",
-    ("rans.lazy", "read_text"): "the source of a module of RANS itself",
-    ("rans.deploy.c.files", "json.loads"): "the contract that this process has just made",
-    ("rans_robot.fmu.export", "json.loads"): "the same",
-    ("rans_any_craft.importers", "ET.fromstring"): "robots, after a check for entities",
-    ("rans.cli.train", "json.loads"): "the user types it",
-    ("rans.cli.sweep", "json.loads"): "the user types it",
-}
-"""Other calls, and why each may be."""
-
+ALLOWED = {(name, call) for name, calls in TABLES["allowed"].items() for call in calls}
 OWN = ("resources.files", "files(")
 """Whose texts are files of the package."""
 
@@ -137,11 +62,11 @@ def opens(text: str) -> list[str]:
 def test_files_are_opened_by_the_readers_alone() -> None:
     used = set()
     for name, file in sources():
-        if name in READERS:
+        if name in TABLES["readers"]:
             continue
         used |= {(name, call) for call in opens(file.read_text("utf-8"))}
-    assert used - ALLOWED.keys() == set(), "use rans.files or rans.archives"
-    assert ALLOWED.keys() - used == set(), "an exception that no module needs"
+    assert used - ALLOWED == set(), "use rans.files or rans.archives"
+    assert ALLOWED - used == set(), "an exception that no module needs"
 
 
 @pytest.mark.parametrize(

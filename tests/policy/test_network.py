@@ -68,7 +68,3 @@ def test_bf16_rounds_the_hidden_layers() -> None:
     """To 8 significant bits, of numbers of order one."""
     difference = (outputs_of("bf16", "cuda") - outputs_of("tf32", "cuda")).abs().max()
     assert 1e-5 < difference < 2e-2
-
-
-def looks(network: Network, observations: Tensor) -> Tensor:
-    return network._looks(network.in_body(observations))

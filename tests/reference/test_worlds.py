@@ -277,13 +277,3 @@ def test_drake_finds_planted_errors(
     assert gap(ours(), expected) < TOLERANCE
     plant(monkeypatch)
     assert gap(ours(), expected) > 100 * TOLERANCE
-
-
-class Wind(Drift):
-    """A drift of a user's, whose forces nobody told Drake."""
-
-    name = "own"
-    in_straight_lines = True
-
-    def carry(self, p: Any, v: Any, t: Any) -> Any:
-        return p, v

@@ -70,13 +70,6 @@ class Deep(rans.GoToPose):
         return super().reward(transition) | {"height": -0.1 * transition.state.p.z}
 
 
-class Wrong(rans.GoToPose):
-    """Its code works nowhere."""
-
-    def reward(self, transition: Any) -> dict[str, Any]:
-        return super().reward(transition) | {"height": transition.state.height}
-
-
 FLAT = "tests.tasks.test_dimensions:Flat"
 DEEP = "tests.tasks.test_dimensions:Deep"
 ANGLE = (

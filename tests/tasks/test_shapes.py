@@ -16,10 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from rans.model.fields import Vec2, Vec3
 from rans.model.trace import Symbol
-from rans.tasks.base import Task
-from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.shapes import Ball, Cone, GlideSlope, Shape, SpeedLimit, nearest_first
-from tests.support.states import planar, spatial
+from tests.support.states import planar
 
 STILL = Vec2(0.0, 0.0)
 THIRTY = math.radians(30.0)
@@ -209,9 +207,3 @@ def gradient_of(shape: Any, point: np.ndarray, library: str) -> np.ndarray:
     gap = shape.gap(Vec3(*casadi.vertsplit(symbols)), Vec3(0.1, 0.0, 0.0))
     function = casadi.Function("slope", [symbols], [casadi.gradient(gap, symbols)])
     return np.array(function(point)).ravel()
-
-
-def test_tasks_have_no_scenery_by_default() -> None:
-    goal = spatial()
-    assert GoToPose().scenery(goal) == ()
-    assert GoToPose.scenery is Task.scenery

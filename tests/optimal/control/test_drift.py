@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from rans.episode import Setup, World, step
 from rans.evaluation.measure.metrics import settling_times
 from rans.flight import fly
-from rans.model.actuators import Throttle
 from rans.model.coordinates import around
 from rans.model.drift import FREE, ClohessyWiltshire, Drift, UniformGravity, step_goal
 from rans.model.fields import leaves, map_leaves
@@ -26,7 +25,7 @@ from rans.optimal.control.mpc import MPC, shortest
 from rans.optimal.control.regulator import Deadband
 from rans.optimal.control.switching import Switching
 from rans.scenario import scenarios
-from rans.tasks import GoToPose, GoToPosition, Task, TrackVelocity
+from rans.tasks import GoToPose, GoToPosition, Task
 from tests.support.clohessy_wiltshire import orbit
 from tests.support.crafts import deputy
 
@@ -79,20 +78,6 @@ class Chase(Place):
 
     def later(self, goal: Any, time: Any) -> Any:
         return step_goal(goal, self.drift, time)
-
-
-@dataclass(frozen=True)
-class Velocity(TrackVelocity):
-    """In a drift."""
-
-    pulled: Drift = FREE
-
-    def __post_init__(self) -> None:
-        """Settings may be anything."""
-
-    @property
-    def drift(self) -> Drift:
-        return self.pulled
 
 
 def integrated(
@@ -210,17 +195,3 @@ def test_a_goal_that_drifts_is_followed(kind: Any) -> None:
     ).norm()
     assert moved.min() > 0.3
     assert flight.errors()["position"][-10:].max() < 0.1
-
-
-def test_velocities_are_held_against_gravity() -> None:
-    task = Velocity(pulled=SLOPE)
-    craft = replace(PLATFORM, actuators=Throttle())
-    timing = Timing()
-    flight = fly(
-        craft,
-        task,
-        LQR(craft, task, timing, deadband=Deadband(share=0.0)),
-        scenarios(task, craft, 8, 4),
-        timing,
-    )
-    assert flight.errors()["velocity"][-25:].max() < 1e-6

@@ -65,33 +65,6 @@ def test_guess_is_a_motion_from_start_to_goal(dimension: int, number: int) -> No
         assert is_far == (number in (1, 3))
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_further_guesses_leave_the_axis_of_a_turn_on_the_spot(dimension: int) -> None:
-    """Also where there is no way to bow: attitudes, rates and commands of all guesses differ."""
-    craft = load_spacecraft("floating-platform" if dimension == 2 else "free-flyer")
-    case: Any = scenario(GoToPose(), dimension, 1, 4)  # type: ignore[arg-type]
-    goal = replace(case.goal, p=case.start.p)
-    rest = replace(case.start, v=goal.v)
-    paths = [guess(POSE, rest, goal, 7.0, 40, number) for number in range(5)]
-    wrenches = [
-        needed_wrenches(craft, unflatten(rest, np.column_stack([leaves(rest), path])), 7.0 / 40)
-        for path in paths
-    ]
-    for k in range(5):
-        for other in range(k):
-            assert np.abs(paths[k] - paths[other]).max() > 0.02
-            assert np.abs(wrenches[k] - wrenches[other]).max() > 1e-3
-    if dimension == 3:
-        turns = [_rotations(path[3:7]) for path in paths]
-        axes = [
-            (_rotations(path[3:7, :1]).inv() * turn).as_rotvec()
-            for path, turn in zip(paths, turns, strict=True)
-        ]
-        ranks = [np.linalg.matrix_rank(axis, tol=0.05) for axis in axes]
-        assert ranks[0] == 1
-        assert min(ranks[1:]) > 1
-
-
 def _entries(attitude: Heading | Quat) -> tuple[float, ...]:
     if isinstance(attitude, Heading):
         return (attitude.angle,)
