@@ -3,17 +3,13 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from torch._dynamo.utils import counters
 
-from rans.cli.train import Train
-from rans.errors import ConfigError
 from rans.fast.engine import Engine
-from rans.fast.learn.config import TrainConfig, from_table, to_table
 from rans.fast.learn.curriculum import Curriculum, Ramp, check_ramps, task_at
 from rans.tasks import GoToPose, MultiTask
 from tests.support.engines import PLATFORM, SHORT, way_to_go
@@ -64,100 +60,12 @@ def test_a_setting_within_a_multi_task() -> None:
     assert moved == MultiTask(go_to_pose=GoToPose(thrust_weight=0.01))
 
 
-@pytest.mark.parametrize(
-    ("ramps", "message"),
-    [
-        (
-            [Ramp("spawn", 1.0, 10)],
-            r"no setting 'spawn' to ramp; known are .*, spawn_distance, .*, fail_spin\.$",
-        ),
-        ([Ramp("flag", 1.0, 10)], "no setting 'flag'"),
-        (
-            [Ramp("spawn_distance", 1.0, 10)],
-            r"spawn_distance must start at something like \(0\.5, 4\.5\), got 1",
-        ),
-        (
-            [Ramp("fail_spin", (1.0, 2.0), 10)],
-            r"fail_spin must start at something like 4\.0, got \(1\.0, 2\.0\)",
-        ),
-        (
-            [Ramp("fine_weight", 1.0, 10, shape="geometric")],
-            r"fine_weight must end above 0, got 0\.0",
-        ),
-        ([CHEAPER, CHEAPER], "thrust_weight has more than one ramp"),
-        ([Ramp("fail_spin", 0.0, 10)], r"fail_spin must be > 0, got 0\.0"),
-        ([Ramp("fail_spin", float("nan"), 10)], "fail_spin must be finite"),
-        (
-            [Ramp("fail_distance", 4.0, 10)],
-            "fail_distance must exceed the farthest start, 4.5 m, got 4.0",
-        ),
-        # each is possible by itself, and both at their ends: but starts spread before failure is forgiven
-        (
-            [Ramp("fail_distance", 1.0, 10, begin=20), Ramp("spawn_distance", (0.1, 0.5), 10)],
-            r"fail_distance must exceed the farthest start, 4\.5 m, got 1",
-        ),
-    ],
-)
-def test_impossible_ramps(ramps: list[Ramp], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        check_ramps(TASK, ramps)
-    with pytest.raises(ConfigError, match=message):
-        TrainConfig("go-to-pose", TASK, "floating-platform", curriculum=tuple(ramps))
-
-
 def test_ramps_that_are_possible_together_only() -> None:
     """Four metres are no failure while all start nearer."""
     ramps = (Ramp("fail_distance", 4.0, 10), Ramp("spawn_distance", (0.1, 0.5), 10))
     check_ramps(TASK, ramps)
     check_ramps(TASK, ramps[::-1])
     assert Curriculum(TASK, ramps, np.float32).task != TASK
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (
-            {"duration": 0},
-            "fail_spin must have a duration >= 1 and a begin >= 0, got 0 and 0 steps",
-        ),
-        ({"begin": -1}, "got 10 and -1 steps"),
-        ({"shape": "cubic"}, "sigmoid or geometric, got 'cubic'"),
-        ({"shape": "geometric", "start": 0.0}, "must start above 0, got 0.0"),
-    ],
-)
-def test_impossible_values(change: dict[str, Any], message: str) -> None:
-    possible: dict[str, Any] = {"setting": "fail_spin", "start": 1.0, "duration": 10}
-    with pytest.raises(ConfigError, match=message):
-        Ramp(**(possible | change))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (
-            {"start": "near"},
-            r"config\.curriculum\[0\]\.start must be a number, or .*, got 'near'",
-        ),
-        (
-            {"start": [1, 2, 3]},
-            r"config\.curriculum\[0\]\.start must be a number, or .*, got \[1, 2, 3\]",
-        ),
-        ({"duration": 2.5}, r"config\.curriculum\[0\]\.duration must be a whole number, got 2\.5"),
-        ({"ends": 1}, r"config\.curriculum\[0\]: unknown key 'ends'"),
-    ],
-)
-def test_wrong_json(change: dict[str, Any], message: str) -> None:
-    table = to_table(CONFIG) | {
-        "curriculum": [{"setting": "fail_spin", "start": 1, "duration": 9} | change]
-    }
-    with pytest.raises(ConfigError, match=message):
-        from_table(table)
-
-
-def test_the_command_line_sets_it() -> None:
-    text = '[{"setting": "spawn_distance", "start": [0.3, 0.5], "duration": 1000000, "shape": "sigmoid"}]'
-    config = Train("go-to-pose", device="cpu", set=(f"curriculum={text}",)).resolved()
-    assert config.curriculum == (Ramp("spawn_distance", (0.3, 0.5), 1_000_000, shape="sigmoid"),)
 
 
 def flown(curriculum: Curriculum, engine: Engine) -> None:

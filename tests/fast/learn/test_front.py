@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 import stable_baselines3
 import torch
-from stable_baselines3.common.env_util import make_vec_env
 
 import rans
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
-from rans.fast.learn.config import MemorySettings, ScheduleSettings
+from rans.fast.learn.config import MemorySettings
 from rans.model.actuators import ON_OFF, Actuators, Throttle
 from rans.model.timing import Timing
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT
@@ -44,15 +43,6 @@ def test_learning_in_pieces_changes_nothing() -> None:
     for piece in (128, 256, 640):
         parts.learn(piece)
     assert torch.equal(weights(whole.network), weights(parts.network))
-
-
-def test_step_sizes_fall_towards_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every update wants longer steps, so the bound is what is taken: in the last of eight an eighth."""
-    monkeypatch.setattr(ScheduleSettings, "desired_kl", 1e6)
-    rates: list[float] = []
-    model = made(learning_rate=1e-3, schedule=ScheduleSettings(1e-3, 1.0))
-    model.learn(1024, lambda model: rates.append(model.log["train/learning_rate"]))
-    assert rates == pytest.approx([1e-3 * (8 - n) / 8 for n in range(8)], rel=1e-6)
 
 
 def test_an_engine_or_sb3s_environment_around_it() -> None:
@@ -177,26 +167,6 @@ def test_one_thread_unless_told_otherwise() -> None:
         assert torch.get_num_threads() == 1
     finally:
         torch.set_num_threads(before)
-
-
-def test_what_it_does_not_know() -> None:
-    with pytest.raises(ConfigError, match="no setting n_envs, target_kl; it has those of"):
-        made(target_kl=0.1, n_envs=4)
-    with pytest.raises(
-        ConfigError, match=r"rans\.Engine or the rans\.SB3VecEnv around it, got DummyVecEnv"
-    ):
-        rans.PPO(make_vec_env("rans/GoToPose2D-v0", 4))  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("wrong", ["a", -1, None, float("nan")])
-def test_steps_that_are_no_number(wrong: Any) -> None:
-    with pytest.raises(ConfigError, match="total_timesteps must be a number >= 0, got "):
-        made().learn(wrong)
-
-
-def test_threads_that_are_no_number() -> None:
-    with pytest.raises(ConfigError, match="threads must be a whole number >= 1"):
-        made(threads=0)
 
 
 @pytest.mark.slow

@@ -1,21 +1,18 @@
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
 import torch
 from torch import Tensor
 
-from rans.errors import ConfigError, NonFiniteState
+from rans.errors import NonFiniteState
 from rans.fast.distributed import ALONE
-from rans.fast.engine import Engine
-from rans.fast.learn import adam, ppo
-from rans.fast.learn.beginning import begin, statistics
-from rans.fast.learn.config import MemorySettings, ScheduleSettings
+from rans.fast.learn.beginning import statistics
+from rans.fast.learn.config import ScheduleSettings
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import minibatches
-from tests.support.engines import NEAR, PLATFORM, SHORT, both_crafts
+from tests.support.engines import PLATFORM, both_crafts
 from tests.support.training import (
     TINY,
     sb3_policy,
@@ -187,28 +184,6 @@ def test_what_an_iteration_says() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        (
-            {"n_steps": 21, "batch_size": 21 * 16},
-            "n_steps must not exceed the episode's 20 steps, got 21",
-        ),
-        ({"batch_size": 60}, "batch_size must be a multiple of n_steps = 8 .* got 60"),
-        ({"batch_size": 96}, "batch_size must be a multiple of n_steps = 8 .* = 128, got 96"),
-        ({"batch_size": 256}, "divides n_steps x environments = 128, got 256"),
-    ],
-)
-def test_sizes_that_do_not_fit(settings: dict[str, Any], message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
-        tiny_learner(**settings)
-
-
-def test_as_many_environments_as_the_engine_has() -> None:
-    with pytest.raises(ConfigError, match="n_envs must be the engine's 16 environments, got 32"):
-        begin(Engine(PLATFORM, NEAR, 16, SHORT), replace(TINY, n_envs=32), 0)
-
-
 def test_an_infinite_gradient_is_noticed_in_the_same_update() -> None:
     learner = tiny_learner()
     learner.backend = None  # autograd's hooks see gradients
@@ -248,24 +223,3 @@ def test_episodes_end_at_different_times() -> None:
     engine = tiny_learner().engine
     steps = engine.timing.step(engine.save_state()["buffers"][-1])
     assert len(set(steps.tolist())) > 4
-
-
-@pytest.mark.slow
-def test_the_update_is_one_graph(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a GPU compiles can be compiled without a break, and computes the same."""
-    settings: dict[str, Any] = {"memory": MemorySettings("history"), "privileged_critic": True}
-    plain = trained(iterations=2, **settings)
-    for module in (ppo, adam):
-        monkeypatch.setattr(
-            module,
-            "fused",
-            lambda function, *_: torch.compile(
-                function, fullgraph=True, dynamic=False, backend="eager"
-            ),
-        )
-    captured = trained(iterations=2, **settings)
-    for name, tensor in plain.network.tensors.items():
-        # The compiler takes Adam's norms and powers apart: the last bit of float32 differs.
-        torch.testing.assert_close(
-            captured.network.tensors[name], tensor, rtol=0, atol=2e-6, msg=name
-        )

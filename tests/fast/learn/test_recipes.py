@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from campaigns.robustness import SINGLE
-from rans.errors import ConfigError
 from rans.fast.learn.config import (
     RECIPES,
     MemorySettings,
@@ -126,32 +125,6 @@ def test_a_recipe_of_ones_own_is_its_base_with_what_it_changes(tmp_path: Path) -
     assert large.ppo.memory.kind == "history"
 
 
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ('base = "nobody"', "base must be the name of a recipe .* got 'nobody'"),
-        ("base = [1]", r"base must be the name of a recipe .* got \[1\]"),
-        ('base = "../secret"', "base must be the name of a recipe"),
-        (OWN + "layer = [64]", r"unknown key 'layer' \(did you mean layers\?\)"),
-        (OWN.replace("thrust_weight", "thrust_wait"), "unknown key 'thrust_wait'"),
-        (OWN.replace("step_factor = 3", "step_factor = 0.5"), "step_factor must be a whole number"),
-        ("gpu = 3\n" + OWN.partition("[gpu]")[0], "gpu must be a table"),
-        ('base = "base-long"\nspacecraft = "free-flyer"', "must name its task"),
-        ("curriculum = 3\n" + OWN, "curriculum"),
-        ('base = "go-to-pose-2d"\ntask = "os:abort"', "would run that module's code"),
-        ('base = "go-to-pose-2d"\nconditions = "torch:os.abort"', "would run that module's code"),
-        ('base = "go-to-pose-2d"\nconditions = "labb"', "no set of conditions named 'labb'"),
-        ('base = "go-to-pose-2d"\nconditions = 3', "conditions"),
-    ],
-)
-def test_a_wrong_recipe_says_what_and_where(text: str, sentence: str, tmp_path: Path) -> None:
-    file = tmp_path / "mine.toml"
-    file.write_text(text, "utf-8")
-    with pytest.raises(ConfigError, match=sentence) as caught:
-        training(str(file), device="cuda")
-    assert str(caught.value).startswith(f"{file}: ")
-
-
 @pytest.mark.parametrize("task", [name for name in TASKS if ":" not in name])
 def test_every_task_has_each_quality(task: str) -> None:
     """A longer one trains to its end; the spacecraft and the length of episodes are the task's own."""
@@ -171,17 +144,3 @@ def test_ones_own_spacecraft_and_conditions() -> None:
     assert (config.ppo.memory.kind, config.ppo.privileged_critic) == ("history", True)
     assert config.conditions.or_none is None
     assert training_of_quality("go-to-pose", "atmos", "good", "cpu").ppo.memory.kind == "none"
-
-
-@pytest.mark.parametrize(
-    ("task", "quality", "said"),
-    [
-        ("go-to-pose-2d", "good", "is a recipe, which has its own length"),
-        ("mine.toml", "best", "is a recipe, which has its own length"),
-        ("go-to-pose", "god", r"quality must be one of .*\(did you mean good\?\)"),
-        ("go-to-poze", "good", r"\(did you mean go-to-pose\?\)"),
-    ],
-)
-def test_qualities_that_are_none(task: str, quality: str, said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
-        training_of_quality(task, None, quality, "cpu")  # type: ignore[arg-type]

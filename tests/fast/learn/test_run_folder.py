@@ -127,24 +127,6 @@ def test_nobodys_spacecraft_is_written_over(tmp_path: Path) -> None:
     RunFolder(tmp_path / "killed").begin(CONFIG, "rans train")
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "not valid JSON"),
-        ('{"task": "go-to', "not valid JSON"),
-        ("[]", "must name its task"),
-        ('{"task": "go-to-pose", "sead": 3, "spacecraft": "x"}', "unknown key 'sead'"),
-        ("\udcff\udcfe", "is a text in UTF-16"),
-        ("\udcff\udcff", "is damaged|cannot read"),
-    ],
-)
-def test_a_damaged_config(run: RunFolder, text: str, message: str) -> None:
-    run.config_file.write_bytes(text.encode("utf-8", "surrogateescape"))
-    with pytest.raises(ConfigError, match=message) as caught:
-        run.config()
-    assert str(run.config_file) in str(caught.value)
-
-
 def test_rows_come_back(run: RunFolder) -> None:
     assert run.metrics() == []
     rows: list[dict[str, Any]] = [{"steps": n, "seconds": 0.1, "success": 1 / n} for n in (1, 2, 3)]
