@@ -27,7 +27,7 @@ _WRITTEN = {name for source in ROWS.values() for name in source.evidence}
 def page() -> str:
     """Text of docs/provenance.md."""
     measured = (*_rows(), _duration(), _TAIL, *_records())
-    return "\n".join([_HEAD, *measured, _DRAWN, *_pictures(), _ONCE, *_once()]) + "\n"
+    return "\n".join([_HEAD, *measured, _DRAWN, _ONCE, *_once()]) + "\n"
 
 
 _HEAD = """# Provenance
@@ -77,8 +77,7 @@ module named here runs there with `python -m`.
 | page | evidence | module | commit |
 |---|---|---|---|"""
 _DRAWN = """
-| picture | drawn by |
-|---|---|"""
+`python -m campaigns.pictures` draws the pictures, others were drawn once (`campaigns/provenance.toml`)."""
 
 
 def _rows() -> Iterator[str]:
@@ -125,14 +124,8 @@ def _duration() -> str:
         f"\nWith `--quick` all rows take {total:,.0f} s of one processor together, "
         f"{total / 120.0:.0f} minutes on two (AMD EPYC).{rest} With every flight the {len(grown)} rows whose "
         f"number of flights is stated would take {sum(grown):,.0f} s, if their times grow as the flights do: "
-        f"{sum(grown) / 960.0:.0f} minutes on 16 processors. The other {len(every) - len(grown)} rows search or "
-        "bound, and no proportion holds for them."
+        f"{sum(grown) / 960.0:.0f} minutes on 16 processors; the others search or bound."
     )
-
-
-def _pictures() -> Iterator[str]:
-    yield from (f"| `pictures/{name}` | `{command}` |" for name, command in PICTURES.items())
-    yield "\nOther pictures in `diagrams` were drawn once, by `campaigns.pictures` at `af4f7ac0`."
 
 
 def _once() -> Iterator[str]:
