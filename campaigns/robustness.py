@@ -176,18 +176,15 @@ def in_document(docs: Path) -> tuple[tuple[str, ...], Sequence[tuple[str, ...]]]
         "perturbation",
         "plane: solved",
         "settling, s",
-        "duty",
         "space: solved",
         "settling, s",
-        "duty",
     )
     return headings, rows
 
 
-def _worst(said: list[dict[str, Any]]) -> tuple[str, str, str]:
+def _worst(said: list[dict[str, Any]]) -> tuple[str, str]:
     settles = max(number(one["settling time"]) for one in said)
     return (
         f"{min(one['held']['value'] for one in said):.2f}",
         f"{settles:.1f}" if math.isfinite(settles) else "never",
-        f"{max(one['duty at rest'] for one in said):.1f}",
     )
