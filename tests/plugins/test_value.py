@@ -74,14 +74,51 @@ def test_flights_from_equivalent_sides_are_equal() -> None:
         torch.testing.assert_close(other[1:], one[1:])
 
 
-def test_no_single_valve_is_better_than_the_command() -> None:
+def test_patterns_have_every_effect_once_at_the_least_impulse() -> None:
+    problem = learner().problem
+    every = torch.tensor([[float(i >> j & 1) for j in range(8)] for i in range(256)])
+    effects, listed = (
+        x @ torch.tensor(PLATFORM.wrench_map).float() for x in (every, problem.patterns)
+    )
+    is_same = torch.cdist(effects, listed) < 1e-3  # steps are of 0.3 N m and more
+    assert (is_same.sum(dim=1) == 1).all()
+    at = is_same.float().argmax(dim=1)
+    assert (problem.patterns[at].sum(dim=1) <= every.sum(dim=1)).all()
+
+
+def test_commands_cost_at_most_what_they_promise() -> None:
     made = learner()
+    greedy = made.greedy
     state = made._ends[:, :64]
-    label, _ = made.greedy.label(state)
-    single = torch.cat((torch.zeros(1, 8), torch.eye(8)))[:, None].repeat(1, 64, 1)
-    least = made.greedy._costs(state, single).amin(dim=0)
-    cost = made.greedy._costs(state, label[None])[0]
-    assert (cost <= least + 1e-5).all()  # rounding
+    command = greedy.command(state)
+    single = greedy._costs(state, torch.eye(8)[:, None]).amin(dim=0)
+    assert (greedy._costs(state, command[None])[0] <= single + 1e-5).all()  # rounding
+
+    def of_two(first: Tensor) -> Tensor:
+        after, cost, discount = greedy.period(state, first)
+        end, again, more = greedy.period(after, greedy.command(after))
+        return cost + discount * (again + more * greedy.mean(end))
+
+    # Ahead of two periods, the command of one is among those that are tried.
+    assert (of_two(greedy.ahead(state)) <= of_two(command) + 1e-5).all()
+
+
+def test_labels_are_flown_and_imitated_from_the_side_that_is_labelled(monkeypatch: Any) -> None:
+    made = learner()
+    sides = []
+
+    def label(state: Tensor) -> tuple[Tensor, Tensor]:
+        sides.append(state)
+        return commands(), commands()
+
+    monkeypatch.setattr(made.greedy, "label", label)
+    made._fly(0.0)
+    assert (made._labels[-1][1].view(-1, 64, 8) == commands()).all()
+    for before, after in zip(sides, made._pool.view(7, -1, 64).unbind(dim=1)[1:], strict=False):
+        flown = made.problem.moved(before, commands().unbind(dim=1))
+        # Distance, speed and rotation are the same from all sides.
+        squares = [x.square()[[0, 2, 3, 5]] + x.square()[[1, 2, 4, 5]] for x in (flown, after)]
+        torch.testing.assert_close(*squares, rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.slow

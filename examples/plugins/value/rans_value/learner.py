@@ -39,7 +39,6 @@ from rans.extend import (
 )
 from rans.fast.learn.graph import fused, graphed
 from rans.fast.learn.learners import own_settings
-from rans.policy.symmetry import symmetries
 from rans_value.problem import PoseProblem, equivalent, relative
 
 _PERIODS = 10
@@ -54,6 +53,10 @@ _KEEP = 0.98
 """Average of the weights of the value function over gradient steps, by which is flown."""
 _LABELLED = 8
 """Iterations whose labels are imitated together."""
+_TRIED = 16
+"""Patterns of open valves that are tried, of those whose valves alone promise the least cost."""
+_AHEAD = 4
+"""Patterns after which a second period is tried, where a command is to be of the least cost of two."""
 _DECIDED = 0.01
 """Cost of a wrong valve at which its label has half of its weight, s."""
 
@@ -126,49 +129,68 @@ class ValueNetwork(nn.Module):
 class Greedy:
     """Commands by a value function: the pattern of open valves with the least cost of a period and the value after.
 
-    Costs of opening each thruster alone give a first pattern. Then each thruster of the best is switched, twice.
+    Costs of opening each thruster alone order the patterns, of which the first are tried.
+
+    Args:
+        problem: the flights.
+        value: their value function.
+        views: number of equivalent sides from which the value of a state is averaged.
     """
 
-    def __init__(self, problem: PoseProblem, value: ValueNetwork) -> None:
+    def __init__(self, problem: PoseProblem, value: ValueNetwork, views: int = 1) -> None:
         self.problem = problem
         self.value = value
-        count = problem.craft.thruster_count
         device = value.mean.device
+        count = problem.craft.thruster_count
         self._single = torch.cat((torch.zeros(1, count), torch.eye(count))).to(device)
-        self._costs = fused(self._costs_of, device)
+        self._patterns = problem.patterns.to(device)
+        sides = zip(problem.turn, problem.hand, strict=True)
+        self._views = [(x.to(device), y.to(device)) for x, y in sides][:views]
+        self.command = fused(self._command_of, device)
+        self.label = fused(self._label_of, device)
 
-    def _costs_of(self, state: Tensor, patterns: Tensor) -> Tensor:
-        """Costs (C, N) of patterns (C, N, n) from states (7, N), s."""
+    def _costs(self, state: Tensor, patterns: Tensor) -> Tensor:
+        """Costs (C, N) of patterns (C, N, n) or (C, 1, n) from states (7, N), s."""
         problem = self.problem
-        commands = patterns.unbind(dim=-1)
+        commands = patterns.expand(-1, state.shape[1], -1).unbind(dim=-1)
         each = state[:, None].expand(-1, len(patterns), -1)
-        after = self.value(problem.moved(each, commands))
+        after = problem.moved(each, commands)
         burnt = problem.thrust_price(state) * problem.burnt(commands)
-        return burnt + problem.discount(state) * after
+        return burnt + problem.discount(state) * self.mean(after)
 
-    def _switched(self, state: Tensor, best: Tensor) -> tuple[Tensor, Tensor]:
-        """Patterns (C, N, n) that are the best (N, n) and those with one thruster switched, and their costs."""
-        patterns = (best - self._single[:, None]).abs()
+    def mean(self, state: Tensor) -> Tensor:
+        """Values of states (7, ...), the mean of those from equivalent sides."""
+        values = [self.value(equivalent(state, *view)) for view in self._views]
+        return torch.stack(values).mean(dim=0)
+
+    def _tried(self, state: Tensor) -> tuple[Tensor, Tensor]:
+        """Patterns (C, N, n) that promise the least costs, and their costs (C, N)."""
+        costs = self._costs(state, self._single[:, None])
+        order = self._patterns @ (costs[1:] - costs[:1])
+        first = order.topk(min(_TRIED, len(order)), dim=0, largest=False).indices
+        patterns = self._patterns[first]
         return patterns, self._costs(state, patterns)
 
-    def command(self, state: Tensor) -> Tensor:
+    def _command_of(self, state: Tensor) -> Tensor:
         """Patterns (N, n), zeros and ones, of states (7, N)."""
-        single = self._single[:, None].repeat(1, state.shape[1], 1)
-        costs = self._costs(state, single)
-        best = (costs[1:] < costs[:1]).to(state.dtype).T
-        least = costs.amin(dim=0)
-        lone = _chosen(single, costs)
-        for _ in range(2):
-            patterns, costs = self._switched(state, best)
-            is_better = (costs.amin(dim=0) < least)[:, None]
-            best = lone = torch.where(is_better, _chosen(patterns, costs), lone)
-            least = torch.minimum(least, costs.amin(dim=0))
-        return best
+        return _chosen(*self._tried(state))
 
-    def label(self, state: Tensor) -> tuple[Tensor, Tensor]:
+    def ahead(self, state: Tensor) -> Tensor:
+        """As ``command``, by the least cost of two periods."""
+        patterns, costs = self._tried(state)
+        best = costs.topk(min(_AHEAD, len(costs)), dim=0, largest=False).indices[..., None]
+        patterns = patterns.gather(0, best.expand(-1, -1, patterns.shape[2]))
+        totals = []
+        for pattern in patterns:
+            after, cost, discount = self.period(state, pattern)
+            rest = self._tried(after)[1].amin(dim=0) + self.problem.waiting(after)
+            totals.append(cost + discount * rest)
+        return _chosen(patterns, torch.stack(totals))
+
+    def _label_of(self, state: Tensor) -> tuple[Tensor, Tensor]:
         """Patterns (N, n), and the cost of switching each of their thrusters, (N, n), s."""
-        best = self.command(state)
-        costs = self._switched(state, best)[1]
+        best = self._command_of(state)
+        costs = self._costs(state, (best - self._single[:, None]).abs())
         return best, (costs[1:] - costs[:1]).clamp(min=0.0).T
 
     def period(self, state: Tensor, command: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -238,12 +260,11 @@ class ValueLearner:
         self.greedy = Greedy(self.problem, self.average)
         self._value_adam = torch.optim.Adam(self.value.parameters(), own.learning_rate, fused=True)
         self._period = fused(self.greedy.period, device)
-        self._value_of = fused(self.average.forward, device)
+        # The end of a flight is valued from all sides, which costs little and averages errors of the fit.
+        self._value_of = fused(Greedy(self.problem, self.average, views=8).mean, device)
         self._loss = fused(self._loss_of, device)
-        views = symmetries(engine.craft)
-        turn = torch.eye(2)[None] if views is None else torch.as_tensor(views.turn)
-        hand = torch.ones(1) if views is None else torch.as_tensor(views.hand)
-        self._turn, self._hand = (x.to(device, engine.dtype) for x in (turn, hand))
+        sides = (self.problem.turn, self.problem.hand, self.problem.place)
+        self._turn, self._hand, self._place = (x.to(device) for x in sides)
         # Flights of the last rounds, and labels of the last iterations.
         self._ends = example
         self._flights: list[tuple[Tensor, Tensor]] = []
@@ -383,22 +404,24 @@ class ValueLearner:
         pool, labels, differs = [], [], []
         for uniform, slot in zip(rollout.uniform(self._actions), rollout.steps, strict=True):
             state = self.states()
-            label, regret = self.greedy.label(state)
+            # Labels are of the side from which the craft is looked at: there, equal states have equal ones.
             columns, _, order = network.look(network.in_body(observation))
-            seen = network.evaluate_seen(columns).policy
-            policy = seen if order is None else seen.placed(order)
-            action = torch.where(samples, policy.sample(uniform), policy.mode())
-            differs.append((policy.mode() != label).any(dim=1).to(label.dtype).mean())
-            command = torch.where(own, action, label)
+            order = (
+                torch.arange(self._place.shape[1], device=row.device).expand(count, -1)
+                if order is None
+                else order
+            )
+            side = (order[:, None] == self._place).all(dim=2).to(torch.uint8).argmax(dim=1)
+            seen = equivalent(state, self._turn[side], self._hand[side])
+            label, regret = self.greedy.label(seen)
+            policy = network.evaluate_seen(columns).policy
+            mode = policy.mode()
+            action = torch.where(samples, policy.sample(uniform), mode)
+            differs.append((mode != label).any(dim=1).to(label.dtype).mean())
+            command = torch.where(own, action, label).gather(1, order)
             acted = Acted(command, slot.log_prob, slot.value, command, None)
             decided = regret / (regret + _DECIDED * (1.0 + self.problem.price(state)[:, None]))
-            # Thrusters of columns are numbered as the craft is looked at.
-            answer = (
-                (label, decided)
-                if order is None
-                else (torch.empty_like(x).scatter(1, order, x) for x in (label, decided))
-            )
-            labels.append((columns, *answer))
+            labels.append((columns, label, decided))
             pool.append(state)
             step = engine.step(engine.commands(command))
             remember(observation, acted, None, step, slot, rollout)
@@ -469,7 +492,7 @@ def _check(engine: Engine, network: Network) -> None:
 
 
 class GreedyController:
-    """Commands by the value function of a run, instead of the policy that imitates them; a `rans.Controller`.
+    """Commands by the value function of a run, two periods ahead; a `rans.Controller`.
 
     >>> rans.evaluate(GreedyController("runs/mine"))  # doctest: +SKIP
 
@@ -507,7 +530,7 @@ class GreedyController:
     def act(self, state: State, goal: State, observation: np.ndarray) -> np.ndarray:
         """Commands (N, thrusters) of states."""
         like = self._greedy.value.mean
-        return self._greedy.command(relative(state, goal, like, self._trade_off)).numpy()
+        return self._greedy.ahead(relative(state, goal, like, self._trade_off)).numpy()
 
 
 _ITERATIONS = 560
