@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import torch
 from rans_value.learner import GreedyController, Value, ValueLearner, ValueSettings
-from rans_value.problem import equivalent
 from torch import Tensor
 
 from rans.errors import ConfigError
@@ -23,7 +22,6 @@ from rans.fast.learn.trainer import Trainer
 from rans.flight import fly
 from rans.model.actuators import Throttle
 from rans.model.timing import Timing
-from rans.policy.symmetry import symmetries
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenarios
 from rans.tasks import GoToPosePriced
@@ -59,33 +57,6 @@ def test_the_model_is_that_of_the_engine() -> None:
         torch.testing.assert_close(made.states(), after, rtol=0.0, atol=1e-5)
 
 
-def test_flights_from_equivalent_sides_are_equal() -> None:
-    made = learner()
-    views = symmetries(PLATFORM)
-    assert views is not None
-    state = made._ends[:, :64]
-    for turn, hand, place in zip(*views, strict=True):
-        seen = partial(equivalent, turn=torch.tensor(turn).float(), hand=torch.tensor(hand).float())
-        permuted = torch.empty_like(commands())
-        permuted[:, torch.tensor(place)] = commands()
-        one = made.greedy.period(state, commands())
-        other = made.greedy.period(seen(state), permuted)
-        torch.testing.assert_close(other[0], seen(one[0]), rtol=0.0, atol=1e-4)
-        torch.testing.assert_close(other[1:], one[1:])
-
-
-def test_patterns_have_every_effect_once_at_the_least_impulse() -> None:
-    problem = learner().problem
-    every = torch.tensor([[float(i >> j & 1) for j in range(8)] for i in range(256)])
-    effects, listed = (
-        x @ torch.tensor(PLATFORM.wrench_map).float() for x in (every, problem.patterns)
-    )
-    is_same = torch.cdist(effects, listed) < 1e-3  # steps are of 0.3 N m and more
-    assert (is_same.sum(dim=1) == 1).all()
-    at = is_same.float().argmax(dim=1)
-    assert (problem.patterns[at].sum(dim=1) <= every.sum(dim=1)).all()
-
-
 def test_commands_cost_at_most_what_they_promise() -> None:
     made = learner()
     greedy = made.greedy
@@ -97,7 +68,7 @@ def test_commands_cost_at_most_what_they_promise() -> None:
     def of_two(first: Tensor) -> Tensor:
         after, cost, discount = greedy.period(state, first)
         end, again, more = greedy.period(after, greedy.command(after))
-        return cost + discount * (again + more * greedy.mean(end))
+        return cost + discount * (again + more * greedy.value(end))
 
     # Ahead of two periods, the command of one is among those that are tried.
     assert (of_two(greedy.ahead(state)) <= of_two(command) + 1e-5).all()

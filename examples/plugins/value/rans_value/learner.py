@@ -11,6 +11,7 @@ learning and structured prediction to no-regret online learning", AISTATS 2011).
 from __future__ import annotations
 
 import math
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -134,18 +135,15 @@ class Greedy:
     Args:
         problem: the flights.
         value: their value function.
-        views: number of equivalent sides from which the value of a state is averaged.
     """
 
-    def __init__(self, problem: PoseProblem, value: ValueNetwork, views: int = 1) -> None:
+    def __init__(self, problem: PoseProblem, value: ValueNetwork) -> None:
         self.problem = problem
         self.value = value
         device = value.mean.device
         count = problem.craft.thruster_count
         self._single = torch.cat((torch.zeros(1, count), torch.eye(count))).to(device)
         self._patterns = problem.patterns.to(device)
-        sides = zip(problem.turn, problem.hand, strict=True)
-        self._views = [(x.to(device), y.to(device)) for x, y in sides][:views]
         self.command = fused(self._command_of, device)
         self.label = fused(self._label_of, device)
 
@@ -156,12 +154,7 @@ class Greedy:
         each = state[:, None].expand(-1, len(patterns), -1)
         after = problem.moved(each, commands)
         burnt = problem.thrust_price(state) * problem.burnt(commands)
-        return burnt + problem.discount(state) * self.mean(after)
-
-    def mean(self, state: Tensor) -> Tensor:
-        """Values of states (7, ...), the mean of those from equivalent sides."""
-        values = [self.value(equivalent(state, *view)) for view in self._views]
-        return torch.stack(values).mean(dim=0)
+        return burnt + problem.discount(state) * self.value(after)
 
     def _tried(self, state: Tensor) -> tuple[Tensor, Tensor]:
         """Patterns (C, N, n) that promise the least costs, and their costs (C, N)."""
@@ -255,13 +248,11 @@ class ValueLearner:
         with torch.random.fork_rng([device] if device.type == "cuda" else []):
             torch.manual_seed(generator.initial_seed())
             self.value = ValueNetwork(self.problem, example, own.units)
-            self.average = ValueNetwork(self.problem, example, own.units)
-        self.average.load_state_dict(self.value.state_dict())
+        self.average = deepcopy(self.value)
         self.greedy = Greedy(self.problem, self.average)
         self._value_adam = torch.optim.Adam(self.value.parameters(), own.learning_rate, fused=True)
         self._period = fused(self.greedy.period, device)
-        # The end of a flight is valued from all sides, which costs little and averages errors of the fit.
-        self._value_of = fused(Greedy(self.problem, self.average, views=8).mean, device)
+        self._value_of = fused(self.average.forward, device)
         self._loss = fused(self._loss_of, device)
         sides = (self.problem.turn, self.problem.hand, self.problem.place)
         self._turn, self._hand, self._place = (x.to(device) for x in sides)
@@ -346,7 +337,10 @@ class ValueLearner:
             state, cost, discount = self._period(state, command)
             costs.append(cost)
             discounts.append(discount)
-        target = self._value_of(state)
+        # Errors of the fit are averaged over all sides: the least of costs with errors is too low.
+        sides = zip(self._turn, self._hand, strict=True)
+        ends = [self._value_of(equivalent(state, *side)) for side in sides]
+        target = torch.stack(ends).mean(dim=0)
         targets = []
         for cost, discount in zip(reversed(costs), reversed(discounts), strict=True):
             target = cost + discount * target
@@ -457,7 +451,6 @@ class ValueLearner:
         return {
             "weights": {name: x.detach() for name, x in self.network.tensors.items()},
             "adam": self.adam.state(),
-            "value": self.value.state_dict(),
             "average": self.average.state_dict(),
             "generator": self._generator.get_state(),
         }
@@ -468,8 +461,8 @@ class ValueLearner:
         for name, tensor in self.network.tensors.items():
             tensor.copy_(saved["weights"][name])
         self.adam.load(saved["adam"])
-        self.value.load_state_dict(saved["value"])
-        self.average.load_state_dict(saved["average"])
+        for network in (self.value, self.average):
+            network.load_state_dict(saved["average"])
         self._generator.set_state(saved["generator"].cpu())
         self._flights = [self._flown()]
 

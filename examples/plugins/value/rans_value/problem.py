@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -27,6 +26,7 @@ from rans.extend import (
     map_leaves,
 )
 from rans.model.dynamics import mean_thrust, undelayed
+from rans.policy.allocation import subsets
 from rans.policy.symmetry import symmetries
 from rans.tasks.goal_set import REST_SPEED, REST_SPIN
 
@@ -49,8 +49,6 @@ _CLOSE = 3.0
 _SCALES = (1.0, 0.2)
 """Tolerances at which inputs of the value function are steepest, of the errors and their rates, over those of the
 goal set."""
-_CELLS = 32
-"""Cells along each axis of the changes of velocity and spin in a period. Each is reached by one pattern."""
 _COARSE = 0.02
 """Least distance between headings at rest, rad, at which the value function is given where they lie."""
 
@@ -134,30 +132,10 @@ class PoseProblem:
         own = (torch.eye(2)[None], torch.ones(1), torch.arange(craft.thruster_count)[None])
         sides = own if views is None else views.tensors_like(torch.zeros(1))
         self.turn, self.hand, self.place = sides
-        self.patterns = self._patterns()
-
-    def _patterns(self) -> Tensor:
-        """Patterns (C, n) of open valves whose effects differ, of equal ones that of least impulse.
-
-        Several patterns of the same effect would be labels that no independent valves can imitate.
-        """
-        count = self.craft.thruster_count
-        patterns = torch.zeros(1, count)
-        rest = torch.zeros(7, 1)
-        full = self.moved(rest, torch.eye(count).unbind(dim=1))[3:6].abs().sum(dim=1)
-        for thruster in range(count):
-            opened = patterns.clone()
-            opened[:, thruster] = 1.0
-            patterns = torch.cat((patterns, opened))
-            commands = patterns.unbind(dim=1)
-            patterns = patterns[self.burnt(commands).argsort(stable=True)]
-            change = self.moved(rest, patterns.unbind(dim=1))[3:6].T / full
-            # Where changes are multiples of a cell, none lies at the border of two.
-            _, first = np.unique(
-                np.floor(_CELLS * change.numpy() + 0.37), axis=0, return_index=True
-            )
-            patterns = patterns[first]
-        return patterns
+        # Several patterns of the same effect would be labels that no independent valves can imitate.
+        shared = craft.thrust_sharing == "split"
+        self.patterns = torch.as_tensor(subsets(craft.wrench_map, shared, 0.0).opened).float()
+        """Patterns (C, n) of open valves whose effects differ, of equal ones that of least impulse."""
 
     def price(self, state: Tensor) -> Tensor:
         """Price of the full thrust, seconds a second."""
