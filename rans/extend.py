@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.agent import load_policy as load_policy
     from rans.evaluation.fly.contestant_name import ContestantName as ContestantName
     from rans.evaluation.fly.contestants import contestant as contestant
-    from rans.evaluation.fly.controllers import CONTROLLERS as CONTROLLERS
     from rans.evaluation.fly.protocols import fitting_protocols as fitting_protocols
     from rans.evaluation.measure.metrics import Sample as Sample
     from rans.fast.device import torch_device as torch_device
@@ -88,7 +87,6 @@ if TYPE_CHECKING:
     from rans.model.fields import leaves as leaves
     from rans.model.fields import map_leaves as map_leaves
     from rans.model.fields import sqrt as sqrt
-    from rans.model.fields import unflatten as unflatten
     from rans.model.fields import where as where
     from rans.model.fields import within as within
     from rans.model.random import Random as Random
@@ -105,7 +103,6 @@ if TYPE_CHECKING:
     from rans.randomization.conditions import Conditions as Conditions
     from rans.randomization.conditions import bounds as bounds
     from rans.randomization.conditions_file import conditions_text as conditions_text
-    from rans.randomization.parameters import StepInputs as StepInputs
     from rans.reference.flight import DrakeMover as DrakeMover
     from rans.reference.flight import fly_in_drake as fly_in_drake
     from rans.registry import are_files_trusted as are_files_trusted

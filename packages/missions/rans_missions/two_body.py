@@ -16,7 +16,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from rans.extend import Body, ConfigError, Spacecraft, StepInputs, Timing, Vec3, leaves
+from rans.extend import Body, ConfigError, Spacecraft, Timing, Vec3, leaves
+from rans.randomization.parameters import StepInputs
 from rans_missions.orbits.earth import EARTH
 from rans_missions.orbits.elliptic import EllipticOrbit
 

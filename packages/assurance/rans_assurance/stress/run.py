@@ -11,6 +11,7 @@ from typing import NamedTuple
 from rans.errors import meant
 from rans.evaluation.compare.contest import Contestant
 from rans.evaluation.compare.entrants import Invited, enlisted
+from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.tuned import tuned
@@ -24,7 +25,6 @@ from rans.evaluation.stress.outcome import (
     holds_to,
 )
 from rans.extend import (
-    CONTROLLERS,
     Conditions,
     ConfigError,
     Contest,

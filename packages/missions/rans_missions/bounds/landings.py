@@ -19,7 +19,6 @@ from rans.extend import (
     Scenario,
     Setup,
     Spacecraft,
-    StepInputs,
     Table,
     Timing,
     Vec3,
@@ -27,6 +26,7 @@ from rans.extend import (
     map_leaves,
     unseen,
 )
+from rans.randomization.parameters import StepInputs
 from rans.scenario import each
 from rans_missions.convex.landing import Descent, Lander, Landing, best_landing
 from rans_missions.tasks.land import Land

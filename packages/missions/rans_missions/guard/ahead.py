@@ -8,7 +8,8 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from rans.effectors.motion import states_at_checks
-from rans.extend import Body, Field, StepInputs, World, at_least, where
+from rans.extend import Body, Field, World, at_least, where
+from rans.randomization.parameters import StepInputs
 from rans.tasks.base import goal_after
 from rans_missions.guard.expected import Reserve
 

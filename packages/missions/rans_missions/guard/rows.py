@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import leaves, map_leaves, unflatten
+from rans.extend import leaves, map_leaves
+from rans.model.fields import unflatten
 
 
 def is_array(x: Any) -> bool:

@@ -6,10 +6,12 @@ import json
 
 import numpy as np
 import pytest
-from rans_missions.bounds.transfers import Row, TransferTable, judged_transfers
+from rans_missions.bounds import transfers
+from rans_missions.bounds.transfers import Row, judged_transfers
 from rans_missions.tasks import Hold
 
 from rans.model.spacecraft_file import load_spacecraft
+from rans.scenario import scenarios
 
 CHASER = load_spacecraft("vbar-chaser")
 
@@ -33,13 +35,13 @@ def test_ratios_are_of_those_who_won_and_a_start_without_a_flight_has_no_number(
     impulse = np.array([3.0, 8.0, 50.0])
     won = np.array([True, True, False])
     nobody = np.zeros(3, bool)
-    table = TransferTable(
+    table = transfers._table(
         600.0,
-        np.array([2.0, 4.0, 5.0]),
-        np.array([2.5, 4.5, np.inf]),
-        (Row("guidance", won, ~won, impulse), Row("LQR", nobody, nobody, impulse)),
+        [2.0, 4.0, 5.0],
+        [Row("guidance", won, ~won, impulse), Row("LQR", nobody, nobody, impulse)],
+        Row("optimum", won, nobody, np.array([2.5, 4.5, 9.0])),
     )
-    guidance, lqr = table.cells()
+    guidance, lqr, _ = table.cells()
     assert guidance == ("guidance", "66.7 %", "33.3 %", "1.750", "2.000", "5.5 N s")
     assert lqr[3:] == ("-", "-", "-")
     found = json.loads(json.dumps(table.to_json(), allow_nan=False))
@@ -50,3 +52,17 @@ def test_ratios_are_of_those_who_won_and_a_start_without_a_flight_has_no_number(
         "violated": [False, False, True],
         "impulse": [3.0, 8.0, 50.0],
     }
+
+
+def test_a_flight_that_one_engine_alone_wins_is_no_upper_bound(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    nobody = np.zeros(2, bool)
+    fast, drake = (Row("", np.array(won), nobody, np.ones(2)) for won in ([1, 1], [1, 0]))
+    rows = iter((fast, drake))
+    monkeypatch.setattr(transfers, "row_of", lambda *_: next(rows))
+    for engine in ("fly", "fly_in_drake"):
+        monkeypatch.setattr(transfers, engine, lambda *_: None)
+    starts = scenarios(Hold(), CHASER, 1, 2)
+    found = transfers._flown("", CHASER, Hold(), starts, [None, None])
+    assert found.docked.tolist() == [1, 0]
