@@ -10,6 +10,8 @@ import pytest
 from rans_missions.passive_safety import (
     PRECISION,
     Pieces,
+    _bend,
+    carried,
     keep_away,
     least_distances,
     pieces_of_periods,
@@ -123,3 +125,16 @@ def test_whether_a_distance_is_kept_agrees_with_the_least_distance() -> None:
         certain = np.abs(least - distance) > PRECISION
         assert certain.sum() > 0.9 * flights
         np.testing.assert_array_equal(kept[certain], (least > distance)[certain])
+
+
+def test_the_bend_of_a_coast_bounds_its_acceleration() -> None:
+    """What is left out between two instants is proven by it."""
+    random = np.random.default_rng(6)
+    states = random.normal(size=(50, 6)) * [80.0, 80.0, 80.0, 0.1, 0.1, 0.1]
+    most = np.zeros(50)
+    for time in np.linspace(0.0, ORBIT, 400):
+        now = carried(N, states, np.full(50, time))
+        most = np.maximum(most, np.linalg.norm(hill(now.T, np.zeros((3, 1)))[3:], axis=0))
+    bend = _bend(N, states)
+    assert (most <= bend * (1.0 + 1e-9)).all()
+    assert (most > 0.7 * bend).all()
