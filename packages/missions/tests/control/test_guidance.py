@@ -20,6 +20,7 @@ from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.regulator import Deadband
+from rans.optimal.trajectory.allocation import Allocation
 from rans.scenario import Scenario, scenarios
 from rans.tasks import GoToPosition
 from tests.support.clohessy_wiltshire import orbit
@@ -140,3 +141,13 @@ def test_free_flight_is_two_burns_by_hand() -> None:
     goal = scenarios(task, PLATFORM, 1, 1).goal
     start = replace(goal, p=type(goal.p)(goal.p.x - 1.0, goal.p.y))
     np.testing.assert_allclose(pilot.wrench(start, goal), [[5.32 / 9.0, 0.0, 0.0]], atol=1e-12)
+
+
+def test_where_thrust_does_not_suffice_for_the_deadline_it_arrives_later() -> None:
+    """100 to 150 m in 20 s take 5 m/s or more, of which 10 s of 1 N give 12 kg less than 1 m/s."""
+    craft = deputy()
+    starts = scenarios(FAR, craft, 5, 4)
+    wanted = VelocityToGain(craft, FAR, SLOW, 20.0).wrench(starts.start, starts.goal)
+    load = Allocation(craft).load(wanted)
+    assert (load <= 0.95 + 1e-9).all()
+    assert (load > 0.3).all()
