@@ -58,6 +58,21 @@ def test_a_miss_is_measured_in_tolerances_of_the_worst_instant_at_the_end() -> N
     assert shortfall(flight)[0][0] == pytest.approx(last.max() / TASK.position_tolerance - 1.0)
 
 
+def test_changes_of_pulses_do_what_they_say() -> None:
+    """A change takes at most one pulse away, and adds at most one where there was none."""
+    random = np.random.default_rng(3)
+    flight = (random.random((30, 4)) < 0.1).astype(float)
+    for off, on in pulses._changes(flight, random):
+        assert off < 0 or flight.flat[off] == 1.0
+        assert on < 0 or flight.flat[on] == 0.0
+        expected = flight.ravel().copy()
+        expected[[place for place in (off,) if place >= 0]] = 0.0
+        expected[[place for place in (on,) if place >= 0]] = 1.0
+        np.testing.assert_array_equal(
+            pulses._changed(flight, np.array([[off, on]])).ravel(), expected
+        )
+
+
 def test_sets_of_changes_lead_to_the_goal_where_effects_add_up() -> None:
     """Two of the changes shift a flight to its goal together, and none does alone."""
     random = np.random.default_rng(4)
