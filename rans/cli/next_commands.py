@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import fields
+from typing import Any, cast
 
 from rans.cli.commands import COMMANDS
 from rans.cli.door import Options
@@ -41,7 +42,8 @@ def after(command: Options, name: str, *contestants: str) -> tuple[str, ...]:
         if again and command.full:
             continue
         # A command of a package that is not installed is named without options.
-        theirs = {field.name for field in fields(COMMANDS[other])} if other in COMMANDS else set()
+        known = other in COMMANDS
+        theirs = {field.name for field in fields(cast(Any, COMMANDS[other]))} if known else set()
         same = (own & theirs) - _NOT_REPEATED - ({"full"} if again else _OF_ITSELF)
         if getattr(command, "engine", "") == "both" and not again:
             same -= {"engine"}
