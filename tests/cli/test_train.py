@@ -248,13 +248,14 @@ def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(
             signal.raise_signal(signal.SIGINT)
         learn(lessons, generator)
 
+    monkeypatch.setattr("rans.processes.processors", lambda: 1)
     monkeypatch.setattr(any_craft._Lessons, "learn", interrupted)
     _, task, *options = tiny(begin_from="pretrained:any-craft-2d", total_timesteps=256)
     options = [word for word in options if word not in ("--device", "cpu")]
     options += ["--set", "device=cpu", "--output", "run"]
     assert main([command, task, *options]) == 130
     assert rounds == [1, 1, 1]
-    folder = Path("run" if command == "train" else "run/batches/0")
+    folder = Path("run" if command == "train" else "run/members/0")
     assert not {"checkpoint.safetensors", "agent.safetensors"} & {
         file.name for file in folder.iterdir()
     }
