@@ -110,7 +110,7 @@ def prospects(craft: Spacecraft) -> Iterator[str]:
         with doing(f"flying {craft.name} by {agent}"):
             choice = chosen(load_policy(pretrained_folder(agent)), craft)
         yield Prospect.of(craft, choice.period).text(choice.period)
-        yield choice.doubt(agent) or choice.text(agent)
+        yield choice.doubt(agent, craft) or choice.text(agent)
         # Nothing is promised where the sizes of the file are doubted.
         if choice.is_enough and not misfits(craft):
             yield spared(craft, choice.period)

@@ -30,7 +30,6 @@ from rans.terminal import Terminal, doing, progress, stages
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
-    from rans.evaluation.fly.contestant_name import ContestantName
     from rans.evaluation.measure.aggregate import Metrics
     from rans.flight import Flight
     from rans.randomization.conditions import Conditions
@@ -95,7 +94,6 @@ class Evaluate(Options):
     def judge(self) -> bool:
         """Evaluate the parsed agent on one task; returns whether the engines agree, if both are compared."""
         from rans.api.names import conditions_if_named
-        from rans.evaluation.fly.choice import ENOUGH
         from rans.evaluation.fly.contestants import contestant
         from rans.evaluation.measure.aggregate import ROOM, measure
 
@@ -128,8 +126,8 @@ class Evaluate(Options):
             results["both"] = comparison.to_json()
             passed = comparison.passed
         solved = next(iter(measured.values()))["solved"].value
-        if solved < 100.0 * ENOUGH:
-            Terminal().say(f"{solved:.3g} % of the flights are solved. {_remedy(name, run)}")
+        if text := run.shortfall(solved, name, self.conditions):
+            Terminal().say(text)
         written = self._write_files(run, next(iter(flights.values())))
         file = self._write(run, results, measured, next(iter(flights.values())))
         page = file.with_suffix(".html")
@@ -290,22 +288,6 @@ class Evaluate(Options):
         if run.conditions is None:
             return options
         return options | {"conditions": asdict(run.conditions)}
-
-
-def _remedy(name: ContestantName, run: LoadedRun) -> str:
-    """The usual cause of flights that are lost, and a command that may help."""
-    craft = shlex.quote(name.craft or name.setup.partition("@")[2] or run.craft.name)
-    if run.conditions is not None:
-        return f"Without the conditions: {shlex.join(['rans', 'evaluate', name.text])}"
-    if name.frugality is not None:
-        others = f"{name.text.partition('#')[0]}@{craft}"
-        return f"The value suits this craft less than the one that its flights choose: rans evaluate {others}"
-    if name.is_for_a_craft or name.kind == "controller":
-        return (
-            "The usual cause is a small force or torque along one axis, or a mass, force or position in other "
-            f"units: rans list {craft}"
-        )
-    return f"A flight that is lost: {shlex.join(['rans', 'view', name.text])}"
 
 
 def _lost(before: Any, results: Mapping[str, Any]) -> str:

@@ -40,7 +40,8 @@ class Export(Options):
         """Write the export and print its files, its margins and what to run next; the exit code is 0."""
         from rans.deploy.export import solved_percent
         from rans.deploy.margins import margin_lines
-        from rans.evaluation.fly.choice import ENOUGH
+        from rans.evaluation.fly.contestant_name import ContestantName
+        from rans.evaluation.fly.contestants import contestant
         from rans.evaluation.fly.policy_text import is_user_policy
 
         check_count("--episodes", self.episodes)
@@ -48,13 +49,14 @@ class Export(Options):
             output, card = exported(
                 self.agent, self.output, self.format, self.episodes, self.force, self.name
             )
+        name = ContestantName.parse(self.agent)
         size = sum(file.stat().st_size for file in output.iterdir() if file.is_file())
         Terminal().say(f"{output} has the agent, its contract and its card, {size / 1000:.0f} kB.")
         if "evaluation" in card:
             percent = solved_percent(card)
-            Terminal().say(f"{percent:.4g} % of {card['episodes']:,} flights are solved.")
-            if percent < 100.0 * ENOUGH:
-                Terminal().suggest(shlex.join(["rans", "evaluate", self.agent]))
+            text = f"{percent:.4g} % of {card['episodes']:,} flights are solved."
+            own = "" if name.kind == "policy" else contestant(name).shortfall(percent, name)
+            Terminal().say(own or text)
         stated = read_json(output / "contract.json")["conditions"]["margins"]
         for line in [] if stated is None else margin_lines(stated, is_user_policy(self.agent)):
             Terminal().say(line)

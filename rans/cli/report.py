@@ -40,7 +40,10 @@ class Report(Options):
 
     def run(self) -> int:
         """Write report.html into the run folder and print a summary; the exit code is 0."""
-        from rans.show.pages.report import report_from_run
+        from rans.evaluation.fly.agent import load_policy
+        from rans.evaluation.fly.contestant_name import ContestantName
+        from rans.fast.learn.run_folder import RunFolder
+        from rans.show.pages.report import report_from_run, solved_share
 
         file = self.run_folder / "report.html"
         with doing(f"writing {file}"):
@@ -48,5 +51,10 @@ class Report(Options):
             page.write(file)
         Terminal().table(page.summary())
         Terminal().say(page.hero)
+        share = solved_share(self.run_folder)
+        if share is not None and RunFolder(self.run_folder).agent_file.exists():
+            name = ContestantName.parse(str(self.run_folder))
+            if text := load_policy(self.run_folder).shortfall(100.0 * share, name):
+                Terminal().say(text)
         Terminal().say(f"The report is {file}.")
         return 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from rans.api.pages import flyers, is_optimum, view
 from rans.cli import check_count
@@ -12,6 +13,9 @@ from rans.cli.door import Options, command_of, word
 from rans.cli.next_commands import after
 from rans.errors import ConfigError
 from rans.terminal import Terminal, doing
+
+if TYPE_CHECKING:
+    from rans.flight import Flight
 
 
 @command_of(view, without=("guard_slack",), contestants=word("RUN...", tuple[str, ...]))
@@ -59,12 +63,25 @@ class View(Options):
                 )
             return self._play()
         replay = self.call()
+        if not is_optimum(self.contestants[0]):
+            self._say_of_losses(replay.flights[0])
         if self.save is not None:
             Terminal().say(replay.written)
             return 0
         names = ", ".join(flight.controller for flight in replay.flights)
         _serve(replay.html, f"{names}: shown at")
         return 0
+
+    def _say_of_losses(self, flight: Flight) -> None:
+        """Name the cause where the first contestant loses a flight."""
+        from rans.evaluation.fly.contestant_name import ContestantName
+
+        solved = flight.verdict.solved
+        if solved.all():
+            return
+        name = ContestantName.parse(self.contestants[0])
+        (run, *_) = flyers((name.text,), None, self.trust)
+        Terminal().say(run.shortfall(100.0 * float(solved.mean()), name, self.conditions))
 
     def _refuse_unused(self) -> None:
         """Refuse options that change nothing where a person flies: everything is nominal there."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rans.cli import main
-from rans.cli.evaluate import Evaluate, _remedy
+from rans.cli.evaluate import Evaluate
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.show.pages.report import report_from_run
@@ -209,4 +209,23 @@ def test_behind_the_filter_no_controller_is_said_to_violate_constraints(
 )
 def test_lost_flights_lead_to_a_command_that_may_help(text: str, command: str) -> None:
     name = ContestantName.parse(text)
-    assert _remedy(name, contestant("lqr:go-to-pose-2d@atmos")).endswith(command)
+    run = contestant("lqr:go-to-pose-2d@atmos")
+    assert run.shortfall(94.0, name).endswith(command)
+    assert run.shortfall(95.0, name) == ""
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["evaluate", "--episodes", "4"],
+        ["export", "--episodes", "4", "--output", "out", "--format", "numpy", "--force"],
+        ["view", "--episodes", "4", "--save", "flights.html"],
+        ["report"],
+    ],
+    ids=lambda options: options[0],
+)
+def test_what_judges_a_flight_says_why_flights_are_lost(
+    options: list[str], run_folder: Path, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([options[0], str(run_folder), *options[1:]]) == 0
+    assert f"Next: rans view {run_folder}" in " ".join(capsys.readouterr().out.split())

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rans.cli import main
@@ -232,6 +233,7 @@ def test_every_option_reaches_the_flights(
             stopped=0,
             task=GoToPose(),
             craft=load_spacecraft("floating-platform"),
+            verdict=SimpleNamespace(solved=np.ones(3, bool)),
         )
         return flight
 

@@ -19,10 +19,13 @@ from rans.errors import ConfigError, RansWarning
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.any_craft import for_spacecraft, frugal
 from rans.files import read_json, write_json
+from rans.model.pace import misfits
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
+from rans.policy.prospects import Prospect
 from rans.policy.timing import PERIODS_IN_SPACE, timing_for
 from rans.scenario import CHOICE_SEED
+from rans.tasks.go_to_pose import GoToPose
 
 VALUES = (0.4, 0.3, 0.0)
 """Values in the order in which they are tried: 0.4 is quicker and cheaper than LQR on nearly all craft, and smaller
@@ -59,18 +62,22 @@ class Choice(NamedTuple):
         """The choice in a line, with the name of the agent without a value."""
         time = f"{self.time:.3g} s" if math.isfinite(self.time) else "no settling time"
         line = f"{agent}#{self.value:g}: solved {self.solved} of {FLIGHTS}, {time}, {self.impulse:.3g} N s"
-        if self.is_enough:
-            return f"{line}."
-        return f"{line}, commanded every {self.period:g} s."
+        return f"{line}." if self.is_enough else f"{line}, commanded every {self.period:g} s."
 
-    def doubt(self, agent: str) -> str:
-        """The line of an agent that is not recommended, with the usual cause; empty: it is."""
+    def doubt(self, agent: str, craft: Spacecraft, is_named: bool = False) -> str:
+        """The line of an agent that is not recommended for a craft, with what may help; empty: it is.
+
+        Args:
+            agent: its name without a value.
+            craft: what it flies.
+            is_named: whether the user has named the value.
+        """
         if self.is_enough:
             return ""
-        return (
-            f"{self.text(agent)} No other value or control period solves more: the usual cause is a small force or "
-            "torque along one axis, or a mass, force or position in other units."
-        )
+        cause = f"No other value or control period solves more: {likely_cause(craft, self.period)}."
+        if is_named:
+            cause = f"{agent} without a number is flown at the value that its own flights choose."
+        return f"{self.text(agent)} {cause}"
 
 
 def chosen(
@@ -127,6 +134,21 @@ def chosen_period(own: LoadedRun, craft: Spacecraft) -> float | None:
     if craft.dimension == 2 or usual <= _COARSE:
         return None
     return chosen(own, craft).period
+
+
+def likely_cause(craft: Spacecraft, period: float) -> str:
+    """The likeliest reason for which a craft loses flights to poses: units, control period (s) or authority."""
+    for reason in misfits(craft):
+        return reason
+    with contextlib.suppress(ConfigError):
+        usual = timing_for(craft, GoToPose().timing).control_period
+        if period > usual:
+            return (
+                f"it is commanded every {period:g} s, and craft of its authority every {usual:g} s"
+            )
+        if reason := Prospect.of(craft, period).reason:
+            return reason
+    return "a small force or torque along one axis, or flights that are short for it"
 
 
 def _candidates(

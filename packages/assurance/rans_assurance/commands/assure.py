@@ -43,7 +43,7 @@ class Assure(Options):
 
     def run(self) -> int:
         """Fly, repeat failed flights, write and print the results; 1 if an asked bound was not shown."""
-        from rans.extend import ContestantName
+        from rans.extend import ContestantName, contestant
 
         if self.episodes == 0:
             _print_plan(self.failure_below)
@@ -57,6 +57,12 @@ class Assure(Options):
 
         folder = self.output or ContestantName.parse(self.agent).output_folder
         assurance = self.call(output=folder, show=show)
+        campaign = assurance.campaign
+        if campaign.failures:
+            name = ContestantName.parse(self.agent)
+            percent = 100.0 * (1.0 - campaign.failures / campaign.flights)
+            if text := contestant(name, trust=self.trust).shortfall(percent, name, self.conditions):
+                Terminal().say(text)
         is_shown = self.failure_below is None or assurance.campaign.decision == "below"
         return 0 if is_shown or not shown else 1  # of torchrun's processes the others only fly
 
