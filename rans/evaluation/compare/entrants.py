@@ -223,7 +223,9 @@ def at_values(invited: Invited) -> Sequence[Invited]:
     if not name.in_full or name.frugality is not None:
         return [name]
     before, at, craft = name.in_full.rpartition("@")
-    texts = [f"{before}#{value:g}{at}{craft}" for value in _VALUES]
+    agent, _, asked = before.partition("#")
+    own = f",{asked}" if asked else ""
+    texts = [f"{agent}#{value:g}{own}{at}{craft}" for value in _VALUES]
     return [*map(ContestantName.parse, texts)]
 
 

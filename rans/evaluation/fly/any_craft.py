@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.fast.agent_files.agent import AGENT, actor_bytes, read_policy
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json, ready_folder, replace_file, write_json, write_text
+from rans.flight import Controller
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
@@ -22,6 +26,8 @@ from rans.policy.network import Network
 from rans.policy.timing import flies_to_a_pose, timing_for
 from rans.pretrained import ADAPTIVE, FOR_ANY_CRAFT
 from rans.tasks import Task, registered_name
+from rans.tasks.go_to_pose import GoToPose
+from rans.tasks.go_to_position import GoToPosition
 
 _ADAPTS = f"name one that can adapt, such as {ADAPTIVE}:{FOR_ANY_CRAFT[2]}"
 
@@ -82,6 +88,63 @@ def _frugal(network: Network, value: float, task: Task, timing: Timing) -> Netwo
     return at_value(network, value, 0.5 * (low + high), seconds, tolerances)
 
 
+class AtAnyAttitude:
+    """An agent that flies to poses in the task of flying to a position: it keeps the attitude that it has."""
+
+    def __init__(self, agent: Controller, dimension: int) -> None:
+        self.name = agent.name
+        self._agent = agent
+        self._turn = [1.0, 0.0] if dimension == 2 else [1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+        self._flag = len(self._turn) + 3 * dimension - 3
+
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`."""
+        self._agent.reset(count)
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller`."""
+        pose = observation.copy()
+        pose[:, self._flag] = GoToPose.flag
+        pose[:, -len(self._turn) :] = self._turn
+        return self._agent.act(state, goal, pose)
+
+
+_UNITS: dict[str, dict[str, float]] = {
+    "position_tolerance": {"mm": 1e-3, "cm": 1e-2, "m": 1.0},
+    "attitude_tolerance": {"deg": math.radians(1.0), "rad": 1.0},
+}
+
+
+def to_tolerances(run: LoadedRun, words: Iterable[str]) -> LoadedRun:
+    """The run of an agent for any craft with tolerances such as 2cm and 2deg in its task.
+
+    Raises:
+        ConfigError: a word is none.
+    """
+    changes: dict[str, float] = {}
+    for word in words:
+        unit = word.lstrip("+-.0123456789")
+        key = next((key for key, units in _UNITS.items() if unit in units), "")
+        try:
+            value = float(word.removesuffix(unit)) * _UNITS[key][unit]
+        except (KeyError, ValueError):
+            value = 0.0
+        if not value > 0.0:
+            raise ConfigError(
+                "after # an agent for any craft takes a number from 0 (fast) to 1 (frugal), tolerances such as 2cm "
+                f"and 2deg, and go-to-position, with commas between them, got {brief(word)}."
+            )
+        changes[key] = value
+    return run._replace(task=replace(run.task, **changes))  # type: ignore[type-var]
+
+
+def to_a_position(run: LoadedRun) -> LoadedRun:
+    """The run of an agent for any craft in the task of flying to a position, with the same tolerance."""
+    assert isinstance(run.task, GoToPose)
+    task = GoToPosition(position_tolerance=run.task.position_tolerance)
+    return run._replace(controller=AtAnyAttitude(run.controller, run.craft.dimension), task=task)
+
+
 def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = None) -> LoadedRun:
     """The run with another craft, in its own task, with the timing or else one for the craft (`timing_for`).
 
@@ -99,9 +162,12 @@ def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = No
         )
     if not (is_for_any_craft(run.network.architecture) or flies_to_a_pose(run.task, craft)):
         task = registered_name(run.task)
+        who = f"no agent for {task} flies any craft: type lqr:{task}-{craft.dimension}d@FILE"
+        if isinstance(run.task, GoToPosition):
+            who = f"any craft flies it: type FILE#{task}"
         raise ConfigError(
-            f"{run.controller.name} flies its own spacecraft only, and no agent for {task} flies any craft: type "
-            f"lqr:{task}-{craft.dimension}d@FILE, or rans train {task} --spacecraft FILE."
+            f"{run.controller.name} flies its own spacecraft only, and {who}, or rans train {task} --spacecraft "
+            "FILE."
         )
     timing = timing or timing_for(craft, run.timing)
     network = for_craft(run.network, craft, timing.control_period)
@@ -125,7 +191,9 @@ def write_for_spacecraft(source: Path, run: LoadedRun, folder: Path) -> Path:
     ready_folder(folder)
     content = actor_bytes(network.architecture, network.weights(), steps)
     replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))
-    table = to_table(replace(config, timing=run.timing)) | {"spacecraft": craft.name}
+    table = to_table(replace(config, timing=run.timing, settings=run.task)) | {
+        "spacecraft": craft.name
+    }
     write_json(folder / "config.json", table)
     write_text(folder / "spacecraft.toml", to_toml(craft))
     # The agent stays the same one; the other figures of the card are those of another craft.

@@ -5,7 +5,7 @@ The command line, Python, files and pages name contestants by its text, so that 
 
 from __future__ import annotations
 
-import math
+import contextlib
 import re
 import warnings
 from dataclasses import dataclass, replace
@@ -78,6 +78,8 @@ class ContestantName:
     frugality: float | None = None
     """How much time an agent for any craft takes to save thrust, from 0 to 1, after "#"; None: flights of the
     craft decide (`rans.evaluation.fly.choice`)."""
+    asked: tuple[str, ...] = ()
+    """What else stands after "#" of an agent for any craft: tolerances such as 2cm and 2deg, and go-to-position."""
     adapts: bool = False
     """Whether an agent for any craft estimates in flight what its file does not state ("adaptive:" before it)."""
 
@@ -163,34 +165,37 @@ class ContestantName:
         return replace(inner, text=text, adapts=True)
 
     def _with_frugality(self) -> ContestantName:
-        """The same with the number after "#" as its frugality, if this is an agent for any craft."""
+        """The same with the words after "#" as frugality and tolerances, if this is an agent for any craft."""
         if not self.part or not _flies_any_craft(self):
             return self
-        try:
-            value = float(self.part)
-        except ValueError:
-            value = math.nan
-        if not 0.0 <= value <= 1.0:
+        words = self.part.split(",")
+        value = None
+        with contextlib.suppress(ValueError):
+            value = float(words[0])
+            words = words[1:]
+        if value is not None and not 0.0 <= value <= 1.0:
             raise ConfigError(
                 f"{brief(self.text)} asks an agent for any craft for {brief(self.part)}: after # stands a number "
                 f"from 0 (fast) to 1 (frugal), as in {FOR_ANY_CRAFT[2]}#0.5@mine.toml."
             )
-        return replace(self, part="", frugality=value)
+        return replace(self, part="", frugality=value, asked=tuple(words))
 
     @property
     def in_full(self) -> str:
         """Text with the agent for any craft, where the user's has the file of a spacecraft alone; else ""."""
         if not self.craft or "@" in self.text:
             return ""
-        value = f"#{self.frugality:g}" if self.frugality is not None else ""
+        words = [] if self.frugality is None else [f"{self.frugality:g}"]
+        own = ",".join([*words, *self.asked])
         before = self.text[: self.text.index(self.craft)]
-        return f"{before}{self.name}{value}@{self.craft}"
+        return f"{before}{self.name}{f'#{own}' if own else ''}@{self.craft}"
 
     @property
     def is_for_a_craft(self) -> bool:
         """Whether it asks an agent for any craft for more than what its folder has."""
         is_shipped = self.kind == "pretrained" and self.name in FOR_ANY_CRAFT.values()
-        return bool(self.craft or self.adapts or self.frugality is not None or is_shipped)
+        is_other = self.frugality is not None or self.asked
+        return bool(self.craft or self.adapts or is_other or is_shipped)
 
     @property
     def needs_setup(self) -> bool:
@@ -324,6 +329,7 @@ class ContestantName:
             text = f"{name.name}:{name.setup}"
         if name.frugality is not None:
             text = f"{text}:{name.frugality:g}"
+        text = ":".join([text, *name.asked])
         if name.adapts:
             text = f"{ADAPTIVE}:{text}"
         return EVALUATIONS / "-".join(distinct(part) for part in re.split("[:@]+", text) if part)

@@ -55,7 +55,8 @@ def contestant(
             (`rans.evaluation.fly.flights_file`). An agent for any craft flies another one than its own as
             ``any-craft-2d@SPACECRAFT`` (`rans.evaluation.fly.any_craft`), and estimates in flight what the
             craft's file does not state as ``adaptive:any-craft-2d@SPACECRAFT``. ``any-craft-2d#0.5@SPACECRAFT``
-            takes more time to spend less thrust, from 0 (fast) to 1 (frugal).
+            takes more time to spend less thrust, from 0 (fast) to 1 (frugal); ``#2cm,2deg`` sets tolerances, and
+            ``#go-to-position`` leaves the attitude out.
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
         default_setup: setup of policies of other libraries, and of a controller named by its bare name or
             MODULE:NAME; None: such contestants are refused.

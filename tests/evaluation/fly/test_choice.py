@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import rans
-from rans.errors import RansWarning
+from rans.errors import ConfigError, RansWarning
 from rans.evaluation.fly import choice
 from rans.evaluation.fly.agent import LoadedRun, load_policy
 from rans.evaluation.fly.choice import FLIGHTS, Choice, chosen
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.measure.aggregate import measure
 from rans.fast.flights import Flights
 from rans.model.actuators import Wheel
 from rans.model.spacecraft_file import load_spacecraft, to_toml
@@ -82,11 +83,25 @@ def test_a_craft_that_no_value_settles_is_doubted_wherever_it_is_loaded(
 @pytest.mark.parametrize("craft", ["floating-platform", "spheres"])
 def test_finer_tolerances_are_held_by_the_same_weights(craft: str) -> None:
     """Without them 11 and 0 % of the flights are within 2 cm and 2 degrees."""
-    task = rans.GoToPose(position_tolerance=0.02, attitude_tolerance=math.radians(2.0))
-    agent = f"any-craft-{load_spacecraft(craft).dimension}d"
-    run = rans.load_agent(agent, task, craft).run
+    run = contestant(f"any-craft-{load_spacecraft(craft).dimension}d#2cm,2deg@{craft}")
+    assert run.judged.task.tolerances() == pytest.approx({"position": 0.02, "attitude": 0.0349066})
     result = Flights(run.network, run.judged).fly(0, 64, 77)
     assert result.unsolved <= 1  # 98 %: a start of a seed that chose nothing may be lost
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("craft", ["atmos", "spheres"])
+def test_a_position_is_flown_to_as_a_pose(craft: str) -> None:
+    run = contestant(f"any-craft-{load_spacecraft(craft).dimension}d#go-to-position,4cm@{craft}")
+    assert run.task == rans.GoToPosition(position_tolerance=0.04)
+    found = measure(fly_episodes(run.controller, run.judged, 77, 32, workers=1))
+    assert found["solved"].value >= 95.0
+
+
+@pytest.mark.parametrize("word", ["3kg", "0cm", "-2cm", "nancm", "cm", "go-to-attitude"])
+def test_words_that_are_no_tolerance_are_refused(word: str) -> None:
+    with pytest.raises(ConfigError, match="tolerances such as 2cm and 2deg"):
+        contestant(f"any-craft-2d#{word}@floating-platform")
 
 
 @pytest.mark.slow
