@@ -164,7 +164,7 @@ def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = No
         task = registered_name(run.task)
         who = f"no agent for {task} flies any craft: type lqr:{task}-{craft.dimension}d@FILE"
         if isinstance(run.task, GoToPosition):
-            who = f"any craft flies it: type FILE#{task}"
+            who = f"any craft flies it: type {FOR_ANY_CRAFT[craft.dimension]}#{task}@FILE"
         raise ConfigError(
             f"{run.controller.name} flies its own spacecraft only, and {who}, or rans train {task} --spacecraft "
             "FILE."
