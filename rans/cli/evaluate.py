@@ -126,7 +126,7 @@ class Evaluate(Options):
             results["both"] = comparison.to_json()
             passed = comparison.passed
         solved = next(iter(measured.values()))["solved"].value
-        if text := run.shortfall(solved, name, self.conditions):
+        if text := name.shortfall(solved, run, self.conditions):
             Terminal().say(text)
         written = self._write_files(run, next(iter(flights.values())))
         file = self._write(run, results, measured, next(iter(flights.values())))

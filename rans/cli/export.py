@@ -55,7 +55,7 @@ class Export(Options):
         if "evaluation" in card:
             percent = solved_percent(card)
             text = f"{percent:.4g} % of {card['episodes']:,} flights are solved."
-            own = "" if name.kind == "policy" else contestant(name).shortfall(percent, name)
+            own = "" if name.kind == "policy" else name.shortfall(percent, contestant(name))
             Terminal().say(own or text)
         stated = read_json(output / "contract.json")["conditions"]["margins"]
         for line in [] if stated is None else margin_lines(stated, is_user_policy(self.agent)):

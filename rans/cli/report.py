@@ -54,7 +54,7 @@ class Report(Options):
         share = solved_share(self.run_folder)
         if share is not None and RunFolder(self.run_folder).agent_file.exists():
             name = ContestantName.parse(str(self.run_folder))
-            if text := load_policy(self.run_folder).shortfall(100.0 * share, name):
+            if text := name.shortfall(100.0 * share, load_policy(self.run_folder)):
                 Terminal().say(text)
         Terminal().say(f"The report is {file}.")
         return 0

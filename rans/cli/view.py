@@ -81,7 +81,7 @@ class View(Options):
             return
         name = ContestantName.parse(self.contestants[0])
         (run, *_) = flyers((name.text,), None, self.trust)
-        Terminal().say(run.shortfall(100.0 * float(solved.mean()), name, self.conditions))
+        Terminal().say(name.shortfall(100.0 * float(solved.mean()), run, self.conditions))
 
     def _refuse_unused(self) -> None:
         """Refuse options that change nothing where a person flies: everything is nominal there."""

@@ -210,8 +210,8 @@ def test_behind_the_filter_no_controller_is_said_to_violate_constraints(
 def test_lost_flights_lead_to_a_command_that_may_help(text: str, command: str) -> None:
     name = ContestantName.parse(text)
     run = contestant("lqr:go-to-pose-2d@atmos")
-    assert run.shortfall(94.0, name).endswith(command)
-    assert run.shortfall(95.0, name) == ""
+    assert name.shortfall(94.0, run).endswith(command)
+    assert name.shortfall(95.0, run) == ""
 
 
 @pytest.mark.parametrize(

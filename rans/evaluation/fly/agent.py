@@ -5,10 +5,9 @@ Memory and weights are as in training: observations (N, width) float32 in, comma
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -28,9 +27,6 @@ from rans.safety_filters import safety_filter
 from rans.tasks import Task
 from rans.tasks.derived import layout
 from rans.tasks.observation_terms import Layout
-
-if TYPE_CHECKING:
-    from rans.evaluation.fly.contestant_name import ContestantName
 
 
 class Agent:
@@ -95,35 +91,6 @@ class LoadedRun(NamedTuple):
         """
         timing = replace(self.timing, substeps=None) if self.timing.substeps == 1 else self.timing
         return Setup(self.craft, self.task.for_evaluation(), timing, self.conditions, self.guard)
-
-    def shortfall(
-        self, percent: float, name: ContestantName, conditions: object | None = None
-    ) -> str:
-        """Why so few of its flights are solved, and what to run; "" if enough are (`choice.ENOUGH`).
-
-        Args:
-            percent: solved flights, %.
-            name: of the contestant.
-            conditions: what the user has named; None: it flew under its own.
-        """
-        from rans.evaluation.fly.choice import ENOUGH, likely_cause
-
-        if percent >= 100.0 * ENOUGH:
-            return ""
-        craft = name.craft or name.setup.partition("@")[2] or self.craft.name
-        again = ["rans", "evaluate", name.text]
-        if conditions is not None:
-            cause = "conditions that are harder than its own"
-        elif name.frugality is not None:
-            cause = "a value that suits this craft less than the one that its flights choose"
-            again[-1] = f"{name.text.partition('#')[0]}@{craft}"
-        elif name.is_for_a_craft or name.kind == "controller":
-            cause = likely_cause(self.craft, self.timing.control_period)
-            again = ["rans", "list", craft]
-        else:
-            cause = "what a view of a lost flight shows"
-            again[1] = "view"
-        return f"{percent:.3g} % of the flights are solved. The likely cause: {cause}. Next: {shlex.join(again)}"
 
     @property
     def network(self) -> Network:

@@ -140,8 +140,7 @@ def to_tolerances(run: LoadedRun, words: Iterable[str]) -> LoadedRun:
 
 def to_a_position(run: LoadedRun) -> LoadedRun:
     """The run of an agent for any craft in the task of flying to a position, with the same tolerance."""
-    assert isinstance(run.task, GoToPose)
-    task = GoToPosition(position_tolerance=run.task.position_tolerance)
+    task = GoToPosition(position_tolerance=run.task.tolerances()["position"])
     return run._replace(controller=AtAnyAttitude(run.controller, run.craft.dimension), task=task)
 
 
@@ -163,7 +162,7 @@ def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = No
     if not (is_for_any_craft(run.network.architecture) or flies_to_a_pose(run.task, craft)):
         task = registered_name(run.task)
         who = f"no agent for {task} flies any craft: type lqr:{task}-{craft.dimension}d@FILE"
-        if isinstance(run.task, GoToPosition):
+        if task == "go-to-position":
             who = f"any craft flies it: type {FOR_ANY_CRAFT[craft.dimension]}#{task}@FILE"
         raise ConfigError(
             f"{run.controller.name} flies its own spacecraft only, and {who}, or rans train {task} --spacecraft "

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import shlex
 import warnings
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -38,6 +39,9 @@ FORMS = (
     "python:MODULE:FUNCTION:TASK-2d or MODULE:NAME:TASK-2d (or -3d, with @SPACECRAFT if you like)"
 )
 """Forms of names, for messages."""
+
+_POSITION = "go-to-position"
+"""Word after "#" with which an agent for any craft flies to a position at any attitude."""
 
 EVALUATIONS = Path("runs") / "evaluations"
 """Folder for the results of contestants without a run folder."""
@@ -225,27 +229,40 @@ class ContestantName:
         return self.name if self.kind == "controller" else ""
 
     def for_craft(
-        self, run: LoadedRun, period: float | None = None, craft: Spacecraft | None = None
+        self,
+        run: LoadedRun,
+        period: float | None = None,
+        craft: Spacecraft | None = None,
+        is_alone: bool = False,
     ) -> LoadedRun:
         """The run of an agent for any craft as this name says: adapting, for a craft, at a value.
 
         Without a craft in its name it flies ``craft``; None: its own. The order counts: constants of the craft are
-        computed for the network as it adapts, and frugality for the craft.
+        computed for the network as it adapts, and frugality for the craft. A value that the user names is flown as
+        it is. Where no flights follow that would say how it does (``is_alone``), those of its choice do.
         """
         from rans.evaluation.fly.agent import Agent
-        from rans.evaluation.fly.any_craft import adapting, for_spacecraft, frugal
+        from rans.evaluation.fly.any_craft import (
+            adapting,
+            for_spacecraft,
+            frugal,
+            to_a_position,
+            to_tolerances,
+        )
         from rans.evaluation.fly.choice import chosen, chosen_period
         from rans.policy.timing import timing_for
 
         if self.craft:
             craft = load_spacecraft(typed(self.craft))
+        run = to_tolerances(run, (x for x in self.asked if x != _POSITION))
         value = self.frugality
         choice = None
-        if value is None and run.network.at:
-            choice = chosen(run, craft, period)
-            value, period = choice.value, choice.period
-        elif run.network.at and craft is not None and period is None:
-            period = chosen_period(run, craft)
+        if run.network.at:
+            if value is not None and craft is not None and period is None:
+                period = chosen_period(run, craft)
+            if value is None or is_alone:
+                choice = chosen(run, craft, period, value)
+                value, period = choice.value, choice.period
         if self.adapts:
             run = adapting(run)
         if craft is not None:
@@ -255,9 +272,36 @@ class ContestantName:
             run = frugal(run, value)
         if choice is not None and isinstance(run.controller, Agent):
             run.controller.remark = choice.text(self.name)
-            if doubt := choice.doubt(self.name):
+            if doubt := choice.doubt(self.name, run.craft, self.frugality is not None):
                 warnings.warn(doubt, RansWarning, stacklevel=2)
-        return run
+        return to_a_position(run) if _POSITION in self.asked else run
+
+    def shortfall(self, percent: float, run: LoadedRun, conditions: object | None = None) -> str:
+        """Why so few flights of the contestant are solved, and what to run; "" if enough are (`choice.ENOUGH`).
+
+        Args:
+            percent: solved flights, %.
+            run: what flew.
+            conditions: what the user has named; None: it flew under its own.
+        """
+        from rans.evaluation.fly.choice import ENOUGH, likely_cause
+
+        if percent >= 100.0 * ENOUGH:
+            return ""
+        craft = self.craft or self.setup.partition("@")[2] or run.craft.name
+        again = ["rans", "evaluate", self.text]
+        if conditions is not None:
+            cause = "conditions that are harder than its own"
+        elif self.frugality is not None:
+            cause = "a value that suits this craft less than the one that its flights choose"
+            again[-1] = f"{self.text.partition('#')[0]}@{craft}"
+        elif self.is_for_a_craft or self.kind == "controller":
+            cause = likely_cause(run.craft, run.timing.control_period)
+            again = ["rans", "list", craft]
+        else:
+            cause = "what a view of a lost flight shows"
+            again[1] = "view"
+        return f"{percent:.3g} % of the flights are solved. The likely cause: {cause}. Next: {shlex.join(again)}"
 
     @property
     def folder(self) -> Path:
@@ -271,19 +315,8 @@ class ContestantName:
             return source
         from rans.evaluation.fly.agent import load_policy
         from rans.evaluation.fly.any_craft import write_for_spacecraft
-        from rans.evaluation.fly.choice import chosen
 
-        own = load_policy(source)
-        run = self.for_craft(own)
-        if self.frugality is not None and own.network.at:
-            flown = chosen(own, run.craft if self.craft else None, None, self.frugality)
-            if not flown.is_enough:
-                warnings.warn(
-                    f"{flown.text(self.name)} {self.name} without a number is flown at the value that its own "
-                    "flights choose.",
-                    RansWarning,
-                    stacklevel=2,
-                )
+        run = self.for_craft(load_policy(source), is_alone=True)
         return write_for_spacecraft(source, run, self.output_folder / "agent")
 
     @property

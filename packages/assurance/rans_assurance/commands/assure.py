@@ -61,7 +61,7 @@ class Assure(Options):
         if campaign.failures:
             name = ContestantName.parse(self.agent)
             percent = 100.0 * (1.0 - campaign.failures / campaign.flights)
-            if text := contestant(name, trust=self.trust).shortfall(percent, name, self.conditions):
+            if text := name.shortfall(percent, contestant(name, trust=self.trust), self.conditions):
                 Terminal().say(text)
         is_shown = self.failure_below is None or assurance.campaign.decision == "below"
         return 0 if is_shown or not shown else 1  # of torchrun's processes the others only fly
