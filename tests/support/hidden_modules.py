@@ -22,7 +22,7 @@ sys.meta_path.insert(0, Blocked())
 RUN_EACH = (
     BLOCK
     + """
-import shlex, webbrowser
+import os, shlex, webbrowser
 import rans.evaluation.compare.entrants
 from rans.cli import main
 sys.stdout = sys.stderr
@@ -30,7 +30,9 @@ rans.evaluation.compare.entrants.swept = lambda *_: []  # curves for pages, whic
 webbrowser.open = lambda *_, **__: True
 for line in sys.argv[2:]:
     print("$", line, flush=True)
-    print("code of exit:", main(shlex.split(line)), flush=True)
+    in_shell = line.startswith("cd ")  # to an export, whose agent.py runs without RANS
+    code = os.system(line.replace("python", sys.executable)) if in_shell else main(shlex.split(line))
+    print("code of exit:", code, flush=True)
 """
 )
 """Runs commands, and prints each one's code of exit after what it says."""
