@@ -40,6 +40,8 @@ FORMS = (
 )
 """Forms of names, for messages."""
 
+_POSE = "go-to-pose"
+"""Task of the agents for any craft."""
 _POSITION = "go-to-position"
 """Word after "#" with which an agent for any craft flies to a position at any attitude."""
 
@@ -142,10 +144,12 @@ class ContestantName:
             raise ConfigError(
                 f"there is no spacecraft file {brief(whole)}{meant_file(whole)}; `rans init {whole}` writes it."
             )
-        if agent.removesuffix("-2d").removesuffix("-3d") in TASKS:
+        if (task := agent.removesuffix("-2d").removesuffix("-3d")) in TASKS:
+            file = craft if craft.endswith(".toml") else "mine.toml"
+            own = {_POSE: f"{file}, ", _POSITION: f"{file}#{_POSITION}, "}.get(task, "")
             raise ConfigError(
-                f"{whole} is a task: name who flies it, a controller ({', '.join(CONTROLLERS)}) as in lqr:{whole}, "
-                "or an agent of `rans list AGENTS`."
+                f"{whole} is a task: name who flies it, {own}a controller ({', '.join(CONTROLLERS)}) as in "
+                f"lqr:{whole}, or an agent of `rans list AGENTS`; `rans train {task}` makes one."
             )
         if agent == Path(agent).name:
             near = CONTROLLERS.meant(agent, agents) or meant_file(agent)
