@@ -237,7 +237,9 @@ def test_the_file_of_a_craft_alone_is_the_agent_for_any_craft_from_fast_to_fruga
     assert [*map(str, names)] == [f"any-craft-2d#{value}@{own}" for value in values]
     for text in (f"{own}#0.3", "go-to-pose-2d"):
         assert [*map(str, at_values(ContestantName.parse(text)))] == [text]
-    contest = contest_of(names[0], 1)
+    first = names[0]
+    assert isinstance(first, ContestantName)
+    contest = contest_of(first, 1)
     found = enlisted(names, contest).values()
     assert [one.name for one in found] == [f"any-craft-2d#{value}" for value in values]
     # It is given the masses and thrusters of the file, as LQR is.

@@ -135,7 +135,7 @@ def test_compiled_functions_are_one_graph_each() -> None:
     step = Engine(PLATFORM, NEAR, engine.num_envs, SHORT).step(acted.command.detach())
     done = acted._replace(log_prob=acted.log_prob.detach(), value=acted.value.detach())
     calls: list[tuple[Callable[..., object], tuple[Any, ...]]] = [
-        (losses, (network, part, model.coefficients, False)),
+        (losses, (network, part, model.settings)),
         (act, (network, kept.observation[0], None, None, uniform)),
         (remember, (kept.observation[0], done, None, step, rollout.steps[0], rollout)),
         (preprocessed, (network, kept.observation.flatten(0, 1), None, kept.action.flatten(0, 1))),

@@ -201,7 +201,8 @@ def bound_of_range(meeting: PortMeeting, start: np.ndarray, first: int, end: int
         heads.append(tangent * float(axis @ offset))
         gains.append(across @ moved)
         widths.append(tangent * (axis @ moved))
-    demands = Demands(*map(np.array, (tails, heads, gains, widths)), near.prices)
+    tail, head, gain, width = map(np.array, (tails, heads, gains, widths))
+    demands = Demands(tail, head, gain, width, near.prices)
     multipliers = demands.multipliers()
     return math.inf if multipliers is None else max(0.0, demands.bound(multipliers))
 

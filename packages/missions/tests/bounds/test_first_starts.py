@@ -32,7 +32,7 @@ CONTEST = Contest(CRAFT, TASK, TASK.timing, seed=5, episodes=2)
 def entry() -> Entry:
     guidance = MissionGuidance(CRAFT, TASK)
     flight = CONTEST.fly(guidance, workers=1)
-    return Entry(Contestant("mission", guidance, "state", "none"), flight, np.zeros(1))
+    return Entry(Contestant("mission", guidance, "state", "none"), flight)
 
 
 @pytest.mark.slow
@@ -134,7 +134,6 @@ def test_a_mission_that_ends_is_scored_by_its_success(entry: Entry) -> None:
     wild = Entry(
         Contestant("wild", entry.contestant.controller, "state", "none"),
         replace(flight, margins=broken),
-        np.zeros(1),
     )
     bounds = MissionBounds(0.5 * impulses(flight), np.zeros(0), np.zeros(0))
     comparison = Comparison(CONTEST, [entry, wild], mission=bounds)

@@ -35,7 +35,7 @@ def line(axes: Axes, name: str) -> np.ndarray:
 def entry() -> Entry:
     guidance = LandingGuidance(CRAFT, TASK)
     flight = CONTEST.fly(guidance, workers=1)
-    return Entry(Contestant("landing", guidance, "state", "none"), flight, np.zeros(1))
+    return Entry(Contestant("landing", guidance, "state", "none"), flight)
 
 
 @pytest.fixture(scope="module")
