@@ -14,4 +14,4 @@ ObjectiveName = Literal["fuel", "time", "energy", "tracking", "reward"]
 Quality = Literal["quick", "good", "best"]
 """Training effort: seconds, minutes on two CPU cores, or minutes on a GPU."""
 LoggerName = Literal["wandb"]
-"""TensorBoard's table of hyper-parameters, Weights & Biases, MLflow."""
+"""Loggers beside TensorBoard: Weights & Biases."""

@@ -20,7 +20,7 @@ from rans.api.agent import Agent
 from rans.api.judging import CRAFT, ConditionsLike, SpacecraftLike
 from rans.api.names import load_conditions, load_spacecraft, load_task
 from rans.choices import LoggerName, Quality
-from rans.errors import ConfigError, checked, one_of, whole
+from rans.errors import ConfigError, NonFiniteState, checked, one_of, whole
 from rans.files import inside, made_by
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, to_toml
@@ -105,7 +105,6 @@ def train(
     from rans.fast.learn.loggers import require_loggers
     from rans.show.progress import watched_training
 
-    # The config is complete before a folder is made.
     # The config decides everything; all of it is checked before the run folder is made.
     config = config_of(
         task,
@@ -240,6 +239,7 @@ def sweep(
 
     Raises:
         ConfigError: one of these does not exist, or the folder exists.
+        NonFiniteState: every member diverged.
     """
     from rans.fast.learn.loggers import require_loggers
     from rans.show.progress import watched
@@ -266,6 +266,8 @@ def sweep(
     with watched() as stage:
         step = stage(f"{len(configs)} trainings", len(configs))
         result.train(lambda _: step(1))
+    if not result.has_agent:
+        raise NonFiniteState(f"all members of {result.path} diverged: lower the learning rate.")
     save_sweep(result, result.path, log)
     return result
 

@@ -156,5 +156,5 @@ def _metavar(name: str, hint: Any) -> str | None:
     if get_origin(kind) is tuple:
         return f"{_metavar(name, get_args(kind)[0]) or 'NAME'}..."
     if kind is Path:
-        return "FOLDER" if name in ("output", "resume", "peer_folder") else "FILE"
+        return "FOLDER" if name in ("output", "resume") else "FILE"
     return {str: "NAME", int: "INT", float: "NUMBER"}.get(kind)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shlex
 import time
 from dataclasses import replace
@@ -84,8 +85,8 @@ class Sweep(Options):
         config = sweep.members[0].config
         trust = trust_option(config, craft_of(config))
         again = shlex.join(["rans", "sweep", "--resume", str(folder), *trust])
-        if not sweep.results():
-            how = "Stopped before any result" if stopped else "All members diverged"
+        if not sweep.has_agent:
+            how = "Stopped before any agent" if stopped else "All members diverged"
             Terminal().say(f"{how}; {folder} has none. Begin anew with: {again}")
             return code or 1
         save_sweep(sweep, folder, self.log)
@@ -146,6 +147,7 @@ def _choices(text: str) -> tuple[str, list[Any]]:
 
 def _table(sweep: Trainings) -> Table:
     """Table with one row per member in the order of the sweep, the best marked."""
+    from rans.evaluation.measure.statistics import figure
     from rans.fast.learn.sweep import short
     from rans.tasks.quantities import QUANTITIES
 
@@ -153,7 +155,7 @@ def _table(sweep: Trainings) -> Table:
     best = sweep.members.index(sweep.best())
     errors = {
         name: QUANTITIES[name.rsplit("/", 1)[1]].display
-        for name in results[0]
+        for name in dict.fromkeys(name for row in results for name in row)
         if name.startswith("error/")
     }
     heads = [f"{name.removeprefix('error/')}\n{unit}" for name, (_, unit) in errors.items()]
@@ -174,12 +176,14 @@ def _table(sweep: Trainings) -> Table:
         choice = [json.dumps(row[name], separators=(",", ":")) for name in sweep.varied]
         numbers = [
             row["steps"] / 1e6,
-            row["seconds"],
+            row.get("seconds", math.nan),
             100.0 * row["success"],
-            100.0 * row["duty"],
-            *(factor * row[name] for name, (factor, _) in errors.items()),
+            100.0 * row.get("duty", math.nan),
+            *(factor * row.get(name, math.nan) for name, (factor, _) in errors.items()),
         ]
-        rows.append((str(row["seed"]), *choice, ended, *(f"{number:.2f}" for number in numbers)))
+        rows.append(
+            (str(row["seed"]), *choice, ended, *(figure(number, ".2f") for number in numbers))
+        )
     marked = [number for number, row in enumerate(results) if row["member"] == best]
     return Table(columns, rows, right=columns[len(varied) + 2 :], marked=marked)
 

@@ -158,7 +158,7 @@ class CpuPreprocessor(ColumnExecutor):
     ) -> tuple[Tensor, Tensor] | None:
         """Log-odds (N, thrusters) and values (N,), or None; see `ColumnExecutor`. Compiled once a network."""
         weight = tensors["value_net.weight"]
-        if weight.dim() > 2 or torch.is_grad_enabled() or not _is_plain_forward(observation):
+        if torch.is_grad_enabled() or not _is_plain_forward(observation):
             return None
         # Weights are compiled in: new tensors need new code.
         if self._actor_critic is None or self._actor_critic[0] is not weight:

@@ -211,8 +211,8 @@ def _remembered(episode: Episode) -> tuple[tuple[Input, ...], Episode]:
 def _with_symbols(settings: Any, result: list[Input]) -> Any:
     """A task with symbols for its numbers in memory, which are added to those found.
 
-    Plain numbers stay in the program as constants. An array, as of members of a sweep or of a curriculum that
-    moves, is read in every step.
+    Plain numbers stay in the program as constants. An array, as of a curriculum that moves, is
+    read in every step.
     """
 
     def symbol(_: str, value: Any) -> Any:

@@ -38,7 +38,7 @@ _ACTIVATIONS = {"tanh": "Tanh", "elu": "Elu", "relu": "Relu"}
 
 
 def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
-    """What a network of one member answers: "command" (N, commands), and "memory_out" (N, m) if it has one.
+    """What a network answers: "command" (N, commands), and "memory_out" (N, m) if it has one.
 
     Commands are in the ranges of the craft; without one they are from 0 to 1. The same as
     `rans.policy.network.Network.deterministic_action`, of "observation" (N, width) and "memory" (N, m), with every

@@ -46,7 +46,7 @@ class Flights:
     """Flights of a policy's deterministic actions through the scenarios of a seed, in float32.
 
     Args:
-        network: network of one member.
+        network: a network.
         setup: spacecraft, task with its starts, timing and conditions
             (`rans.evaluation.fly.agent.LoadedRun.judged`).
         device: torch device of the computation.

@@ -366,7 +366,7 @@ class Architecture:
     def initial(
         self, seed: int, duty: float, log_std: float = 0.0
     ) -> tuple[dict[str, Tensor], torch.Generator]:
-        """Weights and statistics of one member that has learnt nothing, and its random numbers from then on.
+        """Weights and statistics of a network that has learnt nothing, and its random numbers from then on.
 
         They are what SB3's policy draws with this seed: torch's layers, the trunk's before the heads, then
         orthogonal weights with gains of sqrt(2), 0.01 and 1 and zero biases. Torch's own random numbers are

@@ -21,10 +21,10 @@ def predict(
     episode_start: np.ndarray | None = None,
     deterministic: bool = True,
 ) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
-    """Commands (N, thrusters) of one member, integers for on/off thrusters, and its memory afterwards.
+    """Commands (N, thrusters), integers for on/off thrusters, and its memory afterwards.
 
     Args:
-        network: of one member.
+        network: of the agent.
         observation: (N, width) or (width,).
         state: memory ((N, m),) after the previous step; None: all episodes begin.
         episode_start: (N,) bool, true where an episode begins.

@@ -17,7 +17,7 @@ from rans.tasks.go_to_pose import GoToPose
 
 _SURE = 0.375
 """Authority margin from which at least 91 % of 32 flights of each of 35 random layouts of four to eight on/off
-thrusters settled; 53 to 100 % of 12 between `MARGIN` and here, 0 to 53 % of nine below (docs/any_craft.md)."""
+thrusters settled; 53 to 100 % of 12 between `MARGIN` and here, 0 to 53 % of nine below."""
 _DISTANCE, _ANGLE = GoToPose.position_tolerance, GoToPose.attitude_tolerance
 _REVERSED = 1.5
 """Factor by which a thruster that is turned round raises the margin from which its sign is doubted: of craft that

@@ -204,7 +204,7 @@ def _commands(
 
 
 def parameters(network: Network) -> dict[str, np.ndarray]:
-    """Parameters of a program for a network of one member: float32 arrays by their names in the program.
+    """Parameters of a program for a network: float32 arrays by their names in the program.
 
     These names are in exports and in machine code's tables; the scale is 1 / sqrt(variance + 1e-6), as in training.
     """

@@ -202,6 +202,13 @@ def test_behind_the_filter_no_controller_is_said_to_violate_constraints(
     ("text", "command"),
     [
         ("any-craft-2d#1@atmos", "rans evaluate any-craft-2d@atmos"),
+        ("any-craft-2d@atmos#1", "rans evaluate any-craft-2d@atmos"),
+        ("adaptive:any-craft-2d#1@atmos", "rans evaluate adaptive:any-craft-2d@atmos"),
+        (
+            "any-craft-2d#1,go-to-position@atmos",
+            "rans evaluate 'any-craft-2d#go-to-position@atmos'",
+        ),
+        ("any-craft-2d#1,0.1mm@atmos", "rans list atmos"),
         ("any-craft-2d@atmos", "rans list atmos"),
         ("lqr:go-to-pose-2d@atmos", "rans list atmos"),
         ("go-to-pose-2d", "rans view go-to-pose-2d"),
@@ -219,7 +226,6 @@ def test_lost_flights_lead_to_a_command_that_may_help(text: str, command: str) -
     [
         ["evaluate", "--episodes", "4"],
         ["export", "--episodes", "4", "--output", "out", "--format", "numpy", "--force"],
-        ["view", "--episodes", "4", "--save", "flights.html"],
         ["report"],
     ],
     ids=lambda options: options[0],

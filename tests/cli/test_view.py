@@ -1,14 +1,10 @@
-"""``rans view`` from the command line, and ``rans train --view``."""
+"""``rans view`` from the command line."""
 
 from __future__ import annotations
 
-import contextlib
-import os
 import re
 import signal
-import subprocess
 import urllib.request
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,12 +17,7 @@ from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenario, scenarios
 from rans.tasks import GoToPose
-from tests.support.command_runs import tiny
-from tests.support.processes import PATIENCE, command, wait_until
-
-needs_proc = pytest.mark.skipif(
-    not Path("/proc").is_dir(), reason="finds child processes in Linux's /proc"
-)
+from tests.support.processes import PATIENCE, command
 
 
 @pytest.fixture(autouse=True)
@@ -159,61 +150,6 @@ def test_it_serves_until_it_is_interrupted(name: str, option: str, said: str, ha
 )
 def test_wrong_use_is_a_sentence(arguments: list[str], said: str, refused: Any) -> None:
     assert said in refused("view", *arguments)
-
-
-@pytest.mark.slow
-@needs_proc
-def test_training_survives_its_watcher() -> None:
-    """The process of the page is killed, but training goes on and ends as ever."""
-    with watched_training() as (process, watcher):
-        os.kill(watcher, signal.SIGKILL)
-        metrics = Path("run/metrics.jsonl")
-        wait_until(metrics.exists)
-        rows = metrics.read_text().count("\n")
-        wait_until(lambda: metrics.read_text().count("\n") > rows)
-        process.send_signal(signal.SIGINT)
-        out, errors = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 130
-    assert out.startswith("Stopped after ")
-    assert "Traceback" not in errors
-
-
-@pytest.mark.slow
-@needs_proc
-def test_the_watcher_ends_with_the_training() -> None:
-    """Even with one that is killed and cannot say farewell."""
-    with watched_training() as (process, watcher):
-        process.kill()
-    wait_until(lambda: "spawn_main" not in cmdline(watcher))
-
-
-@contextlib.contextmanager
-def watched_training() -> Iterator[tuple[subprocess.Popen[str], int]]:
-    """A training that trains, and the number of the process that shows it."""
-    with command(*tiny(total_timesteps=10**9), "--output", "run", "--view") as process:
-        assert process.stderr is not None
-        first = process.stderr.readline()
-        assert re.search(r"shown at http://localhost:\d+ from the first checkpoint on", first), (
-            first
-        )
-        children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-        wait_until(
-            lambda: any("spawn_main" in cmdline(int(pid)) for pid in children.read_text().split())
-        )
-        # The first: on a busy machine another already draws the learning curve.
-        watcher, *_ = (
-            int(pid) for pid in children.read_text().split() if "spawn_main" in cmdline(int(pid))
-        )
-        assert process.stderr.readline().startswith("training: ")
-        yield process, watcher
-
-
-def cmdline(pid: int) -> str:
-    """The command of a process, or nothing when it has ended."""
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_text()
-    except OSError:
-        return ""
 
 
 def test_every_option_reaches_the_flights(

@@ -1087,9 +1087,3 @@ def _tensors_of(architecture: Architecture, network: DemandNetwork) -> dict[str,
         for number, pair in enumerate((first, second))
         for name, x in zip(("weight", "bias"), pair, strict=True)
     }
-
-
-def policy_layers(policy: Network) -> Layers:
-    """Dense layers of a policy of `as_policy`, for `fly`."""
-    trunk = [policy.layer(f"{EXTRACTOR}trunk.{2 * k}") for k in range(2)]
-    return [*trunk, policy.architecture.last.folded(*policy.layer("action_net"))]

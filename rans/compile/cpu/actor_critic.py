@@ -32,7 +32,7 @@ from rans.policy.traced import policy_program
 
 
 class CpuActorCritic:
-    """Log-odds and values of a network of one member, on/off thrusters and shared layers without memory.
+    """Log-odds and values of a network, on/off thrusters and shared layers without memory.
 
     Args:
         architecture: its architecture.

@@ -164,7 +164,7 @@ class Design:
         return 32 * 4 * self.stride_out
 
     def packed(self, tensors: Mapping[str, Tensor]) -> Tensor:
-        """Weights and statistics of one member in one piece, uint8 on the CPU; the kernel reads it at `places`."""
+        """Weights and statistics in one piece, uint8 on the CPU; the kernel reads it at `places`."""
         table = {name: x.detach().cpu().float() for name, x in tensors.items()}
         mean = table[f"{EXTRACTOR}mean"]
         variance = table[f"{EXTRACTOR}variance"]

@@ -33,7 +33,7 @@ class FlightKernel:
 
     Args:
         world: in float32; its task's settings are numbers.
-        network: of one member.
+        network: of the agent.
         device: a CUDA device.
         shared: bytes of shared memory that a block may have there.
         products: of so many bfloat16 numbers each, as XLA names them: see `Design.parts`.

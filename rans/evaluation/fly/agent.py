@@ -30,7 +30,7 @@ from rans.tasks.observation_terms import Layout
 
 
 class Agent:
-    """Controller that gives the deterministic actions of a policy: a network of one member, on the CPU."""
+    """Controller that gives the deterministic actions of a policy: a network, on the CPU."""
 
     def __init__(self, network: Network, name: str, craft: Spacecraft | None = None) -> None:
         self.name = name

@@ -129,10 +129,10 @@ def to_tolerances(run: LoadedRun, words: Iterable[str]) -> LoadedRun:
             value = float(word.removesuffix(unit)) * _UNITS[key][unit]
         except (KeyError, ValueError):
             value = 0.0
-        if not value > 0.0:
+        if not value > 0.0 or key in changes:
             raise ConfigError(
                 "after # an agent for any craft takes a number from 0 (fast) to 1 (frugal), tolerances such as 2cm "
-                f"and 2deg, and go-to-position, with commas between them, got {brief(word)}."
+                f"and 2deg, one of each, and go-to-position, with commas between them, got {brief(word)}."
             )
         changes[key] = value
     return run._replace(task=replace(run.task, **changes))  # type: ignore[type-var]

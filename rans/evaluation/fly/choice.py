@@ -18,7 +18,7 @@ from typing import NamedTuple
 from rans.errors import ConfigError, RansWarning
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.any_craft import for_spacecraft, frugal
-from rans.files import read_json, write_json
+from rans.files import package_version, read_json, write_json
 from rans.model.pace import misfits
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
@@ -36,7 +36,7 @@ ENOUGH = 0.95
 """Part of the flights below which an agent is not recommended."""
 _COARSE = 0.2
 """Control period above which a shorter one is tried, s."""
-_VERSION = 1
+_VERSION = 2
 """Version of the rule of choice; a cached choice of another version is made anew."""
 
 
@@ -64,18 +64,23 @@ class Choice(NamedTuple):
         line = f"{agent}#{self.value:g}: solved {self.solved} of {FLIGHTS}, {time}, {self.impulse:.3g} N s"
         return f"{line}." if self.is_enough else f"{line}, commanded every {self.period:g} s."
 
-    def doubt(self, agent: str, craft: Spacecraft, is_named: bool = False) -> str:
+    def doubt(
+        self, agent: str, craft: Spacecraft, is_named: bool = False, is_narrow: bool = False
+    ) -> str:
         """The line of an agent that is not recommended for a craft, with what may help; empty: it is.
 
         Args:
             agent: its name without a value.
             craft: what it flies.
             is_named: whether the user has named the value.
+            is_narrow: whether the user has named tolerances.
         """
         if self.is_enough:
             return ""
-        cause = f"No other value or control period solves more: {likely_cause(craft, self.period)}."
-        if is_named:
+        cause = f"None of the values tried solves more: {likely_cause(craft, self.period)}."
+        if is_narrow:
+            cause = f"The likely cause: {NARROW}."
+        elif is_named:
             cause = f"{agent} without a number is flown at the value that its own flights choose."
         return f"{self.text(agent)} {cause}"
 
@@ -134,6 +139,10 @@ def chosen_period(own: LoadedRun, craft: Spacecraft) -> float | None:
     if craft.dimension == 2 or usual <= _COARSE:
         return None
     return chosen(own, craft).period
+
+
+NARROW = "tolerances that are narrower than it can hold"
+"""Likely cause where the user has named tolerances."""
 
 
 def likely_cause(craft: Spacecraft, period: float) -> str:
@@ -195,7 +204,17 @@ def _digest(
     own: LoadedRun, craft: Spacecraft | None, period: float | None, value: float | None
 ) -> str:
     """Hash of what a choice depends on."""
-    content = hashlib.sha256(repr((_VERSION, VALUES, own.task, own.timing, period, value)).encode())
+    rule = (
+        package_version("rans"),
+        _VERSION,
+        VALUES,
+        FLIGHTS,
+        CHOICE_SEED,
+        PERIODS_IN_SPACE,
+        _COARSE,
+    )
+    about = own.task, own.timing, own.conditions, own.network.architecture, period, value
+    content = hashlib.sha256(repr((rule, about)).encode())
     content.update(to_toml(replace(craft or own.craft, name="craft")).encode())
     for node, weights in own.network.at.items():
         content.update(repr(node).encode())

@@ -27,7 +27,7 @@ from rans.pretrained import (
     pretrained_names,
 )
 from rans.registry import allow_current_folder, typed
-from rans.tasks import TASKS
+from rans.tasks import TASKS, registered_name
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
@@ -102,6 +102,8 @@ class ContestantName:
         """
         if isinstance(text, ContestantName):
             return text
+        if not text.partition("#")[0]:
+            raise ConfigError(f"{brief(text)} names no contestant; known are {FORMS}.")
         if len(text) > _LONGEST_NAME:
             raise ConfigError(f"there is no contestant {brief(text)}; known are {FORMS}.")
         # Forms whose names may hold any letter: files of policies and flights, and an agent that adapts.
@@ -276,9 +278,18 @@ class ContestantName:
             run = frugal(run, value)
         if choice is not None and isinstance(run.controller, Agent):
             run.controller.remark = choice.text(self.name)
-            if doubt := choice.doubt(self.name, run.craft, self.frugality is not None):
+            is_named = self.frugality is not None
+            if doubt := choice.doubt(self.name, run.craft, is_named, self._is_narrow):
                 warnings.warn(doubt, RansWarning, stacklevel=2)
+        if self.asked and isinstance(run.controller, Agent):
+            sign = "," if "#" in run.controller.name else "#"
+            run.controller.name += sign + ",".join(self.asked)
         return to_a_position(run) if _POSITION in self.asked else run
+
+    @property
+    def _is_narrow(self) -> bool:
+        """Whether it asks an agent for any craft for tolerances of its own."""
+        return any(word != _POSITION for word in self.asked)
 
     def shortfall(self, percent: float, run: LoadedRun, conditions: object | None = None) -> str:
         """Why so few flights of the contestant are solved, and what to run; "" if enough are (`choice.ENOUGH`).
@@ -288,7 +299,7 @@ class ContestantName:
             run: what flew.
             conditions: what the user has named; None: it flew under its own.
         """
-        from rans.evaluation.fly.choice import ENOUGH, likely_cause
+        from rans.evaluation.fly.choice import ENOUGH, NARROW, likely_cause
 
         if percent >= 100.0 * ENOUGH:
             return ""
@@ -296,15 +307,21 @@ class ContestantName:
         again = ["rans", "evaluate", self.text]
         if conditions is not None:
             cause = "conditions that are harder than its own"
+        elif self._is_narrow:
+            cause = NARROW
+            again = ["rans", "list", craft]
         elif self.frugality is not None:
             cause = "a value that suits this craft less than the one that its flights choose"
-            again[-1] = f"{self.text.partition('#')[0]}@{craft}"
+            own = f"{self.name}#{','.join(self.asked)}" if self.asked else self.name
+            again[-1] = f"{ADAPTIVE}:" * self.adapts + f"{own}@{craft}"
         elif self.is_for_a_craft or self.kind == "controller":
             cause = likely_cause(run.craft, run.timing.control_period)
             again = ["rans", "list", craft]
         else:
             cause = "what a view of a lost flight shows"
             again[1] = "view"
+            if registered_name(run.task) is None:  # a class of the user
+                again.append("--trust")
         return f"{percent:.3g} % of the flights are solved. The likely cause: {cause}. Next: {shlex.join(again)}"
 
     @property
@@ -317,6 +334,11 @@ class ContestantName:
         source = self.own_folder
         if not self.is_for_a_craft:
             return source
+        if _POSITION in self.asked:
+            raise ConfigError(
+                f"{brief(self.text)} flies to positions by a law round the agent for any craft, which has no file: "
+                f"leave {_POSITION} out, or rans train {_POSITION} makes an agent."
+            )
         from rans.evaluation.fly.agent import load_policy
         from rans.evaluation.fly.any_craft import write_for_spacecraft
 

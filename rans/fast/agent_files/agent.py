@@ -60,7 +60,7 @@ class SavedPolicy(NamedTuple):
     """Content of an agent file."""
 
     network: Network
-    """Network of one member, on the CPU."""
+    """Network, on the CPU."""
     settings: dict[str, Any]
     """Fields of `PPOSettings`; empty without a critic."""
     steps: int

@@ -88,7 +88,7 @@ def _split(value: Any, path: str, tensors: dict[str, Tensor]) -> Any:
     The paths are names of tensors in every agent's file, by which others read them.
     """
     if isinstance(value, Tensor):
-        tensors[path] = value.detach().cpu().contiguous().clone()  # members' weights share memory
+        tensors[path] = value.detach().cpu().contiguous().clone()
         return {_TENSOR: path}
     if isinstance(value, dict):
         return {key: _split(inner, _below(path, key), tensors) for key, inner in value.items()}

@@ -1,1 +1,1 @@
-"""Trainers on the engine's device, for one agent or many at once."""
+"""Trainers on the engine's device, and sweeps of them."""

@@ -5,6 +5,7 @@ A member is a training like any other (`rans.fast.learn.trainer`), with a run fo
 
 from __future__ import annotations
 
+import gc
 import json
 import shutil
 import sys
@@ -44,6 +45,18 @@ class Member:
     """Rows of ``metrics.jsonl``; none: it has not begun."""
     diverged: bool = False
     """Whether a number became NaN or infinite, which ended the training."""
+    has_agent: bool = False
+    """Whether its run folder has an agent."""
+
+    @property
+    def begun(self) -> bool:
+        """Whether there is anything to tell of it."""
+        return bool(self.rows) or self.diverged
+
+    @property
+    def last(self) -> dict[str, Any]:
+        """Its last row; of one that diverged before its first, one without steps and success."""
+        return self.rows[-1] if self.rows else {"steps": 0, "success": 0.0}
 
     @property
     def solved(self) -> bool:
@@ -135,7 +148,7 @@ class Sweep:
     @property
     def steps(self) -> int:
         """Environment steps of all members."""
-        return sum(member.rows[-1]["steps"] for member in self.members if member.rows)
+        return sum(member.last["steps"] for member in self.members)
 
     def run(self, number: int) -> RunFolder:
         """Run folder of the member of a number."""
@@ -143,6 +156,11 @@ class Sweep:
 
     def _begin(self) -> None:
         """Write the configs; ConfigError if the folder has another sweep."""
+        if inside(self.path, "batches").exists():
+            raise ConfigError(
+                f"{self.path} has a sweep of an earlier version, whose batches cannot go on here: choose another "
+                "folder with --output. Its best/ is an agent as any other."
+            )
         file = inside(self.path, "configs.json")
         configs = [member.config for member in self.members]
         if file.exists() and read_configs(self.path)[0] != configs:
@@ -164,6 +182,7 @@ class Sweep:
             run = self.run(number)
             member.rows = run.metrics()
             member.diverged = run.nonfinite_file.exists()
+            member.has_agent = run.trained_file.exists()
 
     def save_best(self) -> Path:
         """Copy the run folder of the best member to ``best``, in place of what is there; returns that folder."""
@@ -174,12 +193,21 @@ class Sweep:
         return path
 
     def best(self) -> Member:
-        """Best seed of the config with the best results over all its seeds."""
-        return min(min(self.configs(), key=_rank), key=lambda member: _rank([member]))
+        """Best seed that has an agent of the config with the best results over all its seeds."""
+        rows = [
+            [one for one in members if one.has_agent]
+            for members in sorted(self.configs(), key=_rank)
+        ]
+        return min(next(filter(None, rows)), key=lambda member: _rank([member]))
+
+    @property
+    def has_agent(self) -> bool:
+        """Whether any member has an agent, without which there is no best one."""
+        return any(member.has_agent for member in self.members)
 
     def configs(self) -> list[list[Member]]:
         """Members that have begun, grouped by config without the seed."""
-        begun = [member for member in self.members if member.rows]
+        begun = [member for member in self.members if member.begun]
         return grouped(begun, lambda member: _key(member.config))
 
     def choice(self, member: Member) -> dict[str, Any]:
@@ -196,10 +224,10 @@ class Sweep:
                 **self.choice(member),
                 "solved": member.solved,
                 "diverged": member.diverged,
-                **member.rows[-1],
+                **member.last,
             }
             for number, member in enumerate(self.members)
-            if member.rows
+            if member.begun
         ]
 
 
@@ -207,9 +235,12 @@ def _train(_: None, config: TrainConfig, craft: Spacecraft, path: str, command: 
     """Train a member in its run folder, from its checkpoint if it has one; one that diverges has ended."""
     for name in (config.task, config.spacecraft, config.algorithm):
         typed(name)  # the process that sent this job has asked whose code may run
+    run = RunFolder(Path(path))
+    if run.nonfinite_file.exists():
+        return
     if "torch._dynamo" in sys.modules:
         torch.compiler.reset()  # what earlier members compiled counts towards the compiler's limit
-    run = RunFolder(Path(path))
+    gc.collect()  # an earlier member's memory on a GPU hangs in cycles of references
     if not run.config_file.exists():
         run.begin(config, command)
     trainer = Trainer(config, craft, run)
@@ -235,7 +266,10 @@ def read_configs(path: Path) -> tuple[list[TrainConfig], str]:
 
 def _check(config: TrainConfig) -> None:
     """Raise ConfigError if a config is invalid."""
-    check_device(config.device)
+    if config.guard:
+        raise ConfigError("the members of a sweep have no safety filter: leave guard out.")
+    if chosen_executor() is None:  # else each worker checks its own
+        check_device(config.device)
     engine = Engine(craft_of(config), config.settings, config.ppo.n_envs, config.timing)
     check_sizes(engine, config.ppo)
     architecture_of(engine, config.ppo)
@@ -261,7 +295,7 @@ def _key(config: TrainConfig) -> str:
 
 def _rank(members: Sequence[Member]) -> tuple[float, float, float]:
     """Sort key, smaller is better: unsolved share (diverged counts double), mean steps, negative mean success."""
-    last = [member.rows[-1] for member in members]
+    last = [member.last for member in members]
     unsolved = fmean((not member.solved) + member.diverged for member in members)
     steps = fmean(row["steps"] for row in last) if unsolved == 0 else 0.0
     return unsolved, steps, -fmean(row["success"] for row in last)

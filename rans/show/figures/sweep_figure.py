@@ -46,7 +46,7 @@ def sweep_figure(sweep: Sweep) -> Figure:
 
 
 def _curve(axes: Axes, member: Member, colour: str, **style: Any) -> None:
-    points = [(row["steps"], 100.0 * row["success"]) for row in member.rows]
+    points = [(row["steps"], 100.0 * row["success"]) for row in member.rows or [member.last]]
     axes.plot(*zip(*points, strict=True), color=colour, marker=only(points), **style)
 
 
@@ -55,7 +55,7 @@ def _ends(axes: Axes, row: int, members: Sequence[Member], best: Member, colour:
     for column, member in enumerate(members):
         height = row + 0.6 * ((column + 0.5) / len(members) - 0.5)
         axes.scatter(
-            member.rows[-1]["steps"],
+            member.last["steps"],
             height,
             c=ORANGE if member is best else colour,
             marker="o" if member.solved else "x",

@@ -80,6 +80,11 @@ def test_one_that_diverges_disturbs_nobody(tmp_path: Path) -> None:
     assert [member.diverged for member in both.members] == [True, False]
     assert both.best() is both.members[1]
     assert trained(both.save_best()) == trained(tmp_path / "members/1")
+    assert [(row["member"], row["steps"]) for row in both.results()] == [(0, 0), (1, 512)]
+    # A config of which a seed diverged is worse than one of which none did; what diverged has ended.
+    again = Sweep([broken, healthy], tmp_path)
+    again.train()
+    assert again.timed_steps == 0
 
 
 def ended(seed: int, rate: float, steps: int, success: float) -> Member:
@@ -91,7 +96,7 @@ def ended(seed: int, rate: float, steps: int, success: float) -> Member:
         ppo=replace(TINY, learning_rate=rate),
     )
     row: dict[str, Any] = {"steps": 128 * steps, "success": success, "train/learning_rate": rate}
-    return Member(config, [row, row])
+    return Member(config, [row, row], has_agent=True)
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,7 @@ def member(config: TrainConfig, steps: int, success: float) -> Member:
             config, report_interval=1, ppo=replace(config.ppo, n_envs=2, n_steps=1, batch_size=2)
         ),
         rows,
+        has_agent=True,
     )
 
 

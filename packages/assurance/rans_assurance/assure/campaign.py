@@ -86,7 +86,7 @@ class Campaign:
         """Fly until the plan ends; flights until an interrupt are kept.
 
         Args:
-            policy: a network of one member, or any controller, which flies in NumPy on the CPU.
+            policy: a network, or any controller, which flies in NumPy on the CPU.
             setup: spacecraft, task with its starts, and timing.
             device: torch device.
             stages: reports flights until each analysis, since the last one that is made is not known before.

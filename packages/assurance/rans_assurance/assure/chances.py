@@ -191,7 +191,7 @@ class Chances:
         """A function of standard normal numbers (D, N), numbers (N,) of episodes and sizes, (N,) or None.
 
         It gives the largest error of the last fifth in tolerances, (N,): from 1 on a flight is not solved. It
-        is infinite where the flight failed (`rans.verdict`). The network is of one member on the device.
+        is infinite where the flight failed (`rans.verdict`). The network is on the device.
         """
         flights = Flights(network, self.setup, device, generated=False)
         backend = flights.backend

@@ -12,7 +12,7 @@ that no cause is earlier or later than another by how its margin falls.
 
 Sixteen groups never exchange flights. Where they differ there is no estimate, nor where another way to failures, by
 the largest error alone or by the margin, meets more. Groups that agree prove nothing: failures that need two or
-more large errors at once, beside failures by many small ones, are missed by all of them (`docs/assurance.md`). An
+more large errors at once, beside failures by many small ones, are missed by all of them. An
 interval is therefore given of counted events alone.
 """
 

@@ -170,7 +170,7 @@ def searched(
         world: name of the conditions.
         conditions: conditions whose ranges are the unit; draws of these and of the start are searched.
         controller: agent.
-        network: network of the agent, of one member on the device of the search.
+        network: network of the agent, on the device of the search.
         setup: setup of the flights.
         seed: seed of the search.
         progress: reports flights.
@@ -345,7 +345,7 @@ def _size(columns: Any) -> float:
 
 
 def on_device(network: Network, device: str) -> Network:
-    """A copy of a network of one member."""
+    """A copy of a network."""
     return Network.copied(
         network.architecture, network.weights(), torch.device(device), torch.float32
     )
