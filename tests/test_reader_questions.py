@@ -172,7 +172,7 @@ def tuned(**changed: object) -> Any:
 ANSWERS: Answers = {
     "read_opm": {
         "units": Answer(opm("7000.0 [km]", "23e6 [ft]"), r"X of .* is in '\[ft\]'"),
-        "frames": Answer(opm("EME2000", "ITRF2000"), "it turns with the Earth"),
+        "frames": Answer(opm("EME2000", "ITRF2000"), "turns with the Earth"),
         "times": Answer(opm("2026-01-01T", "2026-366T"), "must be an instant"),
         "order": Answer(opm("Z_DOT = 0", "X = 6900"), "X stands twice"),
         "dropped": Answer(

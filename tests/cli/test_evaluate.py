@@ -76,7 +76,7 @@ def test_conditions_of_one_name_have_files_apart(
     own = [str(tmp_path / f"{name}.toml") for name in ("a/lab", "b/lab", "own")]
     for given in ("lab", *own):
         assert main(f"evaluate {run_folder} --episodes 2 --conditions {given}".split()) == 0
-        following = capsys.readouterr().out.split("Next:")[1].split("  rans ")[1:]
+        following = capsys.readouterr().out.split("Next:\n")[1].split("  rans ")[1:]
         # What is proposed next flies under the same conditions.
         assert [f"--conditions {given}" in command for command in following] == [True] * 3
     assert main(f"evaluate {run_folder} --episodes 2".split()) == 0

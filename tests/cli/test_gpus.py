@@ -32,7 +32,6 @@ def _two_gpus(monkeypatch: pytest.MonkeyPatch) -> None:
         ("train go-to-pose --gpus 0", "--gpus must be all, or a number of GPUs; got '0'."),
         ("train go-to-pose --gpus 3", "--gpus must be at most the 2 GPUs here, got 3."),
         ("train go-to-pose --gpus", "nothing follows it."),
-        ("train go-to-pose --set no=1=2 --frob 3 --gpus 2", "--frob"),
     ],
 )
 def test_a_wrong_option_is_one_sentence_before_any_process_starts(

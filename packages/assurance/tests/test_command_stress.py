@@ -96,7 +96,7 @@ def test_interrupted_it_writes_what_was_flown(
         ("", "name at least one contestant"),
         ("runs/nobody", "runs/nobody"),
         (f"{FIRST} --episodes 0", "--episodes must be >= 1 and < 2^31, got 0"),
-        (f"{FIRST} lqrr", "lqrr is not a run folder"),
+        (f"{FIRST} lqrr", "there is no run folder 'lqrr'"),
         (f"{FIRST} lqr:go-to-pose-3d", "for the spacecraft free-flyer"),
         (f"{FIRST} --only rain", "there is no effect named 'rain'"),
         ("pretrained:multi-task-2d", "pick one, as in pretrained:multi-task-2d#"),
