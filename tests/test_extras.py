@@ -32,7 +32,7 @@ SHORTER = {
     "view": "--save replay.html",
     "export": "--episodes 64 --force",
     "assure": "--episodes 20",
-    "benchmark": "--quick",
+    "benchmark": "floating-platform --quick",
     "validate": "--quick --layer thrusters",
 }
 """Options with which commands take seconds."""
