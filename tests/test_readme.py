@@ -192,9 +192,9 @@ def test_the_example_of_the_readme_says_what_it_prints(capsys: pytest.CaptureFix
     exec(example, names)
     assert names["observation"].shape == (4096, 10)
     printed = capsys.readouterr().out
-    told = re.search(r"print\(.*# ([0-9.]+), %", example)
-    assert told
-    assert float(printed) == float(told[1])
+    stated = re.search(r"print\(.*# ([0-9.]+), %", example)
+    assert stated
+    assert float(printed) == float(stated[1])
 
 
 def test_an_agent_for_an_own_craft_takes_fifteen_hundred_words() -> None:

@@ -241,7 +241,7 @@ SHARED: list[tuple[Spacecraft, Patch, str]] = [
         "onsets",
     ),
 ]
-"""Errors that Drake shares, as it is told when what was drawn acts."""
+"""Errors that Drake shares, as our code says when what was drawn acts."""
 
 MUTATIONS: list[tuple[Spacecraft, Patch, str]] = [
     (PLANE, reversed_torque, "thrusters"),

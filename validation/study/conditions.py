@@ -2,7 +2,7 @@
 
 Drake has its own way of what an effect does to valves, body and motion. What was drawn, when it begins and
 what sensors tell are given to it: `validation.study.onsets` judges when effects begin, and `tests/randomization`
-what is drawn and told.
+what is drawn and read.
 """
 
 from __future__ import annotations

@@ -175,7 +175,11 @@ class ContestantName:
         return replace(inner, text=text, adapts=True)
 
     def _with_frugality(self) -> ContestantName:
-        """The same with the words after "#" as frugality and tolerances, if this is an agent for any craft."""
+        """Name of an agent for any craft with value, tolerances and task read from the words after "#".
+
+        Raises:
+            ConfigError: the value is not from 0 to 1.
+        """
         if not self.part or not _flies_any_craft(self):
             return self
         words = self.part.split(",")

@@ -26,7 +26,7 @@ class Series:
     colour: str
     """A CSS colour, such as var(--ink)."""
     marker: str = "o"
-    """Of Matplotlib; "ring" is a circle, "" is none, and others that it does not have are discs."""
+    """Marker as Matplotlib names it; "ring" is an open circle, "" no marker, and an unknown name a disc."""
     line: str = ""
     """What joins the marks: "", "solid" or "dotted"."""
 
