@@ -1,9 +1,9 @@
-"""What packages and plug-ins build on: every name has two users in this repository.
+"""What packages and plug-ins build on: two of them use every name, or four modules of one package do.
 
     >>> from rans.extend import ConfigError, Flight, Spacecraft
 
-A package imports these from here, so that the core may move them. What a single package needs of the core it
-imports from its module, without a promise. Each is imported on first use.
+A package imports these from here, so that the core may move them. What fewer need of the core they import from
+its module, without a promise. Each is imported on first use.
 """
 
 from __future__ import annotations
@@ -24,12 +24,14 @@ if TYPE_CHECKING:
     from rans.cli.door import word as word
     from rans.csv_file import read_csv as read_csv
     from rans.deploy.export import evaluated as evaluated
+    from rans.episode import Command as Command
     from rans.episode import Setup as Setup
     from rans.episode import World as World
     from rans.errors import ConfigError as ConfigError
     from rans.errors import NonFiniteState as NonFiniteState
     from rans.errors import RansError as RansError
     from rans.errors import RansWarning as RansWarning
+    from rans.errors import SolverFailed as SolverFailed
     from rans.errors import brief as brief
     from rans.errors import counted as counted
     from rans.errors import is_finite as is_finite
@@ -42,8 +44,10 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.agent import load_policy as load_policy
     from rans.evaluation.fly.contestant_name import ContestantName as ContestantName
     from rans.evaluation.fly.contestants import contestant as contestant
+    from rans.evaluation.fly.episodes import fly_draws as fly_draws
     from rans.evaluation.fly.protocols import fitting_protocols as fitting_protocols
     from rans.evaluation.measure.metrics import Sample as Sample
+    from rans.evaluation.measure.metrics import impulses as impulses
     from rans.fast.device import torch_device as torch_device
     from rans.fast.engine import Engine as Engine
     from rans.fast.learn.adam import Adam as Adam
@@ -70,6 +74,7 @@ if TYPE_CHECKING:
     from rans.flight import Flight as Flight
     from rans.flight import fly as fly
     from rans.model.body import Body as Body
+    from rans.model.drift import ClohessyWiltshire as ClohessyWiltshire
     from rans.model.drift import Drift as Drift
     from rans.model.dynamics import PlanarState as PlanarState
     from rans.model.dynamics import SpatialState as SpatialState
@@ -81,11 +86,14 @@ if TYPE_CHECKING:
     from rans.model.fields import Quat as Quat
     from rans.model.fields import Vec2 as Vec2
     from rans.model.fields import Vec3 as Vec3
+    from rans.model.fields import Vector as Vector
     from rans.model.fields import absolute as absolute
     from rans.model.fields import at_least as at_least
+    from rans.model.fields import cos as cos
     from rans.model.fields import floor as floor
     from rans.model.fields import leaves as leaves
     from rans.model.fields import map_leaves as map_leaves
+    from rans.model.fields import sin as sin
     from rans.model.fields import sqrt as sqrt
     from rans.model.fields import where as where
     from rans.model.fields import within as within
@@ -128,14 +136,23 @@ if TYPE_CHECKING:
     from rans.tasks import TASKS as TASKS
     from rans.tasks.base import SingleTask as SingleTask
     from rans.tasks.base import Task as Task
+    from rans.tasks.base import observation as observation
     from rans.tasks.go_to_pose import GoToPose as GoToPose
+    from rans.tasks.observation_terms import Dimension as Dimension
+    from rans.tasks.observation_terms import Information as Information
+    from rans.tasks.observation_terms import InformationInW as InformationInW
     from rans.tasks.observation_terms import ObservationTerm as ObservationTerm
+    from rans.tasks.observation_terms import RelativeRotation as RelativeRotation
     from rans.tasks.observation_terms import VectorInW as VectorInW
     from rans.tasks.quantities import QUANTITIES as QUANTITIES
     from rans.tasks.rewards import Transition as Transition
+    from rans.tasks.rewards import is_used as is_used
     from rans.tasks.rewards import nearness as nearness
     from rans.tasks.rewards import speed as speed
     from rans.tasks.shapes import Ball as Ball
+    from rans.tasks.shapes import Cone as Cone
+    from rans.tasks.shapes import Shape as Shape
+    from rans.tasks.shapes import SpeedLimit as SpeedLimit
     from rans.terminal import Terminal as Terminal
     from rans.terminal import doing as doing
     from rans.terminal import progress as progress

@@ -95,9 +95,9 @@ USERS = [
 ]
 
 
-def imported_from_the_core(folder: Path) -> set[tuple[str, str]]:
-    """Modules of the core and names in them that a package imports, without its tests."""
-    return {
+def imported_from_the_core(folder: Path) -> Counter[tuple[str, str]]:
+    """Modules of the core and names in them that a package imports, without its tests, and how often."""
+    return Counter(
         (node.module, alias.name)
         for file in folder.rglob("*.py")
         if "tests" not in file.relative_to(folder).parts
@@ -105,17 +105,19 @@ def imported_from_the_core(folder: Path) -> set[tuple[str, str]]:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("rans.")
         for alias in node.names
         if node.module
-    }
+    )
 
 
-def test_what_two_packages_build_on_is_named_in_one_module() -> None:
-    """`rans.extend` has few names, each with a docstring and two users, and nobody goes round it."""
+def test_what_packages_build_on_is_named_in_one_module() -> None:
+    """`rans.extend` has few names, each with a docstring and several users, and nobody goes round it."""
     homes = extend.homes(extend.__file__)
-    assert len(homes) <= 140
+    assert len(homes) <= 145
     used: Counter[str] = Counter()
     for folder in USERS:
         names = imported_from_the_core(folder)
-        used.update({name for module, name in names if module == "rans.extend"})
+        # Two packages need a name, or four modules of one.
+        for (module, name), count in names.items():
+            used[name] += (2 if count >= 4 else 1) * (module == "rans.extend")
         assert not {(module, name) for module, name in names if homes.get(name) == module}, folder
     assert {name for name in homes if used[name] < 2} == set()
     for name in homes:

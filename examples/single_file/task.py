@@ -15,6 +15,7 @@ from rans.extend import (
     Heading,
     ObservationTerm,
     Random,
+    RelativeRotation,
     SingleTask,
     State,
     Transition,
@@ -25,7 +26,6 @@ from rans.extend import (
     speed,
 )
 from rans.model.fields import atan2
-from rans.tasks.observation_terms import RelativeRotation
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ import numpy as np
 
 from rans.errors import checked, one_line
 from rans.extend import (
+    ClohessyWiltshire,
     ConfigError,
     Flight,
     RansWarning,
@@ -29,7 +30,6 @@ from rans.extend import (
     read_text,
     write_text,
 )
-from rans.model.drift import ClohessyWiltshire
 from rans_missions.orbits.earth import EARTH
 
 FRAME = "EME2000"

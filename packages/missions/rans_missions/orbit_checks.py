@@ -11,9 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.measure.metrics import impulses
-from rans.extend import TASKS, Spacecraft, fly, scenarios
-from rans.model.drift import ClohessyWiltshire
+from rans.extend import TASKS, ClohessyWiltshire, Spacecraft, fly, impulses, scenarios
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.orbits.elliptic import EllipticOrbit
 from rans_missions.tasks import Dock, TargetOrbit

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rans.extend import ConfigError, Flight, Sample
-from rans.model.drift import ClohessyWiltshire
+from rans.extend import ClohessyWiltshire, ConfigError, Flight, Sample
 from rans_missions.vectors import motion_of
 
 if TYPE_CHECKING:

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.extend import Task, Vec3
-from rans.model.drift import ClohessyWiltshire
+from rans.extend import ClohessyWiltshire, Task, Vec3
 
 PRECISION = 0.01
 """Largest error of a distance from line segments, m: a hundredth of the least position tolerance of a mission."""

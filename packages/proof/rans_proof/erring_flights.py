@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from rans.extend import Body, Heading, LoadedRun, PlanarState, Spacecraft, Vec2, advance
+from rans.extend import observation as observed
 from rans.model.dynamics import wrench
-from rans.tasks.base import observation as observed
 
 _NODES = 2
 """Nodes of the quadrature over the delay of a valve, in which a craft hardly turns."""

@@ -9,8 +9,7 @@ from operator import add
 import numpy as np
 import torch
 
-from rans.evaluation.fly.episodes import fly_draws
-from rans.extend import Controller, Flight, Setup, Workers, World, last_fifth, seed_words
+from rans.extend import Controller, Flight, Setup, Workers, World, fly_draws, last_fifth, seed_words
 from rans.flight_statistics import FlightStatistics
 from rans.model.random import Draws
 

@@ -8,13 +8,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
 from rans.extend import (
     Controller,
     Failure,
     Flight,
     Setup,
+    fly_draws,
     is_installed,
     last_fifth,
     leaves,

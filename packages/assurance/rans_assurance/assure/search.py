@@ -14,7 +14,6 @@ import numpy as np
 import torch
 from scipy.special import ndtr
 
-from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import worst_errors
 from rans.extend import (
     BodyConditions,
@@ -27,6 +26,7 @@ from rans.extend import (
     Progress,
     Setup,
     World,
+    fly_draws,
     unseen,
 )
 from rans.model.random import generator

@@ -12,7 +12,6 @@ from rans.errors import meant
 from rans.evaluation.compare.contest import Contestant
 from rans.evaluation.compare.entrants import Invited, enlisted
 from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.tuned import tuned
 from rans.evaluation.measure.statistics import Estimate
@@ -33,6 +32,7 @@ from rans.extend import (
     Workers,
     draws,
     first_line,
+    fly_draws,
 )
 from rans.flight import informed
 from rans.progress import Stages, unseen_stages

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import SolverFailed
 from rans.evaluation.compare.mission_bounds import MissionBounds
-from rans.extend import ConfigError, Contest, Progress, State, map_leaves, unseen
+from rans.extend import ConfigError, Contest, Progress, SolverFailed, State, map_leaves, unseen
 from rans_missions.convex.approach import PortMeeting, least_to_approach
 from rans_missions.convex.holding import least_to_hold
 from rans_missions.convex.inspection import inspection_bound

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.measure.metrics import impulses, won
+from rans.evaluation.measure.metrics import won
 from rans.extend import (
     Controller,
     Flight,
@@ -23,6 +23,7 @@ from rans.extend import (
     contestant,
     fly,
     fly_in_drake,
+    impulses,
     scenarios,
 )
 from rans.optimal.control.lqr import LQR

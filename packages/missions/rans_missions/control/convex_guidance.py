@@ -12,9 +12,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rans.errors import SolverFailed
-from rans.extend import Ball, Spacecraft, Task, Timing, map_leaves
-from rans.tasks.shapes import Cone, Shape, SpeedLimit
+from rans.extend import (
+    Ball,
+    Cone,
+    Shape,
+    SolverFailed,
+    Spacecraft,
+    SpeedLimit,
+    Task,
+    Timing,
+    map_leaves,
+)
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.planning import PlanningGuidance
 from rans_missions.convex.holding import flight_that_holds

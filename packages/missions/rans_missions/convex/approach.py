@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import Ball, Spacecraft, Timing, leaves, map_leaves
-from rans.tasks.shapes import Cone, SpeedLimit
+from rans.extend import Ball, Cone, Spacecraft, SpeedLimit, Timing, leaves, map_leaves
 from rans_missions.convex.demands import Demands
 from rans_missions.convex.rendezvous import (
     Meeting,

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from rans.errors import SolverFailed
-from rans.extend import require
+from rans.extend import SolverFailed, require
 
 _REGULARIZATIONS = 1e-8, 1e-7, 1e-10
 """Clarabel's own, and others that are tried after it. A program that is barely infeasible may end in a numerical

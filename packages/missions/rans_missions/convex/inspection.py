@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from rans.extend import ConfigError, Spacecraft, SpatialState, Timing, Vec3
-from rans.model.drift import ClohessyWiltshire
+from rans.extend import ClohessyWiltshire, ConfigError, Spacecraft, SpatialState, Timing, Vec3
 from rans_missions.tasks.inspect import Inspect
 from rans_missions.vectors import components
 

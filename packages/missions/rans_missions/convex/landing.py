@@ -33,8 +33,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy import sparse
 
-from rans.errors import SolverFailed
-from rans.extend import ConfigError, Spacecraft
+from rans.extend import ConfigError, SolverFailed, Spacecraft
 from rans.model.actuators import Throttle
 from rans_missions.convex.cone_program import ConeProgram
 from rans_missions.tasks.land import Land

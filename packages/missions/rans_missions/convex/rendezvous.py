@@ -23,13 +23,16 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from rans.errors import SolverFailed
 from rans.extend import (
     Ball,
+    Cone,
     ConfigError,
     Drift,
     Scenario,
+    Shape,
+    SolverFailed,
     Spacecraft,
+    SpeedLimit,
     Timing,
     Vec2,
     Vec3,
@@ -38,7 +41,6 @@ from rans.extend import (
 )
 from rans.model.dynamics import RULES
 from rans.model.spacecraft import can_turn
-from rans.tasks.shapes import Cone, Shape, SpeedLimit
 from rans_missions.convex.cone_program import ConeProgram, Rows
 from rans_missions.convex.demands import Demands
 from rans_missions.tasks.orbital import OrbitalMission, last_check

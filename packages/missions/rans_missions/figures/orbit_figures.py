@@ -13,6 +13,7 @@ from rans.extend import (
     RED,
     Axes,
     Ball,
+    Cone,
     Figure,
     Flight,
     label,
@@ -21,7 +22,6 @@ from rans.extend import (
     styled,
 )
 from rans.show.figures.mission_figures import length
-from rans.tasks.shapes import Cone
 
 
 @styled

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 
 from rans.episode import Guard
-from rans.extend import ConfigError, Setup, brief, is_finite, positive, scenario
-from rans.model.drift import ClohessyWiltshire
+from rans.extend import ClohessyWiltshire, ConfigError, Setup, brief, is_finite, positive, scenario
 from rans_missions.guard.ahead import SLACK
 from rans_missions.guard.backup import FlownBackup
 from rans_missions.guard.expected import Expected

@@ -5,8 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
-from rans.episode import Command
-from rans.extend import Field, World
+from rans.extend import Command, Field, World
 from rans_missions.guard.ahead import Ahead
 from rans_missions.guard.expected import Reserve
 from rans_missions.guard.rows import (

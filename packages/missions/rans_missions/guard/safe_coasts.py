@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import Command
-from rans.extend import Field, Spacecraft, World
+from rans.extend import Command, Field, Spacecraft, World
 from rans_missions.guard.ahead import Ahead
 from rans_missions.guard.backup import FlownBackup
 from rans_missions.guard.expected import Reserve

@@ -10,8 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from rans.extend import Vec3
-from rans.model.drift import ClohessyWiltshire
+from rans.extend import ClohessyWiltshire, Vec3
 
 _QUICKENING = 0.004
 """Acceleration of the reference, m/s^2: a fifth of what the thrusters of V-BAR's craft give."""

@@ -18,9 +18,18 @@ from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import NamedTuple
 
-from rans.extend import Field, Vec3, absolute, at_least, map_leaves, sqrt, where
-from rans.model.drift import ClohessyWiltshire
-from rans.model.fields import cos, sin
+from rans.extend import (
+    ClohessyWiltshire,
+    Field,
+    Vec3,
+    absolute,
+    at_least,
+    cos,
+    map_leaves,
+    sin,
+    sqrt,
+    where,
+)
 from rans_missions.guidance.impulses import (
     LEAST_SAVING,
     SINGULAR_OFFSET,

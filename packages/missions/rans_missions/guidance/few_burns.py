@@ -20,8 +20,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from rans.extend import Field, Vec3, absolute, at_least, where
-from rans.model.fields import cos, sin
+from rans.extend import Field, Vec3, absolute, at_least, cos, sin, where
 from rans_missions.guidance.impulses import (
     LEAST_SAVING,
     ImpulseResponse,

@@ -6,8 +6,7 @@ from functools import reduce
 from operator import add
 from typing import NamedTuple
 
-from rans.extend import Field, absolute, where
-from rans.model.fields import Vector
+from rans.extend import Field, Vector, absolute, where
 
 SINGULAR_OFFSET = 1e-9
 """Added to determinants and other divisors that may be zero, in the units of each: a division by nearly nothing

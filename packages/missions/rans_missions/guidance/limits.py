@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol
 
-from rans.extend import Field
-from rans.model.fields import Vector
+from rans.extend import Field, Vector
 
 
 class Margin(Protocol):

@@ -14,8 +14,7 @@ from functools import cache, partial
 from itertools import combinations
 from typing import Any
 
-from rans.extend import Field, Vec3, absolute, at_least, map_leaves, where
-from rans.model.fields import sin
+from rans.extend import Field, Vec3, absolute, at_least, map_leaves, sin, where
 from rans_missions.guidance.arrival import PLANS, TIME_ROUNDING, best_arrival, whole_periods
 from rans_missions.guidance.coasts import COAST_POINTS, Coasts
 from rans_missions.guidance.few_burns import ArrivalTolerance, Coast, KeepOut

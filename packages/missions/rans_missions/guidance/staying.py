@@ -7,8 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from rans.extend import Drift, at_least, map_leaves, where, within
-from rans.model.drift import ClohessyWiltshire
+from rans.extend import ClohessyWiltshire, Drift, at_least, map_leaves, where, within
 from rans_missions.orbits.elliptic import EllipticOrbit
 from rans_missions.orbits.perturbed import PerturbedOrbit
 from rans_missions.orbits.reach import velocity_to_reach

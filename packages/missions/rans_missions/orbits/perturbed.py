@@ -13,8 +13,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from rans.extend import ConfigError, Field, Quat, Vec2, Vec3, is_finite
-from rans.model.drift import AnyVector, ClohessyWiltshire, cosine, sine
+from rans.extend import ClohessyWiltshire, ConfigError, Field, Quat, Vec2, Vec3, is_finite
+from rans.model.drift import AnyVector, cosine, sine
 from rans_missions.orbits.earth import EARTH, EARTH_RADIUS, J2
 from rans_missions.orbits.uneven import UnevenOrbit
 

@@ -23,8 +23,10 @@ from rans.extend import (
     Vec2,
     Vec3,
     Wrench,
+    cos,
+    sin,
 )
-from rans.model.fields import cos, sin, wrap
+from rans.model.fields import wrap
 from rans.model.rotation import symmetric_inverse, symmetric_times
 
 if TYPE_CHECKING:

@@ -13,21 +13,21 @@ from rans.extend import (
     ConfigError,
     Field,
     GoToPose,
+    InformationInW,
     ObservationTerm,
     Random,
     State,
     Timing,
     Transition,
     Vec2,
+    Vector,
     absolute,
     at_least,
+    is_used,
     nearness,
     sqrt,
     where,
 )
-from rans.model.fields import Vector
-from rans.tasks.observation_terms import InformationInW
-from rans.tasks.rewards import is_used
 from rans.tasks.shapes import nearest_first
 
 _MOST_ZONES = 16

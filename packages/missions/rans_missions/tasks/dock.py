@@ -6,9 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from rans.extend import Field, Random, State, Timing, Vec3
-from rans.model.fields import Vector, cos, sin
-from rans.tasks.shapes import Shape, SpeedLimit
+from rans.extend import Field, Random, Shape, SpeedLimit, State, Timing, Vec3, Vector, cos, sin
 from rans_missions.orbits.elliptic import mean_anomaly
 from rans_missions.passive_safety import CoastZone
 from rans_missions.tasks.orbital import OrbitalMission

@@ -8,27 +8,30 @@ from typing import Any, ClassVar
 
 from rans.extend import (
     Ball,
+    Cone,
     ConfigError,
     Field,
     Heading,
+    InformationInW,
     ObservationTerm,
     Quat,
     Random,
+    RelativeRotation,
+    Shape,
     SingleTask,
     State,
     Timing,
     Transition,
     Vec2,
     Vec3,
+    Vector,
     VectorInW,
+    is_used,
     nearness,
     speed,
 )
 from rans.model.drift import FREE, step_goal
-from rans.model.fields import Vector
-from rans.tasks.observation_terms import AngularVelocity, InformationInW, RelativeRotation
-from rans.tasks.rewards import is_used
-from rans.tasks.shapes import Cone, Shape
+from rans.tasks.observation_terms import AngularVelocity
 
 
 @dataclass(frozen=True)

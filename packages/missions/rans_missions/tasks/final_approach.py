@@ -8,23 +8,27 @@ from typing import Any, ClassVar
 
 from rans.extend import (
     Ball,
+    ClohessyWiltshire,
+    Cone,
     ConfigError,
+    Dimension,
     Drift,
     Field,
+    InformationInW,
     ObservationTerm,
     Random,
+    Shape,
     SingleTask,
+    SpeedLimit,
     State,
     Timing,
     Transition,
     Vec3,
+    Vector,
     VectorInW,
     nearness,
 )
-from rans.model.drift import FREE, ClohessyWiltshire, step_goal
-from rans.model.fields import Vector
-from rans.tasks.observation_terms import Dimension, InformationInW
-from rans.tasks.shapes import Cone, Shape, SpeedLimit
+from rans.model.drift import FREE, step_goal
 
 
 @dataclass(frozen=True)

@@ -9,16 +9,16 @@ from typing import Any, ClassVar
 from rans.extend import (
     Ball,
     Field,
+    Information,
     ObservationTerm,
     Random,
+    Shape,
     State,
     Timing,
     at_least,
     map_leaves,
     where,
 )
-from rans.tasks.observation_terms import Information
-from rans.tasks.shapes import Shape
 from rans_missions.guidance.arrival import TIME_ROUNDING
 from rans_missions.passive_safety import CoastZone
 from rans_missions.tasks.orbital import OrbitalMission, Plan

@@ -13,27 +13,32 @@ from typing import Any, ClassVar
 
 from rans.extend import (
     Ball,
+    ClohessyWiltshire,
     ConfigError,
+    Dimension,
     Drift,
     Field,
+    Information,
+    InformationInW,
     ObservationTerm,
     Random,
+    Shape,
     SingleTask,
     State,
     Timing,
     Transition,
     Vec3,
+    Vector,
     VectorInW,
     at_least,
+    cos,
+    is_used,
+    sin,
     sqrt,
     where,
 )
-from rans.model.drift import ClohessyWiltshire
-from rans.model.fields import Vector, cos, sin
-from rans.tasks.observation_terms import Dimension, Information, InformationInW, Scalar
+from rans.tasks.observation_terms import Scalar
 from rans.tasks.quantities import Quantity, declare
-from rans.tasks.rewards import is_used
-from rans.tasks.shapes import Shape
 from rans_missions.passive_safety import CoastZone
 
 declare(

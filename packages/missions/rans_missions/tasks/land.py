@@ -10,8 +10,11 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from rans.extend import (
+    Dimension,
     Drift,
     Field,
+    Information,
+    InformationInW,
     ObservationTerm,
     Quat,
     Random,
@@ -22,11 +25,11 @@ from rans.extend import (
     Transition,
     Vec3,
     VectorInW,
+    cos,
+    sin,
     where,
 )
 from rans.model.drift import UniformGravity
-from rans.model.fields import cos, sin
-from rans.tasks.observation_terms import Dimension, Information, InformationInW
 from rans.tasks.shapes import GlideSlope
 from rans_missions.guidance.descent import DescentLaw
 

@@ -13,29 +13,29 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from rans.display import Settings
 from rans.extend import (
     Ball,
+    ClohessyWiltshire,
     ConfigError,
+    Dimension,
     Drift,
     Field,
+    Information,
+    InformationInW,
     ObservationTerm,
     Random,
+    Shape,
     SingleTask,
+    SpeedLimit,
     State,
     Transition,
     VectorInW,
     at_least,
+    cos,
     is_finite,
+    is_used,
+    sin,
     where,
 )
-from rans.model.drift import ClohessyWiltshire
-from rans.model.fields import cos, sin
-from rans.tasks.observation_terms import (
-    AdvisedVelocityChange,
-    Dimension,
-    Information,
-    InformationInW,
-)
-from rans.tasks.rewards import is_used
-from rans.tasks.shapes import Shape, SpeedLimit
+from rans.tasks.observation_terms import AdvisedVelocityChange
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.guidance.arrival import TIME_ROUNDING
 from rans_missions.guidance.coasts import Coasts

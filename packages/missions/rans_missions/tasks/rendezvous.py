@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from rans.extend import Field, Random, State, Timing, where
-from rans.tasks.shapes import Cone, Shape
+from rans.extend import Cone, Field, Random, Shape, State, Timing, where
 from rans_missions.guidance.arrival import whole_periods
 from rans_missions.guidance.cone_approach import ConeApproach
 from rans_missions.passive_safety import CoastZone
