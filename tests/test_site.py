@@ -58,7 +58,6 @@ TERMS = {
     "sensor dropout": "conditions",
     "sim-to-real": "robot/robots",
     "Stable-Baselines3": "environments",
-    "subset simulation": "assurance/assurance",
     "test vectors": "export",
     "valve delay": "conditions",
 }

@@ -49,8 +49,6 @@ WORDS: dict[str, tuple[str, ...]] = {
         "failure probability",
         "monte carlo",
         "rare events",
-        "subset simulation",
-        "importance sampling",
         "probability of failure",
         "reliability",
     ),

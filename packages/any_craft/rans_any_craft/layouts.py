@@ -73,12 +73,6 @@ def sample_layout(random: np.random.Generator, ranges: LayoutRanges | None = Non
             return columns
 
 
-def layouts(count: int, seed: int, ranges: LayoutRanges | None = None) -> Iterator[np.ndarray]:
-    """Draw so many layouts, each from its own seed, so that the k-th one is the same in every longer draw."""
-    for number in range(count):
-        yield sample_layout(np.random.default_rng((seed, number)), ranges)
-
-
 Shape = tuple[tuple[float, ...], ...]
 """A layout's columns, sorted, in units of its own."""
 

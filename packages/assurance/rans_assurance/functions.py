@@ -138,7 +138,6 @@ def assure(
     failure_below: float | None = None,
     confidence: float = 0.99,
     worst: int = 4,
-    rare: int = 0,
     search: str | None = None,
     seed: int = ASSURANCE_SEED,
     device: str = "auto",
@@ -161,8 +160,6 @@ def assure(
             its count decides.
         confidence: confidence of every bound.
         worst: number of failed flights of each kind that are flown again in Drake.
-        rare: also estimate the probability of rarer failures, by subset simulation with this many flights as drawn
-            (at least 1600): a probability of 1e-6 takes about 85 times as many.
         search: also search for the smallest disturbance that makes the agent fail, in units of these conditions,
             such as lab.
         seed: random seed of starts, goals and conditions.
@@ -180,7 +177,6 @@ def assure(
     from rans.show.progress import watched
     from rans_assurance.assure.assurance import made
     from rans_assurance.assure.bounds import plan
-    from rans_assurance.assure.rare import check_rare_count
     from rans_assurance.assure.search import check_unit
     from rans_assurance.pages.assure_page import write_page
 
@@ -189,8 +185,6 @@ def assure(
     if search:
         unit = load_conditions(search)
         check_unit(search, unit)
-    if rare:
-        check_rare_count("rare", whole("rare", rare, least=0))
     again = whole("worst", worst, least=0)
     if episodes is not None or failure_below is None:
         episodes = whole("episodes", ASSURED if episodes is None else episodes)
@@ -205,7 +199,8 @@ def assure(
         trust,
         in_memory.run if in_memory else None,
     )
-    assurance.check_follow_ups(rare, search)
+    if search:
+        assurance.check_has_network()
     if output is not None:
         assurance.write_into(ready_folder(Path(output)))
     # Of torchrun's processes the others only fly.
@@ -243,9 +238,6 @@ def assure(
         assurance.fly(processor, stage, keep, processes)
         stage("failed flights again", None)
         assurance.replay(again, again)
-        if rare:
-            stage("rarer failures", None)
-            assurance.sample(rare, processor)
         if search and unit:
             stage("the worst case", None)
             assurance.search(search, unit, processor)

@@ -152,13 +152,10 @@ def test_a_bound_that_is_refuted_ends_with_1(
     [
         ("pretrained:multi-task-2d", "#go-to-pose"),
         (f"{AGENT} --episodes -1", "--episodes"),
-        (f"{AGENT} --rare -1", "rare must be a whole number >= 0"),
-        (f"{AGENT} --rare 1000", "rare must be at least 1,600"),
         (f"{AGENT} --failure-below 1e-12", "2,147,483,647 flights cannot show"),
         (f"{AGENT} --episodes 1 --search perfect", "--search perfect"),
         (f"{AGENT} --episodes 1 --search labb", "did you mean lab?"),
         ("lqr:go-to-pose-2d --episodes 1 --search lab", "an agent that RANS trained"),
-        ("lqr:go-to-pose-2d --episodes 1 --rare 1600", "an agent that RANS trained"),
     ],
 )
 def test_wrong_input_is_refused_in_a_sentence(typed: str, words: str, refused: Any) -> None:

@@ -1,1 +1,1 @@
-"""Assurance: failure probability with exact bounds, replays, rare events and the smallest breaking disturbance."""
+"""Assurance: failure probability with exact bounds, replays and the smallest breaking disturbance."""

@@ -13,8 +13,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import judged_separately, view_command
 from rans.evaluation.fly.policy_text import is_user_policy
@@ -41,9 +39,7 @@ from rans.randomization.conditions_file import conditions_label
 from rans.verdict import kinds_of_failure
 from rans_assurance.assure.bounds import CampaignPlan, ProbabilityBound
 from rans_assurance.assure.campaign import Campaign
-from rans_assurance.assure.chances import Chances
 from rans_assurance.assure.evidence import hashes
-from rans_assurance.assure.rare import Rare, rare
 from rans_assurance.assure.replay import Replays, replays
 from rans_assurance.assure.search import Searched, on_device, searched
 
@@ -62,8 +58,6 @@ class Assurance:
     campaign: Campaign
     replays: Replays | None = None
     """Failed flights, flown again; None: not yet."""
-    rare: Rare | None = None
-    """Probability of failure by subset simulation; None: not asked for."""
     searched: Searched | None = None
     """Search for the smallest disturbance that breaks the agent; None: not asked for."""
     command: str = ""
@@ -161,17 +155,6 @@ class Assurance:
             self.run.controller, self.run.judged, self.campaign.seed, numbers, worst, sample
         )
 
-    def sample(self, count: int, device: str) -> None:
-        """Estimate the probability of failure by subset simulation; see `rans_assurance.assure.rare.rare`."""
-        chances = Chances.of(self.run.judged)
-        network = on_device(self._needed_network("subset simulation"), device)
-        self.rare = rare(
-            chances.scores(network, torch.device(device)),
-            len(chances.places),
-            count,
-            self.campaign.seed,
-        )
-
     def search(
         self, world: str, conditions: Conditions, device: str, progress: Progress = unseen
     ) -> None:
@@ -183,7 +166,7 @@ class Assurance:
             world,
             conditions,
             self.run.controller,
-            on_device(self._needed_network("the search for the worst case"), device),
+            on_device(self.check_has_network(), device),
             self.run.judged,
             self.campaign.seed,
             progress,
@@ -195,22 +178,17 @@ class Assurance:
         controller = self.run.controller
         return controller.network if isinstance(controller, Agent) else None
 
-    def check_follow_ups(self, rare: int, search: str | None) -> None:
-        """Refuse, before the flights, an estimate of rarer failures or a search that the contestant cannot have.
+    def check_has_network(self) -> Network:
+        """Network of the agent, which the search for the smallest disturbance needs.
 
         Raises:
-            ConfigError: there is one, and the contestant is no trained agent.
+            ConfigError: the contestant is no trained agent.
         """
-        if rare:
-            self._needed_network("subset simulation")
-        if search:
-            self._needed_network("the search for the worst case")
-
-    def _needed_network(self, needed_for: str) -> Network:
         network = self._network
         if network is None:
             raise ConfigError(
-                f"{needed_for} needs an agent that RANS trained; {self.spec} is another controller."
+                "the search for the worst case needs an agent that RANS trained; "
+                f"{self.spec} is another controller."
             )
         return network
 
@@ -310,7 +288,6 @@ class Assurance:
                     for replayed in self.replays.found
                 ],
             },
-            "rare": self.rare and self.rare.to_json(),
             "searched": self.searched and self.searched.to_json(),
             "command": self.command,
             "environment": self.environment,

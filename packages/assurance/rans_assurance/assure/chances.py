@@ -1,4 +1,4 @@
-"""Flights from given random numbers, for subset simulation and the search for the worst case.
+"""Flights from given random numbers, for the search for the worst case.
 
 Everything that an episode draws once (start, goal, body, push ...) is a function of uniform numbers in [0, 1),
 which are given here. Numbers that sensors draw in every step follow from the number of the episode as usual.

@@ -31,7 +31,6 @@ from rans.extend import (
 )
 from rans.model.random import generator
 from rans_assurance.assure.chances import Chances, Chosen, Sized, sized
-from rans_assurance.assure.rare import episode_numbers
 from rans_assurance.assure.replay import Judge, ending, failure_kinds, has_drake, picked
 
 _LARGEST = 2.0
@@ -217,7 +216,8 @@ def smallest(
     for _ in range(_ROUNDS):
         z = mean + spread * random.standard_normal((dimensions + 1, _COUNT))
         size = largest * ndtr(z[-1])
-        number = episode_numbers(random, _COUNT)
+        # Of episodes that no campaign flies.
+        number = random.integers(2**31, size=_COUNT, dtype=np.int32)
         scores = score(z[:-1], number, size)
         price = np.where(scores >= 1.0, size, largest * (2.0 - np.minimum(scores, 1.0)))
         order = np.argsort(price, kind="stable")

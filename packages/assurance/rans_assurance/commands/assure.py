@@ -93,8 +93,6 @@ def _show(assurance: Assurance) -> None:
         console.say(f"{_MARKS[finding.passed]}{finding.text}.")
     if assurance.searched:
         console.say(f"In a search {assurance.searched.summary}.")
-    if assurance.rare:
-        console.say(f"By subset simulation {assurance.rare.summary}.")
     if assurance.replays and assurance.replays.found:
         worst_replay = max(assurance.replays.found, key=lambda replayed: replayed.excess)
         console.say(f"The worst failure, at {worst_replay.excess:.3g} tolerances:")

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from rans.extend import QUANTITIES, Failure, Finding, Flight, Section, Table, is_installed
 from rans.show.pages.page import Page, Picture, header
 from rans_assurance.assure.assurance import Assurance
-from rans_assurance.assure.rare import GROUPS
 from rans_assurance.assure.replay import CANDIDATES, Judge, Replayed, has_drake
 from rans_assurance.pages.assure_counts import counts, decision_sentence
 
@@ -37,7 +36,6 @@ def assurance_page(assurance: Assurance, worst_case: str = "") -> Page:
         counted,
         _plan(assurance),
         *_again(assurance),
-        *_rare(assurance),
         *_worst_flight_section(assurance, worst_case),
         _evidence(assurance),
         _signatures(),
@@ -154,36 +152,6 @@ def _again(assurance: Assurance) -> Iterator[Section]:
             [Table(columns, rows)],
             pictures,
         )
-
-
-def _rare(assurance: Assurance) -> Iterator[Section]:
-    """Section of the subset simulation beside the count of all flights; none if it did not run."""
-    result = assurance.rare
-    counted = assurance.campaign.bound()
-    if result is None:
-        return
-    figures: tuple[str | None, ...] = (None, None, None)
-    if result.is_estimated:
-        ends = result.interval or (min(result.groups), max(result.groups))
-        figures = tuple(f"{x:.3g}" for x in (result.probability, *ends))
-    bounds = (f"{x:.3g}" for x in (counted.rate, counted.low, counted.high))
-    gain = f"{result.gain:.3g}" if result.is_estimated else None
-    rows = [
-        ["by counting", *bounds, f"{counted.events:,}", f"{counted.flights:,}", None],
-        ["by subset simulation", *figures, f"{result.events:,}", f"{result.flights:,}", gain],
-    ]
-    yield Section(
-        "Rarer failures",
-        (
-            f"Flights that lead to ever larger errors, in {GROUPS} independent groups (subset simulation). From "
-            "and to are at 99 % where failures are counted, and else the least and the largest group: an estimate, "
-            "no bound, which may miss failures that need several large errors at once. Where groups differ too "
-            "much, or another way to failures meets more of them, there is none. The gain is how many times as "
-            "many counted flights would tell as much; near 1, what a flight draws before it begins says little "
-            "about whether it fails."
-        ),
-        [Table(("", "probability of failure", "from", "to", "failed", "flights", "gain"), rows)],
-    )
 
 
 def _worst_flight_section(assurance: Assurance, link: str) -> Iterator[Section]:
