@@ -402,9 +402,8 @@ def resolve(reference: str, file: str = "") -> Any:
     """
     module, _, name = reference.partition(":")
     try:
-        if (file and not name) or name.endswith(
-            ".toml"
-        ):  # as hatchling, but not setuptools, takes it
+        # A name of a file is what hatchling takes, and setuptools does not.
+        if (file and not name) or name.endswith(".toml"):
             return (resources.files(module) / (name or f"{file}.toml")).read_text("utf-8")
         result: Any = importlib.import_module(module)
         if "<locals>" in name:

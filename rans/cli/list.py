@@ -128,7 +128,8 @@ class List:
                 return kind
         if name.endswith(".toml"):
             return _kind_of_file(Path(name))
-        if is_foreign(name):  # whose refusal says how to make one of it
+        # Their refusal says how to make a file of them.
+        if is_foreign(name) or name.lower().endswith(".toml"):
             return "spacecraft"
         if ":" in name:
             return _details().kind_of_object(name)

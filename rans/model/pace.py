@@ -21,6 +21,8 @@ space station 0.6; a file in mm has a billionth of what is meant, one in cm a mi
 _STRONGEST = 30.0, 100.0
 """Accelerations, m/s^2 and rad/s^2, beyond which thrusters are too strong: of real craft they reach 8.7 (a Mars
 lander), and 8 in the training of the agents for any craft."""
+_PAIRED = 64
+"""Thrusters at most whose pairs begin a search: the pairs of a thousand are a million."""
 
 
 def seconds_for_a_metre(craft: Spacecraft) -> float:
@@ -64,16 +66,19 @@ def _sums(craft: Spacecraft, wrenches: np.ndarray) -> np.ndarray:
 def _strongest(craft: Spacecraft, forces: np.ndarray) -> float:
     """Largest force in any direction, N: that of the thrusters that push its own way.
 
-    From each pair of thrusters, and from many directions, those are chosen that push the way of their sum, until
-    none changes.
+    From each pair of some thrusters, and from many directions, those are chosen that push the way of their sum,
+    until none changes.
     """
     if craft.thrust_sharing == "split":
         return float(np.linalg.norm(forces, axis=1).max())
     width = forces.shape[1]
-    pairs = (forces[:, None] + forces[None]).reshape(-1, width)
+    some = forces[:: -(-len(forces) // _PAIRED)]
+    pairs = (some[:, None] + some[None]).reshape(-1, width)
     ways = np.vstack([pairs, np.array(list(product((-1.0, -0.4, 0.0, 0.4, 1.0), repeat=width)))])
     for _ in forces:
-        ways = (ways @ forces.T > 0.0) @ forces
+        before, ways = ways, (ways @ forces.T > 0.0) @ forces
+        if np.array_equal(ways, before):
+            break
     return float(np.linalg.norm(ways, axis=1).max())
 
 

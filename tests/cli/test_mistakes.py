@@ -47,6 +47,7 @@ from rans.structure import structure
         ("evaluat runs/x", "did you mean evaluate?"),
         ("--train", "did you mean train?"),
         ("init slider", "slider.toml"),
+        ("list MINE.TOML", "file whose name ends in .toml"),
         ("report runs/nowhere", "there is no such folder"),
         ("optimal go-to-pose --start 3,1", "such as 3 1 40deg"),
         ("optimal go-to-pose --start 3 1 40m", "angles with deg or rad"),

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+import time
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from rans.model.pace import misfits
+from rans.model.pace import misfits, seconds_for_a_metre
+from rans.model.spacecraft import Thruster
 from tests.support.engines import PLATFORM
 
 
@@ -26,3 +30,20 @@ from tests.support.engines import PLATFORM
 )
 def test_a_body_fits_its_radius(changes: dict[str, Any], expected: int) -> None:
     assert len(misfits(replace(PLATFORM, **changes))) == expected
+
+
+def test_the_force_of_a_ring_of_many_thrusters_is_found_at_once() -> None:
+    """Of N forces that point everywhere alike, those of one side add up to N / pi of one."""
+    count = 1000
+    angles = [2.0 * math.pi * k / count for k in range(count)]
+    ring = tuple(
+        Thruster(
+            (math.cos(a), math.sin(a), 0.0), (-sign * math.sin(a), sign * math.cos(a), 0.0), 1.0
+        )
+        for a, sign in zip(angles, itertools.cycle((1.0, -1.0)), strict=False)
+    )
+    begun = time.process_time()
+    found = seconds_for_a_metre(replace(PLATFORM, thrusters=ring))
+    assert time.process_time() - begun < 10.0  # all pairs of them would take a gigabyte and minutes
+    by_hand = 2.0 * math.sqrt(PLATFORM.mass * math.pi / count)
+    assert found == pytest.approx(by_hand, rel=1e-4)  # a sum in place of an integral: 1 / N^2

@@ -305,7 +305,12 @@ def _urdf(root: ET.Element, name: str) -> Foreign:
         for child in ready:
             parent, origin = waiting.pop(child)
             poses[child] = poses[parent].then(origin)
+    turning = [str(j.get("name")) for j in root.findall("joint") if j.get("type") == "continuous"]
     remarks: list[str] = []
+    if turning:
+        remarks.append(
+            f"its joints {brief(turning)} turn without limits: a reaction wheel is a [[wheel]] of the file"
+        )
     forces = _forces(root.iterfind("gazebo/plugin"), links, remarks)
     return _lumped(name, links, poses, forces, remarks)
 

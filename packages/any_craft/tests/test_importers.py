@@ -211,6 +211,10 @@ def test_plugins_that_share_are_refused(text: str, reason: str, tmp_path: Path) 
             r"its plugins \['Camera'\] are not read",
         ),
         (jets("1 0 0 0 0 0", "2 0 0 0 0 0", numbers=[7, 3]), r"numbers \[3, 7\] become"),
+        (
+            jets("1 0 0 0 0 0").replace("fixed", "continuous"),
+            r"joints \['j0'\] turn without limits",
+        ),
     ],
 )
 @pytest.mark.filterwarnings("ignore:spacecraft .* cannot push and turn it")

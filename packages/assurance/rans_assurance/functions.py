@@ -181,10 +181,6 @@ def assure(
     from rans_assurance.pages.assure_page import write_page
 
     # What is wrong is refused before anything flies.
-    unit = None
-    if search:
-        unit = load_conditions(search)
-        check_unit(search, unit)
     again = whole("worst", worst, least=0)
     if episodes is not None or failure_below is None:
         episodes = whole("episodes", ASSURED if episodes is None else episodes)
@@ -199,7 +195,10 @@ def assure(
         trust,
         in_memory.run if in_memory else None,
     )
+    unit = None
     if search:
+        unit = load_conditions(search, assurance.run.craft)
+        check_unit(search, unit)
         assurance.check_has_network()
     if output is not None:
         assurance.write_into(ready_folder(Path(output)))

@@ -138,7 +138,9 @@ class ContestantName:
             agent = FOR_ANY_CRAFT[load_spacecraft(typed(whole)).dimension]
             return cls(text, "pretrained", agent, craft=whole, part=part)._with_frugality()
         if Path(whole).suffix.lower() in _FOREIGN_FILES and not Path(whole).is_dir():
-            raise ConfigError(f"{brief(whole)} is no run folder; known are {FORMS}.")
+            raise ConfigError(
+                f"{brief(whole)} is no run folder; a network of torch is exported as ONNX first. Known are {FORMS}."
+            )
         if _exists(whole):
             return cls(text, "run folder", whole, part=part)._with_frugality()
         # Mistakes, each with what to type.
