@@ -11,9 +11,7 @@ import pytest
 
 from rans.effectors.commands import action_space, is_identity, of_outputs
 from rans.model.actuators import Propellant, Pulsed, Throttle
-from rans.model.dynamics import thrust
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
-from rans.reference.nozzles import valve_commands
 from tests.support.effector_crafts import BURNING, CUBESAT, LANDER, WHEELED, platform
 
 SHUT = platform(actuators=Throttle(0.3, 0.8))
@@ -39,22 +37,6 @@ def test_spaces_follow_from_the_ranges() -> None:
     np.testing.assert_array_equal(space.high, [1.0] * 9)
 
 
-def test_engines_that_may_be_shut_give_nothing_or_their_least_level() -> None:
-    """By hand: below 0.15 shut, up to 0.3 the least level."""
-    given = np.array([0.0, 0.1499, 0.15, 0.2, 0.3, 0.31, 0.8, 0.0])
-    wanted = [0.0, 0.0, 0.3, 0.3, 0.3, 0.31, 0.8, 0.0]
-    np.testing.assert_array_equal(np.array(thrust(SHUT, tuple(given))), wanted)
-    ((_, judged),) = valve_commands(SHUT.actuators, given[None], 0.2)
-    np.testing.assert_array_equal(judged[0], wanted)
-
-
-def test_outputs_of_policies_are_scaled_to_the_ranges() -> None:
-    outputs = (np.array([0.0, 0.5, 1.0]),)
-    np.testing.assert_allclose(of_outputs(LANDER, outputs * 6)[0], [0.3, 0.55, 0.8], atol=1e-15)
-    np.testing.assert_array_equal(of_outputs(CUBESAT, outputs * 9)[8], [-1.0, 0.0, 1.0])
-    np.testing.assert_array_equal(of_outputs(WHEELED, outputs * 9)[0], [0.0, 1.0, 1.0])
-
-
 @pytest.mark.parametrize("actuators", [None, Pulsed(10), Throttle()])
 def test_outputs_from_0_to_1_are_commands_as_they_are(actuators: Any) -> None:
     craft = load_spacecraft("floating-platform")
@@ -69,8 +51,3 @@ def test_a_file_says_all_of_it(craft: Any) -> None:
     read = parse_spacecraft(to_toml(craft), "x")
     assert (read.wheels, read.propellant) == (craft.wheels, craft.propellant)
     assert read.actuators == craft.actuators
-
-
-def test_files_of_craft_without_them_name_none_of_them() -> None:
-    text = to_toml(platform(actuators=Throttle()))
-    assert not {"wheel", "propellant", "least", "always_lit"} & {*text.replace("[", " ").split()}

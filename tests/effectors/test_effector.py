@@ -6,51 +6,24 @@ from dataclasses import replace
 from typing import Any
 
 import gymnasium
-import numpy as np
 import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
 
 import rans
-from rans.effectors.motion import effectors_of, held
 from rans.errors import ConfigError
 from rans.fast.flights import Flights
 from rans.flight import Setup
 from rans.model.accuracy import spin_up
 from rans.model.actuators import Throttle
-from rans.model.body import Body
-from rans.model.spacecraft import CommandRange, Spacecraft, can_turn
+from rans.model.spacecraft import CommandRange, can_turn
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.optimal.certificate.goal_set import check_certifiable
 from rans.optimal.trajectory.allocation import check_relaxation
 from rans.reference.plant import Plant
-from tests.support.effector_crafts import states
-from tests.support.effector_flights import ALL, untrained_policy
+from tests.support.effector_flights import untrained_policy
 from tests.support.torquer import TURNED, TURNED_IN_SPACE, Torquer
-
-
-@pytest.mark.parametrize("craft", [*ALL, TURNED], ids=lambda craft: craft.name)
-def test_a_crafts_commands_and_stores_are_those_of_its_effectors(craft: Spacecraft) -> None:
-    effectors = effectors_of(craft)
-    assert tuple(one for e in effectors for one in e.commands) == craft.commands
-    assert tuple(one for e in effectors for one in e.stores) == craft.stores
-
-
-def test_torque_by_hand_until_the_charge_is_gone() -> None:
-    """0.05 N m for 1 s of 1.5 s of charge, then for half of the next second."""
-    still = (0.0,) * len(TURNED.thrusters)
-    start = replace(states(TURNED, 2, spin=0.0), stores=(np.array([1.5, 1.5]),))
-    inertia = TURNED.inertia[2][2]
-    timing = Timing(control_period=1.0, substeps=1)
-    one = np.array([1.0, -1.0])
-    first = held(start, TURNED, Body.of(TURNED), (*still, one), timing)
-    second = held(first, TURNED, Body.of(TURNED), (*still, one), timing)
-    gained = np.array([0.05, -0.05]) / inertia
-    np.testing.assert_allclose(first.w, gained, rtol=1e-12)
-    np.testing.assert_allclose(second.w, 1.5 * gained, rtol=1e-12)
-    np.testing.assert_allclose(first.stores[0], 0.5, rtol=1e-12)
-    np.testing.assert_allclose(second.stores[0], 0.0, atol=1e-12)
 
 
 def test_gymnasium_knows_its_command() -> None:

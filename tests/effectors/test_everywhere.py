@@ -6,11 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 import torch
-from gymnasium.utils.env_checker import check_env
 
 import rans
 from rans.deploy.contract import golden
@@ -64,24 +62,6 @@ def test_an_episode_begins_with_full_tanks_and_still_wheels(craft: Spacecraft) -
         given = [torch.from_numpy(commands(craft, 8, seed=k)).float() for k in range(3)]
         steps = [engine.step(action) for action in given]
         assert steps[-1].truncated.all()
-
-
-def test_the_same_commands_wanted_of_the_drake_environment() -> None:
-    task = "GoToPose3D"
-    ours, drake = (
-        gymnasium.make(f"rans/{task}{engine}-v0", spacecraft=CUBESAT).unwrapped
-        for engine in ("", "-Drake")
-    )
-    check_env(ours, skip_render_check=True)
-    for env in (ours, drake):
-        env.reset(seed=4)
-    for k in range(5):
-        action = commands(CUBESAT, 1, seed=k)[0].astype(np.float32)
-        seen = [env.step(action)[0] for env in (ours, drake)]
-        np.testing.assert_allclose(*seen, atol=1e-6)
-    states: Any = ours.state, drake.state  # type: ignore[attr-defined]
-    np.testing.assert_allclose(states[0].stores, states[1].stores, rtol=0, atol=1e-12)
-    assert max(map(abs, states[0].stores)) > 1e-4
 
 
 def flown_alike(

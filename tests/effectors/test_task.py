@@ -9,16 +9,12 @@ import numpy as np
 import torch
 
 import rans
-from rans.flight import fly
 from rans.model.drift import Drift, UniformGravity
 from rans.model.dynamics import State
 from rans.model.timing import Timing
-from rans.reference.flight import DrakeMover
-from rans.scenario import scenarios
 from rans.tasks.observation_terms import ObservationTerm, Scalar
 from rans.tasks.rewards import Transition
 from tests.support.effector_crafts import LANDER
-from tests.support.effector_flights import scripted
 
 MARS = 3.7114
 
@@ -58,29 +54,3 @@ def test_policy_and_reward_see_the_propellant() -> None:
     np.testing.assert_allclose(step.observation[:, COLUMN], 400.0 - used, rtol=1e-6)
     paid = step.terms[engine.term_names.index("propellant")]
     np.testing.assert_allclose(paid, -0.1 * used, rtol=1e-4)
-
-
-def test_thrust_carries_the_lander_against_gravity() -> None:
-    """By hand: six engines of 3100 N at 80 %, canted by 27 degrees, push 1905 kg by 6.96 m/s^2."""
-    task = Descend()
-    engine = rans.Engine(LANDER, task, 2, Timing(control_period=0.5, episode_steps=5), seed=1)
-    before = np.array(engine.state.v.columns())
-    engine.step(torch.full((2, 6), 0.8))
-    gained = np.array(engine.state.v.columns()) - before
-    gained[2] += 0.5 * MARS
-    lift = 6 * 0.8 * 3100.0 * np.cos(np.radians(27.0)) / 1905.0
-    np.testing.assert_allclose(np.linalg.norm(gained, axis=0), 0.5 * lift, rtol=2e-3)
-
-
-def test_drake_lands_alike_and_pays_alike() -> None:
-    task = Descend()
-    starts = scenarios(task, LANDER, 3, 3)
-    pilot = scripted(LANDER)
-    ours = fly(LANDER, task, pilot, starts, TIMING)
-    mover = DrakeMover(LANDER, TIMING, task.drift)
-    drake = fly(LANDER, task, pilot, starts, TIMING, mover)
-    np.testing.assert_allclose(ours.states.v.z, drake.states.v.z, rtol=0, atol=1e-6)
-    for name, paid in ours.rewards().items():
-        np.testing.assert_allclose(paid, drake.rewards()[name], rtol=0, atol=1e-5)
-    used = ours.states.stores[0][0] - ours.states.stores[0][-1]
-    np.testing.assert_allclose(ours.rewards()["propellant"].sum(axis=0), -0.1 * used, rtol=1e-9)

@@ -15,7 +15,6 @@ from rans.episode import Setup, World
 from rans.fast.engine import Engine
 from rans.model.accuracy import MOST, chosen, fastest, spin_up
 from rans.model.body import Body
-from rans.model.fields import Vec3
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -25,8 +24,6 @@ from rans.randomization.conditions import (
     FaultConditions,
     ThrusterConditions,
 )
-from rans.randomization.parameters import StepInputs
-from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from tests.support.crafts import nasty_planar, nasty_spatial
 
@@ -56,11 +53,6 @@ def rod(moment: float) -> Spacecraft:
 
 def test_shipped_spacecraft_take_one_step(shipped: Spacecraft) -> None:
     assert chosen(shipped, Timing()).substeps == 1
-
-
-def test_a_number_that_is_given_stays() -> None:
-    given = Timing(substeps=3)
-    assert chosen(rod(0.01), given) is given
 
 
 @pytest.mark.parametrize(
@@ -187,26 +179,6 @@ def test_worlds_and_engines_know_the_number() -> None:
         body=replace(Body.of(craft), inertia=tuple(4 * x for x in Body.of(craft).inertia)),
     )
     assert (heavy._world.timing.substeps or 9) < number
-
-
-def test_a_stiff_craft_is_moved_as_by_many_steps() -> None:
-    """One control period at the spin that the choice was made for, in eight times as many steps."""
-    craft = rod(0.03)
-    timing = Timing(0.2)
-    world = World(Setup(craft, GoToPose(), timing))
-    number = world.timing.substeps or 0
-    assert number > 4
-    start = scenarios(GoToPose(), craft, 0, 1).start
-    spin = fastest(craft, world.timing) / math.sqrt(3)
-    start = replace(start, w=Vec3(*(np.full(1, spin) for _ in range(3))))
-    told = StepInputs(Body.of(craft), ((1.0,) * 3 + (0.0,) * 9,))
-    ends = [
-        World(Setup(craft, GoToPose(), Timing(0.2, substeps=n))).move(start, told)[-1]
-        for n in (number, 8 * number, 1)
-    ]
-    angles = [float(end.attitude.to(ends[1].attitude).magnitude()[0]) for end in ends]
-    assert angles[0] < 1e-6  # a hundredth of the bound, in one of 125 periods
-    assert angles[2] > 1e-3  # what one step would be off
 
 
 def _scaled(craft: Spacecraft, mass: float, inertia: float) -> Spacecraft:

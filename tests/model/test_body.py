@@ -63,24 +63,6 @@ def test_the_same_under_conditions() -> None:
         torch.testing.assert_close(together[:, i], alone[:, i], rtol=0, atol=1e-11)
 
 
-def test_thrusters_fail_one_by_one() -> None:
-    """Thruster 0 is well, dead, weak and stuck open: told to open, it gives 1, 0, 0.6 and 1 N."""
-    health: dict[str, Any] = {
-        "gain": (torch.tensor([1.0, 0.0, 0.6, 0.0]), *[1.0] * 7),
-        "leak": (torch.tensor([0.0, 0.0, 0.0, 1.0]), *[0.0] * 7),
-    }
-    for opened, forces in ((1.0, [1.0, 0.0, 0.6, 1.0]), (0.0, [0.0, 0.0, 0.0, 1.0])):
-        engine = Engine(
-            PLATFORM, GoToPose(), 4, body=Body(10.0, (0.5,), **health), dtype=torch.float64
-        )
-        spin = engine.state.w.copy()
-        engine.step(torch.tensor([[opened, *[0.0] * 7]] * 4))
-        # 0.31 m of arm, turning clockwise; 0.5 kg m^2, 0.2 s. float32 in which the faults were given: 1e-7.
-        np.testing.assert_allclose(
-            engine.state.w - spin, -0.31 * np.array(forces) * 0.2 / 0.5, atol=1e-7
-        )
-
-
 @pytest.mark.filterwarnings("ignore:spacecraft .* one command turns it")
 @both_crafts
 def test_what_a_simulator_knows(craft: Spacecraft) -> None:
@@ -99,17 +81,6 @@ def test_what_a_simulator_knows(craft: Spacecraft) -> None:
         engine.privileged(), [(0.5, *rest), (2.0, *rest)], rtol=1e-6, atol=1e-7
     )
     assert engine.privileged_quantities.width == 1 + len(rest)
-
-
-def test_a_shifted_centre_of_mass_turns_where_none_did() -> None:
-    """Thrusters 1 and 6 push along -x with 2 sqrt(1/2) N and no torque; a centre 0.1 m to the left gives
-    one of -0.1414 N m."""
-    engine = Engine(
-        PLATFORM, GoToPose(), 4, body=Body(10.0, (0.5,), centre=(0.0, 0.1)), dtype=torch.float64
-    )
-    spin = engine.state.w.copy()
-    engine.step(torch.tensor([[0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]] * 4))
-    np.testing.assert_allclose(engine.state.w - spin, -0.1 * np.sqrt(2.0) * 0.2 / 0.5, atol=1e-12)
 
 
 @pytest.mark.parametrize("compiled", [False, True])

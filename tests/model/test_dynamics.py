@@ -7,34 +7,10 @@ from dataclasses import replace
 import pytest
 
 from rans.model.body import Body
-from rans.model.dynamics import thrust, wrench
-from rans.model.fields import leaves
-from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.dynamics import thrust
+from rans.model.spacecraft import Spacecraft
 
 """Substeps of a spatial control period at which truncation is below 1e-10 for spins of some rad/s."""
-
-
-def test_one_thruster_by_hand() -> None:
-    """3 N along y at x = 0.5 m; the centre of mass at x = 0.1 m leaves an arm of 0.4 m: 1.2 N m."""
-    inertia = ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 0.5))
-    nozzle = Thruster((0.5, 0.0, 0.2), (0.0, 1.0, 0.0), 3.0)
-    with pytest.warns(UserWarning, match="cannot push and turn"):
-        planar = Spacecraft("one", 2, 2.0, inertia, (nozzle,), centre_of_mass=(0.1, 0.0, 0.2))
-    with pytest.warns(UserWarning, match="cannot push and turn"):
-        spatial = replace(planar, dimension=3, centre_of_mass=(0.1, 0.0, 0.0))
-    assert leaves(wrench(planar, (0.5,))) == pytest.approx((0.0, 1.5, 0.6), abs=1e-15)
-    # In space the nozzle also sits 0.2 m above: -0.2 * 3 about x.
-    assert leaves(wrench(spatial, (1.0,))) == pytest.approx(
-        (0.0, 3.0, 0.0, -0.6, 0.0, 1.2), abs=1e-15
-    )
-
-
-def test_split_thrust_by_hand(planar_craft: Spacecraft) -> None:
-    craft = replace(planar_craft, thrust_sharing="split")
-    assert thrust(craft, (1.0, 1.0, 0.0, 1.0, 1.0)) == (0.25, 0.25, 0.0, 0.25, 0.25)
-    assert thrust(craft, (0.0, 1.0, 0.0, 0.0, 0.0)) == (0.0, 1.0, 0.0, 0.0, 0.0)
-    assert thrust(craft, (0.25, 0.0, 0.5, 0.0, 0.0)) == (0.25, 0.0, 0.5, 0.0, 0.0)
-    assert thrust(planar_craft, (1.0, 1.0, 0.0, 1.0, 1.0)) == (1.0, 1.0, 0.0, 1.0, 1.0)
 
 
 def test_nozzles_take_pressure_from_their_own_supply_only(planar_craft: Spacecraft) -> None:

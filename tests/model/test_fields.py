@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import cmath
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -99,15 +98,6 @@ def test_functions_mean_the_same_in_every_library(
 
 
 @libraries
-@pytest.mark.parametrize(("x", "expected"), [(-2.0, 7.0), (0.5, 0.25), (3.0, 9.0)])
-def test_where_picks_by_condition(library: str, x: float, expected: float) -> None:
-    def choose(x: Any) -> Any:
-        return where(x < 0.0, 7.0 + 0.0 * x, x * x)
-
-    assert in_library(library, choose, x) == [expected]
-
-
-@libraries
 def test_at_least_raises_only_what_is_below(library: str) -> None:
     assert in_library(library, lambda x: at_least(x, 1.0), 0.25) == [1.0]
     assert in_library(library, lambda x: at_least(x, 1.0), 4.0) == [4.0]
@@ -192,42 +182,6 @@ def test_wrap_keeps_the_angle_and_its_range(angle: float) -> None:
     assert abs(math.remainder(wrapped - angle, math.tau)) < 1e-13
 
 
-@given(vectors, vectors, numbers)
-def test_vectors_do_what_numpy_does(a: Triple, b: Triple, s: float) -> None:
-    kinds: list[tuple[Any, int]] = [(Vec2, 2), (Vec3, 3)]
-    for kind, size in kinds:
-        u = kind(*a[:size])
-        v = kind(*b[:size])
-        x = np.array(a[:size])
-        y = np.array(b[:size])
-        np.testing.assert_array_equal((u + v).columns(), x + y)
-        np.testing.assert_array_equal((u - v).columns(), x - y)
-        np.testing.assert_array_equal(u.scale(s).columns(), x * s)
-        assert_close(u.dot(v), x @ y, size=100)
-        assert_close(u.norm(), np.linalg.norm(x))
-    assert_close(Vec3(*a).cross(Vec3(*b)).columns(), np.cross(a, b), size=100)
-
-
-@given(rotations, vectors)
-def test_quaternion_rotates_as_scipy_does(rotation: Rotation, v: Triple) -> None:
-    rotated = quat(rotation).rotate(Vec3(*v)).columns()
-    assert_close(rotated, rotation.apply(v), size=10)
-
-
-@given(rotations, rotations)
-def test_products_and_differences_of_quaternions(a: Rotation, b: Rotation) -> None:
-    p = quat(a)
-    q = quat(b)
-    assert_close(rotation_of(p.times(q)).as_matrix(), (a * b).as_matrix())
-    assert_close(rotation_of(p.inverse()).as_matrix(), a.inv().as_matrix())
-    assert_close(rotation_of(p.to(q)).as_matrix(), (a.inv() * b).as_matrix())
-
-
-@given(rotations)
-def test_quaternion_columns_are_the_first_two_matrix_rows(rotation: Rotation) -> None:
-    assert_close(quat(rotation).columns(), rotation.as_matrix()[:2].ravel())
-
-
 @given(rotations, st.sampled_from([-1.0, 1.0]), st.floats(0.2, 5.0))
 def test_quaternion_angle_ignores_sign_and_length(
     rotation: Rotation, sign: float, length: float
@@ -245,19 +199,6 @@ def test_angles_at_both_ends_keep_their_digits(angle: float) -> None:
     q = Quat(math.cos(angle / 2), 0.0, math.sin(angle / 2), 0.0)
     assert float(q.magnitude()) == pytest.approx(angle, rel=1e-13, abs=1e-15)
     assert float(Heading(-angle).magnitude()) == pytest.approx(angle, rel=1e-13, abs=1e-15)
-
-
-@given(angles, angles, vectors)
-def test_headings_are_unit_complex_numbers(a: float, b: float, v: Triple) -> None:
-    here = Heading(a)
-    there = Heading(b)
-    rotated = complex(*here.rotate(Vec2(*v[:2])).columns())
-    assert cmath.isclose(rotated, complex(*v[:2]) * cmath.exp(1j * a), rel_tol=1e-13, abs_tol=1e-13)
-    assert cmath.isclose(complex(*here.columns()), cmath.exp(1j * a), abs_tol=1e-15)
-    turn = cmath.phase(cmath.exp(1j * b) / cmath.exp(1j * a))
-    assert float(here.to(there).magnitude()) == pytest.approx(abs(turn), abs=1e-13)
-    assert float(here.magnitude()) <= math.pi + 1e-14
-    assert cmath.isclose(complex(*here.normalised().columns()), cmath.exp(1j * a), abs_tol=1e-13)
 
 
 @pytest.mark.parametrize("library", ["numpy", "torch"])

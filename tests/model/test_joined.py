@@ -42,15 +42,6 @@ def test_two_boxes_end_to_end_are_the_longer_box() -> None:
     assert both.thruster_count == 32
 
 
-def test_a_turned_second_box_has_its_axes_exchanged() -> None:
-    """A box of 0.2 x 0.6 m, turned by a quarter about z, lies along x."""
-    quarter = Rotation.from_euler("z", 90, degrees=True).as_quat(scalar_first=True)
-    both = joined(
-        box("a", (0.4, 0.2, 0.3)), box("b", (0.2, 0.6, 0.3)), (0.5, 0.0, 0.0), quarter.tolist()
-    )
-    np.testing.assert_allclose(both.inertia, box("whole", (1.0, 0.2, 0.3)).inertia, atol=1e-12)
-
-
 def test_thrusters_of_the_second_stand_where_they_are() -> None:
     """In the plane: one at (0.1, 0.2) along x, seen from a frame at (1, 0) that is turned by a quarter."""
     first = Spacecraft.planar("first", 10.0, 1.0, [((0.0, 0.0), (1.0, 0.0), 1.0), *RING])
@@ -144,10 +135,3 @@ def test_angular_momentum_stays_where_craft_with_wheels_join_and_part(
     parts = part(craft, craft, (0.4, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), after, drift)
     left = sum(_momentum(craft, state, rate) for state in parts)
     np.testing.assert_allclose(left, before, rtol=0.0, atol=1e-13)
-
-
-def test_craft_without_thrusters_are_joined() -> None:
-    craft = load_spacecraft("innocube")
-    pair = joined(craft, craft, (0.3, 0.0, 0.0))
-    assert pair.thrusters == ()
-    assert pair.wheel_count == 2 * craft.wheel_count

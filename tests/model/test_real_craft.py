@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from rans.model.spacecraft import (
     wrenches_either_way,
 )
 from rans.model.spacecraft_file import load_spacecraft
-from rans.randomization.faults import fault_sets
 from tests.support.crafts import REAL_CRAFT
 
 INCH = 0.0254
@@ -63,21 +61,6 @@ def test_astrobee_has_a_plenum_for_each_module(name: str) -> None:
     assert [given[i] for i in (*first[:2], second[0])] == pytest.approx([0.72, 0.72, 1.0], abs=1e-3)
 
 
-SINGLE_FAULTS = {
-    # A matched pair either way along each axis leaves nothing to spare; freely placed nozzles and wheels do.
-    "afrl-12kg": (0, 0),
-    "apollo-csm": (16, 16),
-    "astrobee-granite": (8, 8),
-    "astrobee-iss": (12, 12),
-    "atmos-orbit-12": (0, 0),
-    "atmos-orbit-16": (12, 12),
-    "cubesat-3u": (8, 8),
-    "cubesat-6u": (8, 8),
-    "freeflyer2": (8, 8),
-    "pingu": (8, 8),
-    "roboran-platform": (8, 8),
-    "spheres": (0, 0),
-}
 """How many thrusters may be dead, and how many stuck open."""
 
 
@@ -148,11 +131,3 @@ def test_every_real_craft_pushes_and_turns_every_way(name: str) -> None:
         for sign in (1.0, -1.0):
             asked = sign * np.eye(craft.degrees_of_freedom)[axis]
             assert linprog(np.ones(wrenches.shape[1]), A_eq=wrenches, b_eq=asked).success
-
-
-@pytest.mark.parametrize("name", REAL_CRAFT)
-def test_single_faults(name: str) -> None:
-    craft = load_spacecraft(name)
-    kinds: Any = ("dead", "stuck-open")
-    counts = tuple(sum(one.recoverable for one in fault_sets(craft, 1, kind)) for kind in kinds)
-    assert counts == SINGLE_FAULTS[name]

@@ -16,7 +16,6 @@ from rans.model.joined import joined
 from rans.model.spacecraft import Spacecraft, Thruster, controls_every_direction
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from tests.support.crafts import nasty_planar, nasty_spatial
-from tests.support.torquer import TURNED
 
 DIAGONAL = 0.7071067811865476
 """Component of a unit vector at 45 degrees."""
@@ -89,20 +88,6 @@ def test_the_shared_platform_has_one_thrusters_worth() -> None:
         assert (total.force.norm(), total.torque) == pytest.approx((push, torque), abs=1e-15)
 
 
-def test_commands_are_counted_by_effector() -> None:
-    """A CubeSat has 8 thrusters and 3 wheels; a torquer's command comes after a platform's 8 thrusters."""
-    wheeled = load_spacecraft("cubesat-3u")
-    counts = (wheeled.thruster_count, wheeled.wheel_count, wheeled.command_count)
-    assert counts == (8, 3, 11)
-    names = [command.name for command in wheeled.commands]
-    assert all(name.startswith("thruster") for name in names[wheeled.thruster_commands])
-    assert names[wheeled.wheel_commands] == ["wheel 0", "wheel 1", "wheel 2"]
-    assert not wheeled.has_only_thrusters
-    assert (TURNED.thruster_count, TURNED.wheel_count, TURNED.command_count) == (8, 0, 9)
-    assert not TURNED.has_only_thrusters
-    assert load_spacecraft("floating-platform").has_only_thrusters
-
-
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -150,14 +135,6 @@ def test_the_least_and_the_most(key: str, fits: Any, does_not: Any) -> None:
     assert getattr(dataclasses.replace(platform, **{key: fits}), key) == fits
     with pytest.raises(ConfigError, match=f"{key} must be a number from 1e-09 to 1e\\+09"):
         dataclasses.replace(platform, **{key: does_not})
-
-
-@pytest.mark.parametrize("missing", range(8))
-def test_the_platform_survives_the_loss_of_any_one_thruster(missing: int) -> None:
-    """Its thrusters come in pairs of equal force and opposite torque."""
-    craft = load_spacecraft("floating-platform")
-    rest = tuple(t for i, t in enumerate(craft.thrusters) if i != missing)
-    assert controls_every_direction(dataclasses.replace(craft, thrusters=rest))
 
 
 def test_control_depends_on_directions_not_on_strength_or_scale() -> None:

@@ -11,13 +11,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rans.episode import step
 from rans.model.fields import leaves
 from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
     DisturbanceConditions,
-    FaultConditions,
     ThrusterConditions,
 )
 from rans.randomization.parameters import _STREAMS, EpisodeParameters
@@ -196,22 +194,6 @@ def test_whatever_is_switched_on_starts_and_goals_stay() -> None:
 
 
 # What pushes.
-
-
-def test_a_fault_is_felt_from_its_moment_on() -> None:
-    """A thruster that sticks open at 1 s, which ends the fifth period, pushes from the sixth on."""
-    stuck = Conditions(faults=FaultConditions(count=1.0, kinds=("stuck-open",), time=1.0))
-    world, own, now = begun(stuck, count=20)
-    speeds = [np.zeros(20)]
-    for _ in range(8):
-        now = step(world, now, tuple(np.zeros((8, 20))), own).episode
-        speeds.append(np.asarray(now.state.v.norm()))
-    np.testing.assert_allclose(
-        speeds[:6], 0.0, atol=1e-12
-    )  # 1.0 s less 0.8 s is 4e-17 short of a period
-    # 1 N for 0.2 s on 5.32 kg; meanwhile it turns by less than 0.05 rad, which leaves all but 1e-4.
-    np.testing.assert_allclose(speeds[6], 0.2 / 5.32, rtol=1e-3)
-    assert (np.diff(speeds[5:], axis=0) > 0.0).all()
 
 
 def test_the_moment_of_a_kick_is_any_period_of_the_episode() -> None:

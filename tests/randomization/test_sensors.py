@@ -64,19 +64,6 @@ def test_noise_is_normal_and_new_in_every_component_and_period(dimension: int) -
     assert both.max() < 5 / math.sqrt(COUNT)
 
 
-@BOTH
-def test_noise_repeats_in_no_later_period(dimension: int) -> None:
-    """No component with itself or another, one to three periods later."""
-    sizes = (0.02, 0.01, 0.03, 0.04)
-    world, own, now = begun(Conditions(sensors=sensors("noise", sizes)), dimension, 2000)
-    told = [np.vstack(errors(world, own, replace(now, clock=now.clock + k))) for k in range(8)]
-    components = len(told[0])
-    for lag in (1, 2, 3):
-        before, after = (np.concatenate(part, axis=1) for part in (told[:-lag], told[lag:]))
-        across = np.corrcoef(before, after)[:components, components:]
-        assert np.abs(across).max() < 5 / math.sqrt(before.shape[1])
-
-
 def test_attitudes_err_about_the_axes_of_the_body() -> None:
     """R_told = R_true exp(error): a bias as it was drawn, and noise as that of a craft that is upright."""
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
-import numpy as np
 import pytest
 
 from rans.effectors.motion import held
@@ -34,15 +32,6 @@ def after(
     body = Body.of(craft)
     late = pieces(craft, body, (newest, *earlier), lag, PERIOD)
     return held(start, craft, body, newest, Timing(PERIOD), disturbance=disturbance, pieces=late)
-
-
-def nozzle(told: list[tuple[float, float]], lag: Lag, t: float) -> float:
-    """Thrust of one nozzle, told shares at times: what was first, and every change on its way."""
-    share = told[0][1]
-    for (_, old), (time, new) in pairwise(told):
-        ramp: Any = lag.rise
-        share += (new - old) * float(np.interp(t - time - lag.latency, [0.0, ramp], [0.0, 1.0]))
-    return share
 
 
 ROD = Spacecraft(
