@@ -80,6 +80,8 @@ _MOST, _STEEPEST = 1e3, 1e9
 """Largest numbers that are computed with, in SI units and in log-odds; single precision has numbers to 3e38."""
 _ROOM = 0.8
 """By how much positions on the way may be beyond the farthest start, m."""
+_TURN_ROOM = 0.3
+"""By how much headings on the way may be beyond the farthest start, rad; a set that comes farther is refused."""
 _TURNS = 2000
 """Periods that a sector of headings may take to come into its set."""
 
@@ -568,7 +570,8 @@ class Loop:
         Over headings from -begin.heading to begin.heading (rad) in so many ``sectors``, until they are in
         ``heading``, the trapping cells; positions are anywhere within ``far``. `Refused` if the turn does not end.
         """
-        columns = math.ceil(math.pi / heading.width[1])
+        columns = math.ceil(min(begin.heading + _TURN_ROOM, math.pi) / heading.width[1])
+        columns = max(columns, heading.half[1])
         whole = self._grid("heading", heading.half[0] + heading.half[0] // 2, columns)
         far = far._replace(spin=whole.half[0] * whole.width[0])
         levels = self.heading_levels(whole, far)
