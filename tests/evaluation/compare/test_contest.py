@@ -11,7 +11,6 @@ import pytest
 from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import Amounts, Event, goal_set
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
-from rans.evaluation.fly.user_policy import user_policy
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
@@ -83,19 +82,6 @@ def test_who_never_arrives_is_infinitely_late() -> None:
     entry = entry_of(flight_of(np.full((4, 2), 1.0), 0.0))
     assert entry.arrival.tolist() == entry.arrival_thrust.tolist() == [math.inf] * 2
     assert entry.thrust.tolist() == [0.0] * 2
-
-
-def test_both_engines_fly_the_same_starts() -> None:
-    """A controller without feedback on rounding: its flights agree to 1e-9 m in both engines."""
-    policy = user_policy("python:tests.support.policies:idle", CRAFT, GoToPose())
-    timing = Timing(episode_steps=5)
-    fast, drake = (
-        Contest(CRAFT, CONTEST.task, timing, 5, 3, engine).fly(policy)
-        for engine in ("fast", "drake")
-    )
-    assert (fast.engine, drake.engine) == ("fast", "drake")
-    for ours, theirs in zip(fast.states.p.columns(), drake.states.p.columns(), strict=True):
-        np.testing.assert_allclose(ours, theirs, atol=1e-9)
 
 
 def test_amounts_are_of_their_event() -> None:

@@ -150,32 +150,3 @@ def test_a_mission_is_won_by_a_trajectory() -> None:
     assert not flight.violated().any()
     far = optima.episode(PLATFORM, task, Timing(0.2, episode_steps=5), scenario, made_up(5, 0.2))
     assert settling_times(far) == [math.inf]
-
-
-def test_a_row_of_numbers() -> None:
-    """2 cm and 1 degree off at the end, 0.4 mm from Drake's path, 250 ms."""
-    answer = optima.Optimum(
-        3, made_up(4, 0.2), 4e-4, {"position": 0.02, "attitude": math.radians(1.0)}
-    )
-    shown = optima.optima_table(
-        "title", FUEL, [answer, replace(answer, start=4, replay_error=0.002)]
-    )
-    assert [list(column) for column in zip(*shown.rows, strict=True)] == [
-        ["3", "4"],
-        ["1.500"] * 2,
-        ["2.000"] * 2,
-        ["1.000"] * 2,
-        ["0.400", "2.000"],
-        ["1 of 1"] * 2,
-        ["1"] * 2,
-        ["7"] * 2,
-        ["250"] * 2,
-        ["solved", "lost"],
-    ]
-    assert shown.note == "Start 4: solved, but Drake flies elsewhere."
-    row = answer.to_json()
-    assert (row["cost"], row["time"], row["seconds"], row["replay_error"]) == (1.5, 0.8, 0.25, 4e-4)
-    assert (row["start"], row["good"], row["iterations"], row["attempts"]) == (3, True, 7, 1)
-    assert replace(answer, trajectory=made_up(4, 0.2, solved=False)).to_json()["time"] != 0.8
-    assert answer.good
-    assert not replace(answer, replay_error=math.nan).good

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -123,19 +123,6 @@ def test_who_never_arrives_counts(comparison: Comparison) -> None:
     assert idle["position error, cm"].value > 79.0  # the starts are 0.8 to 0.9 m away
     assert lqr["solved, %"].value == 100.0
     assert differences(comparison)[IDLE]["first in the goal set, s"].value == math.inf
-
-
-@pytest.mark.slow
-def test_bounds_have_one_order_however_they_are_found(
-    comparison: Comparison, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Processes answer in the order in which they are ready."""
-    ready = list(reversed(comparison.certified))
-    monkeypatch.setattr(run, "certified_bounds", lambda *_: iter(ready))
-    other = Comparison(CONTEST)
-    run._find_certified(other, 2, None, lambda *_: lambda _: None, 1)
-    assert other.certified == comparison.certified
-    assert ready != comparison.certified
 
 
 @pytest.mark.slow
@@ -266,29 +253,6 @@ def test_without_a_first_contestant_there_is_nothing(
 ) -> None:
     with pytest.raises(ConfigError, match=sentence):
         contest_of(spec, episodes)
-
-
-def test_steps_of_every_piece_of_work_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What begins and how many steps it has: what a progress bar shows."""
-    monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
-    told: dict[str, int] = {}
-    done: list[object] = []
-
-    def stages(what: str, count: int | None) -> Callable[..., object]:
-        assert count is not None
-        told[what] = count
-        return lambda *_: done.append(what)
-
-    found = Comparison(CONTEST)
-    monkeypatch.setattr(run, "certified_bounds", lambda *given: iter(()))
-    found.fly(
-        enlisted(["lqr:go-to-pose-2d"], found.contest),
-        ["optimal"],
-        certified=99,
-        stages=stages,
-    )
-    assert told == {"flying LQR": 3, "certified bounds": 3 * 6}  # no more starts than there are
-    assert found.curve == []
 
 
 def test_nobody_flies_twice_and_names_differ(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,6 @@ import onnx
 import pytest
 
 import rans
-from rans.cli import main
 from rans.deploy.export import write_export
 from rans.errors import ConfigError
 from rans.pretrained import pretrained_folder
@@ -29,15 +28,6 @@ def test_it_flies_by_its_contract(folder: Path) -> None:
     agent = rans.load_agent("go-to-pose-2d")
     assert (exported.craft, exported.task) == (agent.craft, agent.task)
     np.testing.assert_array_equal(exported.fly(4).commands, agent.fly(4).commands)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "command", [["evaluate", "--episodes", "2"], ["view", "--save", "view.html"]]
-)
-@pytest.mark.usefixtures("here")
-def test_commands_take_it(command: list[str], folder: Path) -> None:
-    assert main([command[0], str(folder), *command[1:]]) == 0
 
 
 def test_a_network_for_a_batch_of_one_is_asked_row_by_row(folder: Path, tmp_path: Path) -> None:

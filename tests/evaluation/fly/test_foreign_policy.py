@@ -102,28 +102,6 @@ def test_a_file_of_sb3_keeps_the_memory_of_its_policy(tmp_path: Path) -> None:
     assert differs  # or the memory would not matter
 
 
-@pytest.mark.slow
-def test_recurrent_ppo_flies_as_sb3_contrib_lets_it(tmp_path: Path) -> None:
-    contrib = pytest.importorskip("sb3_contrib")
-    environment = rans.SB3VecEnv(rans.Engine(CRAFT, TASK, num_envs=32))
-    options = {"lstm_hidden_size": 16, "net_arch": [16]}
-    model = contrib.RecurrentPPO(
-        "MlpLstmPolicy", environment, n_steps=8, batch_size=64, seed=0, policy_kwargs=options
-    ).learn(2048)
-    model.save(tmp_path / "model.zip")
-    product = user_policy(f"sb3:{tmp_path / 'model.zip'}", CRAFT, TASK, trust=True)
-    product.reset(32)
-    observation: Any = environment.reset()
-    state, starts, differs = None, np.ones(32, bool), 0
-    for _ in range(50):
-        action, state = model.predict(observation, state, starts, deterministic=True)
-        starts = np.zeros(32, bool)
-        np.testing.assert_array_equal(product.act(None, None, observation), action)  # pyrefly: ignore[bad-argument-type]
-        differs += (action != model.predict(observation, deterministic=True)[0]).any(axis=1).sum()
-        observation = environment.step(action)[0]
-    assert differs > 0
-
-
 class Forgetful:
     def predict(self, observation: Any, deterministic: bool = True) -> Any:
         return np.zeros((len(observation), 8)), (observation,)

@@ -10,9 +10,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.wrappers import NormalizeObservation
 from stable_baselines3 import A2C, DQN, PPO, SAC, TD3
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
 import rans
 from rans.errors import ConfigError
@@ -118,24 +117,6 @@ def test_what_an_algorithm_saves_flies_as_it_predicts(
     np.testing.assert_array_equal(policy.act(None, None, seen), answer)
     flown = policy_of(model, craft, GoToPose())(seen, None, np.ones(64, bool))[0]
     np.testing.assert_array_equal(flown, answer)
-
-
-def test_missing_statistics_of_an_off_policy_model_are_said(tmp_path: Path) -> None:
-    environment = VecNormalize(environment_of(THROTTLED, SAC))
-    SAC("MlpPolicy", environment, **OFF_POLICY).learn(8).save(tmp_path / "model.zip")
-    with pytest.warns(UserWarning, match="observations are passed to it as they are"):
-        user_policy(f"sb3:{tmp_path / 'model.zip'}", THROTTLED, GoToPose(), trust=True)
-
-
-@pytest.mark.slow
-def test_a_wrapper_in_another_process_is_noticed_by_what_the_model_saw_last() -> None:
-    environment = SubprocVecEnv(
-        [lambda: NormalizeObservation(gymnasium.make("rans:rans/GoToPose2D-v0"))]
-    )
-    model = PPO("MlpPolicy", environment, n_steps=64, batch_size=64, seed=0).learn(64)
-    environment.close()
-    with pytest.warns(UserWarning, match="observations are passed to it as they are"):
-        policy_of(model, CRAFT, GoToPose())
 
 
 def test_a_model_behind_its_environment_scales_too(folder: Path) -> None:

@@ -40,14 +40,6 @@ def test_what_ships_fits_what_it_was_tuned_for(file: Path) -> None:
     controller(found.controller, setup)
 
 
-@pytest.mark.parametrize("world", ["", "-lab"])
-def test_opponents_on_the_platform_had_equal_budgets(world: str) -> None:
-    """Of processor time; the last setting of each is finished, and seconds are those of one core."""
-    names = ("lqr", "switching", "mpc")
-    files = [SHIPPED / f"{name}-go-to-pose-floating-platform{world}.json" for name in names]
-    assert all("--seconds 150 " in Tuned.read(file).command for file in files)
-
-
 @pytest.mark.parametrize(
     "change",
     [

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, quantity, share
+from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
 
 RANDOM = np.random.default_rng(7)
 
@@ -113,9 +113,3 @@ def test_texts_of_estimates() -> None:
 )
 def test_thousands_have_no_exponent(value: float, text: str) -> None:
     assert figure(value) == text
-
-
-def test_a_time_that_never_comes_has_no_unit() -> None:
-    assert quantity(5.25, "s") == "5.25 s"
-    assert quantity(math.inf, "s") == "never"
-    assert quantity(0.5, "") == "0.5"

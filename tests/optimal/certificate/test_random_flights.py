@@ -4,16 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.goal_set import GoalSet
-from rans.optimal.certificate.plane.dual import Relaxation
-from rans.optimal.certificate.plane.lattice import Lattice
-from tests.support.bounded_flights import ROUNDING, beaten, points, random_craft
-from tests.support.states import planar
-from tests.support.tiny_lattice import lopsided
+from tests.support.bounded_flights import ROUNDING, beaten
 
 
 @pytest.mark.slow
@@ -43,25 +37,3 @@ def test_a_bound_that_is_too_high_is_found_out(monkeypatch: pytest.MonkeyPatch) 
     rows = [beaten(seed) for seed in range(39, 42)]
     assert max(row["least impulse"] for row in rows if row) > 1.0 + ROUNDING
     assert max(row["least time"] for row in rows if row) <= 1.0 + ROUNDING
-
-
-def test_a_lattice_is_as_large_as_planned() -> None:
-    """The plan is what the certificate then builds; larger ones are left out."""
-    rest = planar()
-    lattice = Lattice(lopsided(), 0.2)
-    loose = GoalSet()
-    built = Relaxation(lattice, rest, rest, loose, 7, None)._after.size
-    assert points(lopsided(), rest, rest, loose, 7) == built
-
-
-def test_random_craft_are_of_every_kind() -> None:
-    some = [random_craft(np.random.default_rng(seed)) for seed in range(80)]
-    assert {craft.dimension for craft in some} == {2, 3}
-    assert {craft.thrust_sharing for craft in some} == {"none", "split"}
-    equal = [len({t.force for t in craft.thrusters}) == 1 for craft in some]
-    assert 10 < sum(equal) < 70
-    central = [
-        any(np.allclose(np.cross(t.position, t.direction), 0.0) for t in craft.thrusters)
-        for craft in some
-    ]
-    assert sum(central) > 20

@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
 
 from rans.episode import Setup, World, step
 from rans.evaluation.measure.metrics import settling_times
@@ -22,12 +20,9 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
 from rans.optimal.control.mpc import MPC, shortest
-from rans.optimal.control.regulator import Deadband
 from rans.optimal.control.switching import Switching
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosition, Task
-from tests.support.clohessy_wiltshire import orbit
-from tests.support.crafts import deputy
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")
@@ -80,49 +75,6 @@ class Chase(Place):
         return step_goal(goal, self.drift, time)
 
 
-def integrated(
-    controller: Any, craft: Spacecraft, start: Any, goal: Any, period: float, steps: int
-) -> np.ndarray:
-    """Positions (steps + 1, 3) of a craft that keeps its attitude under its controller, by SciPy alone."""
-    w, x, y, z = (float(number[0]) for number in leaves(start.attitude))
-    axes = Rotation.from_quat([x, y, z, w])
-    controller.reset(1)
-    state = start
-    path = [np.array(leaves(start.p))[:, 0]]
-    for _ in range(steps):
-        commands = controller.act(state, goal, np.zeros((1, 0)))[0]
-        push = axes.apply(commands @ np.array(craft.wrench_map)[:, :3] / craft.mass)
-        end = solve_ivp(
-            lambda _, x, push=push: orbit(0.05) @ x + [0.0, 0.0, 0.0, *push],
-            (0.0, period),
-            np.array([*leaves(state.p), *leaves(state.v)])[:, 0],
-            method="DOP853",
-            rtol=1e-11,
-            atol=1e-12,
-        ).y[:, -1]
-        p, v = (type(state.p)(*half.reshape(3, 1)) for half in (end[:3], end[3:]))
-        state = replace(state, p=p, v=v)
-        path.append(end[:3])
-    return np.array(path)
-
-
-@pytest.mark.parametrize(
-    "kind", [LQR, pytest.param(MPC, marks=pytest.mark.slow)], ids=lambda kind: kind.name
-)
-def test_a_throttled_craft_settles_in_an_independent_model_of_its_orbit(kind: Any) -> None:
-    """Its goal is 8 m out along the orbit's radius, where nothing stays by itself: staying takes
-    3 n^2 x = 0.06 m/s^2 of the 0.083 that it has. It is turned, as it was drawn."""
-    craft = deputy()
-    task = Place(pulled=ORBIT, aside=(8.0, 0.0, 0.0), spawn_distance=(1.0, 2.0))
-    timing = Timing(control_period=0.5)
-    starts = scenarios(task, craft, 3, 1)
-    restless = kind(craft, task, timing, deadband=Deadband(share=0.0))
-    path = integrated(restless, craft, starts.start, starts.goal, 0.5, 120)
-    gaps = np.linalg.norm(path - [8.0, 0.0, 0.0], axis=1)
-    assert gaps[0] > 0.9
-    assert gaps[-20:].max() < 1e-3
-
-
 @pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
 @pytest.mark.parametrize("chased", [False, True])
 def test_the_mpcs_prediction_is_the_engines_step(craft: Spacecraft, chased: bool) -> None:
@@ -162,25 +114,6 @@ def test_every_controller_settles_in_a_drift(kind: Any, drift: Drift) -> None:
     starts = scenarios(task, PLATFORM, 6, 2)
     flight = fly(PLATFORM, task, kind(PLATFORM, task, timing), starts, timing)
     assert np.isfinite(settling_times(flight)).all()
-
-
-def test_a_controller_of_free_flight_does_not_hold_a_slope() -> None:
-    """The oracle of the test before: gravity is felt, and the LQR without feed-forward rests beside the goal."""
-    task = Pose(pulled=UniformGravity((0.1, -0.2))).for_evaluation()
-    timing = Timing()
-    starts = scenarios(task, PLATFORM, 6, 4)
-    knows, guesses = (
-        fly(
-            PLATFORM,
-            task,
-            LQR(PLATFORM, known, timing, deadband=Deadband(share=0.0)),
-            starts,
-            timing,
-        )
-        for known in (task, Pose().for_evaluation())
-    )
-    assert knows.errors()["position"][-25:].mean() < 0.03
-    assert guesses.errors()["position"][-25:].mean() > 0.1
 
 
 @pytest.mark.parametrize("kind", [LQR, Switching, MPC], ids=lambda kind: kind.name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -50,14 +49,6 @@ def test_gain_and_cost_to_go_are_optimal(axis: Axis) -> None:
         acceleration, cost = least_squares(axis, start)
         assert acceleration == pytest.approx(-axis.gain @ start, rel=1e-8, abs=1e-10)
         assert cost == pytest.approx(start @ axis.cost_to_go @ start, rel=1e-8, abs=1e-10)
-
-
-def test_gain_tends_to_the_continuous_optimum() -> None:
-    """For p'' = u with weights q on p, r on p' and 1 / b^2 on u the continuous optimum is k = b sqrt(q)
-    and d = sqrt(2 k + b^2 r) (Anderson and Moore, "Optimal Control", 1990, chapter 3)."""
-    stiffness, damping = Axis.held(1e-4, 0.3, 0.5).gain
-    assert stiffness == pytest.approx(0.6, rel=1e-3)  # 0.3 / 0.5, and first order in the period
-    assert damping == pytest.approx(math.sqrt(1.2 + 0.6), rel=1e-3)
 
 
 def test_the_regulator_reckons_with_the_axis_that_is_hardest_to_turn() -> None:

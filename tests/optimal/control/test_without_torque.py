@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from rans.errors import ConfigError
-from rans.evaluation.compare.contest import Contest
-from rans.evaluation.compare.entrants import simple_controller
-from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.metrics import impulses, settling_times
 from rans.flight import fly
 from rans.model.spacecraft import Spacecraft
@@ -20,7 +16,6 @@ from rans.optimal.control.lqr import LQR
 from rans.optimal.control.mpc import MPC
 from rans.optimal.control.switching import Switching
 from rans.optimal.trajectory.allocation import Allocation
-from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosition, TrackTwist, TrackVelocity
 from tests.support.crafts import deputy, point
@@ -30,17 +25,6 @@ CRAFTS = {"deputy": deputy(), "point": point()}
 
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 every_craft = pytest.mark.parametrize("craft", CRAFTS.values(), ids=CRAFTS)
-
-
-@every_craft
-def test_it_is_a_craft_like_any_other(craft: Spacecraft, recwarn: pytest.WarningsRecorder) -> None:
-    """Nothing warns of it. Of three thrusters at 120 degrees two push along x: one gives cos 30 degrees, and the
-    other takes away what that gives across it."""
-    assert replace(craft, name="another") != craft
-    assert not recwarn.list
-    force, torque = Allocation(craft).authority()
-    assert torque == 0.0
-    assert force == pytest.approx(1.0 if craft.dimension == 3 else np.sqrt(0.75))
 
 
 @every_craft
@@ -81,20 +65,3 @@ def test_every_controller_settles(kind: Any, number: int) -> None:
 def test_what_cannot_turn_is_not_asked_to(kind: Any, task: Any) -> None:
     with pytest.raises(ConfigError, match=r"asks for .*spin, and spacecraft 'point' cannot turn"):
         kind(point(), task, Timing())
-
-
-@pytest.mark.slow
-def test_comparisons_take_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By name, beside the best that is possible and its bound."""
-    objectives = [MinimumTime(20), MinimumFuel(30.0, 1.5)]
-    monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: objectives)
-    timing = Timing(control_period=0.5, episode_steps=80)
-    contest = Contest(deputy(), GoToPosition().for_evaluation(), timing, 3, 2)
-    found = Comparison(contest)
-    lqr = simple_controller("lqr", contest)
-    found.fly({"lqr": lqr}, ["switching", "optimal"], certified=1, workers=1)
-    assert [entry.name for entry in found.entries] == ["LQR", "switching"]
-    assert found.failures == []
-    assert [one.solved for row in found.relaxed.values() for one in row] == [True] * 4
-    least_time = min(one.arrival for one in found.relaxed["minimum time"])
-    assert min(bound.hull for bound in found.certified if bound.horizon is None) < least_time

@@ -116,17 +116,6 @@ def test_rounding_keeps_the_impulse(craft: Spacecraft, seed: int, load: float) -
     assert (np.abs(owed) <= 4.0 * np.abs(columns).max(axis=0)).all()
 
 
-def test_half_a_thruster_opens_every_other_period() -> None:
-    craft = CRAFTS[0]
-    modulator = SigmaDelta(craft)
-    modulator.reset(1)
-    wanted = 0.5 * np.array(craft.wrench_map)[2:3]
-    pulses = np.concatenate([modulator.round(wanted) for _ in range(6)])
-    expected = np.zeros((6, 8))
-    expected[1::2, 2] = 1.0
-    assert np.array_equal(pulses, expected)
-
-
 def test_shared_thrust_opens_pairs_that_do_not_turn() -> None:
     """1 N along a diagonal: two nozzles on opposite sides share it, and their torques cancel."""
     craft = replace(CRAFTS[0], thrust_sharing="split")
@@ -212,15 +201,6 @@ def test_what_saturates_is_carried_whatever_else_is_not() -> None:
     wanted *= 1.5 / Allocation(craft).load(wanted)[0]
     given_ = sum(modulator.round(wanted) @ np.array(craft.wrench_map) for _ in range(100))
     assert np.abs(given_ - 100 * wanted / 1.5)[0, :2].max() < 2.0
-
-
-def test_reset_forgets() -> None:
-    modulator = SigmaDelta(CRAFTS[0])
-    wanted = 0.5 * np.array(CRAFTS[0].wrench_map)[2:3]
-    modulator.reset(1)
-    modulator.round(wanted)
-    modulator.reset(1)
-    assert not modulator.round(wanted).any()
 
 
 @pytest.mark.parametrize("craft", [nasty_planar(), nasty_spatial()], ids=lambda craft: craft.name)

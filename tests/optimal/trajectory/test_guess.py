@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rans.model.body import Body
-from rans.model.dynamics import advance, wrench
-from rans.model.fields import Heading, Quat, leaves, unflatten
-from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.trajectory.guess import guess, needed_wrenches, rotation_vector, transfer_time
+from rans.model.fields import Heading, Quat, leaves
+from rans.optimal.trajectory.guess import guess, rotation_vector
 from rans.scenario import scenario
-from rans.tasks import TASKS, GoToPose, TrackTwist
+from rans.tasks import GoToPose
 from rans.tasks.goal_set import aims
-from tests.support.states import planar
 
 
 def test_rotation_vector_of_quaternions_is_scipys() -> None:
@@ -28,11 +22,6 @@ def test_rotation_vector_of_quaternions_is_scipys() -> None:
     np.testing.assert_allclose(
         rotation_vector(Quat(w, x, y, z)).T, rotations.as_rotvec(), atol=1e-13
     )
-
-
-def test_headings_turn_the_short_way() -> None:
-    turn = rotation_vector(Heading(math.radians(350.0)))
-    assert turn == pytest.approx([math.radians(-10.0)], abs=1e-12)
 
 
 POSE = aims(GoToPose())
@@ -75,60 +64,3 @@ def _rotations(rows: np.ndarray) -> Rotation:
     if len(rows) == 1:
         return Rotation.from_rotvec(np.array([0.0 * rows[0], 0.0 * rows[0], rows[0]]).T)
     return Rotation.from_quat(np.roll(rows, -1, axis=0).T)
-
-
-def test_turning_alone_takes_time() -> None:
-    platform = load_spacecraft("floating-platform")
-    goal = planar()
-    least = 2 * math.sqrt(math.pi / 2 * 0.2045008 / 1.24)
-    assert transfer_time(platform, POSE, replace(goal, attitude=Heading(math.pi / 2)), goal) > least
-
-
-@pytest.mark.parametrize("name", ["track-velocity", "track-twist", "track-velocity-heading"])
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_tracking_guesses_end_with_the_goals_rates(name: str, dimension: int) -> None:
-    """And with no others: what a task does not ask for is left alone. Their rates are those of their path."""
-    task = TASKS[name]()
-    case = scenario(task, dimension, 3, 5)  # type: ignore[arg-type]
-    duration = 4.0  # type: ignore[arg-type]
-    count = 2000  # type: ignore[arg-type]
-    path = guess(aims(task), case.start, case.goal, duration, count)
-    p = path[:dimension]
-    v = path[-2 * dimension if dimension == 3 else -3 :][:dimension]
-    np.testing.assert_allclose(v[:, -1], case.goal.v.columns(), atol=1e-12)
-    middle = (v[:, 1:] + v[:, :-1]) / 2  # exact for constant acceleration
-    np.testing.assert_allclose(np.diff(p, axis=1) * count / duration, middle, atol=1e-9)
-    w = path[-1:] if dimension == 2 else path[-3:]
-    wanted = case.goal.spin() if name == "track-twist" else np.zeros(len(w))
-    np.testing.assert_allclose(w[:, -1], wanted, atol=1e-12)
-    attitude = _rotations(path[dimension : dimension + 1] if dimension == 2 else path[3:7])
-    turned = (attitude[:-1].inv() * attitude[1:]).as_rotvec()[:, -len(w) :].T * count / duration
-    # attitudes of goals are met at a pace whose rate changes by 1e-3 rad/s within an interval
-    np.testing.assert_allclose(turned, (w[:, 1:] + w[:, :-1]) / 2, atol=1e-5)
-
-
-def test_spinning_up_takes_the_change_of_speed_over_the_acceleration() -> None:
-    """Four nozzles of 1 N at 0.31 m; a fifth is spare."""
-    platform = load_spacecraft("floating-platform")
-    rest = scenario(TrackTwist(), 2, 0, 0).start
-    goal = replace(rest, w=0.5)
-    least = 0.5 * platform.inertia[2][2] / (4 * 0.31)
-    assert transfer_time(platform, aims(TrackTwist()), rest, goal) == pytest.approx(1.2 * least)
-
-
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_needed_wrenches_move_along_the_path(dimension: int) -> None:
-    """The engines' own flight under wrenches in B gives them back, up to the turn within a period."""
-    craft = load_spacecraft("floating-platform" if dimension == 2 else "free-flyer")
-    state: Any = scenario(GoToPose(), dimension, 1, 2).start  # type: ignore[arg-type]
-    h = 0.02
-    random = np.random.default_rng(0)
-    states = [state]
-    wrenches = []
-    for command in random.random((20, len(craft.thrusters))):
-        applied = wrench(craft, tuple(float(c) for c in command))
-        wrenches.append(leaves(applied))
-        states.append(advance(states[-1], applied, Body.of(craft), h))
-    path = unflatten(state, np.array([leaves(s) for s in states]).T)
-    # it spins by less than 1 rad/s: forces turn by 0.02 rad a period
-    np.testing.assert_allclose(needed_wrenches(craft, path, h), wrenches, atol=0.05)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -13,38 +10,17 @@ from rans.model.timing import Timing
 from rans.optimal.trajectory.limits import PathLimits
 from rans.optimal.trajectory.objectives import (
     MinimumFuel,
-    MinimumTime,
 )
 from rans.optimal.trajectory.transcription import (
     Transcription,
 )
 from rans.reference.flight import replay
-from rans.tasks import GoToPosition
-from tests.support.crafts import deputy
 from tests.support.problems import (
     PLATFORM,
     TASK,
     solved,
-    spatial,
 )
 from tests.support.states import planar
-
-
-@dataclass(frozen=True)
-class SpeedLimit(GoToPosition):
-    """0.2 m/s at most."""
-
-    def constraints(self, state: Any, goal: Any) -> dict[str, Any]:
-        return {"speed": 0.2 - state.v.norm()}
-
-
-@pytest.mark.slow
-def test_least_time_under_a_speed_limit_is_bang_coast_bang() -> None:
-    """1/12 m/s^2 up to 0.2 m/s, coast, brake: distance / speed + speed / acceleration. Commands are held for
-    a fiftieth of it, which costs part of one."""
-    trajectory = solved(deputy(), MinimumTime(50), spatial(x=-3.0), spatial(), SpeedLimit())
-    closed = 3.0 / 0.2 + 0.2 * 12.0
-    assert closed * (1 - 1e-4) < trajectory.cost < closed * (1 + 0.02)
 
 
 @pytest.mark.slow

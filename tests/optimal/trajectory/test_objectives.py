@@ -33,7 +33,6 @@ from tests.support.crafts import nasty_spatial
 from tests.support.problems import (
     FORWARD,
     PLATFORM,
-    TASK,
     replay_error,
     solved,
 )
@@ -123,17 +122,6 @@ def test_space_with_an_awkward_body(task: Task, objective: Objective) -> None:
     case = scenario(task.for_evaluation(), 3, 5, 2)
     trajectory = solved(nasty_spatial(), objective, case.start, case.goal, task)
     assert replay_error(nasty_spatial(), trajectory) < 0.02  # one Runge-Kutta step of 0.8 s
-
-
-def test_a_goal_set_is_never_worse_than_its_middle() -> None:
-    for episode in range(3):
-        case = scenario(TASK, 2, 8, episode)
-        exact, near = (
-            solved(PLATFORM, MinimumTime(30, ending), case.start, case.goal)
-            for ending in ("exact", "set")
-        )
-        assert near.cost < exact.cost
-        assert near.cost > 0.9 * exact.cost  # 5 cm of 3 m, and 5 degrees
 
 
 def test_the_cost_is_the_tasks_own_return() -> None:

@@ -30,14 +30,6 @@ PLATFORM = load_spacecraft("floating-platform")
 numbers = st.floats(-2.0, 2.0, allow_subnormal=False)
 
 
-def test_platform_by_hand() -> None:
-    lattice = Lattice(PLATFORM, 0.2)
-    # 1 N at 0.31 m for 0.2 s against 2/5 m r^2: r h / I
-    assert lattice.spin == pytest.approx(0.31 * 0.2 / (0.4 * 5.32 * 0.31**2), rel=1e-6)
-    assert sorted(lattice.multiples) == [-1] * 4 + [1] * 4
-    assert lattice.pulse == pytest.approx(0.2)
-
-
 def test_unequal_thrusters() -> None:
     lattice = Lattice(lopsided(), PERIOD)
     assert list(lattice.multiples) == [1, -1, 2, -1, 0]
