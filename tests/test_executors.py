@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 import rans
-from campaigns.__main__ import main as campaign
 from rans.cli import main
 from rans.episode import Setup
 from rans.errors import ConfigError, RansError
@@ -171,11 +170,6 @@ def test_a_wrong_text_is_a_sentence(text: str, sentence: str, refused: Any) -> N
 
 def test_commands_that_do_not_divide_their_work_refuse(refused: Any) -> None:
     assert "rans list does not divide its work" in refused("list --executor=mpi")
-
-
-def test_a_campaign_that_does_not_exist_is_a_sentence() -> None:
-    with pytest.raises(ConfigError, match=r"there is no campaign 'falts' .did you mean faults"):
-        campaign(["--executor", f"{__name__}:of_this_file", "falts"])
 
 
 def flights(workers: int | None) -> tuple[list[np.ndarray], int]:

@@ -63,28 +63,12 @@ def test_sampled_actions_differ_from_deterministic_ones() -> None:
     assert 0 < (sure != drawn).sum() < sure.size / 2
 
 
-@pytest.mark.parametrize("wrong", ["abc", [[1.0], [1.0, 2.0]], object()])
-def test_what_is_no_observation(wrong: object) -> None:
-    with pytest.raises(ConfigError, match="an observation is an array of numbers"):
-        rans.load_agent("go-to-pose-2d").predict(wrong)
-
-
 def test_a_saved_agent_flies_as_before(tmp_path: Path) -> None:
     agent = rans.load_agent("go-to-pose-2d")
     copy = rans.load_agent(agent.save(tmp_path / "copy"))
     np.testing.assert_array_equal(copy.fly(3).commands, agent.fly(3).commands)
     with pytest.raises(ConfigError, match="is not empty: choose a new folder"):
         agent.save(tmp_path / "copy")
-
-
-def test_what_only_trained_agents_do() -> None:
-    controller = rans.load_agent("lqr:go-to-pose-2d")
-    with pytest.raises(ConfigError, match=r"LQR decides from the state.*rans\.Pilot\(agent, env\)"):
-        controller.act(np.zeros(10, np.float32))
-    with pytest.raises(ConfigError, match="LQR cannot be saved: only trained agents"):
-        controller.save("anywhere")
-    with pytest.raises(ConfigError, match="no trained agent with a run folder"):
-        controller.export("anywhere")
 
 
 @pytest.mark.usefixtures("unswept")

@@ -81,56 +81,6 @@ def test_a_trajectory_keeps_out_of_a_ball_and_below_a_speed() -> None:
     assert np.hypot(flown.v.x, flown.v.y).max() < 0.25 + 1e-6
 
 
-@pytest.mark.parametrize(
-    ("ask", "said"),
-    [
-        (lambda: rans.state((1.0,)), "the position has 2 or 3 numbers, got 1"),
-        (lambda: rans.state((1.0, float("nan"))), "the position must be finite numbers"),
-        (lambda: rans.state((0, 0, 0), (0, 0, 0, 0)), "the attitude is a quaternion"),
-        (lambda: rans.state((0, 0), velocity=(1, 2, 3)), "the velocity must be 2 finite numbers"),
-        (
-            lambda: rans.state((0, 0), "north"),  # type: ignore[arg-type]
-            "the attitude must be numbers",
-        ),
-        (
-            lambda: rans.optimal_trajectory(start=rans.state((0, 0, 0))),
-            "the start must be a state of 2 dimensions",
-        ),
-        (
-            lambda: rans.certify(goal=rans.state((0, 0, 0))),
-            "the goal must be a state of 2 dimensions",
-        ),
-    ],
-)
-def test_states_that_are_none(ask: Any, said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
-        ask()
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ({"zones": 5}, r"zones must be a list of zones, .* got 5"),
-        ({"zones": (1.0, 0.0, 0.4)}, "the zone must be numbers, got 1.0"),
-        ({"zones": [("a", 0.0, 0.4)]}, "the zone must be numbers"),
-        ({"most_speed": "1"}, "the largest speed must be finite and > 0, got '1'"),
-        ({"most_speed": 0.0}, "the largest speed must be finite and > 0, got 0.0"),
-        ({"most_spin": 0}, "the largest spin must be finite and > 0, got 0"),
-        ({"objective": "time", "intervals": 2.5}, "intervals must be a whole number .* got 2.5"),
-        ({"objective": "time", "intervals": "9"}, "intervals must be a whole number .* got '9'"),
-    ],
-)
-def test_limits_that_are_none(wrong: dict[str, Any], said: str) -> None:
-    """Each would end in a bare error of Python or CasADi, or be passed over, if it were not looked at."""
-    with pytest.raises(ConfigError, match=said):
-        rans.optimal_trajectory(start=rans.state((1.0, 0.0)), **wrong)
-
-
-def test_an_environment_of_no_dimension() -> None:
-    with pytest.raises(ConfigError, match=r"dimension must be 2 .* or 3 .* got '2d'"):
-        rans.SpacecraftEnv("go-to-pose", "2d")  # type: ignore[arg-type]
-
-
 def test_an_export_to_nowhere() -> None:
     with pytest.raises(ConfigError, match="output, unless it is a name or a file"):
         rans.export("go-to-pose-2d", 3, "numpy")  # type: ignore[arg-type]

@@ -43,24 +43,6 @@ def test_velocities_follow_by_name() -> None:
     assert read_state(["w.z=0.1"], 3, "--goal") == ((), {"w.z": 0.1})
 
 
-@pytest.mark.parametrize(
-    ("typed", "dimension", "sentence"),
-    [
-        ("3 1", 2, "x, y and heading, such as 3 1 40deg, got '3 1'"),
-        ("3 1 2 40deg", 3, "x, y, z and perhaps roll, pitch, yaw"),
-        ("3 1 40deg", 3, "'40deg' is an angle where a length must be"),
-        ("3 1 nan", 2, "angles with deg or rad, got 'nan'"),
-        ("3 1 40degrees", 2, "with deg or rad, got '40degrees'"),
-        ("3 1 0 v.z=1", 2, "each of v.x, v.y, w once"),
-        ("3 1 0 w=1 w=2", 2, "each of v.x, v.y, w once"),
-        ("3 1 0 w=1deg", 2, "'1deg' is an angle"),
-    ],
-)
-def test_a_wrong_word_is_named(typed: str, dimension: int, sentence: str) -> None:
-    with pytest.raises(ConfigError, match=sentence):
-        read_state(typed.split(), dimension, "--start")
-
-
 def test_zones_are_words_with_commas() -> None:
     assert read_zones(["-1.5,0,0.4", "", "2,1,0.3"], 2, "--zones") == [
         (-1.5, 0.0, 0.4),

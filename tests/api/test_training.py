@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -34,30 +33,6 @@ def test_settings_by_keyword(tmp_path: Path) -> None:
     assert agent.task == rans.GoToPose(thrust_weight=0.07)
     config = rans.fast.learn.run_folder.read_config(tmp_path / "mine" / "config.json")
     assert (config.ppo.n_envs, config.ppo.layers) == (4, (8,))
-
-
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        ({"lr": 1e-3}, r"no 'lr' \(did you mean ppo\.learning_rate\?\)"),
-        ({"learning_rat": 1e-3}, r"\(did you mean ppo\.learning_rate\?\)"),
-        ({"thrust_wieght": 1.0}, r"\(did you mean settings\.thrust_weight\?\)"),
-        ({"control_periods": 0.1}, r"\(did you mean timing\.control_period\?\)"),
-        ({"threads": 1, "scale": 3}, r"no 'scale'"),
-        ({"gamma": 2.0}, r"gamma must be in \(0, 1\], got 2.0"),
-        ({"log": "wandb"}, r'log takes several names, as in log=\["wandb"\]'),
-    ],
-)
-def test_settings_that_are_none(settings: dict[str, Any], said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
-        rans.train("go-to-pose", **settings)
-
-
-def test_a_name_of_several_settings_needs_its_place() -> None:
-    with pytest.raises(
-        ConfigError, match=r"several entries .*'thrust_weight': choose one of settings\."
-    ):
-        rans.train("multi-task", thrust_weight=0.1)
 
 
 def test_seeds_that_are_named_are_those_that_train() -> None:

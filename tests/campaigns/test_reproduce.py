@@ -16,7 +16,6 @@ from campaigns.provenance import page, unlisted
 from campaigns.reproduce import Reproduce, agree, compared, reproduced
 from campaigns.runner import Campaign, Shown
 from campaigns.table import ROWS
-from rans.errors import ConfigError
 from rans.executors import run_on
 
 ROOT = Path(__file__).parents[2]
@@ -229,8 +228,3 @@ def test_rows_run_on_an_executor_and_a_lost_one_again(
     assert pool.submitted == 3
     text = (tmp_path / "differences.md").read_text("utf-8")
     assert all(f"| {name} |" in text and f"no evidence of {name}" in text for name in idle)
-
-
-def test_an_unknown_row_is_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"got 'stres' .did you mean stress"):
-        Reproduce(only=("stres",), output=tmp_path).run()

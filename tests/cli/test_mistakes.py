@@ -12,11 +12,9 @@ from rans import cli
 from rans.cli import main
 from rans.cli.train import train_on
 from rans.errors import ConfigError, checked, meant, meant_file
-from rans.evaluation.fly.contestant_name import ContestantName
 from rans.fast.learn.config import training
 from rans.fast.learn.trainer import SOLVED_IN_A_ROW, is_solved
 from rans.randomization.conditions import Conditions, ThrusterConditions
-from rans.structure import structure
 
 
 @pytest.mark.parametrize(
@@ -95,12 +93,6 @@ def test_names_of_other_forms_are_near() -> None:
     assert meant("rans/GoToPse2D-v0", ["go-to-pose-2d"]) == " (did you mean go-to-pose-2d?)"
 
 
-@pytest.mark.parametrize("spec", ["pid", "PID:go-to-pose-2d"])
-def test_controllers_of_other_programs_are_near(spec: str) -> None:
-    with pytest.raises(ConfigError, match=r"\(did you mean lqr\?\)"):
-        ContestantName.parse(spec)
-
-
 def test_a_list_that_is_not_json_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     """Each of its characters once had a clause."""
     ramp = "[{setting=spawn_distance,start=0.1,duration=1000}]"
@@ -146,11 +138,6 @@ def test_a_dict_in_place_of_an_object_is_written_as_one() -> None:
         checked("conditions", {"latency": 0.03}, Conditions)
     call = str(refused.value).partition(": ")[2].rstrip(".")
     assert eval(call, {"rans": rans}) == Conditions(thrusters=ThrusterConditions(latency=0.03))
-
-
-def test_a_key_of_another_table_is_named_there() -> None:
-    with pytest.raises(ConfigError, match=r"latency in \[thrusters\]"):
-        structure({"delay": 0.03}, Conditions, "conditions")
 
 
 @pytest.mark.parametrize(

@@ -77,12 +77,6 @@ def witness() -> Witness:
     return Witness()
 
 
-def test_the_fast_way_gives_symbols_to_a_reward(witness: Witness) -> None:
-    """So that the witness is one who can see them."""
-    Engine(PLATFORM, witness, 4).step(torch.zeros(4, 8))
-    assert "reward" in witness.symbols
-
-
 @pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
 @pytest.mark.parametrize("conditions", [None, "lab"])
 def test_a_task_is_given_tensors_once_a_step_and_never_a_symbol(

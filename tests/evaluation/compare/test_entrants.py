@@ -40,13 +40,6 @@ def test_conditions_of_the_first() -> None:
     assert (usual.episodes, usual.seed, usual.engine) == (1, EVALUATION_SEED, "fast")
 
 
-def test_several_tasks_are_none() -> None:
-    with pytest.raises(
-        ConfigError, match="has several tasks: pick one, as in pretrained:multi-task-2d#"
-    ):
-        contest_of("pretrained:multi-task-2d", 2)
-
-
 def test_only_the_same_control_period_is_compared(contest: Contest) -> None:
     """Other tasks and craft are refused in `tests/evaluation/compare/test_run.py`."""
     quicker = replace(contest, timing=Timing(0.1))

@@ -240,21 +240,6 @@ def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> No
     assert "LQR solves its task from 3 of 3 starts, " in page(found).html()
 
 
-@pytest.mark.parametrize(
-    ("spec", "episodes", "sentence"),
-    [
-        ("lqr:go-to-pose-2d", 0, "--episodes must be at least 1, got 0"),
-        (IDLE, 4, "idle has no task: add one"),
-        ("nobody:x", 4, "there is no contestant 'nobody:x'"),
-    ],
-)
-def test_without_a_first_contestant_there_is_nothing(
-    spec: str, episodes: int, sentence: str
-) -> None:
-    with pytest.raises(ConfigError, match=sentence):
-        contest_of(spec, episodes)
-
-
 def test_nobody_flies_twice_and_names_differ(monkeypatch: pytest.MonkeyPatch) -> None:
     found = Comparison(replace(CONTEST, episodes=1, timing=Timing(episode_steps=3)))
     thrice = ["lqr:go-to-pose-2d", "lqr:go-to-pose-2d", "lqr:go-to-pose-2d@floating-platform"]

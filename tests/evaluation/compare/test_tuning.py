@@ -114,19 +114,6 @@ def test_no_report_uses_its_starts() -> None:
     assert len({EVALUATION_SEED, SELECTION_SEED, TUNING_SEED}) == 3
 
 
-@pytest.mark.parametrize(
-    ("name", "price", "said"),
-    [
-        (f"{HERE}:Fixed", 0.0, "no settings that can be tuned; its class needs a `tunable`"),
-        ("lqr", -1.0, "price must be finite and >= 0"),
-        ("lqr", float("nan"), "price must be finite"),
-    ],
-)
-def test_refuses_what_cannot_be_tuned(name: str, price: float, said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
-        tuned_settings(typed(name), SETUP, 1, 1, price)
-
-
 class Whole(Firing):
     """Has a setting that is a whole number."""
 

@@ -88,8 +88,3 @@ def test_an_agent_that_adapts_has_files_of_its_own() -> None:
     assert name.output_folder != plain.output_folder
     with pytest.raises(ConfigError, match="'lqr:hold-3d' is no agent for any craft"):
         ContestantName.parse("adaptive:lqr:hold-3d")
-
-
-def test_a_prefix_stands_before_a_name_once() -> None:
-    with pytest.raises(ConfigError, match="has adaptive: twice; write adaptive:any-craft-2d"):
-        ContestantName.parse("adaptive:adaptive:any-craft-2d")

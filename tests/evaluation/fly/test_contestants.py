@@ -126,44 +126,6 @@ def test_the_number_of_dimensions_may_be_left_out(spec: str, spacecraft: str) ->
     assert contestant(spec).craft.name == spacecraft
 
 
-@pytest.mark.parametrize(
-    ("spec", "said"),
-    [
-        ("lqr:go-to-poze-2d", "no task named 'go-to-poze'"),
-        ("mpc:go-to-pose-3d@floating-platform", "asks for 3d, but floating-platform moves in 2"),
-        ("lqr:go-to-pose-2d@nowhere", "no spacecraft named 'nowhere'"),
-        (
-            "lqr:go-to-pose-2d#go-to-pose",
-            "picks 'go-to-pose', but it has neither several tasks nor",
-        ),
-        (
-            "pretraned:x",
-            r"no contestant .pretraned:x. \(did you mean pretrained\?\); known are a run folder,",
-        ),
-        ("lqr:", "there is no contestant 'lqr:'"),
-        (
-            "rans.optimal.control.lqr:LQR",
-            r"LQR has no task; add one, as in rans.*LQR:go-to-pose-2d\.$",
-        ),
-        ("nowhere_at_all:Idle", "there is no contestant 'nowhere_at_all:Idle'"),
-        ("lqr:-2d", "no task named ''"),
-        ("lqr:dock-2d", "asks for 2d, but afrl-deputy moves in 3"),
-        ("nowhere", "there is no run folder 'nowhere'"),
-        ("nowhere.toml", "there is no spacecraft file 'nowhere.toml'; `rans init nowhere.toml`"),
-        ("dock", "dock is a task: .*mission.*rans list AGENTS"),
-        (
-            "go-to-pose-2",
-            r"no run folder .* \(did you mean go-to-pose-2d\?\)",
-        ),
-        ("go-to-position-2d@atmos", "as in lqr:go-to-position-2d@atmos"),
-        ("sb3:mine.zip", "sb3:mine.zip has no task: .*, as in rans compare RUN sb3:mine.zip"),
-    ],
-)
-def test_who_is_not_there_is_one_sentence(spec: str, said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
-        contestant(spec)
-
-
 def test_the_command_that_shows_a_flight_says_whose_code_it_runs() -> None:
     class Mine(GoToPose):
         """From outside of RANS."""

@@ -217,24 +217,6 @@ def test_sb3_file_for_something_else(
 
 
 @pytest.mark.parametrize(
-    ("name", "sentence"),
-    [
-        (
-            "unsure",
-            "commands that floating-platform does not take: .* 0 .shut. or 1 .open.*got .*0.5",
-        ),
-        ("narrow", r"7 observations with commands of shape \(7, 8\), got \(7, 7\)"),
-        ("broken", "broken failed: KeyError: 'no such layer'"),
-        ("leaving", "leaving failed: SystemExit: 3"),
-    ],
-)
-def test_answers_of_policies_are_checked(name: str, sentence: str) -> None:
-    policy = user_policy(f"python:tests.support.policies:{name}", CRAFT, GoToPose())
-    with pytest.raises(ConfigError, match=sentence):
-        policy.act(None, None, OBSERVATIONS)
-
-
-@pytest.mark.parametrize(
     ("spec", "sentence"),
     [
         ("python:tests.support.policies:none", "tests.support.policies has no 'none'"),

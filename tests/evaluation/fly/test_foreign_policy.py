@@ -154,14 +154,6 @@ def test_modules_of_torch_with_what_is_out_of_reach(
         policy_of(module(), CRAFT, TASK)
 
 
-def test_pairs_of_a_function_are_no_commands() -> None:
-    policy = ObjectPolicy(lambda seen: (seen[:, :8] * 0, None), CRAFT, TASK)
-    with pytest.raises(
-        ConfigError, match=r"commands alone, got 2 values: one with a memory has pred"
-    ):
-        policy.act(None, None, STEPS[0])
-
-
 def stacked() -> Any:
     return VecFrameStack(rans.SB3VecEnv(rans.Engine(CRAFT, TASK, num_envs=2)), 3)
 

@@ -84,10 +84,3 @@ def test_an_agent_flies_what_it_was_made_for() -> None:
     for other in ("rans/GoToPose3D-v0", "rans/GoToXY-v0"):
         with pytest.raises(ConfigError, match="make the environment of its task"):
             Pilot(agent, gymnasium.make(other))
-
-
-def test_refuses_what_it_cannot_fly() -> None:
-    with pytest.raises(ConfigError, match=r"one of RANS's environments .* got .*CartPole"):
-        Pilot("lqr", gymnasium.make("CartPole-v1"))
-    with pytest.raises(ConfigError, match="no controller named 'pid'"):
-        Pilot("pid", gymnasium.make("rans/GoToPose2D-v0"))

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 from gymnasium.vector import AutoresetMode
-from gymnasium.wrappers.vector import ArrayConversion, RecordEpisodeStatistics
 from torch import Tensor
 
 from rans.environment import observation_space
@@ -17,7 +16,6 @@ from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.envs.single import SpacecraftEnv
 from rans.fast.envs.vector import SpacecraftVectorEnv
-from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenario
 from rans.tasks import GoToPose, gymnasium_ids
 from tests.support.engines import NEAR, SHORT, actions
@@ -150,44 +148,6 @@ def test_wrong_arguments() -> None:
         make(spacecraft="free-flyer")
     with pytest.raises(ConfigError, match="whole number >= 1"):
         make(count=0)
-
-
-def test_gymnasiums_statistics_are_right() -> None:
-    """Return and length of every episode, failed or not, through Gymnasium's own wrappers."""
-    inner = make(count=16, dtype=torch.float64)
-    env = RecordEpisodeStatistics(ArrayConversion(inner, torch, np))
-    env.reset(seed=2)
-    returns = np.zeros(16)
-    lengths = np.zeros(16, dtype=int)
-    count = 0
-    for action in commands(inner, 60):
-        _, reward, terminated, truncated, info = env.step(action)
-        assert {type(x) for x in (reward, terminated, info["final_obs"])} == {np.ndarray}
-        returns = returns + reward
-        lengths = lengths + 1
-        ended = terminated | truncated
-        assert ("episode" in info) == ended.any()
-        for i in np.flatnonzero(ended):
-            assert info["episode"]["r"][i] == pytest.approx(returns[i], rel=1e-14)
-            assert info["episode"]["l"][i] == lengths[i]
-            returns[i] = lengths[i] = 0
-        count += ended.sum()
-    assert env.episode_count == count > 40
-    assert max(env.length_queue) == 20 > min(env.length_queue)
-
-
-def test_conditions_reach_the_engine() -> None:
-    """Episode k is that of the single environment under the same conditions, whatever the batch."""
-    conditions = load_conditions("lab")
-    batch = SpacecraftVectorEnv(3, "go-to-pose", 2, dtype=torch.float64, conditions=conditions)
-    single = SpacecraftEnv("go-to-pose", 2, conditions=conditions)
-    seen, _ = batch.reset(seed=5)
-    alone, _ = single.reset(seed=5)
-    np.testing.assert_allclose(seen[0], alone, atol=1e-6)  # float32 observations of the single one
-    for action in np.random.default_rng(0).integers(0, 2, (6, 3, 8)):
-        seen, *_ = batch.step(torch.as_tensor(action))
-        alone, *_ = single.step(action[0])
-        np.testing.assert_allclose(seen[0], alone, atol=1e-5)
 
 
 @pytest.mark.parametrize("beyond", [1.0 + 2.4e-7, -1.0 - 2.4e-7])

@@ -205,28 +205,10 @@ def test_arrays_that_torch_does_not_take_or_warns_of(
 
 
 WRAPPERS: dict[str, Any] = {
-    "RecordEpisodeStatistics": wrappers.RecordEpisodeStatistics,
     "NormalizeReward": wrappers.NormalizeReward,
     "NormalizeObservation": wrappers.NormalizeObservation,
-    "FlattenObservation": wrappers.FlattenObservation,
-    "DictInfoToList": wrappers.DictInfoToList,
-    "ClipReward": lambda env: wrappers.ClipReward(env, -1.0, 1.0),
-    "TransformReward": lambda env: wrappers.TransformReward(env, lambda reward: 2 * reward),
-    "TransformObservation": lambda env: wrappers.TransformObservation(env, lambda seen: 2 * seen),
-    "DtypeObservation": lambda env: wrappers.DtypeObservation(env, np.float32),
+    "RecordEpisodeStatistics": wrappers.RecordEpisodeStatistics,
     "ReshapeObservation": lambda env: wrappers.ReshapeObservation(env, (2, 5)),
-    "VectorizeTransformObservation": lambda env: wrappers.VectorizeTransformObservation(
-        env,
-        gymnasium.wrappers.TransformObservation,
-        func=lambda seen: -seen,
-        observation_space=None,
-    ),
-    "VectorizeTransformReward": lambda env: wrappers.VectorizeTransformReward(
-        env, gymnasium.wrappers.TransformReward, func=lambda reward: -reward
-    ),
-    "TransformAction": lambda env: wrappers.TransformAction(
-        env, lambda action: 1 - np.asarray(action)
-    ),
     "VectorizeTransformAction": lambda env: wrappers.VectorizeTransformAction(
         env, gymnasium.wrappers.TransformAction, func=lambda action: 1 - action, action_space=None
     ),
@@ -236,22 +218,6 @@ DUTIES: dict[str, Any] = {
     "RescaleAction": lambda env: wrappers.RescaleAction(env, -1.0, 1.0),
 }
 """For actions between two bounds, which pulsed and throttled craft take."""
-NOT_FOR_THESE = {
-    "FilterObservation",
-    "GrayscaleObservation",
-    "ResizeObservation",  # dicts and pictures
-    "RescaleObservation",  # of numbers between bounds, which distances have not
-    "JaxToNumpy",
-    "JaxToTorch",
-    "NumpyToTorch",  # of others' arrays; here all are torch's
-    "ArrayConversion",
-    "RecordVideo",
-    "HumanRendering",
-}  # around all others; test_vector.py
-
-
-def test_every_wrapper_of_gymnasium_is_tried() -> None:
-    assert {*WRAPPERS, *DUTIES, *NOT_FOR_THESE} == set(wrappers.__all__)
 
 
 @pytest.mark.filterwarnings("ignore:.*precision lowered")  # Gymnasium's own, where it rescales

@@ -77,12 +77,6 @@ def test_gated_throttles_are_trained_saved_flown_and_exported(tmp_path: Path) ->
     np.testing.assert_array_equal(again.act(None, None, observations), commands)
 
 
-def test_gates_need_thrusters_that_may_be_throttled(tmp_path: Path) -> None:
-    config = replace(CONFIG, ppo=replace(CONFIG.ppo, head="gated"))
-    with pytest.raises(ConfigError, match=r"the head 'gated' needs .* \(thruster 0\)"):
-        tiny_trainer(tmp_path, config)
-
-
 def test_an_agent_for_other_actuators_is_refused(tmp_path: Path) -> None:
     begun(tmp_path, Throttle()).train(ignore, after(1))
     (tmp_path / "run" / "spacecraft.toml").write_text(to_toml(PLATFORM))

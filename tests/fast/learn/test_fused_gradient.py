@@ -10,14 +10,12 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from rans.compile.cuda.design import DoesNotFit
 from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.fused_gradient import FusedGradient, MatrixGradient
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import Batch, minibatches
-from rans.fast.learn.update_layout import UpdateDesign
 from tests.support.engines import FLYER, PLATFORM
-from tests.support.training import collected, tiny_learner
+from tests.support.training import collected
 
 
 class Rounded(torch.autograd.Function):
@@ -81,15 +79,3 @@ def test_products_find_what_autograd_finds(craft: Any, settings: Any, own_critic
     history = {"memory": MemorySettings("history", 2, (0.5,))}
     learner, batch = collected(craft, **settings, **history, privileged_critic=own_critic)
     agree(MatrixGradient(learner.network, learner.adam, learner.settings), learner, batch, 0.03)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"continuous": True}, "gaussian"),
-        ({"layers": (16,)}, "1 layers"),
-    ],
-)
-def test_what_is_left_to_autograd(settings: Any, message: str) -> None:
-    with pytest.raises(DoesNotFit, match=message):
-        UpdateDesign(tiny_learner(**settings).network.architecture)

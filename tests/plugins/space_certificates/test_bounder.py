@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from rans_space_certificates.bounder import SpatialBounder
 
-from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import Event, bound, no_certificate, question
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
@@ -69,13 +68,3 @@ def test_without_the_package_space_has_the_hull_bound_and_the_reason(
     assert found.lower is None
     assert found.best >= found.hull > 0.0
     assert bounder(PLATFORM, 0.2).craft == PLATFORM  # the plane needs no package
-
-
-def test_failed_thrusters_in_space_are_refused() -> None:
-    with pytest.raises(ConfigError, match="failed thrusters in the plane only"):
-        bounder(FLYER, 0.2, dead=(0,))
-
-
-def test_a_bounder_is_a_function() -> None:
-    with pytest.raises(ConfigError, match="a bounder is a function of a spacecraft"):
-        BOUNDERS.register("sphere")(3)  # type: ignore[arg-type]

@@ -14,12 +14,10 @@ from rans_space_certificates.bounder import SpatialBounder
 from rans_space_certificates.reach import ReachRelaxation, SpinLattice
 
 from rans.errors import ConfigError, NonFiniteState
-from rans.model.actuators import Throttle
 from rans.model.body import Body
 from rans.model.dynamics import advance, wrench
 from rans.model.fields import Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate import hull
 from rans.optimal.certificate.certificate import certified_least_fuel, certified_least_time
 from rans.optimal.certificate.goal_set import GoalSet
@@ -233,38 +231,6 @@ def test_there_already_and_never() -> None:
     )
     assert late.lower > 1.8
     assert math.isinf(late.upper)
-
-
-@pytest.mark.parametrize(
-    ("craft", "sentence"),
-    [
-        (load_spacecraft("floating-platform"), "thrusters that are on or off"),
-        (load_spacecraft("free-flyer-shared"), "share no supply"),
-        (replace(FLYER, actuators=Throttle()), "thrusters that are on or off"),
-        (
-            replace(FLYER, inertia=((0.2, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.2001))),
-            "equal principal",
-        ),
-        (
-            craft_with("through", (Thruster((0.0, 0.0, 0.1), (0.0, 0.0, 1.0), 1.0),)),
-            "whole multiples",
-        ),
-        (
-            craft_with(
-                "odd",
-                (
-                    Thruster((0.1, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0),
-                    Thruster((math.pi / 10, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0),
-                ),
-            ),
-            "whole multiples",
-        ),
-    ],
-    ids=["plane", "shared", "throttled", "moments", "no torque", "no quantum"],
-)
-def test_where_there_is_no_lattice(craft: Spacecraft, sentence: str) -> None:
-    with pytest.raises(ConfigError, match=sentence):
-        SpinLattice(craft, PERIOD)
 
 
 def test_what_is_no_number_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

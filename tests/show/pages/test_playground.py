@@ -303,12 +303,6 @@ console.log(JSON.stringify(taken));"""
         np.testing.assert_allclose(row["state"], np.ravel(leaves(flight.state)), rtol=0, atol=1e-9)
 
 
-def test_what_no_page_computes_is_refused() -> None:
-    run = contestant(typed(f"{__name__}:Branching:go-to-pose-2d"))
-    with pytest.raises(ConfigError, match=r"`command` of .*Branching.* is no arithmetic on fields"):
-        playground(run, SEED)
-
-
 class Branching(PD):
     """A page knows no numbers to branch on."""
 

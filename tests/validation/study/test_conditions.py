@@ -8,13 +8,11 @@ import pytest
 
 import rans.model.dynamics
 import rans.randomization.valves
-from rans.errors import ConfigError
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
     DisturbanceConditions,
-    FaultConditions,
     ThrusterConditions,
 )
 from rans.randomization.conditions_file import load_conditions
@@ -64,15 +62,3 @@ def test_an_error_shows_in_its_group_and_in_all_together(monkeypatch: pytest.Mon
     assert failed == {
         f"{group}: {what}" for group in ("body", "all together") for what in ("motion", "told")
     }
-
-
-def test_valves_that_cannot_are_refused() -> None:
-    with pytest.raises(ConfigError, match="least_on up to 0"):
-        next(
-            condition_checks(
-                load_spacecraft("atmos"),
-                Conditions(thrusters=ThrusterConditions(least_on=0.4), faults=FaultConditions()),
-                0,
-                2,
-            )
-        )
