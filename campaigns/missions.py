@@ -22,7 +22,6 @@ from rans_missions.bounds.zones import least_to_stay
 from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.corridor import Corridor
 from rans_missions.control.guidance import VelocityToGain
-from rans_missions.control.landing_guidance import LandingGuidance
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.convex.inspection import inspection_bound
 from rans_missions.convex.landing import Descent, Lander, best_landing
@@ -35,8 +34,6 @@ from rans.errors import SolverFailed
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import Controller, Flight, fly
-from rans.model.body import Body
-from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -73,20 +70,6 @@ _WITHOUT_TRAINING = "avoid", "dock-port"
 """Missions that controllers without training fly too."""
 _PREDICTED = 8
 """Number of starts of MPC, which solves an optimal control problem in every period."""
-_LANDED: dict[str, dict[str, Any]] = {
-    "": {},
-    "moon": {
-        "gravity": 1.62,
-        "start_distance": (100.0, 300.0),
-        "start_away": (0.0, 5.0),
-        "start_across": (0.0, 5.0),
-        "start_descent": (40.0, 60.0),
-    },
-}
-"""Settings of landings that guidance flies, by what the table calls them."""
-
-_DEAD = "one engine dead"
-"""What the table calls landings without one engine."""
 
 
 @dataclass(frozen=True)
@@ -204,10 +187,6 @@ class Missions:
                 yield from self._flown(condition, spec, setup, controller, lower)
         if self.mission in _WITHOUT_TRAINING:
             yield from self._without_training()
-        if self.mission == "land":
-            for condition, settings in _LANDED.items():
-                yield from self._guided(condition, Land(**settings), None if settings else known)
-            yield from self._guided(_DEAD, Land(), None, (0,))
 
     def _without_training(self) -> Iterator[dict[str, Any]]:
         """Controllers that keep the limits of a mission without training, in the plane."""
@@ -227,45 +206,12 @@ class Missions:
             lower = _least_impulse(craft, task, timing, self.seed, self.bounded)
             yield row_of(condition, who, flight, _spent(flight), lower)
 
-    def _guided(
-        self, condition: str, task: Land, known: np.ndarray | None, dead: tuple[int, ...] = ()
-    ) -> Iterator[dict[str, Any]]:
-        """Landing guidance from the first starts, whose bounds may be known.
-
-        With dead engines it flies from those that may have a landing: from the others nothing lands, however the
-        other engines are throttled.
-        """
-        assert task.spacecraft is not None
-        craft = load_spacecraft(task.spacecraft)
-        least = self._least_propellant(craft, task, dead) if known is None else known
-        rows = np.flatnonzero(np.isfinite(least))
-        starts = scenarios(task, craft, self.seed, self.bounded)
-        body = None
-        if dead:
-            condition = f"{condition}, {len(rows)} of {self.bounded}"
-            nominal = Body.of(craft)
-            gain = tuple(0.0 if k in dead else x for k, x in enumerate(nominal.gain))
-            body = replace(nominal, gain=gain)
-        guidance = LandingGuidance(craft, task, task.timing, dead=dead)
-        for who, flying, count in (
-            ("landing guidance", fly, len(rows)),
-            ("landing guidance, in Drake", fly_in_drake, min(self.drake, len(rows))),
-        ):
-            if count:
-                few = map_leaves(
-                    lambda x, kept=rows[:count]: np.broadcast_to(x, self.bounded)[kept], starts
-                )
-                flight = flying(craft, task, guidance, few, task.timing, body=body)
-                yield row_of(condition, who, flight, _spent(flight), least[rows])
-
-    def _least_propellant(
-        self, craft: Spacecraft, task: Land, dead: tuple[int, ...] = ()
-    ) -> np.ndarray:
-        """Propellant below which nothing lands, kg, from each of the first starts; infinite: there is no landing.
+    def _least_propellant(self, craft: Spacecraft, task: Land) -> np.ndarray:
+        """Propellant below which nothing lands, kg, from each of the first starts.
 
         It is of a craft that has to turn and whose engines are throttled one by one: the means of everybody here.
         """
-        lander = Lander.of(craft, dead, apart=True)
+        lander = Lander.of(craft, apart=True)
         descent = Descent.of(task, craft=craft)
         period = task.timing.control_period
         times = period, period * task.timing.episode_steps
@@ -273,9 +219,9 @@ class Missions:
         for one in each(scenarios(task, craft, self.seed, self.bounded)):
             start = np.array(one.start.p.columns()), np.array(one.start.v.columns())
             best = best_landing(lander, descent, start, period, "bound", times)
-            if best is None and not dead:
+            if best is None:
                 raise SolverFailed("a start of the evaluation has no landing.")
-            found.append(math.inf if best is None else best.dual)
+            found.append(best.dual)
         return np.array(found)
 
 

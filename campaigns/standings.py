@@ -69,14 +69,7 @@ MISSIONS = {
         _ORBITAL,
         (("mission guidance", "rendezvous, mission"),),
     ),
-    "land": Mission(
-        "",
-        (
-            (_GUIDANCE, "landing guidance"),
-            (_AGENT, "pretrained:land-3d"),
-        ),
-        unit="kg",
-    ),
+    "land": Mission("", ((_AGENT, "pretrained:land-3d"),), unit="kg"),
     "inspect": Mission(
         "",
         (

@@ -204,7 +204,7 @@ def compare(
             onnx:FILE or python:MODULE:FUNCTION, or FILE.csv with flights that were computed elsewhere
             (docs/comparison.md). The first sets task, spacecraft and control rate for the others.
         beside: controllers that join, and optimal: optimal trajectories and certified bounds. By default lqr
-            switching mpc optimal, for landings landing optimal, for inspections circumnavigation optimal.
+            switching mpc optimal, for landings optimal, for inspections circumnavigation optimal.
         conditions: see `evaluate`.
         episodes: number of starts; by default 16, of a full comparison 128, and no fewer than those with bounds.
         certified: starts whose bounds are certified, if optimal joins; by default 1, of a full comparison 4. Each

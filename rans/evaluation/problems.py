@@ -37,9 +37,9 @@ class Problem:
     solve: Callable[[Any, Spacecraft, Task], int] | None = None
     """What ``rans optimal`` does: of the command (`rans.cli.optimal.Optimal`), craft and task, its exit code. None:
     such a task has no optimum that the command computes."""
-    pictures: Callable[[Sequence[Entry], MissionBounds | None], Pictures] | None = None
-    """Figures for the page of a comparison, each with its text, of its entries and bounds; None: only those of
-    margins and of what is spent."""
+    pictures: Callable[[Sequence[Entry]], Pictures] | None = None
+    """Figures for the page of a comparison, each with its text, of its entries; None: only those of margins and of
+    what is spent."""
 
 
 def _checked(found: Any) -> Problem:

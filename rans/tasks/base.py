@@ -49,7 +49,7 @@ class Task(Settings, ABC):
 
         Args:
             task: task.
-            purpose: beginning of the message, such as "landing guidance flies descents".
+            purpose: beginning of the message, such as "corridors lead to ports".
 
         Raises:
             ConfigError: the task is of another class.

@@ -32,7 +32,6 @@ from rans_missions.tasks.orbital import OrbitalMission
 if TYPE_CHECKING:
     from rans.cli.optimal import Optimal
     from rans.evaluation.compare.contest import Entry
-    from rans.evaluation.compare.mission_bounds import MissionBounds
     from rans_missions.bounds.transfers import TransferTable
 
 
@@ -130,9 +129,7 @@ def landings(command: Optimal, craft: Spacecraft, task: Task) -> int:
     return 1 if lost else 0
 
 
-def paths_on_orbits(
-    entries: Sequence[Entry], bounds: MissionBounds | None
-) -> Iterator[tuple[Any, str]]:
+def paths_on_orbits(entries: Sequence[Entry]) -> Iterator[tuple[Any, str]]:
     """Paths of a comparison's entries in the orbital plane, and what stands below."""
     from rans_missions.figures.orbit_figures import orbital_plane
 
@@ -140,29 +137,9 @@ def paths_on_orbits(
     yield orbital_plane(entries), text
 
 
-def pictures_of_landings(
-    entries: Sequence[Entry], bounds: MissionBounds | None
-) -> Iterator[tuple[Any, str]]:
-    """Descents, and thrust and tilt, of a comparison's entries; texts stand below."""
-    from rans_missions.figures import landing_figures
-
-    yield (
-        landing_figures.descent(entries, bounds),
-        "Paths in the vertical plane of the site and the start. The dashed one gives the bound, and need not be "
-        "flyable.",
-    )
-    yield (
-        landing_figures.thrust_and_tilt(entries),
-        "Least, largest and tilt limit are dashed. The optimum has the largest thrust, the least, and the largest "
-        "again.",
-    )
-
-
 RENDEZVOUS = Problem(bounded, mission_bounds, steps_of, solve=transfers, pictures=paths_on_orbits)
 """The least impulse to a position near a target on an orbit, by a deadline."""
-LANDING = Problem(
-    bounded, mission_bounds, steps_of, ("landing", "optimal"), landings, pictures_of_landings
-)
+LANDING = Problem(bounded, mission_bounds, steps_of, ("optimal",), landings)
 """The least propellant of a landing."""
 INSPECTION = Problem(bounded, mission_bounds, steps_of, ("circumnavigation", "optimal"))
 """A lower bound of the impulse of an inspection; no optimum is known."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -12,7 +11,6 @@ from rans_missions.control.circumnavigation import Circumnavigation
 from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.corridor import Corridor
 from rans_missions.control.guidance import VelocityToGain
-from rans_missions.control.landing_guidance import LandingGuidance
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.control.passive_approach import PassiveApproach
 from rans_missions.guard import safety_filter
@@ -49,12 +47,6 @@ class Gated(Rendezvous):
     """Has a limit that recommended velocities do not keep."""
 
     keeps = (Ball,)
-
-
-def aside() -> Any:
-    """A lander whose first engine does not push through its centre of mass."""
-    first = replace(LANDER.thrusters[0], position=(0.0, 0.5, 0.0))
-    return replace(LANDER, thrusters=(first, *LANDER.thrusters[1:]))
 
 
 TASKS: list[tuple[Callable[[], Any], str]] = [
@@ -101,10 +93,6 @@ CONTROLLERS: list[tuple[Callable[[], Any], str]] = [
     (lambda: ConvexGuidance(DEPUTY, "dock", reserve=0.5), "reserve must be .* below 0.5"),
     (lambda: MissionGuidance(LANDER, Dock()), "one throttled or pulsed thruster either way"),
     (lambda: MissionGuidance("arpod-chaser", Gated()), "does not keep all limits of Gated"),
-    (lambda: LandingGuidance("free-flyer", GoToPose()), "flies descents"),
-    (lambda: LandingGuidance(replace(LANDER, wheels=()), Land()), "reaction wheels"),
-    (lambda: LandingGuidance(LANDER, Land(), dead=(6,)), "dead engines are some"),
-    (lambda: LandingGuidance(aside(), Land(), dead=(1,)), "the others turn"),
 ]
 FILTERS: list[tuple[Callable[[], Any], str]] = [
     (lambda: safety_filter(Setup(PLATFORM, GoToPose())), "GoToPose has none"),

@@ -33,8 +33,6 @@ class MissionBounds:
     """(m,) of success by each of these times, or of a landing at this time; infinite: there is none."""
     spending: Literal["impulse", "propellant"] = "impulse"
     """What is bounded: impulse, N s, or propellant, kg."""
-    path: np.ndarray | None = None
-    """(N + 1, 3) m: the positions of the landing that gives the bound of the first start; None: no landing."""
     deadlines: np.ndarray | None = None
     """(n,) s: deadline of each of these starts; None: the end of the episode."""
 

@@ -133,7 +133,7 @@ def _mission(comparison: Comparison) -> Iterator[Section]:
     # Paths and whatever else the kind of mission needs.
     problem = problem_of(comparison.contest.task)
     if problem is not None and problem.pictures is not None and is_installed("matplotlib"):
-        drawn = problem.pictures(entries, bounds)
+        drawn = problem.pictures(entries)
         pictures += [Picture.of(figure, text) for figure, text in drawn]
     # Cost beside the certified bounds.
     if bounds is not None:

@@ -25,7 +25,6 @@ CONTROLLERS_OF_POSES = sorted(
         "circumnavigation",
         "convex",
         "corridor",
-        "landing",
         "mission",
         "passive",
     }

@@ -150,7 +150,7 @@ def _landing_bounds(contest: Contest, progress: Progress) -> MissionBounds:
     ]
     progress(1)
     front = np.array([math.inf if landing is None else landing.dual for landing in landings])
-    return MissionBounds(np.array([first.dual]), around, front, "propellant", first.p)
+    return MissionBounds(np.array([first.dual]), around, front, "propellant")
 
 
 def _best_landing(contest: Contest, k: int) -> Landing | None:

@@ -15,16 +15,18 @@ import numpy as np
 from rans.extend import (
     Ball,
     Cone,
+    ConfigError,
     Shape,
     SolverFailed,
     Spacecraft,
     SpeedLimit,
     Task,
     Timing,
+    is_finite,
     map_leaves,
 )
+from rans.optimal.control.regulator import ModelBased
 from rans_missions.control.afterwards import Afterwards
-from rans_missions.control.planning import PlanningGuidance
 from rans_missions.convex.holding import flight_that_holds
 from rans_missions.convex.rendezvous import (
     Meeting,
@@ -49,7 +51,7 @@ class _Plan:
     """(checks + 1, 2 d) expected at every check from now on."""
 
 
-class ConvexGuidance(PlanningGuidance[_Plan]):
+class ConvexGuidance(ModelBased):
     """Flies the transfer of least impulse that keeps a mission's limits, planned by a conic program.
 
     >>> rans.ConvexGuidance("afrl-deputy", "dock")
@@ -74,7 +76,9 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
     """
 
     name = "convex"
+    slow = True
     follows_orbits: ClassVar[bool] = True
+    heeds_constraints: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -83,7 +87,13 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
         timing: Timing | None = None,
         reserve: float = 0.005,
     ) -> None:
-        super().__init__(craft, task, timing, reserve)
+        super().__init__(craft, task, timing)
+        if not (is_finite(reserve) and 0.0 <= reserve < 0.5):
+            raise ConfigError(f"reserve must be at least 0 and below 0.5, got {reserve!r}.")
+        self._reserve = reserve
+        self._plans: list[_Plan | None] = []
+        self.failures = 0
+        """Number of times that no plan was found."""
         self._mission = OrbitalMission.expected(
             self._task, "convex guidance flies missions on an orbit"
         )
@@ -94,7 +104,7 @@ class ConvexGuidance(PlanningGuidance[_Plan]):
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; plans and arrivals are forgotten."""
-        super().reset(count)
+        self._plans = [None] * count
         self._afterwards.reset(count)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:

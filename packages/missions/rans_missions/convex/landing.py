@@ -153,16 +153,6 @@ def full_thrust(craft: Spacecraft, dead: Sequence[int] = ()) -> np.ndarray:
     return np.array([np.multiply(t.direction, t.force) for t in live]).sum(axis=0)
 
 
-def thrust_offset(craft: Spacecraft, dead: Sequence[int]) -> float:
-    """Angle between z of B and the thrust of all engines but the dead ones, throttled alike, rad.
-
-    Raises:
-        ConfigError: see `full_thrust`.
-    """
-    force = full_thrust(craft, dead)
-    return math.acos(min(1.0, float(force[2] / np.linalg.norm(force))))
-
-
 @dataclass(frozen=True)
 class Descent:
     """Conditions of a landing: gravity, limits and its end.
@@ -259,7 +249,6 @@ def landing(
     time: float,
     period: float = 0.5,
     side: Side = "flyable",
-    propellant: float | None = None,
 ) -> Landing | None:
     """Landing in a given time (s) with the least propellant.
 
@@ -274,7 +263,6 @@ def landing(
         period: for which an acceleration is held, s.
         side: "flyable" keeps the true bounds of the thrust, and is flown; "bound" relaxes the upper one so that
             no landing in this time with accelerations held for such periods needs less.
-        propellant: left at the start, kg; None: a full tank.
 
     Raises:
         ConfigError: a plan is to be flown, and engines are throttled one by one.
@@ -287,7 +275,7 @@ def landing(
     count = round(time / period)
     if count < 1:
         return None
-    problem = _Problem(lander, descent, start, np.full(count, period), propellant)
+    problem = _Problem(lander, descent, start, np.full(count, period))
     result = problem.solved(problem.heaviest if side == "bound" else problem.middle, side)
     if result is None:
         return None
@@ -314,7 +302,6 @@ def best_landing(
     period: float = 0.5,
     side: Side = "flyable",
     times: tuple[float, float] = (2.0, 120.0),
-    propellant: float | None = None,
 ) -> Landing | None:
     """Landing with the least propellant of all flight times that are whole periods; None: see `landing`.
 
@@ -333,7 +320,6 @@ def best_landing(
         period: for which an acceleration is held, s.
         side: as for `landing`.
         times: shortest and longest flight that counts, s.
-        propellant: left at the start, kg; None: a full tank.
 
     Raises:
         ConfigError: see `landing`.
@@ -360,7 +346,7 @@ def best_landing(
         if level > len(_FLOORS):
             return solutions[first]
         if level == len(_FLOORS):
-            result = landing(lander, descent, start, first * period, period, side, propellant)
+            result = landing(lander, descent, start, first * period, period, side)
             if result is None:
                 continue
             solutions[first] = result
@@ -368,7 +354,7 @@ def best_landing(
         else:
             merged = max(1, round(_FLOORS[level][0] / period))
             try:
-                floor = _floor(lander, descent, start, (first, last), period, merged, propellant)
+                floor = _floor(lander, descent, start, (first, last), period, merged)
             except SolverFailed:
                 floor = least  # the next level asks again
         if math.isfinite(floor):
@@ -384,7 +370,6 @@ def _floor(
     counts: tuple[int, int],
     period: float,
     merged: int,
-    propellant: float | None,
 ) -> float:
     """Lower bound of all landings whose flight has so many periods, kg; infinite: there is none.
 
@@ -399,7 +384,6 @@ def _floor(
         counts: first and last flight time, in periods.
         period: s.
         merged: how many become one.
-        propellant: left at the start, kg; None: a full tank.
 
     Raises:
         SolverFailed: see `landing`.
@@ -410,7 +394,7 @@ def _floor(
     whole, rest = divmod(last, merged)
     lengths = period * np.array([rest] * (rest > 0) + [merged] * whole)
     late = (last - first) * period
-    problem = _Problem(lander, descent, start, lengths, propellant, varies=True, late=late)
+    problem = _Problem(lander, descent, start, lengths, varies=True, late=late)
     answer = problem.answer(problem.heaviest, "bound")
     return math.inf if answer is None else problem.needed(answer)
 
@@ -435,7 +419,6 @@ class _Problem:
         descent: Descent,
         start: tuple[np.ndarray, np.ndarray],
         lengths: np.ndarray,
-        propellant: float | None,
         varies: bool = False,
         late: float = 0.0,
     ) -> None:
@@ -447,7 +430,6 @@ class _Problem:
         self.groups = 2 if varies else 1
         self.start = start
         self.late = late
-        self.spent = 0.0 if propellant is None else lander.propellant - propellant
         self.knots = 7 * (count + 1)
         self.width = 5 if lander.corners else 4
         self.controls = self.groups * count
@@ -455,7 +437,7 @@ class _Problem:
         dry = lander.mass - lander.propellant
         self.times = np.concatenate([[0.0], np.cumsum(lengths)])
         elapsed = self.times
-        full = lander.mass - self.spent
+        full = lander.mass
         lightest = full - lander.largest_thrust / lander.exhaust_speed * elapsed
         # ln m of craft that burn as much, and as little, as they can.
         self.lightest = np.log(np.maximum(lightest, dry))
@@ -496,8 +478,8 @@ class _Problem:
 
     def needed(self, answer: Any) -> float:
         """Propellant that the dual solution proves to be needed, kg."""
-        full = self.lander.mass - self.spent
-        return float(full - self.lander.mass * math.exp(-float(answer.obj_val_dual)))
+        full = self.lander.mass
+        return float(full - full * math.exp(-float(answer.obj_val_dual)))
 
     def _farthest(self, side: Side) -> np.ndarray:
         """(n,) sizes that no variable exceeds: the largest acceleration all the way, in any direction.
@@ -579,13 +561,12 @@ class _Problem:
         fallen = np.concatenate([0.5 * g, np.zeros(4)]), np.concatenate([np.zeros(3), g, [0.0]])
         falling = np.outer(steps**2, fallen[0]) + np.outer(steps, fallen[1])
         p, v = self.start
-        full = math.log((self.lander.mass - self.spent) / self.lander.mass)
         begin = np.eye(7)
         if self.late:
             # The time d of falling before the start is read from the vertical velocity: it was v - d g.
             begin[:2, 5] = v[:2] / _SPEED / -g[2]
         exact = [0, 1, 3, 4, 6] if self.late else [*range(7)]
-        at = np.concatenate([p / _LENGTH, v / _SPEED, [full]])
+        at = np.concatenate([p / _LENGTH, v / _SPEED, [0.0]])
         at[:2] += begin[:2, 5] * at[5]
         rows = [motion, sparse.csc_matrix((begin[exact]), shape=(len(exact), 7))]
         rows[1] = _selected(rows[1], 0, self.size)

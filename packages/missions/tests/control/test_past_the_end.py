@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_missions.control.landing_guidance import LandingGuidance
-from rans_missions.tasks import Dock, FinalApproach, Hold, Land, Rendezvous
+from rans_missions.tasks import Dock, FinalApproach, Hold, Rendezvous
 from rans_missions.tasks.orbital import OrbitalMission
 
 from rans.episode import Setup
@@ -105,31 +104,6 @@ def test_a_missed_deadline_is_followed_by_a_new_plan() -> None:
     # The same plan, and what staying costs.
     stays = REVERSALS * task.velocity_tolerance * 2.0
     assert continued.change.sum() < planned.change.sum() + stays
-
-
-@pytest.mark.slow
-def test_engines_are_shut_from_the_contact_on() -> None:
-    """A metre above the site at 0.3 m/s it has landed; below the ground it has crashed; above it flies."""
-    setup = setup_of(Land())
-    guidance = LandingGuidance(*setup[:3])
-    drawn: Any = scenarios(setup.task, setup.craft, 1, 3)
-    start = drawn.start
-    zero = np.zeros(3)
-    p = Vec3(np.array([0.0, 500.0, 0.0]), zero, np.array([0.9, -0.1, 300.0]))
-    v = Vec3(zero, zero, np.array([-0.3, -40.0, -60.0]))
-    stores = tuple(np.full(3, store.initial) for store in setup.craft.stores)
-    state = replace(start, p=p, v=v, stores=stores)
-    guidance.reset(3)
-    command = guidance.act(state, drawn.goal, np.zeros((3, 1)))
-    engines = len(setup.craft.thrusters)
-    # Its engines are always lit: shut is their least level.
-    assert (command[:2, :engines] == setup.craft.actuators.low).all()
-    assert (command[:2, engines:] == 0.0).all()
-    # A landed craft stays so, whatever it bounces.
-    bounced = replace(state, p=replace(p, z=np.array([2.0, 0.3, 295.0])))
-    again = guidance.act(bounced, drawn.goal, np.zeros((3, 1)))
-    assert (again[:2] == command[:2]).all()
-    assert (again[2, :engines] > setup.craft.actuators.low).any()
 
 
 @pytest.mark.slow

@@ -82,7 +82,7 @@ def test_no_landing_is_below_the_bounds_of_its_flight_time(apart: bool) -> None:
                 # Alone, and with those that are up to a longest period of the program shorter or longer.
                 first = (count - 1) // merged * merged + 1
                 for counts in ((count, count), (first, first + merged - 1)):
-                    floor = _floor(lander, descent, (p, v), counts, 1.0, merged, None)
+                    floor = _floor(lander, descent, (p, v), counts, 1.0, merged)
                     assert floor <= needed + 1e-4
                     if one is not None and counts[0] == counts[1]:
                         sharpness.append(floor / needed)
