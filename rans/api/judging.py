@@ -112,7 +112,6 @@ def evaluate(
     protocol: ProtocolName = "own",
     guard: bool = False,
     guard_slack: float | None = None,
-    guard_coasts: bool = False,
     start: State | None = None,
     goal: State | None = None,
     zones: Sequence[Sequence[float]] = (),
@@ -140,8 +139,6 @@ def evaluate(
             (docs/missions/guard.md).
         guard_slack: least margin that the filter keeps, in the unit of each constraint (m or m/s); by default
             0.002, and a reserve for the conditions' noise.
-        guard_coasts: whether to have the filter also replace commands after which the coast of the next orbit would
-            enter the zone around the target if all thrusters shut (docs/missions/passive_safety.md).
         start: your own start in place of sampled ones. Episodes then differ in conditions only; without conditions
             there is one.
         goal: your own goal, in the same form; by default that of the scenario.
@@ -165,7 +162,7 @@ def evaluate(
             f"{run.controller.name}#{first}."
         )
     count = whole("episodes", episodes)
-    flying = run.under(conditions_if_named(conditions)).guarded(guard, guard_slack, guard_coasts)
+    flying = run.under(conditions_if_named(conditions)).guarded(guard, guard_slack)
     return measure(flown(flying, count, seed, engine, endpoints=own_endpoints(start, goal, zones)))
 
 

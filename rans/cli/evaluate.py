@@ -99,7 +99,7 @@ class Evaluate(Options):
 
         run = contestant(self.agent, self.protocol, trust=self.trust, period=self.period)
         run = run.under(conditions_if_named(self.conditions))
-        run = run.guarded(self.guard, self.guard_slack, self.guard_coasts)
+        run = run.guarded(self.guard, self.guard_slack)
         name = self.agent
         if remark := getattr(run.controller, "remark", ""):
             Terminal().say(remark)
@@ -245,8 +245,6 @@ class Evaluate(Options):
         if self.conditions is not None:
             conditions = conditions_label(self.conditions, run.conditions or Conditions())
         guard = "guard" if self.guard else ""
-        if self.guard_coasts:
-            guard = "guard-coasts"
         endpoints = ""
         if self.start or self.goal or self.zones:
             own = self.changed("start", "goal", "zones")

@@ -117,19 +117,15 @@ class LoadedRun(NamedTuple):
             warn_of_implausible(loaded, self.craft)
         return self._replace(controller=informed(self.controller, loaded), conditions=loaded)
 
-    def guarded(
-        self, guard: bool = True, slack: float | None = None, safe_coasts: bool = False
-    ) -> LoadedRun:
+    def guarded(self, guard: bool = True, slack: float | None = None) -> LoadedRun:
         """The run with the safety filter for its setup (`rans.safety_filters.safety_filter`), if ``guard``.
 
         Raises:
-            ConfigError: the task has no constraints, no filter knows the craft, or there is a slack, or coasts are
-                to be safe, but there is no filter.
+            ConfigError: the task has no constraints, no filter knows the craft, or there is a slack but no
+                filter.
         """
         if guard:
-            return self._replace(guard=safety_filter(self.judged, slack, safe_coasts))
-        if safe_coasts:
-            raise ConfigError("--guard-coasts is for the coasts of a safety filter: add --guard.")
+            return self._replace(guard=safety_filter(self.judged, slack))
         if slack is not None:
             raise ConfigError(
                 "guard_slack is the least margin of a safety filter: fly behind one, by --guard or guard=True."

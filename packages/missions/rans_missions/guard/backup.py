@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from rans.extend import Command, Field, World, where
 from rans_missions.guard.ahead import SLACK, Ahead
@@ -20,10 +20,11 @@ from rans_missions.guard.manoeuvres import (
     manoeuvres,
     slowest_change,
 )
-from rans_missions.guard.replacing import Replacing
 from rans_missions.guard.rows import (
+    batched,
     copied,
     count,
+    is_array,
     lesser,
     like,
     repeated,
@@ -41,7 +42,7 @@ _BLENDS = (0.25, 0.5, 0.75)
 
 
 @dataclass(frozen=True)
-class FlownBackup(Replacing):
+class FlownBackup:
     """Safety filter by simulated backup manoeuvres, a `rans.episode.Guard`.
 
     A state is safe if the craft may coast from it (`rans_missions.guard.coasting.Coasting`), or if one of
@@ -63,6 +64,8 @@ class FlownBackup(Replacing):
     for known noise and delays; faults and disturbances are not accounted for.
     """
 
+    by_values: ClassVar[bool] = True
+
     periods: int = PERIODS
     """Largest number of control periods of a backup manoeuvre, or of braking."""
     slack: float = SLACK
@@ -76,8 +79,31 @@ class FlownBackup(Replacing):
     episode."""
     name: str = "flown backup"
 
-    def _expected(self) -> tuple[Reserve, float]:
-        return self.reserve, self.delay
+    def admitted(
+        self,
+        world: World,
+        state: Any,
+        goal: Any,
+        command: Command,
+        before: tuple[Command, ...] = (),
+    ) -> tuple[Command, Field]:
+        """Safe command in place of the desired one, and whether it differs; see `rans.episode.Guard.admitted`."""
+        (state, goal, command), single = batched((state, goal, tuple(command)))
+        size = count((state, command))
+        command = tuple(x if is_array(x) else like(state, size, x) for x in command)
+        search = _Search.of(self, world)
+        state, goal = search.ahead.delayed(state, goal, before, self.delay)
+        refused = where_true(~search.passes(state, goal, command, search.ways))
+        changed = truths(state, size)
+        admitted = tuple(copied(x) for x in command)
+        if len(refused):
+            instead = search.instead(*taken((state, goal, command), refused))
+            for x, new in zip(admitted, instead, strict=True):
+                changed[refused] |= x[refused] != new
+                x[refused] = new
+        if single:
+            return tuple(float(x[0]) for x in admitted), bool(changed[0])
+        return admitted, changed
 
     def passes(self, world: World, state: Any, goal: Any, command: Command) -> Field:
         """Whether commands (N,) of arrays or tensors pass unchanged, without a delay, (N,)."""
@@ -88,9 +114,6 @@ class FlownBackup(Replacing):
         """Whether states (N,) of arrays or tensors are safe: the filter can keep all margins from there, (N,)."""
         search = _Search.of(self, world)
         return search.safe(state, goal, search.ways)
-
-    def _instead(self, world: World, state: Any, goal: Any, command: Command) -> Command:
-        return _Search.of(self, world).instead(state, goal, command)
 
 
 class _Arrival(NamedTuple):
