@@ -21,7 +21,6 @@ from rans_missions.bounds.transfers import judged_approaches, transfer_bounds
 from rans_missions.bounds.zones import least_to_stay
 from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.corridor import Corridor
-from rans_missions.control.guidance import VelocityToGain
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.convex.inspection import inspection_bound
 from rans_missions.convex.landing import Descent, Lander, best_landing
@@ -127,7 +126,6 @@ class Missions:
                     yield from self._flown(condition, who, setup, agent, lower)
                 fewer = scenarios(task, craft, self.seed, planned or self.bounded)
                 makers: dict[str, tuple[Callable[..., Controller], Scenario]] = {
-                    "guidance": (VelocityToGain, starts),
                     "mission guidance": (MissionGuidance, starts),
                     "convex guidance": (ConvexGuidance, fewer),
                     "LQR": (LQR, few),

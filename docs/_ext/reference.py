@@ -67,7 +67,7 @@ API = {
         "SensorsConditions load_conditions"
     ),
     "Controllers": (
-        "LQR Switching MPC VelocityToGain MissionGuidance ConvexGuidance Corridor "
+        "LQR Switching MPC MissionGuidance ConvexGuidance Corridor "
         "Circumnavigation PassiveApproach Pilot"
     ),
     "Flights": "Timing fly passive_safety write_ccsds read_opm relative_state trust_files run_on",

@@ -23,9 +23,9 @@ from rans.tasks.shapes import Ball, Cone
 FLIGHTS = 4
 """Flights in a picture."""
 CONTROLLERS = {
-    "dock": "guidance",
-    "hold": "guidance",
-    "rendezvous": "guidance",
+    "dock": "mission",
+    "hold": "mission",
+    "rendezvous": "mission",
     "inspect": "circumnavigation",
     "final-approach": "corridor",
 }

@@ -128,10 +128,6 @@ class Task(Settings, ABC):
         """
         return {}
 
-    def arrival(self, goal: State) -> Field | None:
-        """Time (s) until the planned arrival, for controllers without training; None: there is no plan."""
-        return None
-
     def scenery(self, goal: State) -> tuple[Shape, ...]:
         """Zones, cones and limits at the goal's instant, for pages and safety filters; by default none.
 

@@ -9,7 +9,6 @@ import pytest
 from rans_missions.control.circumnavigation import Circumnavigation
 from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.corridor import Corridor
-from rans_missions.control.guidance import VelocityToGain
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.control.passive_approach import PassiveApproach
 from rans_missions.guard import safety_filter
@@ -30,7 +29,7 @@ from rans.errors import ConfigError
 from rans.flight import Setup
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.lqr import LQR
-from rans.tasks import GoToPose, GoToPosition, TrackVelocity
+from rans.tasks import GoToPose
 from rans.tasks.shapes import Ball
 
 PLATFORM = load_spacecraft("floating-platform")
@@ -82,8 +81,6 @@ ORBITS: list[tuple[Callable[[], Any], str]] = [
 CONTROLLERS: list[tuple[Callable[[], Any], str]] = [
     (lambda: LQR(DEPUTY, Dock(orbit=ELLIPSE)), "LQR .* changes along the orbit; fly a circular"),
     (lambda: LQR(CHASER, Hold(orbit=LOW)), "perturbed-orbit changes along the orbit"),
-    (lambda: VelocityToGain(PLATFORM, TrackVelocity()), "no tolerance for the position"),
-    (lambda: VelocityToGain(PLATFORM, GoToPosition(), deadline=-1.0), "finite and > 0 s, got -1"),
     (lambda: Circumnavigation(PLATFORM, GoToPose()), "inspections, and GoToPose is not one"),
     (lambda: Circumnavigation(DEPUTY, Inspect(view_degrees=60.0)), "must be 90, got 60"),
     (lambda: Corridor(PLATFORM, GoToPose()), "final approaches, and GoToPose is not one"),

@@ -31,7 +31,6 @@ from rans.scenario import each
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.corridor import Corridor
-from rans_missions.control.guidance import VelocityToGain
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.convex.approach import PortMeeting, flight_to_port, least_to_approach
 from rans_missions.convex.holding import flight_that_holds, least_to_hold
@@ -138,10 +137,6 @@ def contestants_of(
 
     makers: dict[str, Callable[[OrbitalMission], Controller]] = {
         **{spec: flown_by(spec) for spec in agents},
-        "guidance": lambda task: VelocityToGain(craft, task, task.timing),
-        "guidance to the deadline": lambda task: VelocityToGain(
-            craft, task, task.timing, deadline=task.deadline[1]
-        ),
         "mission guidance": lambda task: MissionGuidance(craft, task, task.timing),
         "convex guidance": lambda task: ConvexGuidance(craft, task, task.timing),
         "LQR": lambda task: LQR(craft, task, task.timing),

@@ -1,4 +1,4 @@
-"""Guidance by convex programs: it keeps limits that other guidance breaks, and finds back to its way."""
+"""Guidance by convex programs: it keeps limits, and finds back to its way."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from rans_missions.bounds.transfers import row_of, transfer_bounds
 from rans_missions.control.convex_guidance import ConvexGuidance
-from rans_missions.control.guidance import VelocityToGain
 from rans_missions.tasks import Dock, TargetOrbit
 
 from rans.flight import fly
@@ -20,13 +19,10 @@ DEPUTY = load_spacecraft("afrl-deputy")
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.* does not know the constraints")
-def test_it_docks_below_the_speed_limit_where_other_guidance_breaks_it() -> None:
+def test_it_docks_below_the_speed_limit_near_the_bound() -> None:
     task = Dock(deadline=(700.0, 700.0))
     starts = scenarios(task, DEPUTY, 7, 4)
-    fast = row_of("", fly(DEPUTY, task, VelocityToGain(DEPUTY, task), starts, task.timing))
     kept = row_of("", fly(DEPUTY, task, ConvexGuidance(DEPUTY, task), starts, task.timing))
-    assert fast.violated.any()
     assert kept.docked.all()
     lower = np.array([answer.lower for answer in transfer_bounds(DEPUTY, task, starts, 700.0)])
     ratios = kept.impulse / lower
