@@ -165,42 +165,9 @@ def test_comments_of_gazebo_are_read_and_texts_that_look_so_are_left(tmp_path: P
     assert read(text, tmp_path).mass == read(whole, tmp_path).mass == 17.0
 
 
-BAD_BODIES = [("-1", "0.1 0.1 0.1"), ("1", "-0.2 0.1 0.1"), ("1", "0.0001 0.0001 0.9")]
-
-
-@pytest.mark.parametrize(("mass", "moments"), BAD_BODIES)
-def test_bodies_that_cannot_be_are_refused_by_name(mass: str, moments: str, tmp_path: Path) -> None:
-    """Although the whole craft could be: a heavy hull is beside the link."""
-    joint = "<joint name='j' type='fixed'><parent link='b'/><child link='leg'/></joint>"
-    text = f"<robot name='r'>{link('b')}{link('leg', mass, moments)}{joint}</robot>"
-    what = "mass" if mass == "-1" else "inertia"
-    with pytest.raises(ConfigError, match=f"the {what} of the link 'leg' must be"):
-        read(text, tmp_path)
-
-
 def test_moments_of_a_plate_in_two_digits_are_read(tmp_path: Path) -> None:
     text = f"<robot name='m'>{link('plate', '1', '0.050 0.050 0.1005')}</robot>"
     assert read(text, tmp_path).inertia is not None
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        (jets("0 0 0 0 0 0", "1 0 0 0 0 0", numbers=[2, 2]), "'jet_0' and 'jet_1' have one act.*2"),
-        (jets("0 0 0 0 0 0", "1 0 0 0 0 0", numbers=[None, 0]), "'jet_0' has no <actuator_num"),
-        (jets("0 0 0 0 0 0", numbers=["9" * 5000]), "actuator_number of 'jet_0' must be a whole"),
-        (jets("0 0 0 0 0 0", numbers=["-1"]), "must be a whole number below a million, got '-1'"),
-        (jets("0 0 0 0 0 0", numbers=["٣"]), "must be a whole number below a million"),
-        (
-            jets("0 0 0 0 0 0", "1 0 0 0 0 0").replace("<link_name>jet_1", "<link_name>jet_0"),
-            "two plugins SpacecraftThrusterModel name the link 'jet_0'",
-        ),
-        (jets("0 0 0 0 0 0", force="x"), "max_thrust of jet_0 must be 1 finite number"),
-    ],
-)
-def test_plugins_that_share_are_refused(text: str, reason: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=reason):
-        read(text, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -249,35 +216,6 @@ def test_the_hint_for_a_file_of_mujoco_is_no_command_that_refuses_it(tmp_path: P
     (tmp_path / "m.urdf").write_text("")
     with pytest.raises(ConfigError, match=r"rans init m\.toml --from .*m\.urdf"):
         rans.load_spacecraft(tmp_path / "m.urdf")
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("", "no XML, or damaged"),
-        ("<robot><link name='a'></robot>", "no XML, or damaged"),
-        ("<!DOCTYPE x [<!ENTITY a 'aa'>]><robot>&a;</robot>", "declares entities"),
-        ("<sdf/>", "root is <robot>"),
-        ("<robot/>", "1 to 10,000 links, got 0"),
-        ("<robot><link name='a'/></robot>", "no link has a mass"),
-        ("<robot><link name='a'/><link name='a'/></robot>", "name of its own"),
-        ("<robot><link name='a'/><link name='b'/></robot>", "one root link"),
-        ("<robot xmlns:x='http://xacro'><x:macro/><link name='a'/></robot>", "xacro file"),
-        (
-            "<robot><link name='a'><inertial><mass value='nan'/></inertial></link></robot>",
-            "the mass of 'a' must be 1 finite number",
-        ),
-        (
-            "<robot><link name='a'/><link name='b'/><link name='c'/>"
-            "<joint name='j'><parent link='b'/><child link='c'/></joint>"
-            "<joint name='k'><parent link='c'/><child link='b'/></joint></robot>",
-            "form a ring",
-        ),
-    ],
-)
-def test_what_is_no_spacecraft_is_refused(text: str, reason: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=reason):
-        read(text, tmp_path)
 
 
 @pytest.mark.parametrize("count", [20, pytest.param(1000, marks=pytest.mark.slow)])

@@ -9,8 +9,6 @@ import pytest
 from rans_assurance.assure.bounds import CampaignPlan, flights_needed, lower, plan, upper
 from scipy.stats import binomtest
 
-from rans.errors import ConfigError
-
 
 @pytest.mark.parametrize(
     ("events", "flights"), [(0, 10), (3, 1000), (10, 10), (17, 10**6), (0, 10**9)]
@@ -103,29 +101,3 @@ def test_what_a_look_allows_is_the_most_that_it_finds_rare_enough() -> None:
         most = made.allowed(look)
         assert made.decision(most, look.flights) == "below"
         assert made.decision(most + 1, look.flights) != "below"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ((1.0, 100, None), "confidence"),
-        ((0.99, 100, 0.0), "--failure-below"),
-        ((0.99, 1000, 1e-7), "47,105,3"),
-        ((0.99, None, 1e-300), "cannot show a probability below 1e-300"),
-    ],
-)
-def test_wrong_wishes_are_refused_in_a_sentence(
-    arguments: tuple[float, int | None, float], words: str
-) -> None:
-    with pytest.raises(ConfigError, match=words):
-        plan(*arguments)
-
-
-@pytest.mark.parametrize(
-    ("confidence", "advice"),
-    [(0.01, "at least 0.5"), (0.3, "at least 0.5"), (99.0, "mean 0.99"), (1.0, "below 1")],
-)
-def test_a_confidence_is_no_error_probability(confidence: float, advice: str) -> None:
-    with pytest.raises(ConfigError, match=advice):
-        plan(confidence, 20)
-    assert plan(0.5, 20).confidence == 0.5

@@ -147,21 +147,6 @@ def test_a_bound_that_is_refuted_ends_with_1(
     assert "Refuted" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("typed", "words"),
-    [
-        ("pretrained:multi-task-2d", "#go-to-pose"),
-        (f"{AGENT} --episodes -1", "--episodes"),
-        (f"{AGENT} --failure-below 1e-12", "2,147,483,647 flights cannot show"),
-        (f"{AGENT} --episodes 1 --search perfect", "--search perfect"),
-        (f"{AGENT} --episodes 1 --search labb", "did you mean lab?"),
-        ("lqr:go-to-pose-2d --episodes 1 --search lab", "an agent that RANS trained"),
-    ],
-)
-def test_wrong_input_is_refused_in_a_sentence(typed: str, words: str, refused: Any) -> None:
-    assert words in refused(f"assure {typed}")
-
-
 @pytest.mark.slow
 def test_it_needs_neither_drake_nor_pictures(tmp_path: Path) -> None:
     code = """

@@ -11,11 +11,9 @@ import pytest
 from rans_assurance.follow.follow import START_SPREAD, fly_path
 from rans_assurance.follow.paths import LookAhead, circle, helix
 
-from rans.errors import ConfigError
 from rans.files import plain
 from rans.model.timing import Timing
-from rans.tasks import GoToPosition, TrackVelocity
-from rans.tasks.multi_task import MultiTask
+from rans.tasks import TrackVelocity
 
 from .path_flights import FLYER, LINE, PLATFORM, Tracker, by_hand, flown
 
@@ -110,37 +108,6 @@ def test_the_tracker_sees_the_command_as_its_goal() -> None:
     following = fly_path(PLATFORM, task, Watching(PLATFORM), LookAhead(LINE), Timing(), 5, 2)
     wanted = following.commands - following.velocities[:-1]
     np.testing.assert_allclose(np.stack(seen)[:, :, 6:8], wanted, atol=1e-7)  # float32
-
-
-@pytest.mark.parametrize(
-    ("planner", "task", "said"),
-    [
-        (
-            LookAhead(LINE),
-            MultiTask(tasks=("go-to-position", "track-velocity")),
-            "as in .*#track-velocity",
-        ),
-        (
-            LookAhead(LINE),
-            GoToPosition(),
-            "only an agent trained for track-velocity can follow a path",
-        ),
-        (
-            LookAhead(LINE, speed=1e-9),
-            TrackVelocity(),
-            "at 1e-09 m/s .* takes .* periods, .*: fly faster",
-        ),
-        (LookAhead(LINE, speed=0.8), TrackVelocity(), r"must be at most the 0\.75 m/s .* got 0\.8"),
-        (
-            LookAhead(helix()),
-            TrackVelocity(),
-            "helix is spatial, but floating-platform moves in a plane",
-        ),
-    ],
-)
-def test_what_cannot_be_followed(planner: LookAhead, task: Any, said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
-        fly_path(PLATFORM, task, Tracker(PLATFORM), planner, Timing(), 0, 2)
 
 
 def test_drake_follows_as_we_do() -> None:

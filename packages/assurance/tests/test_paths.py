@@ -208,20 +208,6 @@ def test_progress_never_goes_back_nor_jumps(name: str, seed: int, radius: float)
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"speed": 0.0}, "the speed must be a finite number > 0 m/s, got 0.0"),
-        ({"speed": math.nan}, "the speed must be a finite number > 0 m/s, got nan"),
-        ({"radius": 0.005}, "the look-ahead must be a finite number >= 0.01 m"),
-        ({"radius": math.inf}, "the look-ahead must be a finite number >= 0.01 m"),
-    ],
-)
-def test_a_planner_needs_sane_values(given: dict[str, float], said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
-        LookAhead(LINE, **given)
-
-
-@pytest.mark.parametrize(
     ("text", "length", "closed", "dimension"),
     [
         ("0,0\n3,4\n", 5.0, False, 2),
@@ -240,37 +226,6 @@ def test_a_file(text: str, length: float, closed: bool, dimension: int, tmp_path
     assert path.length == pytest.approx(length, abs=0.01)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("", "is empty"),
-        ("x,y\n", r"at least two different points, .* got 0\."),
-        ("1,2\n1,2\n", r"at least two different points, .* got 1\."),
-        ("0,0\n0.05,0\n", r"must be 0.1 to 5000 m long, got 0.05 m"),
-        ("0,0\n6000,0\n", r"got 6000 m; are the coordinates in metres\?"),
-        ("x,y\n0,0\n1,here\n", "line 3: y must be a finite number, got 'here'"),
-        ("x,y\n0,0\n1,\n", "line 3: y must be"),
-        ("0,0\n1,nan\n", "line 2: y must be"),
-        ("0,0\n1e9,0\n", "line 2: coordinates must be within"),
-        ("0,0\n1,0,0\n", "line 2, has 3 cells instead of 2"),
-        ("0\n1\n", "must hold points x,y or x,y,z"),
-        ("x,y\nx,y\n0,0\n", "line 2: x must be"),
-        ("x (cm),y (cm)\n0,0\n100,50\n", "must be in m"),
-        ("# path of the lab\n0\n1\n", "must hold points"),
-        ("east,north\n0,0\n1,1\n", "must hold points"),
-        ("0,0,0,1\n1,1,1,1\n", "must hold points"),
-        ("\0\n0,0", r"path\.csv"),
-    ],
-)
-def test_a_bad_file_is_a_sentence(text: str, said: str, tmp_path: FilePath) -> None:
-    file = tmp_path / "path.csv"
-    file.write_text(text, "utf-8")
-    with pytest.raises(ConfigError, match=said) as caught:
-        read_path(file)
-    assert str(file) in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
 @given(st.binary(max_size=200))
 def test_whatever_is_in_a_file_it_is_a_path_or_a_sentence(content: bytes) -> None:
     with tempfile.NamedTemporaryFile(suffix=".csv") as file:
@@ -278,15 +233,6 @@ def test_whatever_is_in_a_file_it_is_a_path_or_a_sentence(content: bytes) -> Non
         file.flush()
         with contextlib.suppress(ConfigError):
             assert np.isfinite(read_path(FilePath(file.name)).points).all()
-
-
-def test_a_look_ahead_beyond_the_path_is_refused() -> None:
-    """1.5 m is the radius of the circle: beyond it every point is within reach from its middle."""
-    assert circle().extent == pytest.approx(1.5)
-    LookAhead(circle(), radius=1.4)
-    with pytest.raises(ConfigError, match=r"at most 1\.5 m"):
-        LookAhead(circle(), radius=3.0)
-    LookAhead(LINE, radius=0.25)
 
 
 @pytest.mark.parametrize(

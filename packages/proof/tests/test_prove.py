@@ -18,7 +18,6 @@ from rans_proof.prove import ClosedLoop, Proof, broken_start, prove
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from rans.errors import ConfigError
 from tests.support.processes import ROOT
 from tests.support.small_networks import damping, layers
 
@@ -259,9 +258,3 @@ def test_a_lost_cell_leaves_the_margins_of_others_alone() -> None:
     np.testing.assert_allclose(margins, alone, rtol=0.02)  # cells of a batch have the same steps
     assert ((margins > 0.0) == [True, False, True, False, True]).all()
     assert len(set(margins[margins > 0.0].round(6))) == 3
-
-
-@pytest.mark.parametrize("sizes", [(4, 3), (4, 1), (3, 2), (5, 2)])
-def test_a_network_of_another_size_is_refused(sizes: tuple[int, int]) -> None:
-    with pytest.raises(ConfigError, match="4 states and 2 commands"):
-        prove(problem_of(DOCKING), layers(sizes, 0))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 import shlex
 import signal
@@ -24,7 +23,6 @@ pytest.importorskip("mcap")
 from rans_missions.tasks import Avoid
 from rans_robot.bag import bag_entries
 from rans_robot.bus import UDPBus, open_bus
-from rans_robot.commands.fly import Fly
 from rans_robot.foreign import export_foreign_for_flight
 from rans_robot.frames import Motion
 from rans_robot.interfaces import RobotName, interface
@@ -203,45 +201,6 @@ def test_a_filtered_flight_comes_out_of_its_bag_again(avoider: Path, tmp_path: P
 def test_zones_that_are_missing(changes: dict[str, Any], sentence: str, avoider: Path) -> None:
     with pytest.raises(ConfigError, match=sentence):
         MessagePilot(avoiding(avoider, **changes), Avoid())
-
-
-@pytest.mark.parametrize(
-    ("changes", "sentence"),
-    [
-        ({"goal": (math.nan, 0.0, 0.0)}, "numbers of a goal must be finite"),
-        ({"goal_velocity": (0.0, math.inf, 0.0)}, "goal's velocity must be finite"),
-        ({"zones": (1.0, math.nan, 1.0)}, "numbers of a zone must be finite"),
-        ({"lost_after": math.nan}, "lost_after must be a finite number above 0, got nan"),
-        ({"wait": 0.0}, "wait must be a finite number above 0, got 0.0"),
-    ],
-)
-def test_a_plan_of_wild_numbers_is_refused(
-    changes: dict[str, Any], sentence: str, tmp_path: Path
-) -> None:
-    with pytest.raises(ConfigError, match=sentence):
-        plan(tmp_path, **changes)
-
-
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        ({"goal": ("1", "2")}, "--goal takes x, y and heading"),
-        ({"goal": ("1", "2deg", "3")}, "'2deg' is an angle where a length must be"),
-        ({"bus": "udp:7"}, "--bus takes dds, zenoh, udp or zenoh:LOCATOR"),
-        ({"seconds": math.nan}, "--seconds must be a finite number above 0"),
-        ({"agent": "pretrained:go-to-pose-2d#0.3"}, "no trade-off input"),
-        ({"agent": "pretrained:go-to-pose-2d#dock"}, "no multi-task agent: leave #dock out"),
-        ({"guard": True}, "has none"),
-    ],
-)
-def test_nothing_is_written_for_a_flight_that_cannot_begin(
-    options: dict[str, Any], sentence: str, tmp_path: Path
-) -> None:
-    output = tmp_path / "flight"
-    command = Fly(**{"agent": "pretrained:go-to-pose-2d", "bus": "udp", "output": output} | options)
-    with pytest.raises(ConfigError, match=sentence):
-        command.run()
-    assert not output.exists()
 
 
 def test_what_no_filter_keeps_is_refused(agent: Path) -> None:

@@ -10,7 +10,6 @@ import pytest
 from rans_robot.twin import Craft, TwinPlan
 
 from rans.deploy.contract import contract
-from rans.errors import ConfigError
 from rans.fast.learn.run_folder import RunFolder
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import pretrained_folder
@@ -118,17 +117,6 @@ def test_duties_of_pulsed_thrusters_fall_into_steps() -> None:
     twin.hold(np.array([0.37, 0, 0, 0, 0, 0, 0, 0]))
     given = [twin.advance()[0] for _ in range(10)]
     assert given == pytest.approx([1, 1, 1, 0.7, 0, 0, 0, 0, 0, 0])
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [{"rate": math.inf}, {"seconds": math.nan}, {"start": (math.nan, 0.0, 0.0)}],
-)
-def test_a_twin_of_wild_numbers_is_refused(changes: dict[str, Any]) -> None:
-    with pytest.raises(ConfigError, match="finite"):
-        TwinPlan(load_spacecraft(PLATFORM), 0.2, **changes)
-    with pytest.raises(ConfigError, match="--period must be a finite number above 0"):
-        TwinPlan(load_spacecraft(PLATFORM), 0.0)
 
 
 def test_a_twin_of_no_episode_is_refused(refused: Any) -> None:
