@@ -53,6 +53,8 @@ _FASTEST = 8.0
 """Largest speed along an axis, m/s, and spin about it, rad/s, in training."""
 _FARTHEST = 50.0
 """Largest distance along an axis in training, m."""
+_MEMORY = 0.985
+"""Part of a state's gradient that goes back by one period: without it a few flights outweigh all others."""
 _IMITATIONS = 600
 """Steps of the imitation of the law made by hand."""
 _DESCENTS = 24
@@ -86,10 +88,6 @@ class Stage(NamedTuple):
     learning_rate: float = 3e-3
 
 
-_FREE = Stage(0.0, 0.0, 0.0)
-"""Thrust without a price."""
-
-
 @dataclass(frozen=True)
 class DemandSettings:
     """Settings of the training."""
@@ -110,10 +108,6 @@ class DemandSettings:
     """Control periods of a flight."""
     channels: int = 8
     """Hidden units of each layer over 8, the number of turns and mirror images of a square, or 48 of a cube."""
-    memory: float = 0.985
-    """Part of a state's gradient that goes back by one period: without it a few flights outweigh all others."""
-    on_off: float = 0.5
-    """Part of the batches whose thrusters are on or off."""
     coarse: float = 0.0
     """Part of the craft of such a batch whose pulses are large for the tolerances."""
     shared: float = 0.0
@@ -385,19 +379,6 @@ class DemandNetwork(torch.nn.Module):
 
 
 Layers = list[tuple[Tensor, Tensor]]
-Law = Callable[
-    [
-        Sequence[Tensor],
-        tuple[Tensor, Sequence[Tensor]],
-        Sequence[Tensor],
-        Sequence[Tensor],
-        Authority,
-        Tensor,
-    ],
-    Tensor,
-]
-"""Demands (N, d) of the arguments of `stopping_law`, and of the change of the twist (N, d) in the period before, in
-units of the authority."""
 
 
 def stopping_law(
@@ -406,11 +387,8 @@ def stopping_law(
     velocity: Sequence[Tensor],
     spin: Sequence[Tensor],
     authority: Authority,
-    _: object = None,
 ) -> Tensor:
     """Demands (N, d) of a law made by hand, with which training begins: follow the braking curves.
-
-    It is a `Law`, which has no use for the change of the twist in the period before.
 
     Args:
         error: see `rans.policy.authority.columns`, as for the others.
@@ -483,12 +461,11 @@ def draw_batch(
     settings: DemandSettings,
     generator: torch.Generator,
     continuous: bool,
-    perturbed: bool = True,
 ) -> Batch:
     """Draw as many craft and starts as the settings say, with random numbers of `generator` on its device.
 
     Accelerations are bounded for the control period, so that on/off pulses stay small against the tolerances.
-    Without ``perturbed`` every craft is as its file says. The order of draws decides what is trained.
+    The order of draws decides what is trained.
     """
     count = settings.crafts
     dimension = settings.dimension
@@ -526,7 +503,7 @@ def draw_batch(
         alpha,
     )
     scale = torch.stack([a * period] * dimension + [alpha * period] * turning, dim=1)
-    real = (uniform(0.0, 1.0, 1) < 0.6) * float(perturbed)
+    real = (uniform(0.0, 1.0, 1) < 0.6).float()
     gain = 1.0 + 0.12 * real * uniform(-1.0, 1.0, dimension + turning)
     late = 0.2 * real * uniform(0.0, 1.0, 1)
     flat = torch.ones(3, device=device)
@@ -556,9 +533,7 @@ def draw_batch(
         speed[:, None] * direction(flat),
         rate[:, None] * direction(axes),
     )
-    return Batch(
-        rows, of_craft, scale, continuous, gain, late, real.float(), centre, moments, state
-    )
+    return Batch(rows, of_craft, scale, continuous, gain, late, real, centre, moments, state)
 
 
 def allocated(demand: Tensor, rows: Sequence[Tensor], continuous: bool) -> tuple[Tensor, Tensor]:
@@ -705,12 +680,11 @@ def one_period(
     flat: list[Tensor],
     fields: Sequence[Tensor],
     continuous: bool,
-    law: Law | None = None,
 ) -> tuple[Motion, Tensor, Tensor, Tensor, Tensor]:
     """State after a period, twist of this period, cost without thrust, nearness to the goal, and thrust.
 
-    Demands are those of the law, or else those of a network, whose layers are ``flat``. Everything is a tensor of n
-    craft; ``before`` (n, size) is the twist of the period before, ``drawn`` (n, 2 size) normal numbers of the
+    The layers of the network are ``flat``. Everything is a tensor of n craft; ``before`` (n, size) is the twist of
+    the period before, ``drawn`` (n, 2 size) normal numbers of the
     sensors, ``fields`` the batch in the order that `fly` gives it.
     """
     period, ways, scale, gain, late, noise, centre, moments, weight, *rows = fields
@@ -738,11 +712,8 @@ def one_period(
         state.spin + 0.003 * rates[:, 3:],
     )
     known = _inputs(measured, authority, dimension)
-    if law is None:
-        layers = list(zip(flat[::2], flat[1::2], strict=True))
-        demand = demanded(layers, torch.stack(columns(*known), dim=1))
-    else:
-        demand = law(*known, before / (scale * gain))
+    layers = list(zip(flat[::2], flat[1::2], strict=True))
+    demand = demanded(layers, torch.stack(columns(*known), dim=1))
     unit, pushes = allocated(demand, rows, continuous)
     twist = unit * scale * gain
     acting = torch.zeros_like(errors)
@@ -785,26 +756,24 @@ def _compiled(continuous: bool) -> Callable[..., _Period]:
 
 
 def fly(
-    policy: Layers | Law,
+    layers: Layers,
     batch: Batch,
     settings: DemandSettings,
     generator: torch.Generator,
-    steps: int | None = None,
-    stage: Stage = _FREE,
+    stage: Stage,
 ) -> Outcome:
-    """Fly a batch by a network's layers or by a `Law`, with gradients if they are enabled.
+    """Fly a batch by a network's layers, with gradients if they are enabled.
 
     Args:
-        policy: layers or law.
+        layers: of the network.
         batch: of craft.
         settings: of the training.
         generator: of the sensors' noise.
-        steps: control periods; None: those of the settings.
-        stage: whose prices of thrust the cost has; by default none.
+        stage: whose prices of thrust the cost has.
     """
     state = batch.state
     period = batch.authority.period
-    steps = steps or settings.steps
+    steps = settings.steps
     a = batch.authority.least_linear
     count, size = batch.scale.shape
     device = period.device
@@ -817,7 +786,6 @@ def fly(
     last_outside = torch.zeros(count, device=device)
     held = torch.ones(count, dtype=torch.bool, device=device)
     before = torch.zeros(count, size, device=device)
-    keep = settings.memory
     ways = [*batch.authority.linear, *batch.authority.angular, a, batch.authority.least_angular]
     fields = (
         period,
@@ -832,19 +800,20 @@ def fly(
         torch.full((), stage.angle, device=device),
         *batch.pool[:8],
     )
-    law = policy if callable(policy) else None
-    flat = [] if callable(policy) else [x for layer in policy for x in layer]
+    flat = [x for layer in layers for x in layer]
     # Compiling pays for a training only.
     period_of: Callable[..., _Period] = (
         _compiled(batch.continuous)
         if torch.is_grad_enabled()
-        else partial(one_period, continuous=batch.continuous, law=law)
+        else partial(one_period, continuous=batch.continuous)
     )
     for step in range(steps):
         drawn = torch.randn(count, 2 * size, generator=generator, device=device)
         state, before, spent, inside, pushes = period_of(state, before, drawn, flat, fields)
         if torch.is_grad_enabled():
-            state = Motion(*(Bounded.apply(keep * x + (1.0 - keep) * x.detach()) for x in state))
+            state = Motion(
+                *(Bounded.apply(_MEMORY * x + (1.0 - _MEMORY) * x.detach()) for x in state)
+            )
         price = stage.thrust_price + stage.rest_price * inside.detach()
         price = price * (stage.continuous if batch.continuous else 1.0)
         cost = cost + spent + price * period * pushes
@@ -1045,9 +1014,9 @@ def _train_stage(
         # The step size rises within the first hundredth and falls to nothing at the end.
         rate = stage.learning_rate * min(1.0, 0.02 + 100.0 * elapsed_part) * (1.0 - elapsed_part**2)
         optimizer.param_groups[0]["lr"] = rate
-        # The n-th batch is on/off as often as the part says.
-        on_off = int((number + 1) * settings.on_off) > int(number * settings.on_off)
-        outcome = gradients[not on_off].of(draw_batch(pool, settings, generator, not on_off))
+        # Every second batch is on/off.
+        continuous = number % 2 == 0
+        outcome = gradients[continuous].of(draw_batch(pool, settings, generator, continuous))
         norm = torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0 * settings.crafts)
         if norm.isfinite():
             optimizer.step()

@@ -12,6 +12,7 @@ from rans_any_craft import training as demands
 from rans_any_craft.agents import RECIPES
 from rans_any_craft.layouts import canonical
 from rans_any_craft.training import (
+    DemandNetwork,
     DemandSettings,
     Stage,
     draw_batch,
@@ -56,15 +57,18 @@ def test_the_law_made_by_hand_brakes_in_time() -> None:
 def test_prices_of_a_stage_are_paid_for_thrust() -> None:
     """Twice the price costs twice as much, at rest more, and thrust without a price nothing."""
     pool = draw_pool(8, 4)
+    layers = DemandNetwork(1, torch.Generator().manual_seed(0)).layers()
 
     def cost(*prices: float) -> torch.Tensor:
         generator = torch.Generator().manual_seed(2)
         batch = draw_batch(pool, FEW, generator, continuous=True)
         with torch.no_grad():
-            return fly(demands.stopping_law, batch, FEW, generator, stage=Stage(0.0, *prices)).cost
+            return fly(layers, batch, FEW, generator, Stage(0.0, *prices)).cost
 
     free, once, twice, rest = cost(0.0, 0.0), cost(0.5, 0.0), cost(1.0, 0.0), cost(0.5, 3.0)
-    assert (once > free).all()
+    # A network drawn at random may leave all thrusters of a craft shut.
+    assert (once >= free).all()
+    assert (once > free).float().mean() > 0.8
     assert torch.allclose(twice - free, 2.0 * (once - free), rtol=1e-3)  # sums in float32
     assert (rest >= once).all()
     assert (rest > once).any()

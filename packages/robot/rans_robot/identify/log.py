@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,8 +19,6 @@ LARGEST_LOG = 2**28
 """Bytes of a CSV file: an hour of readings at 100 Hz has a quarter of it."""
 _FEWEST_READINGS = 20
 """Readings of a log: fewer leave no residuals to judge a fit of a dozen parameters by."""
-_FEWEST_TOGETHER = 10
-"""Rows with attitude and rates from which their turns are compared."""
 MOST_READINGS = 2**19
 """Readings of a log: an hour at 100 Hz has 360,000, and a fit takes some kilobytes for each."""
 _LONGEST_LOG = 7200.0
@@ -176,10 +173,6 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
     _check_readings(what, parts)
     _check_rates(what, parts)
     result = replace(log, **parts)
-    if craft.dimension == 3:
-        together = np.isfinite(np.column_stack([result.attitude, result.spin])).all(axis=1)
-        if together.sum() >= _FEWEST_TOGETHER:
-            _check_turns(what, result, together)
     begin = log.command_times[0]
     return replace(
         result,
@@ -310,69 +303,6 @@ def _check_rates(what: str, parts: dict[str, np.ndarray]) -> None:
         raise ConfigError(
             f"{what}: its {pose} changes {middle:.3g} times as much as its {rate} says: {_guess(middle, pose)}"
         )
-
-
-_TURNING = 0.5
-"""Median difference between turns of attitude and of rates, as a part of the turn, up to which they are of one
-motion."""
-_BETTER = 0.5
-"""Part of the difference as read, below which another reading is meant."""
-_SMALL_TURN = 2.0
-"""rad: turns between two rows above it are not compared, since one of more than half a turn seems a smaller one."""
-
-
-def _check_turns(what: str, log: FlightLog, together: Any) -> None:
-    """Refuse attitudes and rates that are not of one motion, and say which reading of them would be.
-
-    Between two rows the attitude turns by the mean of the rates, whatever drives the craft.
-
-    Args:
-        what: the log, for messages.
-        log: attitudes as quaternions, and rates.
-        together: (M,), which rows have both.
-    """
-    step = np.diff(log.times[together])
-    spin = log.spin[together]
-    attitude = log.attitude[together]
-    gone = np.concatenate([np.zeros((1, 3)), 0.5 * (spin[1:] + spin[:-1]) * step[:, None]])
-    gone = np.cumsum(gone, axis=0)
-
-    def difference(order: tuple[int, ...], back: float, factor: float) -> float:
-        """Median difference between turns of attitude and of rates, as a part of the median turn; NaN: too few.
-
-        ``order`` says which columns are (w, x, y, z), ``back`` is -1 for conjugates, and ``factor`` scales the
-        rates.
-        """
-        q = attitude[:, order] * [1.0, back, back, back]
-        turned = _turns(q)
-        expected = factor * np.diff(gone, axis=0)
-        angle = np.linalg.norm(expected, axis=1)
-        compared = (angle < _SMALL_TURN) & (angle > 0.0)
-        compared &= angle >= np.median(angle[compared]) if compared.any() else False
-        if compared.sum() < _FEWEST_TOGETHER // 2:
-            return np.nan
-        # Small rotations of `_turns` are twice a sine.
-        expected = expected * (2.0 * np.sin(0.5 * angle) / np.maximum(angle, 1e-12))[:, None]
-        apart = np.linalg.norm(turned - expected, axis=1)[compared]
-        return float(np.median(apart) / np.median(angle[compared]))
-
-    first, last = (0, 1, 2, 3), (3, 0, 1, 2)
-    usual = {
-        "are the quaternions from world to body": (first, -1.0, 1.0),
-        "is the scalar of the quaternions the last one": (last, 1.0, 1.0),
-        "are they from world to body with the scalar last": (last, -1.0, 1.0),
-        "are the rates in degrees/s": (first, 1.0, np.radians(1.0)),
-    }
-    differences = {text: difference(*change) for text, change in usual.items()}
-    own = difference(first, 1.0, 1.0)
-    # Turns that are all too large to be compared say nothing, unless others fit.
-    near = [
-        text
-        for text, value in differences.items()
-        if value < _TURNING and (np.isnan(own) or value < _BETTER * own)
-    ]
-    if near:
-        raise ConfigError(f"{what}: its attitudes do not turn as its rates say: {near[0]}?")
 
 
 def _turns(attitude: np.ndarray) -> np.ndarray:

@@ -123,29 +123,3 @@ def test_poses_and_rates_of_one_motion_are_in_the_same_units(
         checked_log(read_csv(csv_file(tmp_path, turning(**factors), header), PLATFORM), PLATFORM)
     log = checked_log(read_csv(csv_file(tmp_path, turning(), header), PLATFORM), PLATFORM)
     assert len(log.times) == 80
-
-
-@pytest.mark.parametrize(
-    ("order", "words"),
-    [
-        ([1, 2, 3, 0], "scalar of the quaternions the last"),
-        ([0, -1, -2, -3], "count the other way round"),
-    ],
-)
-def test_quaternions_of_another_order_are_named_with_thrusters_too(
-    order: list[int], words: str
-) -> None:
-    """A turn about one axis at a speed that changes, by hand."""
-    craft = load_spacecraft("cubesat-6u")
-    times = 0.5 * np.arange(120.0)
-    axis = np.array([0.48, -0.6, 0.64])
-    half = 0.5 * (0.06 * times - 0.2 * (np.cos(0.3 * times) - 1.0))[:, None]
-    attitude = np.concatenate([np.cos(half), np.sin(half) * axis], axis=1)
-    spin = np.outer(0.06 + 0.06 * np.sin(0.3 * times), axis)
-    still = np.zeros_like(spin)
-    commands = np.zeros((120, craft.command_count))
-    log = FlightLog("turning", times, commands, times, still, attitude, still, spin)
-    assert checked_log(log, craft).source == "turning"
-    wrong = attitude[:, np.abs(order)] * np.where(np.array(order) < 0, -1.0, 1.0)
-    with pytest.raises(ConfigError, match=words):
-        checked_log(replace(log, attitude=wrong), craft)

@@ -208,3 +208,14 @@ def test_what_is_checked_next_is_what_was_written() -> None:
     assert Identify((), excite="atmos").following() == (
         "rans validate excitation/spacecraft.toml --quick",
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", [[1, 2, 3, 0], [0, -1, -2, -3]])
+def test_quaternions_of_another_order_are_not_explained(order: list[int]) -> None:
+    """With the scalar last, or from world to body."""
+    craft = load_spacecraft("free-flyer")
+    (log,), _ = hidden_flights(craft, 1, 8.0, 0.2, seed=5)
+    wrong = log.attitude[:, np.abs(order)] * np.where(np.array(order) < 0, -1.0, 1.0)
+    with pytest.raises(ConfigError, match=r"do not explain .*attitude .*order"):
+        rans.identify(replace(log, attitude=wrong), craft)
