@@ -1,17 +1,14 @@
 from __future__ import annotations
 
-import itertools
 import math
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pytest
 from matplotlib.patches import Circle
 from matplotlib.quiver import Quiver
-from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from rans.drawing import Scene
-from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -19,12 +16,10 @@ from rans.show.figures.layout_figure import draw_layout
 from rans.tasks import (
     GoToPose,
     GoToPosition,
-    MultiTask,
     SingleTask,
     TrackVelocity,
     TrackVelocityHeading,
 )
-from rans.tasks.multi_task import DrawnTask
 from tests.support.states import planar, spatial
 
 BODY = (220, 230, 240)
@@ -107,32 +102,6 @@ def test_the_goal_is_what_the_task_wants() -> None:
     )  # an axis of 0.71 m to the left, but nothing at the start
 
 
-def test_arrows_end_within_the_frame() -> None:
-    """However the way was that led here: fast along it, both ways."""
-    for speed in (0.75, -0.75):
-        there = planar(v=(speed, 0.0))
-        frame = Scene(PLATFORM, TrackVelocity()).render(
-            planar(FAR), there, shut(PLATFORM), [(0.0, 0.0)]
-        )
-        found = spots(frame, GOAL)
-        assert np.ptp(found[:, 0]) > 90  # 1.5 m, not hidden by the body
-        assert 0 < found[:, 0].min() < found[:, 0].max() < 639  # the frame's columns
-
-
-def test_a_multi_task_shows_the_goal_it_drew() -> None:
-    task = MultiTask(tasks=("go-to-pose", "track-velocity"))
-    for part in task.parts().values():
-        goal = PlanarState(
-            Vec2(0.0, 0.0), Heading(0.5), Vec2(0.0, 0.7), 0.0, DrawnTask(float(part.flag))
-        )
-        assert task.task_of(goal) == part
-        np.testing.assert_array_equal(
-            Scene(PLATFORM, task).render(planar(FAR), goal, shut(PLATFORM)),
-            Scene(PLATFORM, part).render(planar(FAR), goal, shut(PLATFORM)),
-        )
-    assert TASK.task_of(planar()) is TASK
-
-
 def test_the_trail_is_drawn_and_fits_the_frame() -> None:
     trail = [(10.0, 10.0), (10.0, -10.0)]
     frame = Scene(PLATFORM, TASK).render(planar(), planar(), shut(PLATFORM), trail)
@@ -150,17 +119,6 @@ def test_space_is_seen_with_z_up() -> None:
     np.testing.assert_allclose(above[0], below[0], atol=3.0)
 
 
-def test_the_body_hides_what_is_behind_it() -> None:
-    # Thruster 2 pushes up at (x, y), so its flame points down; seen from azimuth -60 degrees, the
-    # anchor at 45 degrees is behind the sphere, the one at 315 degrees before it.
-    frames = [
-        Scene(FLYER, TASK).render(spatial(), spatial((FAR, 0.0, 0.0)), opened(FLYER, index))
-        for index in (2, 14)
-    ]
-    behind, before = (len(spots(frame, FLAME)) for frame in frames)
-    assert behind < before
-
-
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_layout_shows_every_thruster(dimension: Literal[2, 3]) -> None:
     craft = PLATFORM if dimension == 2 else FLYER
@@ -169,40 +127,6 @@ def test_layout_shows_every_thruster(dimension: Literal[2, 3]) -> None:
     assert {text.get_text() for text in axes.texts} == {str(i) for i in range(len(craft.thrusters))}
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x, m", "y, m")
     assert craft.name in axes.get_title(loc="left") + axes.get_title()
-
-
-def test_numbers_of_facing_thrusters_do_not_overlap() -> None:
-    sides = [
-        ((-0.2, 0.12), (1, 0)),
-        ((-0.2, -0.12), (1, 0)),
-        ((0.2, 0.12), (-1, 0)),
-        ((0.2, -0.12), (-1, 0)),
-        ((0.0, -0.2), (0, 1)),
-        ((0.0, 0.2), (0, -1)),
-    ]
-    craft = Spacecraft.planar(
-        "facing", mass=6.0, inertia=0.15, thrusters=[(*side, 1.0) for side in sides]
-    )
-    (axes,) = draw_layout(craft).axes
-    places = [text.get_position() for text in axes.texts]
-    assert len(places) == 6
-    for one, other in itertools.combinations(places, 2):
-        assert math.dist(one, other) > 0.15 * craft.radius
-
-
-@pytest.mark.parametrize("name", ["apollo-csm", "cubesat-6u", "atmos-orbit-12"])
-def test_numbers_of_a_craft_in_space_are_apart_for_the_reader(name: str) -> None:
-    """Thrusters that are far apart stand behind one another on paper, as Matplotlib projects them."""
-    figure = draw_layout(load_spacecraft(name))
-    figure.draw_without_rendering()
-    axes: Any = figure.axes[0]
-    texts: list[Any] = axes.texts
-    places = []
-    for text in texts:
-        x, y, z = text.get_position_3d()
-        places.append(axes.transData.transform(proj_transform(x, y, z, axes.get_proj())[:2]))
-    for one, other in itertools.combinations(places, 2):
-        assert math.dist(one, other) > 20.0  # pixels: a number of two digits is 18 wide
 
 
 def test_layout_arrows_are_the_forces(planar_craft: Spacecraft) -> None:

@@ -80,28 +80,6 @@ def test_what_fails_after_the_contact_in_the_same_period_is_won(flying: Any) -> 
         assert bool(outcomes(task, checks, 2)[-1].failed) == bool(failure)
 
 
-def test_a_violation_before_the_contact_ends_the_episode_as_a_failure() -> None:
-    """A wall at x = -0.1 m is passed before the origin."""
-    first, second = outcomes(Pass(wall=-0.1), 8, 2)
-    assert not bool(first.terminated)
-    assert float(first.margins["wall"][0]) == pytest.approx(0.1, abs=1e-9)
-    assert [bool(x) for x in (second.failed, second.done, second.success)] == [True, False, False]
-    assert float(second.terms["violation"][0]) == -3.0
-    # The first check behind the wall is after 1.25 s, at the origin; the episode ended there.
-    assert float(second.margins["wall"][0]) == pytest.approx(-0.1, abs=1e-9)
-
-
-def test_a_violation_that_does_not_end_the_episode_is_remembered() -> None:
-    """Won in the third period, after a wall was passed in the second: no success."""
-    task = Pass(wall=-0.5, speed=0.4, violation_ends=False)
-    found = outcomes(task, 2, 3)
-    assert [bool(one.failed) for one in found] == [False, False, False]
-    assert [float(one.episode.violated[0]) for one in found] == [0.0, 1.0, 1.0]
-    last = found[-1]
-    assert [bool(x) for x in (last.done, last.terminated, last.success)] == [True, True, False]
-    assert bool(outcomes(replace(task, wall=9.0), 2, 3)[-1].success)
-
-
 def test_goals_flow_and_remember_at_every_look() -> None:
     """After 2 s in eight checks; the farthest way is that of the last check."""
     goal = outcomes(Pass(wall=9.0, lead=1.0), 4, 2)[-1].episode.goal

@@ -24,7 +24,6 @@ from rans.randomization.conditions import (
     Conditions,
     SensorConditions,
     SensorsConditions,
-    ThrusterConditions,
 )
 from rans.scenario import Scenario, draws, scenarios
 from rans.tasks import (
@@ -169,31 +168,6 @@ def under(conditions: Conditions, count: int = 1) -> tuple[World, Scenario, Draw
     own = draws(3, count)
     starts = scenarios(world.task, PLATFORM, seed=3, count=count)
     return world, starts, own, world.begin(starts.start, starts.goal, 0, own)
-
-
-@pytest.mark.parametrize(
-    ("least", "ordered", "done"),
-    [
-        # Of 0.2 s each: open for 0.5 s at least, so three periods.
-        (0.5, "10001111", "11101111"),
-        (0.5, "00100000", "00111000"),
-        # Told to move back and forth, it moves when it may and is told to in the same period.
-        (0.4, "10010100", "11011100"),
-        (0.0, "10110100", "10110100"),
-        # What is open long enough shuts at once.
-        (0.4, "11101101", "11101101"),
-    ],
-)
-def test_valves_stay_open_for_as_long_as_they_must(least: float, ordered: str, done: str) -> None:
-    held = Conditions(thrusters=ThrusterConditions(least_on=least))
-    world, _, own, now = under(held)
-    seen = ""
-    for bit in ordered:
-        outcome = step(world, now, (np.array([float(bit)]), *[np.zeros(1)] * 7), own)
-        now = outcome.episode
-        seen += str(int(outcome.command[0][0]))
-        assert not np.any(outcome.command[1:]), "valves do not hold one another"
-    assert seen == done
 
 
 BLIND = Conditions(sensors=SensorsConditions(SensorConditions(bias=50.0)))

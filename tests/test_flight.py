@@ -75,20 +75,6 @@ def test_the_books_of_a_flight(shipped: Spacecraft) -> None:
         assert np.array_equal(start, flown[0])
 
 
-def test_reward_is_that_of_the_state_reached() -> None:
-    """From a quarter metre away, left alone for a step and adrift afterwards."""
-    craft = load_spacecraft("floating-platform")
-    task = GoToPose(spawn_distance=(0.25, 0.25))
-    pilot = Recorded(8)
-    still = fly(craft, task, pilot, scenarios(task, craft, 0, 3), Timing(episode_steps=1))
-    np.testing.assert_allclose(still.rewards()["position"], math.exp(-1), rtol=1e-14)
-    np.testing.assert_allclose(still.errors()["position"], 0.25, rtol=1e-14)
-    pilot.opened = (0, 5)
-    pushed = fly(craft, task, pilot, scenarios(task, craft, 0, 3), Timing(episode_steps=3))
-    fallen = -0.25 * np.log(pushed.rewards()["position"])
-    np.testing.assert_allclose(fallen, pushed.errors()["position"][1:], rtol=1e-13)
-
-
 @dataclass(frozen=True)
 class Alive(GoToPose):
     """Pays a plain number for every step."""
@@ -197,16 +183,6 @@ def test_an_episode_as_a_table_with_units(tmp_path: Path) -> None:
     assert held[3] == [0.0] * 8
     with pytest.raises(ConfigError, match="episode must be >= 0 and < 2, got 2"):
         flight.to_csv(tmp_path / "flight.csv", 2)
-
-
-def test_a_flight_draws_each_of_its_episodes() -> None:
-    """The path in the figure of an episode is that of its positions."""
-    flight = by_lqr()
-    path = np.stack([flight.states.p.x[:, 1], flight.states.p.y[:, 1]], axis=1)
-    lines = [line.get_xydata() for axes in flight.plot(1).axes for line in axes.lines]
-    assert any(np.shape(line) == path.shape and np.allclose(line, path) for line in lines)
-    with pytest.raises(ConfigError, match="episode must be >= 0 and < 2, got 2"):
-        flight.plot(2)
 
 
 def test_who_reads_states_alone_is_given_no_columns() -> None:

@@ -12,7 +12,6 @@ import shlex
 import subprocess
 import tomllib
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -21,13 +20,11 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from torch.distributed.run import get_args_parser
 
 import rans
 from rans.cli import COMMANDS, _parse
 from rans.display import meanings
 from rans.errors import EXTRAS, ConfigError
-from rans.evaluation.measure.metrics import samples
 from rans.fast.learn.algorithms import with_algorithm
 from rans.fast.learn.config import (
     FilterSettings,
@@ -38,7 +35,7 @@ from rans.fast.learn.config import (
     training,
 )
 from rans.flight import fly
-from rans.model.fields import Vec2, map_leaves
+from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft
 from rans.model.timing import Timing
@@ -48,7 +45,6 @@ from rans.scenario import scenarios
 from rans.structure import structure
 from rans.tasks import TASKS, GoToPose, observation_columns
 from tests.support import plugins
-from tests.support.random_flights import Random
 from tests.support.sources import FOLDERS, sources
 
 plugins.register()
@@ -129,18 +125,6 @@ def test_the_mission_of_the_page_of_own_tasks_is_won(
     assert flight.rewards()["done"].sum(axis=0).tolist() == [10.0] * 4
 
 
-def test_the_ball_of_the_page_of_own_tasks_is_checked_observed_and_drawn(
-    own_tasks: dict[str, Any],
-) -> None:
-    """All by one object: its margin 1 m away from the origin is 0.6 m."""
-    task = own_tasks["MeetBehind"]()
-    here = scenarios(task, CRAFT, 0, 4)
-    state = replace(here.start, p=Vec2(np.full(4, 0.6), np.full(4, 0.8)))
-    np.testing.assert_allclose(task.constraints(state, here.goal)["ball"], 0.6, rtol=0, atol=1e-9)
-    assert "ball gap" in [column.name for column in observation_columns(task, 2)]
-    assert len(task.scenery(here.goal)) == 1
-
-
 @pytest.mark.usefixtures("forgotten")
 def test_the_environments_of_the_page_of_own_tasks_are_made(
     here: Path, monkeypatch: pytest.MonkeyPatch
@@ -204,18 +188,6 @@ def test_an_agent_for_an_own_craft_takes_fifteen_hundred_words() -> None:
     assert sum(len(one.read_text("utf-8").split()) for one in (ROOT / "README.md", page)) <= 1500
 
 
-def test_the_glossary_has_the_words_of_the_tables() -> None:
-    """Of every metric of two tasks, bounds left out, and of every way to fail an assurance."""
-    first = " ".join(row[0] + row[1] for row in rows(ROOT / "docs" / "glossary.md", "word"))
-    known = {re.sub(r"\d", "", word) for word in re.findall(r"\*\*(.*?)\*\*", first)}
-    for task in (GoToPose(), TASKS["track-twist"]()):
-        starts = scenarios(task, CRAFT, seed=0, count=1)
-        for sample in samples(fly(CRAFT, task, Random(CRAFT), starts, Timing(episode_steps=40))):
-            name = re.split(r" ?\d| after", sample.name)[0]
-            assert name in known or name.removesuffix(" at rest") in known, sample.name
-    assert {"late", "left", "unsettled"} <= known
-
-
 def commands_in_markup(text: str) -> set[str]:
     """Commands between tags, and in strings of scripts; each may end with what a script puts in."""
     tagged = re.findall(r"<(?:code|pre)[^>]*>\s*(rans [^<]+)</", text)
@@ -259,55 +231,6 @@ def test_commands_parse() -> None:
             except (SystemExit, ConfigError) as error:
                 refused.append((line, str(error)))
     assert not refused
-
-
-def test_commands_of_templates_and_scripts_are_seen() -> None:
-    text = "<p><code>rans evaluate a@b.toml</code></p> x = 'rans list'; y = `rans view ${name}`"
-    assert commands_in_markup(text) == {"rans evaluate a@b.toml", "rans list", "rans view ${name}"}
-    with pytest.raises(SystemExit):
-        _parse(["evaluate", "any-craft-2d", "--spacecraft", "mine.toml"])
-    with pytest.raises(ConfigError, match=r"no 'ppo\.anneal'"):
-        check_changes("go-to-pose", ["--set", "ppo.anneal=0.5"])
-
-
-def test_torchrun_takes_no_option_of_ours_for_its_own() -> None:
-    """Which it does with beginnings of their names, such as --run and --log, unless "--" comes before."""
-    text = "\n".join(page.read_text("utf-8") for page in PAGES)
-    lines = set(re.findall(r"^torchrun .+$|(?<=`)torchrun [^`\n]+", text, re.MULTILINE))
-    assert lines
-    for line in lines:
-        parsed = get_args_parser().parse_args(shlex.split(line)[1:])
-        assert (parsed.module, parsed.training_script) == (True, "rans")
-        assert "-m -- rans" in line
-        _parse(parsed.training_script_args)
-
-
-def test_the_slurm_script_starts_torchrun_on_every_machine(tmp_path: Path) -> None:
-    """With stand-ins for what SLURM brings; --log would be ambiguous to torchrun."""
-    for name, text in (
-        ("scontrol", "echo n7; echo n8"),
-        ("srun", 'exec "$@"'),
-        ("torchrun", 'echo "$@"'),
-    ):
-        (tmp_path / name).write_text(f"#!/bin/sh\n{text}\n")
-        (tmp_path / name).chmod(0o755)
-    given = {
-        "SLURM_NNODES": "2",
-        "SLURM_GPUS_ON_NODE": "8",
-        "SLURM_JOB_ID": "5",
-        "SLURM_JOB_NODELIST": "n7",
-    }
-    own = ["train", "go-to-pose", "--log", "wandb", "--run", "x"]
-    run = subprocess.run(
-        ["bash", ROOT / "examples/slurm/rans.sh", *own],
-        check=True,
-        capture_output=True,
-        text=True,
-        env=os.environ | given | {"PATH": f"{tmp_path}:{os.environ['PATH']}"},
-    )
-    parsed = get_args_parser().parse_args(run.stdout.split())
-    assert (parsed.nnodes, parsed.nproc_per_node, parsed.rdzv_endpoint) == ("2", "8", "n7:29500")
-    assert (parsed.training_script, parsed.training_script_args) == ("rans", own)
 
 
 def test_links_lead_somewhere() -> None:
@@ -519,15 +442,6 @@ def test_two_commands_set_everything_up_and_try_it(
     if target == "demo":  # the sentence about the report is its last
         assert run.stdout.strip().splitlines()[-1].startswith("rans report")
     assert not (tmp_path / ".venv").exists()
-
-
-@pytest.mark.parametrize("page", ["README.md", "docs/install.md", "Dockerfile"])
-def test_torch_without_cuda_comes_before_what_needs_torch(page: str) -> None:
-    """A reader types commands in their order, and pip does not replace a build that is there."""
-    lines = [
-        line for line in (ROOT / page).read_text("utf-8").splitlines() if "pip install" in line
-    ]
-    assert "torch --index-url https://download.pytorch.org/whl/cpu" in lines[0]
 
 
 def test_extras_that_errors_and_pages_name_exist() -> None:

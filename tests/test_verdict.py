@@ -8,13 +8,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
 
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.timing import Timing
 from rans.tasks import GoToPose
-from rans.verdict import Failure, FlightAccumulator, kinds_of_failure, last_fifth
+from rans.verdict import Failure, FlightAccumulator, kinds_of_failure
 from tests.support.engines import PLATFORM
 
 STEPS = 10
@@ -122,10 +121,3 @@ def test_sums_go_on_until_a_flight_ends() -> None:
         (effort.opened, opened),
     ):
         np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13)
-
-
-@pytest.mark.parametrize(("steps", "last"), [(125, 25), (250, 50), (12, 2), (4, 1), (1, 1)])
-def test_the_last_fifth_is_that_of_the_metrics(steps: int, last: int) -> None:
-    from rans.evaluation.measure import metrics
-
-    assert last_fifth(steps) == last == len(metrics.last_fifth_of(np.zeros(steps + 1)))

@@ -11,7 +11,6 @@ import torch
 from rans.errors import ConfigError
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.scenario import scenario
 from rans.tasks import GoToPosition, MultiTask, TrackVelocity, observation
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions, by_turns, run
@@ -104,13 +103,3 @@ def test_episode_k_is_the_same_however_many_fly(backend: Any, craft: Spacecraft)
             number = number + count * begun
         assert number.min() >= 2 * count
     assert flags == {0.0, 1.0, 2.0}
-
-
-def test_one_step_costs_no_more_memory_than_its_goals(backend: Any) -> None:
-    """A multi-task of one moving goal remembers that goal and its flag."""
-    alone, mixed = (
-        backend(PLATFORM, task, 16, Timing())
-        for task in (TrackVelocity(), MultiTask(tasks=("track-velocity",)))
-    )
-    sizes = [sum(x.nbytes for x in engine.save_state()["buffers"]) for engine in (alone, mixed)]
-    assert sizes[1] - sizes[0] == 16 * 4

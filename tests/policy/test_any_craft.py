@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,16 +19,12 @@ from rans.evaluation.measure.aggregate import measure
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
 from rans.model.timing import Timing
-from rans.policy.any_craft import authority, farthest, for_craft, frugal, without
+from rans.policy.any_craft import authority, farthest, for_craft, without
 from rans.policy.authority import Authority, braking_distance, nearer
 from rans.policy.network import Network
-from rans.policy.program import Step
-from rans.policy.scalars import fields
 from rans.policy.timing import timing_for
-from rans.policy.traced import parameters, policy_program
 from tests.support.pose_observations import observations
 
-AGENT = "pretrained:any-craft-2d"
 CRAFT = ("floating-platform", "roboran-platform", "pingu", "atmos")
 IN_SPACE = ("free-flyer", "astrobee-iss", "cubesat-3u", "afrl-12kg")
 
@@ -79,40 +73,6 @@ def test_a_mirror_image_gets_mirrored_commands() -> None:
     mirrored = there.double().numpy() @ np.array(image.wrench_map) * [1.0, -1.0, -1.0]
     # Sums of float32 in another order may turn the choice between subsets that are equally good.
     assert np.isclose(wrench, mirrored, atol=1e-9).all(axis=1).mean() > 0.99
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("roboran-platform", 0.1),
-        ("pingu", None),
-        pytest.param("cubesat-3u", None, marks=pytest.mark.slow),
-    ],
-)
-def test_the_traced_program_gives_the_same_commands(name: str, value: float | None) -> None:
-    """At a value on/off thrusters in the plane are given what they can do along their way."""
-    craft = load_spacecraft(name)
-    made = for_craft(network(craft.dimension), craft, 0.2)
-    if value is not None:
-        made = frugal(made, value, 3.5)
-        assert made.architecture.reach
-    seen = observations(40, dimension=craft.dimension)
-    expected, _ = made.deterministic_action(seen, None)
-    program = policy_program(made.architecture)
-    values = parameters(made)
-
-    def dense(step: Step, row: Sequence[Any]) -> list[Any]:
-        _, weight, bias = step.inputs
-        out = values[weight].astype(float) @ np.array(row, dtype=float) + values[bias]
-        return list(np.tanh(out) if step.attributes["activation"] else out)
-
-    off = 0
-    for row, command in zip(seen.double().numpy(), expected.numpy(), strict=True):
-        known = {"observation": row.tolist(), **{k: v.ravel().tolist() for k, v in values.items()}}
-        found = fields(program, known, ["command"], dense)["command"]
-        off += not np.allclose(np.array(found, dtype=float), command, atol=2e-3)
-    # Double and single precision may choose different subsets that are equally good.
-    assert off <= 1
 
 
 def near(position: float, speed: float, angle: float = 0.0, spin: float = 0.0) -> torch.Tensor:
@@ -242,20 +202,6 @@ def test_a_craft_never_seen_settles_from_its_file(tmp_path: Path) -> None:
     assert run.craft.name == "six"
     rows = {row.name: row for row in measure(flight).rows}
     assert rows["solved"].value >= 90.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("in_space", [False, True])
-def test_drake_flies_a_craft_never_seen(in_space: bool) -> None:
-    pytest.importorskip("pydrake")
-    run = (
-        contestant("any-craft-3d@spheres")
-        if in_space
-        else for_spacecraft(contestant(AGENT), own_craft())
-    )
-    flight = fly_episodes(run.controller, run.judged, 2023, 3, "drake", workers=1)
-    rows = {row.name: row for row in measure(flight).rows}
-    assert rows["solved"].value == 100.0
 
 
 def test_a_craft_outside_of_the_training_is_told_so_with_the_number() -> None:

@@ -49,14 +49,6 @@ def test_frugal_flights_settle_with_less_thrust_in_more_time() -> None:
     assert quick["impulse"] < 21.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["free-flyer", "spheres"])
-def test_frugal_flights_in_space_settle_with_less_thrust(name: str) -> None:
-    fast, half = (flown(f"any-craft-3d#{value}@{name}", 24) for value in ("0", "0.6"))
-    assert fast["solved"] == half["solved"] == 100.0
-    assert half["impulse"] < 0.9 * fast["impulse"]
-
-
 def test_the_value_0_of_an_agent_without_further_weights_is_the_agent_as_it_was_trained() -> None:
     own = load_policy(pretrained_folder("any-craft-3d")).network
     alone = Network(own.architecture, own.tensors)
@@ -86,16 +78,6 @@ def test_pulsed_craft_in_space_without_wheels_hurry_at_the_value_0() -> None:
         )
     }
     assert [spec for spec, factor in quick.items() if factor > 1.0] == ["any-craft-3d#0@spheres"]
-
-
-@given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.booleans(), st.booleans())
-def test_a_larger_value_of_trained_weights_never_hurries(
-    one: float, other: float, is_continuous: bool, hurries: bool
-) -> None:
-    low, high = (Frugality.trained(value, is_continuous, hurries) for value in sorted((one, other)))
-    assert high.acceleration <= low.acceleration
-    assert high.price >= low.price
-    assert high.coast >= low.coast
 
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.1, 100.0), st.sampled_from((2, 3)))
@@ -140,10 +122,6 @@ def test_a_longer_flight_has_slower_ways(
         assert 0.5 <= long.value <= value
     speeds = [cruise_speed(distance, x, acceleration, 0.2, True) for x in (seconds, 2.0 * seconds)]
     assert speeds[1] <= speeds[0]
-
-
-def test_the_length_of_a_flight_that_starts_at_its_goal_counts_nothing() -> None:
-    assert Leisure.of_flight(0.8, 0.0, 25.0, 0.4, 1.0) == Leisure(0.8)
 
 
 def test_the_length_of_a_flight_bounds_speed_at_1_and_nothing_up_to_the_middle() -> None:

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,11 +9,9 @@ import torch
 from rans_missions.tasks import Avoid, DockPort
 from rans_missions.tasks.avoid import Zones
 from scipy.spatial.transform import Rotation
-from stable_baselines3 import PPO
 from torch import Tensor
 
 from rans.fast.learn.config import MemoryKind, MemorySettings
-from rans.fast.policy import write_policy
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
@@ -24,7 +21,7 @@ from rans.tasks.go_to_pose_priced import DrawnTradeOff
 from rans.tasks.shapes import Ball
 from tests.support.crafts import nasty_planar, nasty_spatial, random_states
 from tests.support.engines import FLYER, PLATFORM, both_crafts
-from tests.support.training import TINY, scatter, tiny_learner
+from tests.support.training import scatter, tiny_learner
 
 
 def views_of(craft: Spacecraft) -> Symmetries:
@@ -184,28 +181,6 @@ def test_twin_thrusters_never_share_a_place() -> None:
 def test_thrusters_without_a_lever_arm_have_their_own_view_only() -> None:
     centred = tuple(replace(t, position=(0.0, 0.0, 0.0)) for t in PLATFORM.thrusters)
     assert symmetries(replace(PLATFORM, thrusters=centred)) is None
-
-
-@both_crafts
-def test_sb3_opens_and_uses_a_symmetric_agent(craft: Spacecraft, tmp_path: Path) -> None:
-    network = scatter(tiny_learner(craft, symmetric=True).network)
-    write_policy(tmp_path / "policy.zip", network.architecture, network.weights(), TINY, 0)
-    loaded = PPO.load(tmp_path / "policy.zip", device="cpu")
-    task = TASKS["go-to-pose"]()
-    states = (random_states(craft.dimension, 200, seed) for seed in (1, 2))
-    seen = np.stack(observation(task, *states), axis=1).astype(np.float32)
-    output = network.evaluate(torch.from_numpy(seen))
-    assert np.array_equal(loaded.predict(seen, deterministic=True)[0], output.policy.mode().numpy())
-    tensors = torch.from_numpy(seen)
-    action, value, log_prob = loaded.policy(tensors)
-    again = loaded.policy.evaluate_actions(tensors, action)
-    distribution = loaded.policy.get_distribution(tensors)
-    # Rounding of float32, summed over the thrusters.
-    close: dict[str, Any] = {"rtol": 1e-5, "atol": 1e-5}
-    torch.testing.assert_close(again, (value, log_prob, distribution.entropy()), **close)
-    torch.testing.assert_close(distribution.log_prob(action), log_prob, **close)
-    torch.testing.assert_close(loaded.policy.predict_values(tensors), value, **close)
-    assert log_prob.detach().std() > 0.1
 
 
 def test_sides_with_other_supplies_do_not_look_the_same() -> None:

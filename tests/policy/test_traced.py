@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from rans.deploy.export import Form, write_agent
-from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.flights import Flights
-from rans.fast.learn.config import PPOSettings
 from rans.model.actuators import Throttle
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.any_craft import effects
@@ -26,7 +22,6 @@ from rans.policy.scalars import fields
 from rans.policy.traced import parameters, policy_program
 from tests.support.engines import FLYER, PLATFORM
 from tests.support.kernel_flights import BRIEF, WIDE, policy, setup
-from validation.speed.exported import ANSWERS
 
 THROTTLED = replace(PLATFORM, actuators=Throttle())
 PLATFORM_SHARED = load_spacecraft("floating-platform-shared")
@@ -130,24 +125,6 @@ def test_the_traced_program_on_fields(kind: str) -> None:
         answer = fields(program, {"observation": one.T, "memory": memory} | own, asked, dense)
         found.append(np.stack(answer["command"], axis=1))
         memory = np.stack(answer["memory_out"]) if given.memory else memory
-    agree(np.stack(found), expected)
-
-
-@pytest.mark.parametrize(
-    ("kind", "form"),
-    [(kind, form) for kind in POLICIES for form in ("onnx", "numpy")]
-    + [("gated throttles, history", "c")],
-)
-def test_exported_files(kind: str, form: Form, tmp_path: Path) -> None:
-    """C takes its compiler a second each; other kinds are in ``tests/deploy/test_forms.py``."""
-    network, rows, expected = known(kind)
-    write_agent(tmp_path, form, SavedPolicy(network, {}, 0, {}, 0.0), PPOSettings(), "A policy")
-    answer = ANSWERS[form](tmp_path)
-    memory = np.zeros((rows.shape[1], network.architecture.memory), np.float32)
-    found = []
-    for one in rows:
-        command, memory = answer(one, memory)
-        found.append(command)
     agree(np.stack(found), expected)
 
 

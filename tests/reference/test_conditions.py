@@ -15,13 +15,12 @@ from rans.flight import Flight, fly
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
 from tests.support.random_flights import CRAFTS, PLANE, SPACE, TASK, Random, flown, in_engine
-from tests.support.worlds import EFFECTS, PAIRS
+from tests.support.worlds import EFFECTS
 from validation.study.conditions import Watching
 from validation.study.sampling import gap
 
@@ -69,13 +68,6 @@ def test_and_in_space(effect: str) -> None:
 )
 def test_slow_valves_and_faults_of_every_kind(kind: Any, effect: str) -> None:
     fly_alike(replace(PLANE, actuators=kind), without_least_times(EFFECTS[effect]), steps=8)
-
-
-@pytest.mark.parametrize("effect", ["rise", pytest.param("all", marks=pytest.mark.slow)])
-def test_pulses_that_end_at_any_time(effect: str) -> None:
-    fly_alike(
-        replace(PLANE, actuators=Pulsed(10_000, 40)), without_least_times(EFFECTS[effect]), steps=8
-    )
 
 
 def without_least_times(conditions: Conditions) -> Conditions:
@@ -135,13 +127,6 @@ def fly_alike(craft: Spacecraft, conditions: Conditions, count: int = 2, steps: 
         *gap(perfect.states, ours.states).values(), np.abs(np.array(usual.seen) - pilot.seen).max()
     )
     assert felt > 1e-3
-
-
-@pytest.mark.parametrize(
-    "name", ["floating-platform", pytest.param("free-flyer", marks=pytest.mark.slow)]
-)
-def test_pairs_of_thrusters_that_can_be_done_without(name: str) -> None:
-    fly_alike(load_spacecraft(name), PAIRS, count=3, steps=8)
 
 
 @functools.cache

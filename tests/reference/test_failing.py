@@ -15,7 +15,7 @@ from rans.model.actuators import OnOff, Pulsed, Throttle
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
-from rans.randomization.conditions import Conditions, FaultConditions, FaultKind, ThrusterConditions
+from rans.randomization.conditions import Conditions, FaultConditions, ThrusterConditions
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
 from tests.support.played import Played
@@ -189,22 +189,3 @@ def test_momentum_by_hand(engine: Any, number: int) -> None:
     assert spin == pytest.approx(0.0, abs=1e-14)
     _, spin, _ = gained(engine, craft(dimension, kind, ARM), conditions, *told)
     assert spin == pytest.approx(ARM * FORCE * impulse / MOMENT, abs=1e-14)
-
-
-@pytest.mark.parametrize("engine", [fly, in_torch, fly_in_drake])
-@pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize(
-    ("failure", "told", "way"),
-    [
-        # Half of a t^2 while it pushes at 0.5 m/s^2, and on at the speed gained.
-        ("dead", 1.0, 0.25 * 0.07**2 + 0.5 * 0.07 * 0.13),
-        ("stuck-open", 0.0, 0.25 * 0.13**2),
-    ],
-)
-def test_thrust_comes_before_or_after_the_fault_by_hand(
-    engine: Any, dimension: int, failure: FaultKind, told: float, way: float
-) -> None:
-    conditions = Conditions(faults=FaultConditions(1.0, (failure,), SHARE, PERIOD + INSTANT))
-    found = gained(engine, craft(dimension, OnOff(), 0.0), conditions, 0.0, told)[2]
-    # Rounding of places up to 8 m away.
-    assert found == pytest.approx(way, abs=1e-14)

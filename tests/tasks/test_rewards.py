@@ -16,37 +16,16 @@ from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPosePriced, SingleTask
-from rans.tasks.rewards import Prices, Transition, nearness
+from rans.tasks.rewards import Transition, nearness
 from tests.support.crafts import ANY_CRAFT
-from tests.support.states import planar, spatial
+from tests.support.states import planar
 from tests.support.switching import SwitchingGoToPose
 
 PLANAR = PlanarState(Vec2(7.0, -9.0), Heading(2.0), Vec2(0.3, -0.4), -0.2)
 """At 0.5 m/s and 0.2 rad/s."""
-SPATIAL = spatial((7.0, -9.0, 1.0), v=(0.2, 0.6, -0.9), w=(-0.2, 0.3, 0.6))
 """At 1.1 m/s and 0.7 rad/s."""
 WORK = ((1.0, 0.0, 1.0, 0.0, 1.0), (1.0, 1.0, 0.0, 0.0, 0.0))
 """Three valves are open; of the two open before one has shut, and two of the three have opened."""
-
-
-@pytest.mark.parametrize(("state", "spin"), [(PLANAR, 0.2), (SPATIAL, 0.7)])
-def test_prices(state: Any, spin: float) -> None:
-    prices = Prices(thrust_weight=0.1, spin_weight=3.0)
-    expected = {"thrust": -0.3, "spin": -3.0 * spin}
-    assert prices.prices(Transition(state, state, *WORK)) == pytest.approx(expected)
-
-
-def test_a_craft_without_thrusters_spends_nothing() -> None:
-    assert Transition(PLANAR, PLANAR, (), (), forces=()).impulse == 0.0
-
-
-@pytest.mark.parametrize("name", ["thrust", "spin"])
-def test_a_price_of_zero_is_no_term(name: str) -> None:
-    free = {f"{other}_weight": 0.0 for other in ("thrust", "spin")}
-    assert Prices(**free).prices(Transition(PLANAR, PLANAR, *WORK)) == {}
-    assert Prices(**free | {f"{name}_weight": 0.5}).prices(
-        Transition(PLANAR, PLANAR, *WORK)
-    ).keys() == {name}
 
 
 @pytest.mark.parametrize(

@@ -134,17 +134,6 @@ def test_margins_do_not_depend_on_where_the_world_is(
         assert found == pytest.approx(expected, abs=2e-7)
 
 
-@given(point3, point3)
-def test_a_margin_changes_no_faster_than_the_position(p: Any, way: Any) -> None:
-    """Margins of regions are signed distances or below them, so that between two instants nothing is missed
-    that a bound on the speed rules out."""
-    a = Vec3(*p)
-    b = a + Vec3(*way)
-    for shape in shapes_at(np.eye(3), np.zeros(3)):
-        if not isinstance(shape, SpeedLimit):
-            assert abs(shape.gap(b) - shape.gap(a)) <= np.linalg.norm(way) + 1e-8
-
-
 @given(st.lists(st.tuples(coordinate, coordinate), min_size=2, max_size=4, unique=True))
 @settings(max_examples=30, deadline=None)
 def test_the_nearest_first_whatever_the_order(centres: Any) -> None:
@@ -172,38 +161,3 @@ def test_the_nearest_first_keeps_shared_numbers() -> None:
     assert (float(near.centre.x[0]), float(far.centre.x[0])) == (1.0, 3.0)
     assert near.radius == 0.3
     assert isinstance(near.radius, float)
-
-
-@pytest.mark.parametrize("library", ["torch", "casadi"])
-def test_gradients_point_to_what_is_allowed(library: str) -> None:
-    """A step along the gradient enlarges the margin; on the axis and at the apex gradients are finite."""
-    rng = np.random.default_rng(1)
-    for shape in shapes_at(np.eye(3), np.zeros(3)):
-        special = next(
-            np.array(place.columns())
-            for place in (getattr(shape, name, None) for name in ("centre", "apex", "at"))
-            if isinstance(place, Vec3)
-        )
-        for point in [*rng.uniform(-3.0, 3.0, (20, 3)), special]:
-            gradient = gradient_of(shape, point, library)
-            assert np.isfinite(gradient).all()
-            if point is not special:
-                step = 1e-4 * gradient
-                velocity = Vec3(0.1, 0.0, 0.0)
-                rise = shape.gap(Vec3(*(point + step)), velocity) - shape.gap(
-                    Vec3(*point), velocity
-                )
-                # To first order the rise is 1e-4 |gradient|^2; the curvature takes a little of it.
-                assert rise >= 0.9e-4 * (gradient @ gradient)
-
-
-def gradient_of(shape: Any, point: np.ndarray, library: str) -> np.ndarray:
-    """Of the margin at a velocity of 0.1 m/s."""
-    if library == "torch":
-        p = [torch.tensor(x, dtype=torch.float64, requires_grad=True) for x in point]
-        found = torch.autograd.grad(shape.gap(Vec3(*p), Vec3(0.1, 0.0, 0.0)), p)
-        return np.array([float(x) for x in found])
-    symbols = casadi.SX.sym("p", 3)
-    gap = shape.gap(Vec3(*casadi.vertsplit(symbols)), Vec3(0.1, 0.0, 0.0))
-    function = casadi.Function("slope", [symbols], [casadi.gradient(gap, symbols)])
-    return np.array(function(point)).ravel()
