@@ -16,12 +16,9 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordVideo
 from gymnasium.wrappers.vector import RecordVideo as RecordVideoOfMany
 
-from rans.drawing import Scene
 from rans.errors import ConfigError
 from rans.model.timing import Timing
-from rans.scenario import scenario
 from rans.tasks import GoToPose
-from tests.support.engines import NEAR, actions
 from tests.support.processes import PATIENCE
 
 PLANE = "rans/GoToPose2D-v0"
@@ -101,40 +98,6 @@ def test_recording_a_video_of_many(tmp_path: Path) -> None:
     film.close()
     (video,) = (tmp_path / "videos").glob("*.mp4")
     assert next(read_frames(str(video)))["size"] == (2 * 320, 2 * 240)  # pyrefly: ignore[bad-index]
-
-
-@pytest.mark.parametrize("name", [PLANE, SPACE])
-def test_frames_of_many_are_those_of_each(name: str) -> None:
-    """Drawn from scenarios of the same numbers, over ends and fresh starts."""
-    envs: Any = gymnasium.make_vec(
-        name, num_envs=3, render_mode="rgb_array", task=NEAR, timing=QUICK, dtype=torch.float64
-    )
-    envs.reset(seed=7)
-    check_fresh(envs, [0, 1, 2])
-    single: Any = gymnasium.make(name, render_mode="rgb_array", task=NEAR, timing=QUICK).unwrapped
-    single.reset(seed=7)
-    scene = Scene(single.craft, NEAR, 320, 240)
-    commands = actions(single.craft, 3, 6)
-    for command in commands[:5]:
-        _, _, terminated, truncated, _ = envs.step(command)
-        assert not bool((terminated | truncated).any())
-        single.step(command[0].numpy())
-        expected = scene.render(single.state, single.goal, command[0].numpy(), single._trail)
-        # Another order of operations: rounding may move an edge by a hair.
-        assert np.abs(envs.render()[0].astype(int) - expected).mean() < 0.01
-    assert bool(envs.step(commands[5])[3].all())
-    check_fresh(envs, [3, 4, 5])
-
-
-def check_fresh(envs: Any, episodes: list[int]) -> None:
-    """The frames show starts, with nothing behind them and no flame."""
-    scene = Scene(envs.engine.craft, NEAR, 320, 240)
-    for frame, episode in zip(envs.render(), episodes, strict=True):
-        chosen = scenario(NEAR, envs.engine.craft.dimension, 7, episode)
-        shut = np.zeros(len(envs.engine.craft.thrusters))
-        assert (
-            np.abs(frame.astype(int) - scene.render(chosen.start, chosen.goal, shut)).mean() < 0.01
-        )
 
 
 def test_many_in_one_window(monkeypatch: pytest.MonkeyPatch) -> None:

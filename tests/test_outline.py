@@ -50,14 +50,6 @@ def test_a_page_is_given_places_and_forces() -> None:
     assert "-0.0" not in str(values)
 
 
-@pytest.mark.parametrize(("dimension", "count"), [(2, 1), (3, 3)])
-def test_rings_have_the_outer_radius(dimension: Literal[2, 3], count: int) -> None:
-    rings = Outline(crafted(dimension, THRUSTERS)).rings
-    assert len(rings) == count
-    np.testing.assert_allclose(np.linalg.norm(rings, axis=-1), 2.0)
-    assert all(np.ptp(ring, axis=0).min() < 1e-12 for ring in rings)  # each in a plane of two axes
-
-
 SCRIPT = """
 const calls = [];
 const pen = new Proxy({globalAlpha: 1}, {
@@ -77,19 +69,6 @@ def drawn(call: str, told: str, folder: Path) -> str:
     file.write_text(f"{SCRIPT}{code}\n{call};\nconsole.log({told});", "utf-8")
     done = subprocess.run([node, str(file)], check=True, capture_output=True, text=True)
     return done.stdout.strip()
-
-
-def faces(place: str, folder: Path) -> int:
-    """Number of faces of a box that are filled in the view of this projection."""
-    craft = "{planar: false, radius: 1, thrusters: [{at: [1, 0.5, 0.25], along: [1, 0, 0]}]}"
-    filled = 'calls.filter(([name]) => name === "fill").length'
-    return int(drawn(f'hull(pen, {craft}, {place}, "red")', filled, folder))
-
-
-def test_a_box_shows_the_faces_towards_the_viewer(tmp_path: Path) -> None:
-    """From above one face, from an oblique direction three; y points down in a canvas."""
-    assert faces("([x, y, z]) => [x, -y]", tmp_path) == 1
-    assert faces("([x, y, z]) => [0.8 * y - 0.6 * x, 0.3 * x + 0.4 * y - 0.85 * z]", tmp_path) == 3
 
 
 def test_plumes_leave_against_the_force(tmp_path: Path) -> None:

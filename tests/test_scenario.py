@@ -6,7 +6,6 @@ fair generator fails once in 10,000 choices of the seeds.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -128,13 +127,6 @@ def test_draws_of_neighbours_are_independent() -> None:
     for name, there in neighbours.items():
         cells, _, _ = np.histogram2d(here[0], there, bins=16, range=[[0, 1], [0, 1]])
         assert stats.chisquare(cells.ravel()).pvalue > FALSE_ALARM / len(neighbours), name
-
-
-def test_headings_cover_the_full_circle() -> None:
-    random = Random(2, *seed_words(2), np.arange(20_000, dtype=np.int32), np.float64)
-    heading = random.attitude().columns()
-    circle = stats.uniform(-math.pi, math.tau).cdf
-    assert stats.kstest(np.arctan2(heading[1], heading[0]), circle).pvalue > FALSE_ALARM
 
 
 def test_own_endpoints_replace_the_motion_and_keep_what_a_mission_adds() -> None:

@@ -6,7 +6,6 @@ import doctest
 import re
 import sys
 import tempfile
-import tomllib
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -180,43 +179,12 @@ def test_pages_with_hidden_words_are_read_again_when_any_page_changes() -> None:
     assert SEARCH._outdated(None, env, set(), set(), set()) == []
 
 
-def test_pages_are_ranked_as_the_script_of_the_site_does() -> None:
-    """Worked by hand: 100 x 7 / 7 of an entry, 100 x 7 / 12 of a longer one, 15 x 7 / 13 + 1 of a title."""
-    index = {
-        "docnames": ["tasks", "port", "arm"],
-        "titles": ["Docking tasks", "A port", "Arm"],
-        "alltitles": {"Docking tasks": [(0, None)], "Docking at a port of a station": [(1, None)]},
-        "indexentries": {"docking": [(1, "", True)], "docking ring": [(2, "", True)]},
-    }
-    assert SEARCH.ranking(index, " Docking ") == [(100, "port"), (58, "arm"), (9, "tasks")]
-    assert SEARCH.ranking(index, "dock") == [(57, "port")]
-    assert SEARCH.ranking(index, "nothing") == []
-
-
 def test_a_flight_is_solved_or_not_on_every_page_the_internal_ones_too() -> None:
     """A column "settled" had three meanings; the settling time, a noun, is that of arrival."""
     (verdict,) = (pattern for pattern in PROSE.WORDS if pattern.startswith("settle"))
     for page in {*PROSE.pages(), *DOCS.glob("*.md")}:
         text = PROSE.prose(page.read_text("utf-8"), page.suffix == ".py")
         assert not re.search(rf"\b(?:{verdict})\b", text, re.IGNORECASE), page
-
-
-def test_the_linter_sees_words_in_prose_and_none_in_code(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(PROSE, "ROOT", tmp_path)
-    page = tmp_path / "page.md"
-    page.write_text(
-        "Two knobs of `knob` in a look-ahead.\n\n```\nverge\n```\n\nNobody\nlooks.\n| settled, % |\n",
-        "utf-8",
-    )
-    places = [complaint.partition(' "')[::2] for complaint in PROSE.complaints(page)]
-    assert [(place, said.partition('"')[0]) for place, said in places] == [
-        ("page.md:1:", "knobs"),
-        ("page.md:7:", "Nobody"),
-        ("page.md:8:", "looks"),
-        ("page.md:9:", "settled"),
-    ]
 
 
 def test_the_pages_of_the_core_are_counted_together(
@@ -247,22 +215,3 @@ def test_foreign_addresses_that_a_page_would_fetch_are_seen() -> None:
     assert fetched('<link href="https://fonts.example/a.css" rel="stylesheet">')
     assert fetched("@font-face { src: url(//cdn.example/a.woff) }")
     assert not fetched('<a href="https://example.org">a link is followed by the reader alone</a>')
-
-
-def test_the_extra_docs_has_what_the_configuration_asks_for() -> None:
-    """A range and a pin for every foreign extension and the theme."""
-    extra = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"][
-        "optional-dependencies"
-    ]
-    assert "rans[all]" in extra["docs"]  # the tutorials fly in Drake, and solve with CasADi
-    others = [one for one in extra["docs"] if one != "rans[all]"]
-    named = {re.split(r"[><=]", one)[0].replace("-", "_") for one in others}
-    conf = (DOCS / "conf.py").read_text("utf-8")
-    listed = re.search(r"^extensions = \[(.*?)^\]", conf, re.DOTALL | re.MULTILINE)
-    assert listed
-    foreign = {one.split(".")[0] for one in re.findall(r'"([\w.]+)"', listed[1])}
-    own = {file.stem for file in (DOCS / "_ext").glob("*.py")}
-    assert foreign - own | {"pydata_sphinx_theme"} == named
-    pins = (ROOT / "constraints.txt").read_text("utf-8").replace("-", "_").lower()
-    for one in named:
-        assert f"\n{one}==" in pins

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -90,24 +89,6 @@ def test_a_table_that_fits_is_one_and_whole(
     assert "Shorter." not in text
 
 
-def test_a_heading_is_as_wide_as_its_column(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Above long cells it does not break, above short ones it does."""
-    monkeypatch.setenv("COLUMNS", "40")
-    Terminal().show(
-        "",
-        ("", "first thing or second", "first thing or third"),
-        [("a", "long words of one cell", "no"), ("b", "x", "-")],
-    )
-    headings = [line for line in capsys.readouterr().out.splitlines() if line.startswith("┃")]
-    assert [[cell.strip() for cell in line.strip("┃").split("┃")] for line in headings] == [
-        ["", "first thing or second"],
-        ["", "first thing"],
-        ["", "or third"],
-    ]
-
-
 def test_no_word_is_broken(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -133,23 +114,6 @@ def test_a_command_is_one_line_to_copy(
     assert f"  {long}\n" in capsys.readouterr().out
 
 
-def test_a_title_is_as_long_as_the_terminal_is_wide(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Not as the table below it; what is longer breaks between words."""
-    monkeypatch.setenv("COLUMNS", "40")
-    made = Table(("x", "y"), [("1", "2")], "A title of some words", "and of what it is made")
-    Terminal().table(made)
-    lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
-    assert (lines[0], lines[-1]) == ("A title of some words", "and of what it is made")
-    assert {len(line) for line in lines[1:-1]} == {len("│ 1 │ 2 │")}
-    Terminal().table(replace(made, title="A title of many more words than there is room for"))
-    assert capsys.readouterr().out.split("\n")[:2] == [
-        "A title of many more words than there is",
-        "room for",
-    ]
-
-
 def test_a_sentence_breaks_between_words_on_a_terminal_only(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -160,19 +124,6 @@ def test_a_sentence_breaks_between_words_on_a_terminal_only(
     Terminal().say("words that are many in a line")
     lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
     assert lines == ["words that are many", "in a line"]
-
-
-def test_a_long_stage_is_lines_in_a_log(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Clock readings are 0 s at the begin, then 4, 12 and 13 s: one line, at 12 s, of 25 units a second."""
-    readings = iter([0.0, 4.0, 12.0, 13.0])
-    clock = SimpleNamespace(monotonic=readings.__next__)
-    monkeypatch.setattr("rans.terminal.time", clock)
-    step = stages(progress())("flying LQR", 1000)
-    for count in (100, 200, 50):
-        step(count)
-    assert capsys.readouterr().err == "flying LQR: 300 of 1,000, 0:00:28 left\n"
 
 
 class Clock:
@@ -233,38 +184,6 @@ def test_a_stage_names_itself_in_a_log_before_its_first_unit(
     assert capsys.readouterr().err == said
 
 
-def test_a_unit_that_takes_long_has_lines_without_a_time_left(
-    clock: Clock, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The time left that its first unit has said may be long over; with the last one the lines end."""
-    step = stages(progress())("certified bounds", 4)
-    clock.passes(20.0)
-    step(2)
-    assert capsys.readouterr().err.endswith("certified bounds: 2 of 4, 0:00:20 left\n")
-    clock.passes(400.0)
-    lines = capsys.readouterr().err.splitlines()
-    assert lines == [f"certified bounds: 2 of 4, 0:0{k}:00 without another" for k in (3, 6)]
-    step(2)
-    capsys.readouterr()
-    clock.passes(1000.0)
-    assert capsys.readouterr().err == ""
-
-
-def test_a_stage_that_ends_while_its_line_is_printed_says_no_more(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    steps = [stages(progress())("certified bounds", 4)]
-    say = Terminal.say
-
-    def last(terminal: Terminal, text: str) -> None:
-        say(terminal, text)
-        steps.clear()
-
-    monkeypatch.setattr(Terminal, "say", last)
-    clock.passes(1000.0)
-    assert capsys.readouterr().err == "certified bounds ...\n"
-
-
 def test_only_what_is_not_done_within_a_second_is_a_line(
     clock: Clock, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -293,51 +212,3 @@ def test_units_of_minutes_tell_the_time_left_from_the_first_on(
             step(1)
     for text, left in zip(texts, (None, "0:05:00", "0:03:20", "0:01:40"), strict=True):
         assert (f"{left} left" in text) is (left is not None)
-
-
-def drawn_bytes(capsys: pytest.CaptureFixture[str], count: int) -> list[int]:
-    """Bytes of a frame in the middle of each of so many stages, one after the other."""
-    sizes = []
-    with progress() as bars:
-        begin = stages(bars)
-        for number in range(count):
-            advance = begin(f"stage {number}", 100 if number % 2 else None)
-            advance(50)
-            capsys.readouterr()
-            bars.refresh()
-            sizes.append(len(capsys.readouterr().err.encode()))
-            advance(50)
-    return sizes
-
-
-def test_bars_of_ended_stages_are_not_drawn_again(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A frame of the fifteenth stage is no larger than one of the second: each has one line."""
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TERM", "xterm-256color")
-    monkeypatch.setenv("COLUMNS", "100")
-    sizes = drawn_bytes(capsys, 15)
-    assert min(sizes) > 20
-    assert max(sizes[1:]) <= 1.3 * sizes[1]
-    # A comparison of ten minutes: this many bytes a frame, two frames a second.
-    assert 600 * 2 * max(sizes[1:]) < 300_000
-
-
-def test_a_stage_that_goes_on_beside_another_keeps_its_bar(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    with progress() as bars:
-        begin = stages(bars)
-        slow = begin("slow", 10)
-        slow(1)
-        quick = begin("quick", 1)
-        quick(1)
-        begin("last", None)
-        slow(1)
-        quick(1)  # has gone: nothing happens
-        assert [(task.description, task.completed) for task in bars.tasks] == [
-            ("slow", 2),
-            ("last", 0),
-        ]

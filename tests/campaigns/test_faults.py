@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from campaigns import faults
 from campaigns.batch import flown, loaded
-from campaigns.faults import Faults, bounds, certified, rows
+from campaigns.faults import bounds, rows
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.measure.metrics import settling_times, solved
 from rans.fast.agent_files.agent import AGENT as AGENT_FILE
@@ -19,7 +16,6 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import pretrained_folder
 from rans.randomization.conditions import Conditions, FaultConditions
 from rans.scenario import draws, scenarios
-from rans.tasks import GoToPose
 
 AGENT = "pretrained:go-to-pose-2d"
 PAIRS = FaultConditions(2.0, ("dead", "stuck-open"), time=0.0, among="recoverable")
@@ -86,26 +82,3 @@ def test_bounds_are_below_what_settles_and_rise_with_what_is_lost() -> None:
     assert least.mean() > 1.02 * sound.mean()
     assert sound.min() > 3.0  # 2.95 m at 0.53 m/s^2, half of it braking, arriving at 0.33 m/s
     assert sound.max() < 6.0
-
-
-@pytest.mark.slow
-def test_certified_times_are_between_the_bound_and_what_settles() -> None:
-    """Of a start near the goal, whose proof takes a second."""
-    network, setup = loaded(AGENT, "cpu")
-    near = setup._replace(task=GoToPose(spawn_distance=(0.3, 0.3)))
-    dead = replace(PAIRS, kinds=("dead",))
-    proof = certified(near, dead, 1, 7)
-    found = flown(network, near, Conditions(faults=dead), 1, 7, "cpu")
-    assert (bounds(near, dead, 1, 7) <= proof).all()
-    assert (proof <= found.settled).all()
-    assert 0.5 < proof[0] < 2.0
-
-
-@pytest.mark.slow
-def test_what_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    two = [row for row in rows(load_spacecraft("floating-platform"), 25.0)][:2]
-    monkeypatch.setattr(faults, "rows", lambda *_: two)
-    found = Faults((AGENT,), episodes=16).measured()["agents"][AGENT]
-    assert found["none"]["held"]["value"] == 100.0
-    assert 1.0 < found["none"]["over least"] < 1.5
-    assert found["none"]["distance"][0] < 0.05

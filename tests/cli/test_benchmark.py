@@ -99,19 +99,6 @@ def test_interrupted_it_shows_and_writes_what_was_measured(
     ]
 
 
-def test_interrupted_before_anything_was_measured_it_writes_nothing(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def measured(*_: object) -> Iterator[Measurement]:
-        raise KeyboardInterrupt
-        yield
-
-    monkeypatch.setattr("validation.speed.suite.measurements", measured)
-    assert main(["benchmark", *QUICK, "--output", str(tmp_path / "speed.json")]) == 130
-    assert capsys.readouterr().out == ""
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_without_a_compiler(refused: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("CXX", raising=False)
     monkeypatch.setenv("PATH", "/nowhere")

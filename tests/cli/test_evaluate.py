@@ -163,17 +163,6 @@ def test_one_task_on_which_the_engines_disagree_is_enough(monkeypatch: pytest.Mo
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_the_folder_of_ccsds_messages_is_named(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["evaluate", "mission:hold-3d", "--episodes", "1", "--trajectories"]) == 0
-    [folder] = here.rglob("ccsds")
-    assert str(folder.relative_to(here)) in capsys.readouterr().out.replace("\n", "")
-    assert len([*folder.iterdir()]) == 2  # target and craft
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
 def test_an_own_start_is_flown_once_and_has_files_of_its_own(run_folder: Path) -> None:
     command = f"evaluate {run_folder} --start 1 -0.5 90deg v.x=0.1"
     assert main(f"{command} --trajectories".split()) == 0

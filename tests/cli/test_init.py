@@ -179,14 +179,6 @@ def test_moments_of_no_rigid_body_are_asked_again(monkeypatch: pytest.MonkeyPatc
     assert _ask_inertia(3, None) == {"inertia": (1.0, 1.0, 2.0)}
 
 
-def test_asked_from_a_spacecraft(monkeypatch: pytest.MonkeyPatch) -> None:
-    left = typed(monkeypatch, "ours", "", "0.3")
-    assert batch("--from", "atmos") == 0
-    assert list(left) == []
-    craft = load_spacecraft("mine.toml")
-    assert (craft.name, craft.mass, craft.inertia[2][2]) == ("ours", 17.8, 0.3)
-
-
 @pytest.mark.filterwarnings("ignore:.*cannot push and turn")
 def test_a_training_of_what_cannot_be_steered_is_not_suggested(
     capsys: pytest.CaptureFixture[str],
@@ -314,18 +306,3 @@ def test_without_a_terminal_the_missing_option_is_named(capsys: pytest.CaptureFi
     said = capsys.readouterr().err.replace("\n", " ")
     assert "--thruster '0.2, 0.1; -1, 0; FORCE'" in " ".join(said.split())
     assert not Path("mine.toml").exists()
-
-
-def test_a_robot_without_thrusters_says_which_would_be_read(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """As JAXA's ib2.urdf, whose thrusters are in a plugin of its own."""
-    pytest.importorskip("rans_any_craft")
-    Path("ball.urdf").write_text(
-        "<robot name='ball'><link name='body'><inertial><mass value='3.3'/>"
-        "<inertia ixx='0.014' ixy='0' ixz='0' iyy='0.014' iyz='0' izz='0.013'/></inertial></link></robot>"
-    )
-    assert batch("--from", "ball.urdf", "--set", "dimension=3") == 2
-    said = " ".join(capsys.readouterr().err.split())
-    assert "no thrusters that are read" in said
-    assert "--thruster 'X, Y, Z; DIRECTION; FORCE'" in said

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import re
-import warnings
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
@@ -11,10 +10,9 @@ from typing import Any
 import pytest
 
 from rans.cli import main
-from rans.cli.overview import _solved
-from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.model.spacecraft_file import spacecraft_names
 from rans.randomization.conditions import Conditions
-from rans.tasks import TASKS, GoToPose, gymnasium_ids, observation_columns
+from rans.tasks import TASKS, GoToPose, gymnasium_ids
 
 
 @pytest.fixture(autouse=True)
@@ -44,30 +42,6 @@ def test_everything_is_listed(listed: Any) -> None:
     }
 
 
-def test_an_agent_of_several_tasks_is_as_good_as_its_worst_and_best() -> None:
-    card = {
-        "evaluation": {
-            "own": {
-                "a": {"solved": [99.02, 98.0, 99.5, "%"]},
-                "b": {"solved": [100.0, 100.0, 100.0, "%"]},
-            }
-        }
-    }
-    assert _solved(card) == "99.02 to 100 %"
-    assert (
-        _solved({"evaluation": {"own": {"": {"solved": [99.8765, 99.0, 100.0, "%"]}}}}) == "99.88 %"
-    )
-
-
-@pytest.mark.parametrize("name", spacecraft_names())
-def test_spacecraft_details(listed: Any, name: str) -> None:
-    craft = load_spacecraft(name)
-    text = listed(name)
-    assert f"{craft.mass:g} kg" in text
-    for index in range(len(craft.thrusters)):
-        assert f"│ {index} " in text
-
-
 def test_own_file(listed: Any, tmp_path: Path) -> None:
     shipped = resources.files("rans") / "data" / "spacecraft" / "floating-platform.toml"
     file = tmp_path / "mine.toml"
@@ -76,18 +50,6 @@ def test_own_file(listed: Any, tmp_path: Path) -> None:
     shown = listed(str(file))
     assert "7.25 kg" in shown
     assert "[bold]mine" in shown  # a name is no markup
-
-
-def test_task_details(listed: Any) -> None:
-    text = listed("go-to-pose")
-    for field, meaning in (
-        ("spawn_distance", "0.5, 4.5"),
-        ("fail_distance", "Distance from the goal beyond"),
-    ):
-        assert field in text
-        assert meaning in text
-    for column in (*observation_columns(GoToPose(), 2), *observation_columns(GoToPose(), 3)):
-        assert column[0] in text
 
 
 def test_unknown_name(refused: Any) -> None:
@@ -104,12 +66,6 @@ def test_a_file_of_other_software_is_imported_first(refused: Any, tmp_path: Path
     file = tmp_path / "craft.urdf"
     file.write_text("<robot/>")
     assert f"`rans init craft.toml --from {file}`" in refused(f"list {file}")
-
-
-def test_names_as_contestants_have_them(listed: Any) -> None:
-    agent = listed("pretrained:go-to-pose-2d")
-    assert agent.startswith("go-to-pose-2d: go-to-pose with floating-platform")
-    assert "Linear-quadratic regulator" in listed("lqr")
 
 
 class Own(GoToPose):
@@ -158,32 +114,6 @@ def test_wrong_pictures(refused: Any, tmp_path: Path) -> None:
     assert "name it" in refused("list go-to-pose --picture x.png")
 
 
-def test_a_thruster_is_a_row_by_value(listed: Any, tmp_path: Path) -> None:
-    """At (0.3, 0.1) of a craft whose centre of mass is at (0.1, 0), 2 N along y: 0.2 m times 2 N."""
-    file = tmp_path / "one.toml"
-    file.write_text(
-        'name = "one"\ndimension = 2\nmass = 4.5\ninertia = 0.25\nradius = 0.4\n'
-        "centre_of_mass = [0.1, 0.0]\n"
-        "[[thruster]]\nposition = [0.3, 0.1]\ndirection = [0.0, 1.0]\nforce = 2.0\n"
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # one thruster cannot steer
-        text = listed(str(file))
-    rows = [
-        [cell.strip() for cell in line.replace("┃", "│").split("│")[1:-1]]
-        for line in text.splitlines()
-    ]
-    assert ["thruster", "position, m", "direction", "force, N", "torque, N m"] in rows
-    assert ["0", "0.3 0.1", "0 1", "2", "0.4"] in rows
-    for row in (
-        ["mass", "4.5 kg"],
-        ["outer radius", "0.4 m"],
-        ["centre of mass, m", "0.1 0"],
-        ["thrust sharing", "none"],
-    ):
-        assert row in rows
-
-
 def test_a_file_of_conditions_is_known_from_a_spacecraft(
     listed: Any, refused: Any, tmp_path: Path
 ) -> None:
@@ -225,10 +155,3 @@ def test_a_task_tells_its_reward_ends_and_keys(listed: Any) -> None:
 
 def test_a_task_of_a_module_has_no_id_of_gymnasium(listed: Any) -> None:
     assert json.loads(listed("tests.cli.test_list:Own", "--json"))["gymnasium"] == []
-
-
-def test_a_planar_craft_has_one_moment_of_inertia(listed: Any) -> None:
-    [row] = [line for line in listed("floating-platform").splitlines() if "inertia" in line]
-    assert row.split("│")[-2].strip() == "0.2045"
-    text = listed("free-flyer")
-    assert re.search(r"inertia about the centre of mass, kg m²\s+│\s+\(?\S+,? \S+,? \S+", text)

@@ -258,12 +258,6 @@ def test_the_module_is_the_command() -> None:
     assert done.stdout == f"rans {version('rans')}\n"
 
 
-def test_an_unknown_command_is_told_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
-    assert code_of(["evalute"]) == 2
-    said = capsys.readouterr().err
-    assert all(command in said for command in COMMANDS)
-
-
 @pytest.mark.parametrize(
     ("error", "code", "said"),
     [

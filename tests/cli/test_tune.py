@@ -10,8 +10,7 @@ import pytest
 from rans.cli import main
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import simple_controller
-from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.tuned import OWN, Tuned
+from rans.evaluation.fly.tuned import OWN
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS
@@ -37,18 +36,6 @@ def test_what_is_tuned_flies_from_then_on(
     assert file.exists()
     contest = Contest(load_spacecraft("atmos"), TASKS["track-velocity"](), Timing(), 1, 1)
     assert simple_controller("lqr", contest).tuning.startswith("tuned: 2 settings on 2 starts")
-
-
-@pytest.mark.slow
-def test_tunes_for_the_setup_of_a_contestant(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An agent of a CubeSat flies at 2 Hz, where its task alone would be at 5 Hz."""
-    monkeypatch.setattr("rans.cli.tune._STARTS", 1)
-    like = "any-craft-3d@cubesat-3u"
-    assert main(["tune", "lqr", like]) == 0
-    [file] = OWN.iterdir()
-    result = Tuned.read(file)
-    assert result.control_period == 0.5
-    assert result.fits("lqr", contestant(like).judged)
 
 
 @pytest.mark.slow

@@ -13,11 +13,9 @@ import pytest
 import rans
 import validation.study.study
 from rans.cli import main
-from rans.model.actuators import Actuators, Pulsed
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.crafts import to_toml
-from validation.study.checks import Check
-from validation.study.study import LAYERS, Scope
+from validation.study.study import Scope
 
 
 def test_checks_need_no_matplotlib_and_their_page_says_so_before_them(
@@ -73,15 +71,6 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -
 def test_valves_that_pulse_are_validated(layer: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Against Drake, which switches them itself; thrust of the same impulse is 0.1 mm off in a period."""
     assert main(["validate", "--quick", "atmos", "--layer", layer]) == 0, capsys.readouterr()
-
-
-@pytest.mark.slow
-def test_restless_flights_of_valves_that_pulse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Flights open valves by quarters, so that one that took them for shares of its force is found out."""
-    scope = Scope(load_spacecraft("atmos"), seed=1, states=4, flights=2)
-    assert all(check.passed for check in LAYERS["flights"](scope) if isinstance(check, Check))
-    monkeypatch.setattr(Pulsed, "pulses", Actuators.pulses)
-    assert not all(check.passed for check in LAYERS["flights"](scope) if isinstance(check, Check))
 
 
 def test_checks_of_another_seed_are_repeated_by_the_function() -> None:

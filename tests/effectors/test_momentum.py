@@ -15,8 +15,6 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from tests.support.effector_crafts import platform
 
-"""Craft that a period is computed for, each with commands, lags, faults and propellant of its own."""
-
 
 def forced(force: float, left: float | None = None) -> Spacecraft:
     """The floating platform with other forces, and with a mass and inertia for the same accelerations.

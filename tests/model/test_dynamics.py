@@ -10,8 +10,6 @@ from rans.model.body import Body
 from rans.model.dynamics import thrust
 from rans.model.spacecraft import Spacecraft
 
-"""Substeps of a spatial control period at which truncation is below 1e-10 for spins of some rad/s."""
-
 
 def test_nozzles_take_pressure_from_their_own_supply_only(planar_craft: Spacecraft) -> None:
     """A droop of 0.5: two open nozzles have 1 / 1.5 of their force each, one and a half 1 / 1.25, one all of it."""

@@ -61,9 +61,6 @@ def test_astrobee_has_a_plenum_for_each_module(name: str) -> None:
     assert [given[i] for i in (*first[:2], second[0])] == pytest.approx([0.72, 0.72, 1.0], abs=1e-3)
 
 
-"""How many thrusters may be dead, and how many stuck open."""
-
-
 @pytest.mark.parametrize(("name", "index", "expected"), BY_HAND)
 def test_thrusters_by_hand(name: str, index: int, expected: list[float]) -> None:
     row = load_spacecraft(name).wrench_map[index]

@@ -12,18 +12,15 @@ from typing import Any
 import pytest
 import torch
 from rans_gradient.learner import GradientLearner, GradientSettings
-from torch import Tensor
 
 from rans.cli import main
 from rans.errors import ConfigError
-from rans.fast.distributed import ALONE
 from rans.fast.engine import Engine
 from rans.fast.learn.beginning import begin
 from rans.fast.learn.config import MemorySettings, TrainConfig, change_entry, from_table, to_table
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
-from rans.policy.heads import Inward
 from rans.tasks import GoToPose, Task
 from tests.support import plugins
 from tests.support.draws import FLYER, PLATFORM
@@ -35,7 +32,6 @@ from tests.support.training import (
     everything,
     ignore,
     resumed,
-    scatter,
     tiny_trainer,
 )
 
@@ -140,16 +136,6 @@ def test_the_gradient_of_a_return_is_that_of_differences(
         assert gradient.view(-1)[place].item() == pytest.approx(difference, rel=2e-4, abs=1e-9)
 
 
-def test_a_command_out_of_bounds_finds_back() -> None:
-    action = torch.tensor([-0.5, -0.5, 0.5, 0.5, 1.5, 1.5], requires_grad=True)
-    command: Tensor = Inward.apply(action)  # type: ignore[assignment]
-    assert command.tolist() == [0.0, 0.0, 0.5, 0.5, 1.0, 1.0]
-    (command * torch.tensor([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])).sum().backward()
-    # Descent lowers an action whose gradient is positive: from above 1 that leads back.
-    assert action.grad is not None
-    assert action.grad.tolist() == [0.0, -1.0, 1.0, -1.0, 1.0, 0.0]
-
-
 def test_a_root_at_rest_leaves_gradients_finite() -> None:
     """All thrusters are shut and episodes begin at rest, where a speed and a spin have no gradient."""
     task = replace(NEAR, spin_weight=0.1)
@@ -177,22 +163,6 @@ def test_the_engine_flies_what_the_learner_flew() -> None:
             step = other.step(kept.action[t].clamp(0.0, 1.0))
             torch.testing.assert_close(step.reward, kept.reward[t], rtol=0, atol=1e-12)
             assert torch.equal((step.terminated | step.truncated).double(), kept.ended[t])
-
-
-def test_values_of_episodes_that_time_cut_off_are_not_zero() -> None:
-    """One step from the end, of reward r and of a critic that says 7 everywhere: r + 0.98 * 7, by hand."""
-    learner = gradient_learner(n_steps=1, batch_size=16, timing=Timing(episode_steps=1))
-    with torch.no_grad():
-        for name in ("value_net.weight", "value_net.bias"):
-            learner._target.tensors[name].fill_(7.0 if name.endswith("bias") else 0.0)
-    loss = learner.loss().item()
-    kept = learner.rollout.all
-    lost = kept.ended[0] - kept.truncated[0]
-    assert kept.ended.all()
-    # A new episode begins, whose value counts as that of a state to come: a constant.
-    expected = 0.1 * kept.reward[0] + 0.98 * 7.0 * kept.truncated[0] + 7.0
-    assert loss == pytest.approx(-expected.mean().item(), rel=1e-12)
-    assert lost.sum() < len(lost)
 
 
 def test_what_has_no_gradient_is_refused() -> None:
@@ -227,48 +197,6 @@ def test_a_resumed_training_ends_as_if_never_stopped(tmp_path: Path) -> None:
     assert everything(trainer) == everything(whole)
     for name, tensor in whole.learner.state()["critic"].items():
         assert torch.equal(trainer.learner.state()["critic"][name], tensor)
-
-
-@pytest.mark.slow
-def test_what_is_passed_back_through_many_periods_is_bounded() -> None:
-    """A policy of large weights reacts so strongly that a hundred periods multiply its gradient."""
-
-    def norm(bound: float, steps: int) -> float:
-        learner = gradient_learner(
-            task=GoToPose(),
-            timing=Timing(episode_steps=100),
-            own=GradientSettings(bound=bound),
-            n_steps=steps,
-            batch_size=16 * steps,
-        )
-        scatter(learner.network)
-        return learner.adam.descend(learner.loss(), learner.settings.max_grad_norm, ALONE).item()
-
-    unbounded = 1e30
-    assert norm(unbounded, 100) > 1000.0
-    assert norm(10.0, 100) < 10.0
-    # A horizon needs no bound.
-    assert norm(100.0, 16) == norm(unbounded, 16)
-
-
-@pytest.mark.slow
-def test_forty_iterations_triple_the_reward() -> None:
-    """Of the craft that does nothing, from half a metre to a metre away; 40,960 steps."""
-    learner = gradient_learner(
-        task=GoToPose(spawn_distance=(0.5, 1.0)),
-        dtype=torch.float32,
-        timing=Timing(episode_steps=32),
-        own=GradientSettings(),
-        n_envs=64,
-        n_steps=16,
-        batch_size=256,
-        learning_rate=0.01,
-    )
-    rewards = []
-    for _ in range(40):
-        learner.learn()
-        rewards.append(learner.rollout.all.reward.mean().item())
-    assert sum(rewards[-4:]) > 2.5 * sum(rewards[:4])
 
 
 @pytest.mark.usefixtures("undrawn")

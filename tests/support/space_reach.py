@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from typing import Any
 
@@ -12,14 +11,12 @@ from rans.model.dynamics import SpatialState
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.certificate.goal_set import GoalSet
 from tests.support.states import spatial
 
 PERIOD = 0.2
 FLYER = load_spacecraft("free-flyer")
 REST = ("attitude", "position", "spin", "velocity")
 POSE = ("attitude", "position", "velocity")
-TASK_SET = GoalSet(spin=math.radians(5.0))
 
 
 def craft_with(name: str, nozzles: tuple[Thruster, ...]) -> Spacecraft:

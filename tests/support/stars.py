@@ -6,12 +6,10 @@ import math
 from typing import Any
 
 import numpy as np
-import torch
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from rans.model.body import Body
-from rans.model.dynamics import SpatialState, Wrench, advance
+from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 
 N = 0.001027
@@ -145,20 +143,3 @@ def turns_by_its_rate(drift: Any, k: float, time: float) -> None:
     assert second is not None
     both = first.times(second)
     np.testing.assert_allclose([both.w, both.x, both.y, both.z], found, atol=1e-13 + atol)
-
-
-def moved_once(drift: Any, dtype: torch.dtype) -> torch.Tensor:
-    """Spin and attitude after 0.2 s in a type of torch, which both and the position keep, (7, 1) in float64."""
-    fields = torch.tensor([0.3, -0.2, 0.1, 0.02, -0.01, 0.03], dtype=dtype)[:, None]
-    one = torch.ones(1, dtype=dtype)
-    state = SpatialState(
-        Vec3(*fields[:3]),
-        Quat(one, 0.0 * one, 0.0 * one, 0.0 * one),
-        Vec3(*fields[:3]),
-        Vec3(*fields[3:]),
-    )
-    thrust = Wrench(Vec3(*fields[:3]), Vec3(*fields[3:]))
-    body = Body(MASS, tuple(map(float, TENSOR[np.triu_indices(3)])))
-    after = advance(state, thrust, body, 0.2, disturbance=thrust, drift=drift)
-    assert after.w.x.dtype == after.attitude.z.dtype == after.p.x.dtype == dtype
-    return torch.cat([*after.w.columns(), *after.attitude.columns()]).double()

@@ -23,7 +23,6 @@ from tests.support.switching import SwitchingGoToPose
 
 PLANAR = PlanarState(Vec2(7.0, -9.0), Heading(2.0), Vec2(0.3, -0.4), -0.2)
 """At 0.5 m/s and 0.2 rad/s."""
-"""At 1.1 m/s and 0.7 rad/s."""
 WORK = ((1.0, 0.0, 1.0, 0.0, 1.0), (1.0, 1.0, 0.0, 0.0, 0.0))
 """Three valves are open; of the two open before one has shut, and two of the three have opened."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -13,23 +12,17 @@ import pytest
 from rans_space_certificates.bounder import SpatialBounder
 from rans_space_certificates.reach import ReachRelaxation, SpinLattice
 
-from rans.errors import ConfigError, NonFiniteState
-from rans.model.body import Body
-from rans.model.dynamics import advance, wrench
 from rans.model.fields import Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.optimal.certificate import hull
 from rans.optimal.certificate.certificate import certified_least_fuel, certified_least_time
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.problem import Problem, SearchEffort, Unreachable
-from rans.scenario import EVALUATION_SEED, scenarios
-from rans.tasks import GoToPose
 from tests.support.space_reach import (
     FLYER,
     PERIOD,
     POSE,
     REST,
-    TASK_SET,
     craft_with,
     lopsided,
     moving,
@@ -84,6 +77,15 @@ def instance(
     return start, goal, spent, final
 
 
+def _paid(
+    craft: Spacecraft, spent: Any, final: Any, goal: Any, velocity: np.ndarray, position: np.ndarray
+) -> Any:
+    """The Lagrangian of flights, whose tolerances are granted."""
+    off = [np.array((getattr(final, name) - getattr(goal, name)).columns()) for name in ("v", "p")]
+    spared = LOOSE.velocity * np.linalg.norm(velocity) + LOOSE.position * np.linalg.norm(position)
+    return spent - craft.mass * (velocity @ off[0] + position @ off[1] + spared)
+
+
 @pytest.mark.parametrize(
     ("name", "seed", "spin"),
     [
@@ -104,36 +106,6 @@ def test_no_sequence_costs_less_than_any_costate_says(name: str, seed: int, spin
         velocity, position = np.random.default_rng(seed + 10).normal(size=(2, 3)) * size
         paid = _paid(craft, spent, final, goal, velocity, position)
         assert relaxation.bound(velocity, position) <= paid[close].min()
-
-
-def _paid(
-    craft: Spacecraft, spent: Any, final: Any, goal: Any, velocity: np.ndarray, position: np.ndarray
-) -> Any:
-    """The Lagrangian of flights, whose tolerances are granted."""
-    off = [np.array((getattr(final, name) - getattr(goal, name)).columns()) for name in ("v", "p")]
-    spared = LOOSE.velocity * np.linalg.norm(velocity) + LOOSE.position * np.linalg.norm(position)
-    return spent - craft.mass * (velocity @ off[0] + position @ off[1] + spared)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_no_greedy_flight_is_below(seed: int) -> None:
-    """Open is what is worth its thrust along the costate in the present attitude."""
-    random = np.random.default_rng(seed)
-    lattice = SpinLattice(FLYER, PERIOD)
-    steps = 9
-    velocity, position = random.normal(size=(2, 3))
-    state = start = moving(seed, 0.0)
-    spent = 0.0
-    for k in range(steps):
-        pull = velocity + position * (steps - k - 0.5) * PERIOD
-        turned = np.array([state.attitude.rotate(Vec3(*f[:3])).columns() for f in FLYER.wrench_map])
-        best = (turned @ pull > 1.0).astype(float)
-        spent += PERIOD * best.sum()
-        state = advance(state, wrench(FLYER, tuple(best.tolist())), Body.of(FLYER), PERIOD, 8)
-    goal = replace(state, w=Vec3(0.0, 0.0, 0.0))
-    found = ReachRelaxation(lattice, POSE, start, goal, LOOSE, steps).bound(velocity, position)
-    paid = _paid(FLYER, spent, state, goal, velocity, position)
-    assert found <= paid
 
 
 @pytest.mark.slow
@@ -169,44 +141,6 @@ def test_least_fuel_and_time_are_below_those_of_every_sequence(
     )
 
 
-def test_lattice_of_the_free_flyer() -> None:
-    """One nozzle for 0.2 s: 0.31 N m * 0.2 s / 0.2045 kg m^2; 3^8 sums of pairs, as even as their squares."""
-    lattice = SpinLattice(FLYER, PERIOD)
-    assert lattice.spin == pytest.approx(0.31 * 0.2 / 0.2045008, rel=1e-7)  # the file's digits
-    assert lattice.pulses_flip_parity
-    assert set(np.unique(lattice.products)) == {-1, 0, 1}
-    assert lattice.kinds.max() == 4**2 + 2**2 + 2**2  # four about z, two about either other axis
-    assert lattice.next_fuel(1.82, range(1)) == pytest.approx(2.0)
-    assert lattice.next_fuel(2.01, range(1)) == pytest.approx(2.4)  # not eleven pulses
-    assert lattice.next_fuel(2.01, None) == pytest.approx(2.2)
-    assert not SpinLattice(equal(), PERIOD).pulses_flip_parity
-    assert SpinLattice(equal(), PERIOD).next_fuel(0.3, range(1)) == pytest.approx(0.4)
-    assert SpinLattice(lopsided(), PERIOD).next_fuel(0.31, range(1)) == 0.31
-
-
-@pytest.mark.slow
-def test_closer_than_the_hull() -> None:
-    """Start 5 of the evaluation: the hull excludes 3.8 s, turning 4.0 s too, and costs more."""
-    batch = scenarios(GoToPose().for_evaluation(), FLYER, EVALUATION_SEED, 6)
-    ends: Any = [map_leaves(lambda x: float(x[5]), x) for x in (batch.start, batch.goal)]
-    start, goal = ends
-    lattice = SpinLattice(FLYER, PERIOD)
-    hasty = SearchEffort(1e-9)
-    found = certified_least_time(
-        SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 125, hasty
-    )
-    assert (found.dual, found.lower, found.upper) == (
-        pytest.approx(4.0),
-        pytest.approx(4.2),
-        math.inf,
-    )
-    spent = certified_least_fuel(
-        SpatialBounder(lattice), Problem(start, goal, TASK_SET, REST), 50, hasty
-    )
-    assert spent.dual > 1.02 * hull.least_fuel(FLYER, REST, start, goal, 10.0, TASK_SET)
-    assert spent.lower == pytest.approx(math.ceil(spent.dual / 0.4) * 0.4)  # two pulses at a time
-
-
 @pytest.mark.slow
 def test_there_already_and_never() -> None:
     lattice = SpinLattice(FLYER, PERIOD)
@@ -231,31 +165,3 @@ def test_there_already_and_never() -> None:
     )
     assert late.lower > 1.8
     assert math.isinf(late.upper)
-
-
-def test_what_is_no_number_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    lattice = SpinLattice(FLYER, PERIOD)
-    start = moving(0, 0.0)
-    goal = moving(1, 0.0)
-
-    def relaxed(start: Any, goal: Any, aims: tuple[str, ...] = REST) -> ReachRelaxation:
-        return ReachRelaxation(lattice, aims, start, goal, GoalSet(), 5)
-
-    with pytest.raises(ConfigError, match="finite start"):
-        relaxed(replace(start, v=Vec3(math.nan, 0.0, 0.0)), goal)
-    with pytest.raises(ConfigError, match="start or a goal that spins"):
-        relaxed(start, replace(goal, w=Vec3(0.0, 0.1, 0.0)))
-    with pytest.raises(ConfigError, match="start or a goal that spins"):
-        relaxed(replace(start, w=Vec3(0.0, 0.1, 0.0)), goal)
-    with pytest.raises(ConfigError, match="pose at rest"):
-        relaxed(start, goal, ("position", "velocity"))
-    with pytest.raises(NonFiniteState, match="overflow"):
-        relaxed(start, goal).bound(np.full(3, 1e300), np.zeros(3))
-    with pytest.raises(ConfigError, match="finite control period"):
-        SpinLattice(FLYER, 0.0)
-    monkeypatch.setitem(sys.modules, "numba", None)
-    for name in ("rans.optimal.certificate.compiled", "rans_space_certificates.kernel"):
-        monkeypatch.delitem(sys.modules, name, raising=False)
-        monkeypatch.delattr(name, raising=False)
-    with pytest.raises(ConfigError, match=r"pip install .*\[optimal\]"):
-        relaxed(start, goal)

@@ -8,7 +8,7 @@ import torch
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import GoToPose
 from tests.support.engines import FLYER, PLATFORM
-from validation.speed.engine import copy_bandwidth, engine_rate, memory_per_environment
+from validation.speed.engine import copy_bandwidth, engine_rate
 from validation.speed.measurement import Clock
 
 
@@ -41,18 +41,6 @@ def test_a_rate_counts_every_environment_of_every_step(craft: Spacecraft, moved:
     assert found.note.endswith("not compiled")
     assert "256 environments" in found.name
     assert engine_rate(PLATFORM, GoToPose(), 2, Timed("cpu"), compiled=False).bound is None
-
-
-@pytest.mark.parametrize("num_envs", [8, 100])
-def test_bytes_of_an_environment(num_envs: int) -> None:
-    """As docs/speed.md has them, whatever the number; something is aimed at in the plane only."""
-    plane, space = (
-        memory_per_environment(craft, GoToPose(), num_envs, Timed("cpu"))
-        for craft in (PLATFORM, FLYER)
-    )
-    assert (plane.value, plane.bound, plane.bound_name) == (151.0, 250.0, "the 250 bytes aimed at")
-    assert (space.value, space.bound, space.bound_name) == (295.0, None, "")
-    assert plane.note == f"sum of all arrays of {num_envs} environments"
 
 
 @pytest.mark.slow

@@ -1,14 +1,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
 import rans.optimal.control.lqr
 from rans.errors import ConfigError
 from rans.model.spacecraft_file import load_spacecraft
-from rans.tasks import GoToPose
 from validation.study import closed_loop
 from validation.study.checks import Check, Skipped
 from validation.study.closed_loop import closed_loop_checks
@@ -38,20 +36,6 @@ def test_a_judge_of_another_mass_breaks_the_closed_loop(monkeypatch: pytest.Monk
     assert not all(
         check.passed for check in closed_loop_checks(PLATFORM, 1, 4) if isinstance(check, Check)
     )
-
-
-def test_it_starts_where_agents_are_evaluated(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
-    true = closed_loop.scenarios
-
-    def scenarios(task: object, *rest: Any) -> Any:
-        asked.append((task, *rest))
-        return true(task, *rest)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(closed_loop, "scenarios", scenarios)
-    closed_loop_checks(PLATFORM, 7, 1)
-    assert asked == [(GoToPose().for_evaluation(), PLATFORM, 7, 1)]
-    assert GoToPose().for_evaluation() != GoToPose()
 
 
 def test_a_craft_that_no_regulator_steers_is_skipped(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,14 +10,10 @@ import pytest
 from rans.model.spacecraft import Spacecraft
 from rans.reference.plant import Plant
 from tests.support.crafts import nasty_planar, nasty_spatial
-from tests.support.torquer import TURNED, TorquerInDrake
 from validation.study import dynamics
 from validation.study.checks import Check
 from validation.study.dynamics import (
-    _acceleration_check,
-    acceleration_checks,
     disturbance_checks,
-    mass_checks,
     thruster_checks,
     wrench_checks,
 )
@@ -54,59 +49,6 @@ def test_the_worst_command_is_named(craft: Spacecraft, monkeypatch: pytest.Monke
     force, torque = wrench_checks(craft, 1, 7)
     assert force.passed
     assert (torque.value, torque.worst) == (pytest.approx(0.25), "command 5")
-
-
-def test_only_the_largest_thruster_loosens_the_bound() -> None:
-    """1e-12 up to 1 N, however many thrusters there are; 4e-12 for one of 4 N."""
-    weak = replace(PLANE, thrusters=tuple(replace(t, force=0.4) for t in PLANE.thrusters))
-    strong = replace(weak, thrusters=(replace(weak.thrusters[0], force=4.0), *weak.thrusters[1:]))
-    assert [thruster_checks(craft)[0].tolerance for craft in (weak, strong)] == [
-        1e-12,
-        pytest.approx(4e-12),
-    ]
-
-
-@both
-def test_mass_and_inertia_are_compared_by_their_own_size(
-    craft: Spacecraft, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A millionth of the mass, of the largest moment, and a coupling of a micrometre's worth of mass."""
-    size = craft.dimension
-    largest = craft.inertia[2][2] if size == 2 else np.abs(np.array(craft.inertia)).max()
-    for row, column, error in (
-        (0, 0, craft.mass),
-        (size, size, largest),
-        (0, size, craft.mass),
-        (size, 0, craft.mass),
-    ):
-        off = np.zeros((craft.degrees_of_freedom,) * 2)
-        off[row, column] = 1e-6 * error
-        with monkeypatch.context() as patched:
-            judge(patched, "mass_matrix", off)
-            [check] = mass_checks(craft)
-        # Drake's largest moment is what is divided by, and that may be the one that is off.
-        assert check.value == pytest.approx(1e-6, rel=1e-5)
-
-
-def test_accelerations_are_compared_by_the_largest_or_by_what_cancels() -> None:
-    """Rows differ by 0 and 5 where Drake's are at most 10: one half; of at least 20: a quarter."""
-    drake = np.array([[6.0, 8.0], [3.0, 0.0]])
-    ours = drake + np.array([[0.0, 0.0], [3.0, -4.0]])
-    first = _acceleration_check("linear", ours, drake, 0.0, "Because.")
-    assert (first.name, first.value, first.worst) == (
-        "accelerations: linear",
-        pytest.approx(0.5),
-        "state 1",
-    )
-    assert _acceleration_check("linear", ours, drake, 20.0, "").value == pytest.approx(0.25)
-
-
-def test_accelerations_are_of_every_effector(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ours agree with Drake's to rounding where a torquer turns the craft too, and fail where Drake's is weaker."""
-    assert [check.passed for check in acceleration_checks(TURNED, 1, 8)] == [True, True]
-    true = TorquerInDrake.values
-    monkeypatch.setattr(TorquerInDrake, "values", lambda *given: 0.999 * true(*given))
-    assert [check.passed for check in acceleration_checks(TURNED, 1, 8)] == [True, False]
 
 
 @both

@@ -11,7 +11,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.reference.plant import Plant
 from validation.study import engines, flights, invariants, onsets, oracles
-from validation.study.checks import Check, Curve, Skipped
+from validation.study.checks import Check
 from validation.study.study import FULL_LAYERS, LAYERS, Scope, study
 
 PLATFORM = load_spacecraft("floating-platform")
@@ -93,48 +93,6 @@ def test_a_craft_without_thrusters_passes_and_names_what_it_lacks(
     assert Plant(scope.craft).thruster_wrenches().shape == (0, 6)
 
 
-@pytest.mark.slow
-def test_bounds_of_optimal_input() -> None:
-    """That Drake flies it as our equations do, to 1e-9."""
-    checks = [c for c in FULL_LAYERS["optimal"](Scope(PLATFORM, 1, 4, 1)) if isinstance(c, Check)]
-    assert tolerances(checks) == {1e-9: 4}
-    assert all(check.passed for check in checks)
-
-
-@pytest.mark.usefixtures("_short")
-@pytest.mark.parametrize(
-    ("layer", "table"), [("compiled", {1e-11: 4}), ("cuda", {1e-11: 4, 1e-3: 4})]
-)
-def test_bounds_of_other_paths(
-    layer: str, table: dict[float, int], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With eager engines in the place of compiled ones, which take a compiler or a GPU."""
-    monkeypatch.setattr(engines.shutil, "which", lambda _: "c++")
-    monkeypatch.setattr(engines.torch.cuda, "is_available", lambda: True)
-    made: list[Any] = []
-    true = engines._engine
-
-    def engine(
-        craft: Any, seed: int, count: int, dtype: Any, device: str = "cpu", compiled: Any = None
-    ) -> Any:
-        made.append((str(dtype), device, compiled))
-        return true(craft, seed, count, dtype, compiled=False)
-
-    monkeypatch.setattr(engines, "_engine", engine)
-    monkeypatch.setattr(engines, "graphed", lambda step, _: made.append("graph") or step)
-    found = list(FULL_LAYERS[layer](Scope(PLATFORM, 1, 4, 2)))
-    assert tolerances(found) == table
-    assert all(check.passed for check in found if isinstance(check, Check))
-    # Each against NumPy's engine: compiled is asked for, and of CUDA graphs both precisions are.
-    whole, single = "torch.float64", "torch.float32"
-    if layer == "compiled":
-        expected = [(whole, "cpu", True), (whole, "cpu", None)]
-    else:
-        graphed = [(whole, "cuda", None), (single, "cuda", None)]
-        expected = [(whole, "cpu", None), *graphed, "graph", "graph"]
-    assert Counter(made) == Counter(expected)
-
-
 def test_the_float32_engine_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its difference from float64 is that of seven digits: less would be no float32, more an error."""
     monkeypatch.setattr(engines, "_TIMING", Timing(episode_steps=5))
@@ -146,49 +104,6 @@ def test_the_float32_engine_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 # What is looked at.
-
-
-@pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Layers that only remember their scope."""
-    scopes: list[Any] = []
-
-    def look(name: str) -> Any:
-        def found(scope: Scope) -> list[Any]:
-            scopes.append((name, scope.seed, scope.states, scope.flights))
-            return [
-                Check(f"of {name}", 0.5, 1.0, "m", "Because."),
-                Skipped(name, "Absent."),
-                Curve("figure", name, (1.0,), (2.0,)),
-            ]
-
-        return found
-
-    names = {"thrusters": look("thrusters"), "period": look("period")}
-    monkeypatch.setattr("validation.study.study.LAYERS", names)
-    monkeypatch.setattr("validation.study.study.FULL_LAYERS", names | {"cuda": look("cuda")})
-    return scopes
-
-
-def test_a_quick_study_looks_at_less(asked: list[Any]) -> None:
-    told: list[Any] = []
-
-    def stages(*said: Any) -> Any:
-        told.append(said)
-        return told.append
-
-    found = study(PLATFORM, 7, quick=True, stages=stages)
-    assert asked == [("thrusters", 7, 64, 16), ("period", 7, 64, 16)]
-    assert told == [("thrusters", 1), 1, ("period", 1), 1]
-    names = ["thrusters", "period"]
-    assert [c.layer for c in found.checks] == names
-    assert [s.name for s in found.skipped] == [c.name for c in found.curves] == names
-    assert (found.settings["seed"], found.settings["quick"]) == (7, True)
-
-
-def test_a_whole_study_looks_at_more(asked: list[Any]) -> None:
-    study(FLYER)
-    assert asked == [(name, 0, 512, 128) for name in ("thrusters", "period", "cuda")]
 
 
 def test_one_layer_may_be_a_slow_one_even_if_quick(asked: list[Any]) -> None:
