@@ -14,6 +14,7 @@ from rans.model.actuators import Throttle
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft_file import spacecraft_names
 from rans.tasks import TASKS
 from tests.support.states import spatial
 
@@ -39,6 +40,12 @@ REAL_CRAFT = [
 what others of their kind of actuators show."""
 MISSION_CRAFT = ["afrl-deputy", "mars-lander-steered"]
 """Craft of the core that only missions fly, whose tasks a package adds."""
+FREE_CRAFT = [
+    name
+    for name in spacecraft_names()
+    if name not in {*OWN_CRAFT.values(), *MISSION_CRAFT, *REAL_CRAFT}
+]
+"""Craft that fly every task."""
 
 Tensor = tuple[tuple[float, float, float], ...]
 Triple = tuple[float, float, float]
