@@ -11,6 +11,7 @@ import torch
 from rans_missions.orbits.elliptic import EllipticOrbit
 from rans_missions.orbits.perturbed import PerturbedOrbit
 
+from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -88,3 +89,15 @@ def test_an_orbit_steps_and_restarts_as_on_numpy(on_host: Any, craft: Any, task:
     assert len(set(anomalies.tolist())) == 8
     assert compare(ours, on_host(*made, **how), 6) == 8
     assert (ours.episode.goal.notes.angle != anomalies).all()
+
+
+@dataclass(frozen=True)
+class BegunAnew(OnAnEllipse):
+    """Has an orbit that changes with time, and does not say where on it the target is."""
+
+    drift_at = GoToPosition.drift_at
+
+
+def test_an_orbit_that_would_begin_anew_in_every_period_is_refused() -> None:
+    with pytest.raises(ConfigError, match="must have a method drift_at"):
+        Engine(PLATFORM, BegunAnew(), num_envs=2, compiled=False).step(torch.zeros(2, 8))
