@@ -83,6 +83,10 @@ def test_times_by_hand() -> None:
     # Two of its eight thrusters of 1 N push each of two ways at right angles: sqrt(8) N.
     assert seconds_for_a_metre(PLATFORM) == pytest.approx(2.0 * math.sqrt(5.32 / math.sqrt(8.0)))
     assert seconds_for_half_a_turn(radial()) == math.inf
+    # Half of an eight-pointed star pushes midway between two points, along no axis of the craft.
+    assert seconds_for_a_metre(radial()) == pytest.approx(
+        2.0 * math.sqrt(5.32 * math.sin(math.pi / 8.0))
+    )
 
 
 SLOW: dict[str, Any] = {
