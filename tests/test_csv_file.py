@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from rans_assurance.follow.paths import read_path
 from rans_missions.judges import logs
 from rans_robot.identify.log import read_csv as read_log
 
@@ -27,7 +26,6 @@ COMMANDS = [f"command.{k}" for k in range(8)]
 INPUTS = [f"u{k}" for k in range(8)]
 POSE = ["x", "y", "heading"]
 READERS: dict[str, tuple[Callable[[Path], object], list[str], list[str]]] = {
-    "path": (read_path, ["x", "y"], ["0", "0"]),
     "flights": (
         lambda file: FlightsFile(file, SETUP),
         ["start", "time", *COMMANDS],

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from rans.randomization.faults import FaultSet
     from rans_assurance.assure.assurance import Assurance
     from rans_assurance.follow.follow import Following
+    from rans_assurance.follow.paths import Path as FollowedPath
     from rans_assurance.pages.stress_page import StressReport
 
 STRESSED = ("lab", "roboran", "orbit", "harsh")
@@ -245,7 +246,7 @@ def assure(
 
 def follow(
     agent: object,
-    path: str | Path = "circle",
+    path: str | FollowedPath = "circle",
     *,
     speed: float = 0.25,
     look_ahead: float = 0.25,
@@ -256,13 +257,14 @@ def follow(
     """Fly an agent that tracks velocities along a path, with the paper's look-ahead planner.
 
     >>> found = rans.follow("track-velocity-2d", "circle", episodes=2)
-    >>> found.planner.path.label
+    >>> found.planner.path.name
     'circle'
 
     Args:
         agent: run folder of an agent for track-velocity, pretrained:NAME, or CONTROLLER:track-velocity-2d or -3d,
             with @SPACECRAFT if you like.
-        path: circle, spiral, square, lemniscate, helix (in space), or a CSV file of points x,y[,z] in m.
+        path: circle, spiral, square, lemniscate or helix (in space); in Python also a path of points, m
+            (``rans_assurance.follow.paths.Path.through``).
         speed: speed along the path, m/s.
         look_ahead: look-ahead radius, m: the commanded velocity points to the farthest point of the path
             within it.
@@ -277,7 +279,7 @@ def follow(
     from rans_assurance.follow.follow import fly_path as follow_path
     from rans_assurance.follow.paths import LookAhead, find_path
 
-    planner = LookAhead(find_path(str(path)), speed, look_ahead)
+    planner = LookAhead(find_path(path) if isinstance(path, str) else path, speed, look_ahead)
     run = in_protocol(agent, "own")
     return follow_path(
         run.craft,

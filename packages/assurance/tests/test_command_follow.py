@@ -25,19 +25,15 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_writes_table_numbers_and_figure(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "corner.csv"
-    file.write_text("x,y\n0,0\n1,0\n1,1\n")
-    assert Follow(str(run), str(file), episodes=3).run() == 0
+def test_writes_table_numbers_and_figure(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert Follow(str(run), "square", episodes=3).run() == 0
     printed = capsys.readouterr().out
     assert "cross-track RMS" in printed
-    (written,) = run.glob("follow-corner-*.json")
+    written = run / "follow-square.json"
     assert str(written) in printed.replace("\n", "")
     numbers = json.loads(written.read_text())
     assert (numbers["speed"], numbers["look_ahead"]) == (0.25, 0.25)
-    assert numbers["length"] == pytest.approx(2.0)
+    assert numbers["length"] == pytest.approx(12.0)
     assert all(len(row["flights"]) == 3 for row in numbers["quantities"])
     assert ET.parse(written.with_suffix(".svg")).getroot().tag.endswith("svg")
 

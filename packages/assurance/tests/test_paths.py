@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import tempfile
-from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
@@ -17,16 +14,12 @@ from rans_assurance.follow.paths import (
     LookAhead,
     Path,
     circle,
-    find_path,
     helix,
     lemniscate,
-    read_path,
     spiral,
     square,
 )
 from scipy.integrate import quad
-
-from rans.errors import ConfigError, RansWarning
 
 LINE = Path.through("line", np.array([(0.0, 0.0), (2.0, 0.0)]), closed=False)
 """401 points along the x axis, 5 mm apart."""
@@ -205,52 +198,3 @@ def test_progress_never_goes_back_nor_jumps(name: str, seed: int, radius: float)
     assert ((target >= after) & (target <= after + planner.window)).all()
     lengths = np.linalg.norm(command, axis=1)
     assert lengths == pytest.approx(np.where(after < planner.end, 0.3, 0.0))
-
-
-@pytest.mark.parametrize(
-    ("text", "length", "closed", "dimension"),
-    [
-        ("0,0\n3,4\n", 5.0, False, 2),
-        ("x,y\n0,0\n3,4\n", 5.0, False, 2),
-        ("\ufeffx, y, z\r\n 0, 0, 0\r\n\r\n0,3,4\r\n", 5.0, False, 3),
-        ("0,0\n3,0\n3,4\n0,0", 12.0, True, 2),
-        ("0,0\n1,0\n1,0\n0,0\n", 2.0, False, 2),  # there and back is no loop
-    ],
-)
-def test_a_file(text: str, length: float, closed: bool, dimension: int, tmp_path: FilePath) -> None:
-    file = tmp_path / "my.way.csv"
-    file.write_text(text, "utf-8", newline="")
-    path = find_path(str(file))
-    assert (path.name, path.closed, path.dimension) == ("my.way", closed, dimension)
-    # the triangle's 53 degree corner may be cut by a gap of 5 mm
-    assert path.length == pytest.approx(length, abs=0.01)
-
-
-@given(st.binary(max_size=200))
-def test_whatever_is_in_a_file_it_is_a_path_or_a_sentence(content: bytes) -> None:
-    with tempfile.NamedTemporaryFile(suffix=".csv") as file:
-        file.write(content)
-        file.flush()
-        with contextlib.suppress(ConfigError):
-            assert np.isfinite(read_path(FilePath(file.name)).points).all()
-
-
-@pytest.mark.parametrize(
-    ("text", "points"),
-    [
-        ("0,0\n3,1\n", [(0, 0), (3, 1)]),
-        ("y,x\n0,0\n1,3\n", [(0, 0), (3, 1)]),
-        ("x (m),y (m)\n0,0\n3,1\n", [(0, 0), (3, 1)]),
-        ("z,y,x\n0,0,0\n1,2,3\n", [(0, 0, 0), (3, 2, 1)]),
-    ],
-)
-def test_a_header_names_the_columns(text: str, points: list, tmp_path: FilePath) -> None:
-    (tmp_path / "way.csv").write_text(text)
-    path = read_path(tmp_path / "way.csv")
-    np.testing.assert_allclose(path.at(np.array([0, path.last])), points, atol=1e-9)
-
-
-def test_columns_that_are_not_read_are_named(tmp_path: FilePath) -> None:
-    (tmp_path / "way.csv").write_text("time,x,y\n0,0,0\n1,1,1\n")
-    with pytest.warns(RansWarning, match="'time'"):
-        assert read_path(tmp_path / "way.csv").dimension == 2

@@ -22,7 +22,7 @@ from rans_assurance.functions import follow
     follow,
     without=("speed", "look_ahead", "seed", "engine"),
     agent=word("RUN"),
-    path=word("[PATH]"),
+    path=word("[PATH]", str),
 )
 class Follow(Options):
     """Fly an agent that tracks velocities along a path, with the paper's look-ahead planner.
@@ -54,7 +54,7 @@ class Follow(Options):
         planner = LookAhead(find_path(self.path))
         contestant(self.agent)  # reject a wrong name before a folder is created
         file = ready_folder(ContestantName.parse(self.agent).output_folder)
-        file = file / f"follow-{planner.path.label}.json"
+        file = file / f"follow-{planner.path.name}.json"
         following = follow(self.agent, self.path, episodes=self.episodes, seed=EVALUATION_SEED)
         Terminal().table(following.table())
         write_json(file, following.to_json() | {"seed": EVALUATION_SEED})

@@ -1,32 +1,24 @@
 """Paths to fly along, and the planner that turns a path into velocity commands.
 
-Positions are (d,) in W, m; files of users are checked line by line.
+Positions are (d,) in W, m.
 """
 
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import groupby, pairwise
-from pathlib import Path as FilePath
 
 import numpy as np
 
 from rans.errors import meant
-from rans.extend import ConfigError, RansWarning, brief, distinct, read_csv
+from rans.extend import ConfigError, brief
 
 SPACING = 0.005
 """Largest distance along a path between neighbouring points, m: a fiftieth of the paper's look-ahead. A
 corner that falls between two points is cut by less than a millimetre or two."""
 _USUAL_RADIUS = 0.25
 """Look-ahead distance of the paper, m."""
-_FARTHEST = 1e4
-"""Bound of a coordinate, m."""
-_SHORTEST = 0.1
-_LONGEST = 5e3
-"""Bounds of a path's length, m: five kilometres are a million points, and five hours at 0.25 m/s."""
 _DRAWN = 3600
 """Points of a curve per turn before they are spaced (original system)."""
 
@@ -39,13 +31,6 @@ class Path:
     points: np.ndarray
     """(P, 2) or (P, 3) in W, m. A closed path does not repeat its first point."""
     closed: bool
-
-    @property
-    def label(self) -> str:
-        """Label in names of files: its name, with a digest of its points if it is a user's."""
-        if self.name in PATHS and np.array_equal(PATHS[self.name]().points, self.points):
-            return self.name
-        return distinct(self.name, f"{self.closed} {self.points.tolist()}")
 
     @classmethod
     def through(cls, name: str, points: np.ndarray, closed: bool) -> Path:
@@ -154,85 +139,16 @@ PATHS: dict[str, Callable[[], Path]] = {
 
 
 def find_path(name: str) -> Path:
-    """The path of a name, or of a CSV file.
+    """The path of a name.
 
     Raises:
-        ConfigError: there is no such path, or the file holds none.
+        ConfigError: there is no such path.
     """
     if name in PATHS:
         return PATHS[name]()
-    if name.lower().endswith(".csv"):
-        return read_path(FilePath(name))
     raise ConfigError(
-        f"there is no path named {brief(name)}{meant(name, PATHS)}; known are "
-        f"{', '.join(PATHS)}, and files whose name ends in .csv."
+        f"there is no path named {brief(name)}{meant(name, PATHS)}; known are {', '.join(PATHS)}."
     )
-
-
-def read_path(file: FilePath) -> Path:
-    """A path from a CSV file: one point a line, m, joined by straight lines.
-
-    The first line may name the columns: ``x``, ``y`` and, in space, ``z``, in any order and with ``(m)`` behind
-    them; others are not read, which a warning says. Without names a line is x,y or x,y,z. The path is closed if
-    its last point repeats its first.
-
-    Raises:
-        ConfigError: the file cannot be read or holds no path; the message names the line.
-    """
-    table = read_csv(file, what="the path ")
-    rows = [*table.rows]
-    # Axes by their places: of names, or of a first line that is a point.
-    if any(map(_is_number, table.header)):
-        rows.insert(0, (1, [*table.header]))
-        usual = len(table.header) in (2, 3)
-        axes = {axis: k for k, axis in enumerate("xyz"[: len(table.header)])} if usual else {}
-    else:
-        axes = table.columns(dict.fromkeys("xyz", ("m",)))
-    if not {"x", "y"} <= set(axes):
-        raise ConfigError(
-            f"{table.what} must hold points x,y or x,y,z (m), or name these columns in its first line, got "
-            f"{brief(', '.join(table.header))}."
-        )
-    if len(axes) < len(table.header):
-        unread = [cell for k, cell in enumerate(table.header) if k not in axes.values()]
-        warnings.warn(
-            f"{table.what} has columns that are not read: {brief(', '.join(unread))}.",
-            RansWarning,
-            stacklevel=2,
-        )
-    # Points in the order of the axes; one that repeats the point before is left out.
-    read = []
-    for line, row in rows:
-        point = tuple(table.number(line, axis, row[axes[axis]]) for axis in sorted(axes))
-        if max(map(abs, point)) > _FARTHEST:
-            raise ConfigError(
-                f"{table.what}, line {line}: coordinates must be within +-{_FARTHEST:g} m, got {brief(point)}; "
-                "are they in metres?"
-            )
-        read.append(point)
-    points = [point for point, _ in groupby(read)]
-    if len(points) < 2:
-        raise ConfigError(
-            f"{table.what} must hold at least two different points, one x,y or x,y,z (m) a line, got "
-            f"{len(points)}."
-        )
-    # A closed path, whose last point is its first.
-    closed = len(points) > 3 and points[0] == points[-1]
-    length = sum(math.dist(a, b) for a, b in pairwise(points))
-    if not _SHORTEST <= length <= _LONGEST:
-        raise ConfigError(
-            f"{table.what}: a path must be {_SHORTEST:g} to {_LONGEST:g} m long, got "
-            f"{length:g} m; are the coordinates in metres?"
-        )
-    return Path.through(file.stem, np.array(points[:-1] if closed else points), closed)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 @dataclass(frozen=True)
