@@ -305,6 +305,14 @@ class Conditions(NamedArguments, Settings):
         return faults.thrusters if is_planned else ()
 
     @property
+    def has_faults(self) -> bool:
+        """Whether thrusters may fail in an episode."""
+        return any(
+            part.faults.thrusters or largest(part.faults.count) > 0.0
+            for part in (self, *self.others)
+        )
+
+    @property
     def only_dead(self) -> bool:
         """Whether everything is nominal but thrusters that are `dead` in every episode."""
         if self.others or not self.dead:

@@ -211,6 +211,19 @@ def test_lost_flights_lead_to_a_command_that_may_help(text: str, command: str) -
 
 
 @pytest.mark.parametrize(
+    ("text", "command"),
+    [
+        ("any-craft-2d#1@atmos", "rans evaluate 'any-craft-2d#0@atmos' --conditions faults"),
+        ("any-craft-2d@atmos", "rans evaluate any-craft-2d@atmos"),
+    ],
+)
+def test_a_frugal_value_that_conditions_defeat_leads_to_a_fast_one(text: str, command: str) -> None:
+    run = contestant("lqr:go-to-pose-2d@atmos")
+    found = ContestantName.parse(text).shortfall(60.0, run, "faults")
+    assert found.endswith(command)
+
+
+@pytest.mark.parametrize(
     "options",
     [
         ["evaluate", "--episodes", "4"],

@@ -57,7 +57,7 @@ def _here(
         "test_a_batch_writes_a_file_that_reads_back",
         "test_a_long_flight_is_announced",
     ):
-        flown = Choice(0.4, 0.2, 32, 6.0, 17.0)
+        flown = Choice(0.4, 0.2, 32, 32, 6.0, 17.0)
         monkeypatch.setattr("rans.evaluation.fly.choice.chosen", lambda *_: flown)
 
 
@@ -98,7 +98,7 @@ def test_a_batch_writes_a_file_that_reads_back(capsys: pytest.CaptureFixture[str
     assert craft.actuators == OnOff()
     assert craft.wheels == (Wheel((0.0, 0.0, 1.0), 0.1, 0.7, 0.001),)
     printed = capsys.readouterr()
-    assert "any-craft-2d#0.4: solved 32 of 32" in printed.out.replace("\n", " ")
+    assert "any-craft-2d#0.4: solved 256 of 256" in printed.out.replace("\n", " ")
     assert "3 N" in printed.out
     assert "dead: 0, 1, 2, 3; without" in printed.out.replace("\n", " ")
     assert "twice" not in printed.err

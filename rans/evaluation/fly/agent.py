@@ -44,6 +44,19 @@ class Agent:
     def __repr__(self) -> str:
         return f"<Agent {self.name}>"
 
+    def expecting(self, conditions: Conditions | None) -> Agent:
+        """The agent for conditions: where thrusters fail, pulses that count on every thruster hold no pose."""
+        architecture = self.network.architecture
+        if conditions is None or not conditions.has_faults or not architecture.frugality.hold:
+            return self
+        numbers = tuple(architecture.frugality._replace(hold=0.0))
+        network = Network(
+            replace(architecture, frugal=numbers), self.network.tensors, at=self.network.at
+        )
+        agent = Agent(network, self.name, self._craft)
+        agent.remark = self.remark
+        return agent
+
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; an agent with a memory forgets."""
         self._memory = self.network.initial_state(count)

@@ -30,13 +30,18 @@ from rans.tasks.go_to_pose import GoToPose
 VALUES = (0.4, 0.3, 0.0)
 """Values in the order in which they are tried: 0.4 is quicker and cheaper than LQR on nearly all craft, and smaller
 values settle craft whose flights are short or whose thrusters are coarse."""
-FLIGHTS = 32
-"""Number of flights of a candidate."""
+LARGER = {2: (1.0, 0.8, 0.6), 3: (1.0,)}
+"""Larger values that are tried afterwards, by dimension, until no flight is lost: each takes a second in space."""
+FLIGHTS = {2: 256, 3: 128}
+"""Number of flights of a candidate, by dimension. They take hardly longer than 32, of which a craft that loses 3 %
+of its flights may lose none."""
 ENOUGH = 0.95
-"""Part of the flights below which an agent is not recommended."""
+"""Part of the flights below which a cause is named (`ContestantName.shortfall`)."""
+_SURE = 0.99
+"""Part of the flights of a choice below which it is doubted."""
 _COARSE = 0.2
 """Control period above which a shorter one is tried, s."""
-_VERSION = 2
+_VERSION = 3
 """Version of the rule of choice; a cached choice of another version is made anew."""
 
 
@@ -46,23 +51,31 @@ class Choice(NamedTuple):
     value: float
     period: float
     """s."""
+    flights: int
     solved: int
-    """Number of the `FLIGHTS` that were solved."""
+    """Number of the flights that were solved."""
     time: float
     """Median settling time, s; infinite if less than half settle."""
     impulse: float
     """Mean impulse, N s."""
+    lost: float = 0.0
+    """Least of the larger values tried at which flights are lost; 0: none."""
 
     @property
     def is_enough(self) -> bool:
-        """Whether so many flights are solved that the agent may be recommended."""
-        return self.solved >= ENOUGH * FLIGHTS
+        """Whether so many flights are solved that nothing is doubted."""
+        return self.solved >= _SURE * self.flights
 
     def text(self, agent: str) -> str:
         """The choice in a line, with the name of the agent without a value."""
         time = f"{self.time:.3g} s" if math.isfinite(self.time) else "no settling time"
-        line = f"{agent}#{self.value:g}: solved {self.solved} of {FLIGHTS}, {time}, {self.impulse:.3g} N s"
-        return f"{line}." if self.is_enough else f"{line}, commanded every {self.period:g} s."
+        line = (
+            f"{agent}#{self.value:g}: solved {self.solved} of {self.flights}, {time}, "
+            f"{self.impulse:.3g} N s"
+        )
+        if not self.is_enough:
+            return f"{line}, commanded every {self.period:g} s."
+        return f"{line}; at #{self.lost:g} flights are lost." if self.lost else f"{line}."
 
     def doubt(
         self, agent: str, craft: Spacecraft, is_named: bool = False, is_narrow: bool = False
@@ -102,25 +115,28 @@ def chosen(
     Raises:
         ConfigError: the agent cannot fly the craft.
     """
+    if period is None and craft is not None and craft.dimension == 2:
+        period = timing_for(craft, own.timing).control_period  # no other is tried
     file = _folder() / f"{_digest(own, craft, period, value)}.json"
     with contextlib.suppress(ConfigError, OSError, TypeError, ValueError):
-        entries = map(float, read_json(file))
-        flown, seconds, solved, time, impulse = entries
-        return Choice(flown, seconds, int(solved), time, impulse)
+        flown, seconds, flights, solved, *others = map(float, read_json(file))
+        return Choice(flown, seconds, int(flights), int(solved), *others)
     best: Choice | None = None
     with warnings.catch_warnings():
         # What flies in the end says what is outside of its training.
         warnings.simplefilter("ignore", RansWarning)
         for each, run in _candidates(own, craft, period, value):
             # Values beside one that loses half of the flights lose many, too: only the fastest is left to try.
-            if best is not None and best.solved < FLIGHTS / 2 and 0.0 < each < best.value:
+            if best is not None and best.solved < best.flights / 2 and 0.0 < each < best.value:
                 continue
             result = _flown(frugal(run, each), each)
             if best is None or result.solved > best.solved:
                 best = result
-            if best.solved == FLIGHTS:
+            if best.solved == best.flights:
                 break
-    assert best is not None
+        assert best is not None
+        if value is None and best.is_enough:
+            best = best._replace(lost=_lost(own, craft, best))
     with contextlib.suppress(ConfigError, OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
         write_json(file, list(best))
@@ -164,14 +180,7 @@ def _candidates(
     own: LoadedRun, craft: Spacecraft | None, period: float | None, value: float | None
 ) -> Iterator[tuple[float, LoadedRun]]:
     """Values and runs to be flown, in the order of preference."""
-
-    def at(seconds: float | None) -> LoadedRun:
-        if craft is None:
-            return own
-        timing = None if seconds is None else timing_for(craft, own.timing, seconds)
-        return for_spacecraft(own, craft, timing)
-
-    usual = at(period)
+    usual = _every(period, own, craft)
     if value is not None:
         yield value, usual
         return
@@ -180,21 +189,43 @@ def _candidates(
     seconds = usual.timing.control_period
     if period is None and usual.craft.dimension == 3 and craft is not None and seconds > _COARSE:
         # Pulses that are long for their craft are the usual cause.
-        yield first, at(max(x for x in PERIODS_IN_SPACE if x < seconds))
+        shorter = max(x for x in PERIODS_IN_SPACE if x < seconds)
+        yield first, _every(shorter, own, craft)
     for other in others:
         yield other, usual
+
+
+def _every(seconds: float | None, own: LoadedRun, craft: Spacecraft | None) -> LoadedRun:
+    """The agent with a craft that is commanded at a period; None: its own craft, or the usual period."""
+    if craft is None:
+        return own
+    timing = None if seconds is None else timing_for(craft, own.timing, seconds)
+    return for_spacecraft(own, craft, timing)
+
+
+def _lost(own: LoadedRun, craft: Spacecraft | None, best: Choice) -> float:
+    """See `Choice.lost`."""
+    run = _every(best.period, own, craft)
+    lost = 0.0
+    for value in LARGER[run.craft.dimension]:
+        if _flown(frugal(run, value), value).is_enough:
+            break
+        lost = value
+    return lost
 
 
 def _flown(run: LoadedRun, value: float) -> Choice:
     """Flights of a candidate."""
     from rans.fast.flights import Flights
 
-    result = Flights(run.network, run.judged).fly(0, FLIGHTS, CHOICE_SEED)
+    flights = FLIGHTS[run.craft.dimension]
+    result = Flights(run.network, run.judged).fly(0, flights, CHOICE_SEED)
     period = run.timing.control_period
     return Choice(
         value,
         period,
-        FLIGHTS - result.unsolved,
+        flights,
+        flights - result.unsolved,
         period * result.settling_step(),
         result.sums["impulse"].mean,
     )
@@ -208,6 +239,7 @@ def _digest(
         package_version("rans"),
         _VERSION,
         VALUES,
+        LARGER,
         FLIGHTS,
         CHOICE_SEED,
         PERIODS_IN_SPACE,

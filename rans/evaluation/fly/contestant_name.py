@@ -199,12 +199,14 @@ class ContestantName:
     @property
     def in_full(self) -> str:
         """Text with the agent for any craft, where the user's has the file of a spacecraft alone; else ""."""
-        if not self.craft or "@" in self.text:
-            return ""
-        words = [] if self.frugality is None else [f"{self.frugality:g}"]
+        return self._at(self.frugality) if self.craft and "@" not in self.text else ""
+
+    def _at(self, value: float | None) -> str:
+        """Text of the agent for any craft at another value."""
+        words = [] if value is None else [f"{value:g}"]
         own = ",".join([*words, *self.asked])
-        before = self.text[: self.text.index(self.craft)]
-        return f"{before}{self.name}{f'#{own}' if own else ''}@{self.craft}"
+        craft = f"@{self.craft}" if self.craft else ""
+        return f"{ADAPTIVE}:" * self.adapts + self.name + (f"#{own}" if own else "") + craft
 
     @property
     def is_for_a_craft(self) -> bool:
@@ -245,13 +247,12 @@ class ContestantName:
         run: LoadedRun,
         period: float | None = None,
         craft: Spacecraft | None = None,
-        is_alone: bool = False,
     ) -> LoadedRun:
         """The run of an agent for any craft as this name says: adapting, for a craft, at a value.
 
         Without a craft in its name it flies ``craft``; None: its own. The order counts: constants of the craft are
         computed for the network as it adapts, and frugality for the craft. A value that the user names is flown as
-        it is. Where no flights follow that would say how it does (``is_alone``), those of its choice do.
+        it is, with a warning if it loses flights; not at a ``period`` (s) of others, beside whom it is judged.
         """
         from rans.evaluation.fly.agent import Agent
         from rans.evaluation.fly.any_craft import (
@@ -270,9 +271,10 @@ class ContestantName:
         value = self.frugality
         choice = None
         if run.network.at:
-            if value is not None and craft is not None and period is None:
+            is_judged_beside = period is not None
+            if value is not None and craft is not None and not is_judged_beside:
                 period = chosen_period(run, craft)
-            if value is None or is_alone:
+            if value is None or not is_judged_beside:
                 choice = chosen(run, craft, period, value)
                 value, period = choice.value, choice.period
         if self.adapts:
@@ -313,13 +315,15 @@ class ContestantName:
         again = ["rans", "evaluate", self.text]
         if conditions is not None:
             cause = "conditions that are harder than its own"
+            if self.frugality:
+                cause += ", in which larger values lose more flights than 0"
+                again[-1:] = [self._at(0.0), "--conditions", str(conditions)]
         elif self._is_narrow:
             cause = NARROW
             again = ["rans", "list", craft]
         elif self.frugality is not None:
             cause = "a value that suits this craft less than the one that its flights choose"
-            own = f"{self.name}#{','.join(self.asked)}" if self.asked else self.name
-            again[-1] = f"{ADAPTIVE}:" * self.adapts + f"{own}@{craft}"
+            again[-1] = self._at(None)
         elif self.is_for_a_craft or self.kind == "controller":
             cause = likely_cause(run.craft, run.timing.control_period)
             again = ["rans", "list", craft]
@@ -348,7 +352,7 @@ class ContestantName:
         from rans.evaluation.fly.agent import load_policy
         from rans.evaluation.fly.any_craft import write_for_spacecraft
 
-        run = self.for_craft(load_policy(source), is_alone=True)
+        run = self.for_craft(load_policy(source))
         return write_for_spacecraft(source, run, self.output_folder / "agent")
 
     @property

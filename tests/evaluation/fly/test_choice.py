@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from rans.api.names import load_conditions
 from rans.errors import RansWarning
 from rans.evaluation.fly import choice
 from rans.evaluation.fly.agent import LoadedRun, load_policy
-from rans.evaluation.fly.choice import FLIGHTS, Choice, chosen
+from rans.evaluation.fly.any_craft import for_spacecraft, frugal
+from rans.evaluation.fly.choice import Choice, chosen
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.flights import Flights
@@ -28,7 +30,7 @@ def flown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[float, int]:
     solved: dict[float, int] = {}
 
     def result(run: LoadedRun, value: float) -> Choice:
-        return Choice(value, run.timing.control_period, solved.get(value, 0), 6.0, 17.0)
+        return Choice(value, run.timing.control_period, 32, solved.get(value, 0), 6.0, 17.0)
 
     monkeypatch.setattr(choice, "_flown", result)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
@@ -53,11 +55,23 @@ def test_the_cheapest_value_that_loses_no_flight_is_taken(
     assert chosen(OWN, PLATFORM, value=1.0).solved == 0
 
 
+@pytest.mark.parametrize(
+    ("lost", "least"), [((), 0.0), ((1.0,), 1.0), ((1.0, 0.8), 0.8), ((1.0, 0.8, 0.6), 0.6)]
+)
+def test_the_least_larger_value_that_loses_flights_is_named(
+    lost: tuple[float, ...], least: float, flown: dict[float, int]
+) -> None:
+    flown.update({value: 32 for value in (0.4, 0.6, 0.8, 1.0) if value not in lost})
+    result = chosen(OWN, PLATFORM)
+    assert result.lost == least
+    assert (f"#{least:g}" in result.text("").partition(":")[2]) == bool(least)
+
+
 def test_flights_are_flown_once_for_a_craft(flown: dict[float, int], tmp_path: Path) -> None:
-    flown[0.4] = FLIGHTS
+    flown[0.4] = 32
     assert chosen(OWN, PLATFORM).value == 0.4
     flown.clear()
-    flown[0.0] = FLIGHTS
+    flown[0.0] = 32
     assert chosen(OWN, replace(PLATFORM, name="alike")).value == 0.4
     assert chosen(OWN, replace(PLATFORM, mass=9.0)).value == 0.0
     for file in tmp_path.rglob("*.json"):
@@ -74,6 +88,8 @@ def test_a_craft_that_no_value_settles_is_doubted_wherever_it_is_loaded(
         assert contestant("any-craft-2d@mine.toml").controller.name == "any-craft-2d#0"
     with pytest.warns(RansWarning, match="any-craft-2d#1: solved 0 of 32"):
         assert ContestantName.parse("any-craft-2d#1@mine.toml").folder.exists()
+    with pytest.warns(RansWarning, match="any-craft-2d#1: solved 0 of 32"):
+        contestant("mine.toml#1")
 
 
 @pytest.mark.slow
@@ -105,4 +121,12 @@ def test_pulses_that_are_long_for_a_heavy_craft_are_flown_more_often(
     inertia = ((60.0, 0.0, 0.0), (0.0, 70.0, 0.0), (0.0, 0.0, 65.0))
     craft = replace(start, mass=300.0, inertia=inertia, thrusters=thrusters, wheels=wheels)
     result = chosen(load_policy(pretrained_folder("any-craft-3d")), craft)
-    assert (result.solved, result.period) == (FLIGHTS, 0.5)
+    assert (result.solved, result.period) == (result.flights, 0.5)
+
+
+@pytest.mark.parametrize(("conditions", "holds"), [("faults", 0.0), ("lab", 1.0)])
+def test_pulses_hold_no_pose_where_thrusters_may_fail(conditions: str, holds: float) -> None:
+    """Of 256 flights of the platform under faults 66 % are solved with them and 76 % without; in lab they help."""
+    run = frugal(for_spacecraft(OWN, PLATFORM), 1.0).under(load_conditions(conditions))
+    assert run.network.architecture.frugality.hold == holds
+    assert run.controller.name == f"{OWN.controller.name}#1"
