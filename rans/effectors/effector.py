@@ -184,15 +184,6 @@ class Effector(ABC):
         return False
 
     @property
-    def factors(self) -> tuple[str, ...]:
-        """Quantities that conditions may multiply, such as ("slosh mass",); by default none.
-
-        Conditions name them (`rans.randomization.conditions.EffectorConditions`), and an episode has the factors in
-        `rans.model.body.Body.factors`.
-        """
-        return ()
-
-    @property
     def label(self) -> str:
         """Short text in lists, such as "0.5 kg slosh"; by default the name of the class."""
         return type(self).__name__

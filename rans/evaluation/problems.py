@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,12 +13,8 @@ from rans.registry import Registry
 from rans.tasks.base import Task
 
 if TYPE_CHECKING:
-    from rans.evaluation.compare.contest import Contest, Entry
+    from rans.evaluation.compare.contest import Contest
     from rans.evaluation.compare.mission_bounds import MissionBounds
-
-
-Pictures = Iterator[tuple[Any, str]]
-"""Figures, each with the text below it."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +33,6 @@ class Problem:
     solve: Callable[[Any, Spacecraft, Task], int] | None = None
     """What ``rans optimal`` does: of the command (`rans.cli.optimal.Optimal`), craft and task, its exit code. None:
     such a task has no optimum that the command computes."""
-    pictures: Callable[[Sequence[Entry]], Pictures] | None = None
-    """Figures for the page of a comparison, each with its text, of its entries; None: only those of margins and of
-    what is spent."""
 
 
 def _checked(found: Any) -> Problem:

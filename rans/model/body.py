@@ -56,8 +56,6 @@ class Body:
     """Droop of each supply, see `rans.model.dynamics.thrust`; None: that of the craft."""
     mountings: tuple[Mounting, ...] = ()
     """True position and direction of each thruster; empty: as designed."""
-    factors: tuple[Field, ...] = ()
-    """Factors on quantities of further effectors, in the order of `Spacecraft.factors`; empty: each is 1."""
 
     @classmethod
     def of(cls, craft: Spacecraft) -> Body:
@@ -116,10 +114,6 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
         in_fields({f"gain of thruster {i}": ">= 0" for i in thrusters}, body.gain, nominal.gain),
         in_fields({f"leak of thruster {i}": ">= 0" for i in thrusters}, body.leak, nominal.leak),
         mountings=_mountings_in_memory(body.mountings, len(thrusters), count, field),
-        factors=tuple(
-            _placed(f"factor {k} on further effectors", ">= 0", value, count, field)
-            for k, value in enumerate(body.factors)
-        ),
     )
     if len(body.inertia) == 6:
         _check_rigid(body.inertia)
@@ -134,8 +128,8 @@ def check_stores(craft: Spacecraft, body: Body) -> None:
         body: of numbers, or of arrays or tensors (N,).
 
     Raises:
-        ConfigError: there is as much propellant as the craft has mass, or more; or the factors are not those of its
-            further effectors, which may refuse the body too (`Effector.check_body`).
+        ConfigError: there is as much propellant as the craft has mass, or more; or a further effector
+            refuses the body (`Effector.check_body`).
     """
     least = float(np.min(numbers(body.mass)))
     tank = craft.propellant
@@ -143,11 +137,6 @@ def check_stores(craft: Spacecraft, body: Body) -> None:
         raise ConfigError(
             f"the body's mass, {least:g} kg, includes a full tank, and the propellant of {craft.name!r}, "
             f"{tank.mass:g} kg, may be 99.9 % of it at most. The usual cause is the mass with an empty tank."
-        )
-    if len(body.factors) not in (0, len(craft.factors)):
-        raise ConfigError(
-            f"the body has {len(body.factors)} factors on further effectors, and those of {craft.name!r} have "
-            f"{', '.join(craft.factors) or 'none'}: leave them out, or give one for each."
         )
     further: tuple[Any, ...] = craft.further_effectors
     for effector in further:

@@ -111,11 +111,6 @@ class FurtherEffector(Protocol):
         ...
 
     @property
-    def factors(self) -> tuple[str, ...]:
-        """Quantities that conditions may multiply."""
-        ...
-
-    @property
     def label(self) -> str:
         """Short text in lists."""
         ...
@@ -348,11 +343,6 @@ class Spacecraft(NotebookRepr):
             for effector, mounted in zip(self.further_effectors, self.mounted, strict=True)
             if mounted.commands or not effector.moves_mass
         )
-
-    @property
-    def factors(self) -> tuple[str, ...]:
-        """Quantities of further effectors that conditions may multiply, in the order of `Body.factors`."""
-        return tuple(name for effector in self.further_effectors for name in effector.factors)
 
     @property
     def is_continuous(self) -> bool:
@@ -652,8 +642,7 @@ def _check_further(craft: Spacecraft) -> None:
     """Refuse further effectors that cannot be on this craft, or whose names are no names, and two moving masses."""
     for effector in craft.further_effectors:
         effector.check_craft(craft)
-        for text in (effector.label, *effector.factors):
-            one_line(f"spacecraft {craft.name!r}: the label of an effector", text)
+        one_line(f"spacecraft {craft.name!r}: the label of an effector", effector.label)
     for part in (*craft.commands, *craft.stores):
         one_line(f"spacecraft {craft.name!r}: the name of a command or store", part.name)
     moving = [e.label for e in craft.further_effectors if e.moves_mass]

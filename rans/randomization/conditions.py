@@ -71,16 +71,6 @@ class BodyConditions(Settings):
 
 
 @dataclass(frozen=True)
-class EffectorConditions(Settings):
-    """Randomization of a quantity of a further effector, such as the mass that sloshes in a tank."""
-
-    quantity: str
-    """Name of the quantity, of `rans.model.spacecraft.Spacecraft.factors`."""
-    factor: Range = 1.0
-    """Factor on it."""
-
-
-@dataclass(frozen=True)
 class ThrusterConditions(Settings):
     """Randomization of thrust, delays and dwell times of the thrusters."""
 
@@ -193,8 +183,6 @@ class Conditions(NamedArguments, Settings):
     faults: FaultConditions = field(default_factory=FaultConditions)
     disturbances: DisturbanceConditions = field(default_factory=DisturbanceConditions)
     sensors: SensorsConditions = field(default_factory=SensorsConditions)
-    effectors: tuple[EffectorConditions, ...] = ()
-    """Randomization of further effectors; those of ``others`` name the same quantities."""
     description: str = ""
     """Description in one line, for lists."""
     weight: float = 1.0
@@ -204,8 +192,6 @@ class Conditions(NamedArguments, Settings):
 
     def __post_init__(self) -> None:
         _check(self, "")
-        names = [part.quantity for part in self.effectors]
-        _require(len({*names}) == len(names), "effectors", names, "quantities that differ")
         for component in self.others:
             checked("others", component, Conditions)
             _require(
@@ -274,21 +260,10 @@ class Conditions(NamedArguments, Settings):
             )
 
     def _check_effectors(self, craft: Spacecraft) -> None:
-        """Reject quantities that no further effector has, and conditions that one of them refuses."""
-        for varied in self.effectors:
-            if varied.quantity not in craft.factors:
-                raise ConfigError(
-                    f"Conditions have a factor on {varied.quantity!r}, and the quantities of further effectors of "
-                    f"{craft.name!r} are {', '.join(craft.factors) or 'none'}: leave it out, or write the effector "
-                    "into the spacecraft's file."
-                )
+        """Reject conditions that a further effector refuses."""
         further: tuple[Any, ...] = craft.further_effectors
         for effector in further:
             effector.check_conditions(craft, self)
-
-    def factor(self, quantity: str) -> Range:
-        """Factor on a quantity of a further effector."""
-        return next((x.factor for x in self.effectors if x.quantity == quantity), 1.0)
 
     @property
     def or_none(self) -> Conditions | None:
@@ -340,10 +315,7 @@ def _check(conditions: Any, section: str) -> None:
     for range_field in fields(conditions):
         value = getattr(conditions, range_field.name)
         name = section + range_field.name
-        if name == "effectors":
-            for varied in value:
-                _check(checked(name, varied, EffectorConditions), f"{name}: {varied.quantity}.")
-        elif str(range_field.type).endswith("Conditions"):
+        if str(range_field.type).endswith("Conditions"):
             _check(checked(name, value, globals()[str(range_field.type)]), name + ".")
         elif is_range(range_field) and value is not None:
             pair = bounds(value)
@@ -362,10 +334,7 @@ def _check_alike(first: Any, second: Any, section: str) -> None:
         value = getattr(first, range_field.name)
         other_value = getattr(second, range_field.name)
         name = section + range_field.name
-        if name == "effectors" and len(value) == len(other_value):
-            for varied, other in zip(value, other_value, strict=True):
-                _check_alike(varied, other, f"{name}: {varied.quantity}.")
-        elif is_dataclass(value):
+        if is_dataclass(value):
             _check_alike(value, other_value, name + ".")
         elif name not in ("description", "weight", "others"):
             free = is_range(range_field) and (value is None) == (other_value is None)
@@ -385,10 +354,7 @@ def _mixed(parts: Sequence[Any], ends: Sequence[float], chance: Field) -> Any:
     changed: dict[str, Any] = {}
     for range_field in fields(parts[0]):
         values = [getattr(part, range_field.name) for part in parts]
-        if range_field.name == "effectors":
-            several = zip(*values, strict=True)
-            changed["effectors"] = tuple(_mixed(varied, ends, chance) for varied in several)
-        elif is_dataclass(values[0]):
+        if is_dataclass(values[0]):
             changed[range_field.name] = _mixed(values, ends, chance)
         elif is_range(range_field) and any(value != values[0] for value in values):
             pairs = [bounds(value) for value in values]

@@ -114,7 +114,7 @@ def load_conditions(
     `Conditions` are returned as is.
 
     Keys of the file are those of `Conditions`: tables ``[body]``, ``[thrusters]``, ``[faults]``,
-    ``[disturbances]``, ``[sensors]``, ``[sensors.position]`` and ``[[effectors]]`` etc. with numbers or
+    ``[disturbances]``, ``[sensors]`` and ``[sensors.position]`` etc. with numbers or
     [least, largest]. The key ``base`` names conditions of RANS, whose values apply where the file has none.
 
     Args:

@@ -266,7 +266,6 @@ _STREAMS = {
     "mixture": 17,
     "noise": 18,
     "mountings": 19,
-    "effectors": 22,
 }
 """Random streams of the effects, of 256 blocks of random numbers each. Start and goal have stream 0.
 These numbers must not change: every seed would then have other episodes."""
@@ -301,10 +300,6 @@ def draw(
     mountings = _mountings(thrusters.misalignment, craft, random("mountings"))
     # A base with true positions keeps them unless the conditions have errors.
     body = replace(body, mountings=mountings or base.mountings)
-    if conditions.effectors:
-        further = random("effectors")
-        factors = [further.within(conditions.factor(quantity)) for quantity in craft.factors]
-        body = replace(body, factors=tuple(factors))
     # Every effect has a stream of its own: a new one gets a new number in `_STREAMS`.
     pushes = conditions.disturbances
     return EpisodeParameters(

@@ -154,7 +154,7 @@ class DrakeMover:
         Gains and leaks are no part of a plant, so that faults need no new one.
         """
         parts = (body.mass, body.inertia, body.centre, body.mountings)
-        flying = _columns(leaves((*parts, body.factors)), count)
+        flying = _columns(leaves(parts), count)
         if not np.array_equal(flying, self._built_for):
             step = _SHORTEST if self._max_step is None else self._max_step
             self._plant = Plant(self._craft, count, step, body, self._drift)

@@ -108,8 +108,6 @@ class Oracle:
             size = self.craft.dimension
             self.directions[number, :size] = mounting.direction
             self.places[number, :size] += mounting.offset
-        if body.factors:
-            self.swings, self.sticks = body.factors
 
     # Thrust.
 

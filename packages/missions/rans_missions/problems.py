@@ -5,9 +5,8 @@ The core finds it by entry points; a mission without an entry here has no bound 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,7 +30,6 @@ from rans_missions.tasks.orbital import OrbitalMission
 
 if TYPE_CHECKING:
     from rans.cli.optimal import Optimal
-    from rans.evaluation.compare.contest import Entry
     from rans_missions.bounds.transfers import TransferTable
 
 
@@ -129,15 +127,7 @@ def landings(command: Optimal, craft: Spacecraft, task: Task) -> int:
     return 1 if lost else 0
 
 
-def paths_on_orbits(entries: Sequence[Entry]) -> Iterator[tuple[Any, str]]:
-    """Paths of a comparison's entries in the orbital plane, and what stands below."""
-    from rans_missions.figures.orbit_figures import orbital_plane
-
-    text = "Paths in the Hill frame of the target. Markers are the ends."
-    yield orbital_plane(entries), text
-
-
-RENDEZVOUS = Problem(bounded, mission_bounds, steps_of, solve=transfers, pictures=paths_on_orbits)
+RENDEZVOUS = Problem(bounded, mission_bounds, steps_of, solve=transfers)
 """The least impulse to a position near a target on an orbit, by a deadline."""
 LANDING = Problem(bounded, mission_bounds, steps_of, ("optimal",), landings)
 """The least propellant of a landing."""

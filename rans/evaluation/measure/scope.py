@@ -157,8 +157,6 @@ def _ranges(conditions: Conditions) -> Iterator[str]:
         value, text, _ = values[name]
         what, unit, factor = meaning(name, text)
         yield f"{what}: {_value(value, factor)} {unit}".rstrip()
-    for varied in conditions.effectors:
-        yield f"factor on the {varied.quantity}: {_value(varied.factor, 1.0)}"
 
 
 def _settings(settings: Any, prefix: str = "") -> Iterator[tuple[str, tuple[Any, str, bool]]]:
@@ -169,7 +167,7 @@ def _settings(settings: Any, prefix: str = "") -> Iterator[tuple[str, tuple[Any,
         name = f"{prefix}{setting.name}"
         if dataclasses.is_dataclass(value):
             yield from _settings(value, f"{name}.")
-        elif setting.name not in ("description", "weight", "others", "effectors"):
+        elif setting.name not in ("description", "weight", "others"):
             yield name, (value, texts.get(setting.name, ""), value == default(setting))
 
 

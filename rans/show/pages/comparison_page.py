@@ -15,7 +15,6 @@ import numpy as np
 
 from rans.errors import Late, counted, is_installed
 from rans.evaluation.compare.run import Comparison
-from rans.evaluation.problems import problem_of
 from rans.files import environment, write_json
 from rans.flight import Flight, fly
 from rans.show.pages.chart import Chart
@@ -125,16 +124,11 @@ _BOUNDED = {
 
 
 def _mission(comparison: Comparison) -> Iterator[Section]:
-    """Margins of missions with constraints; paths, and what is spent beside its bounds, where these are known."""
+    """Margins of missions with constraints, and what is spent beside its bounds, where these are known."""
     entries = comparison.entries
     bounds = comparison.mission
     pictures = []
     result = []
-    # Paths and whatever else the kind of mission needs.
-    problem = problem_of(comparison.contest.task)
-    if problem is not None and problem.pictures is not None and is_installed("matplotlib"):
-        drawn = problem.pictures(entries)
-        pictures += [Picture.of(figure, text) for figure, text in drawn]
     # Cost beside the certified bounds.
     if bounds is not None:
         result.append(Table(*bounds.table(entries), "Over the certified least, start by start"))

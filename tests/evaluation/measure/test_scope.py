@@ -29,7 +29,6 @@ NUMBERS = set(
     thrusters.thrust thrusters.pressure thrusters.droop thrusters.noise
     faults.count faults.kinds faults.share faults.among faults.thrusters
     sensors.position.dropout sensors.attitude.dropout sensors.velocity.dropout sensors.spin.dropout
-    effectors
     """.split()  # noqa: SIM905 - as a list it is a line for each
 )
 """Settings without a unit: factors, shares, probabilities, numbers and names."""

@@ -298,8 +298,6 @@ def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
             f"mass {ratios[0]:.3f} and inertia {ratios[1]:.3f} of the designed, centre of mass "
             f"{100.0 * _size(parameters.body.centre):.2g} cm off"
         )
-    for name, factor in zip(craft.factors, parameters.body.factors, strict=False):
-        parts[name] = f"{_one(factor):.3f} of the designed"
     forces = nominal.thrusters
     if (forces.thrust, forces.pressure) != (1.0, 1.0):
         parts["thrust"] = (

@@ -33,21 +33,11 @@ def check_body(slosh: Slosh, craft: Spacecraft, body: Body) -> None:
         body: of numbers, or of arrays or tensors (N,).
 
     Raises:
-        ConfigError: as much liquid swings as the craft has mass, or more, or none; or the liquid at rest has all of
-            the inertia.
+        ConfigError: the liquid at rest has all of the inertia.
     """
-    # As in the check of the spacecraft, with what each body has of mass, liquid, inertia and centre of mass.
+    # As in the check of the spacecraft, with what each body has of mass, inertia and centre of mass.
     mass = numbers(body.mass)
-    given, _ = slosh.factors_of(craft, body)
-    factor = numbers(1.0 if given is None else given)
-    if (least := float(np.min(factor))) <= 0.0:
-        raise ConfigError(f"the body's factor on the slosh mass must be > 0, got {least:g}.")
-    fraction = factor * slosh.mass / craft.mass
-    if (most := float(np.max(fraction))) > MOST:
-        raise ConfigError(
-            f"the body's factor on the slosh mass, {float(np.max(factor)):g}, lets {most:.1%} of the mass of "
-            f"{craft.name!r} swing: its file has {slosh.mass:g} of {craft.mass:g} kg, and 99.9 % is the most."
-        )
+    fraction = slosh.mass / craft.mass
     offsets = body.centre or (0.0,) * craft.dimension
     away = [
         point - centre - numbers(offset)
@@ -69,7 +59,7 @@ def check_body(slosh: Slosh, craft: Spacecraft, body: Body) -> None:
         raise ConfigError(
             f"the body leaves no inertia to {craft.name!r} without its sloshing liquid: at rest that adds "
             f"{np.atleast_1d(adds)[first]:.4g} kg m^2 of {np.atleast_1d(moment)[first]:.4g} kg m^2. Give it less "
-            "mass or slosh mass, or more inertia."
+            "mass, or more inertia."
         )
 
 
@@ -85,8 +75,8 @@ def check_conditions(slosh: Slosh, craft: Spacecraft, conditions: Any) -> None:
 def extreme_bodies(slosh: Slosh, craft: Spacecraft, conditions: Any) -> list[Body]:
     """Bodies that leave least of a rigid craft, or for which friction may stop the rod fastest.
 
-    Those have the least inertia, the largest damping, and the extremes of the masses. The centre of mass is as
-    designed, or as far as can be from the mass at rest.
+    Those have the least inertia and the extremes of the masses. The centre of mass is as designed, or as far as can
+    be from the mass at rest.
     """
     size = craft.dimension
     away = np.subtract(craft.centre_of_mass, slosh.point())[:size]
@@ -97,18 +87,13 @@ def extreme_bodies(slosh: Slosh, craft: Spacecraft, conditions: Any) -> list[Bod
     for part in (conditions, *conditions.others):
         body = part.body
         least = bounds(body.inertia)[0]
-        damping = largest(part.factor("slosh damping"))
-        for mass, liquid, shift in product(
-            bounds(body.mass), bounds(part.factor("slosh mass")), (0.0, largest(body.centre))
-        ):
-            own = {"slosh mass": liquid, "slosh damping": damping}
+        for mass, shift in product(bounds(body.mass), (0.0, largest(body.centre))):
             bodies.append(
                 replace(
                     designed,
                     mass=mass * craft.mass,
                     inertia=tuple(least * x for x in designed.inertia),
                     centre=tuple((shift * away).tolist()),
-                    factors=tuple(own.get(name, 1.0) for name in craft.factors),
                 )
             )
     return bodies
@@ -153,7 +138,7 @@ def check_flight(
     fastest = max((paces(slosh, craft, body)[1] for body in bodies), default=0.0)
     if step * fastest > _STABLE:
         raise ConfigError(
-            f"Conditions of body.mass, body.inertia, body.centre, slosh mass and slosh damping stop the rod of "
-            f"{craft.name!r} within {1 / fastest:.2g} s, too fast for steps of {step:.2g} s: narrow the ranges, or "
-            "raise the damping in the spacecraft's file and draw factors below 1."
+            f"Conditions of body.mass, body.inertia and body.centre stop the rod of {craft.name!r} within "
+            f"{1 / fastest:.2g} s, too fast for steps of {step:.2g} s: narrow the ranges, or lower the damping in "
+            "the spacecraft's file."
         )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rans.effectors.effector import Action, Begun, Effector
-from rans.extend import Body, ConfigError, Drift, Field, Spacecraft, Timing, brief, is_finite
+from rans.extend import Body, ConfigError, Drift, Spacecraft, Timing, brief, is_finite
 from rans.model.spacecraft import CommandRange
 from rans_missions.slosh import checks, swinging
 from rans_missions.slosh.checks import MOST
@@ -126,11 +126,6 @@ class Slosh(Effector):
         return True
 
     @property
-    def factors(self) -> tuple[str, ...]:
-        """Factors on the fraction of the mass that sloshes, and on the damping."""
-        return ("slosh mass", "slosh damping")
-
-    @property
     def label(self) -> str:
         """Its mass."""
         return f"{self.mass:g} kg slosh"
@@ -148,14 +143,6 @@ class Slosh(Effector):
     def begin(self, begun: Begun) -> Action | None:
         """Nothing without a craft: see `rans_missions.slosh.swinging.Pendulum`."""
         return None
-
-    def factors_of(self, craft: Spacecraft, body: Body) -> tuple[Field | None, Field | None]:
-        """A body's factors on the fraction that sloshes and on the damping; None: each is 1."""
-        if not body.factors:
-            return None, None
-        first = craft.factors.index(self.factors[0])
-        mass, damping = body.factors[first : first + 2]
-        return mass, damping
 
     def check_craft(self, craft: Spacecraft) -> None:
         """Refuse a pendulum that is out of range, or that leaves no rigid craft around it."""

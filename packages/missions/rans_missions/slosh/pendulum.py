@@ -33,19 +33,6 @@ if TYPE_CHECKING:
     from rans_missions.slosh.liquid import Slosh
 
 
-def _swinging(slosh: Slosh, craft: Spacecraft, body: Body) -> Field:
-    """Fraction of a body's mass that swings."""
-    fraction = slosh.mass / craft.mass
-    factor, _ = slosh.factors_of(craft, body)
-    return fraction if factor is None else factor * fraction
-
-
-def _friction(slosh: Slosh, craft: Spacecraft, body: Body) -> Field:
-    """Friction of the hinge of a body, N m s."""
-    _, factor = slosh.factors_of(craft, body)
-    return slosh.damping if factor is None else factor * slosh.damping
-
-
 @dataclass(frozen=True)
 class PlanarMotion:
     """Directions and angular velocities of craft and rod in W; or their derivatives by time."""
@@ -76,7 +63,7 @@ class SphericalMotion:
 class PlanarPair(NamedTuple):
     """Craft without the mass that swings, and this mass: constants of their motion in the plane."""
 
-    fraction: Field
+    fraction: float
     """Mass that swings over the mass of both."""
     mass: Field
     """Mass of both, kg."""
@@ -92,16 +79,16 @@ class PlanarPair(NamedTuple):
     """Moment of inertia that the spin of the rod has, kg m^2."""
     coupling: Field
     """Reduced mass times the length of the rod, kg m."""
-    damping: Field
+    damping: float
     """Friction of the hinge, N m s."""
 
     @classmethod
     def of(cls, slosh: Slosh, craft: Spacecraft, body: Body) -> PlanarPair:
-        """Constants of a body, whose factors apply to the fraction that swings of the designed craft.
+        """Constants of a body, of which the same fraction swings as of the designed craft.
 
         The craft's mass and inertia have the liquid at rest in them, which is taken out here.
         """
-        fraction = _swinging(slosh, craft, body)
+        fraction = slosh.mass / craft.mass
         ratio = fraction / (1.0 - fraction)
         x, y = (
             h - c - offset
@@ -125,7 +112,7 @@ class PlanarPair(NamedTuple):
             rigid + reduced * (arm[0] * arm[0] + arm[1] * arm[1]),
             reduced * length**2,
             reduced * length,
-            _friction(slosh, craft, body),
+            slosh.damping,
         )
 
     @property
@@ -206,7 +193,7 @@ class PlanarPair(NamedTuple):
 class SphericalPair(NamedTuple):
     """Craft without the mass that swings, and this mass: constants of their motion in space."""
 
-    fraction: Field
+    fraction: float
     """Mass that swings over the mass of both."""
     mass: Field
     """Mass of both, kg."""
@@ -224,16 +211,16 @@ class SphericalPair(NamedTuple):
     """Inverse of this tensor, 1/(kg m^2)."""
     reduced: Field
     """Reduced mass of both, kg."""
-    damping: Field
+    damping: float
     """Friction of the hinge, N m s."""
 
     @classmethod
     def of(cls, slosh: Slosh, craft: Spacecraft, body: Body) -> SphericalPair:
-        """Constants of a body, whose factors apply to the fraction that swings of the designed craft.
+        """Constants of a body, of which the same fraction swings as of the designed craft.
 
         The craft's mass and inertia have the liquid at rest in them, which is taken out here.
         """
-        fraction = _swinging(slosh, craft, body)
+        fraction = slosh.mass / craft.mass
         ratio = fraction / (1.0 - fraction)
         shift = body.centre or (0.0, 0.0, 0.0)
         hinge = Vec3(
@@ -257,7 +244,7 @@ class SphericalPair(NamedTuple):
             inertia,
             symmetric_inverse(inertia),
             body.mass * (fraction * (1.0 - fraction)),
-            _friction(slosh, craft, body),
+            slosh.damping,
         )
 
     def begin(self, state: SpatialState, stores: Sequence[Field]) -> SphericalMotion:

@@ -42,23 +42,14 @@ class Rods(DrakeMass):
 
     def at_rest(self, craft: Spacecraft, body: Body, index: int) -> tuple[float, np.ndarray]:
         """Mass that swings, kg, and where it rests in G, (3,) m."""
-        factor = self._factor(craft, body, 0)
-        whole, times = (float(x if np.ndim(x) == 0 else x[index]) for x in (body.mass, factor))
-        return times * self._slosh.mass * whole / craft.mass, np.array(self._slosh.point())
-
-    def _factor(self, craft: Spacecraft, body: Body, which: int) -> Any:
-        """Factor of a body on the mass (0) or the damping (1)."""
-        first = craft.factors.index("slosh mass")
-        return body.factors[first + which] if body.factors else 1.0
+        whole = float(body.mass if np.ndim(body.mass) == 0 else body.mass[index])
+        return self._slosh.mass * whole / craft.mass, np.array(self._slosh.point())
 
     def add(
         self, plant: MultibodyPlant, craft: Spacecraft, body: Body, bodies: Sequence[Any]
     ) -> None:
         """Add a rod with its mass and hinge to every spacecraft's rigid body: sets plant, frames and joints."""
         self._plant = plant
-        factor = np.asarray(self._factor(craft, body, 1), dtype=np.float64)
-        self.damping = self._slosh.damping * np.broadcast_to(factor, len(bodies))
-        """Friction of each hinge, (N,) N m s."""
         for k, rigid in enumerate(bodies):
             swings, _ = self.at_rest(craft, body, k)
             position = self._slosh.length * self._along
@@ -68,7 +59,9 @@ class Rods(DrakeMass):
                 f"hinge of {rod.name()}", rigid.body_frame(), self._pose(self._slosh.direction)
             )
             self._hinges.append(plant.AddFrame(hinge))
-            self._joints.append(plant.AddJoint(self._joint(self._hinges[-1], rod, self.damping[k])))
+            self._joints.append(
+                plant.AddJoint(self._joint(self._hinges[-1], rod, self._slosh.damping))
+            )
 
     def friction(self) -> HingeFriction | None:
         """None: Drake's joints have it."""
@@ -157,7 +150,8 @@ class SphericalRods(Rods):
 
     def friction(self) -> HingeFriction:
         """The friction of all hinges."""
-        return HingeFriction(self, self._plant.num_positions(), self._plant.num_velocities())
+        sizes = self._plant.num_positions(), self._plant.num_velocities()
+        return HingeFriction(self, self._slosh.damping, *sizes)
 
     def set(self, context: Context, q: np.ndarray, v: np.ndarray, stores: np.ndarray) -> None:
         """Turn the hinges to stores (N, 6), and write zero angles and their rates into q and v.
@@ -200,13 +194,14 @@ class HingeFriction(LeafSystem):
 
     Args:
         rods: of a plant that is finalized.
+        damping: friction of each hinge, N m s.
         positions: number of the plant's positions.
         count: number of its velocities.
     """
 
-    def __init__(self, rods: Rods, positions: int, count: int) -> None:
+    def __init__(self, rods: Rods, damping: float, positions: int, count: int) -> None:
         super().__init__()
-        self._damping = rods.damping[:, None]
+        self._damping = damping
         own, self._rates = rods.coordinates()
         self._second = own[:, 1]
         self._positions = positions

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -13,9 +12,7 @@ from scipy.special import jnp_zeros
 
 import rans
 from rans.errors import ConfigError
-from rans.evaluation.measure.scope import conditions_texts
 from rans.model.actuators import Propellant, Wheel
-from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate.goal_set import check_certifiable
@@ -23,33 +20,14 @@ from rans.optimal.trajectory.allocation import check_relaxation
 from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
-    EffectorConditions,
 )
-from rans.randomization.conditions_file import conditions_text
-from rans.randomization.parameters import draw
 from rans.reference.plant import Plant
-from rans.scenario import draws
-from rans.show.tables.listing import conditions_listing
-from rans.structure import Range, read_toml, structure
 from tests.support.pairs import InOrbit
 from tests.support.slosh import IN_SPACE, SLOSH, SLOSHING
 from validation.study.checks import Check, Skipped
 from validation.study.study import LAYERS, Scope
 
 WHEELED = replace(SLOSHING, wheels=(Wheel((0.0, 0.0, 1.0), 0.05, 0.08, 1e-3),))
-
-
-def liquids(mass: Range = 1.0, damping: Range = 1.0) -> Conditions:
-    """Conditions that draw the liquid."""
-    return Conditions(
-        effectors=(
-            EffectorConditions("slosh mass", mass),
-            EffectorConditions("slosh damping", damping),
-        )
-    )
-
-
-LIQUIDS = liquids((0.3, 1.0), (0.0, 2.0))
 
 
 @pytest.mark.parametrize("craft", [WHEELED, IN_SPACE], ids=lambda craft: craft.name)
@@ -110,88 +88,6 @@ def test_conditions_leave_inertia_to_the_craft_without_it(body: BodyConditions) 
         match="Conditions: the body leaves no inertia to 'sloshing' without its sloshing",
     ):
         rans.Engine(SLOSHING, "go-to-pose", 2, conditions=Conditions(body=body))
-
-
-@pytest.mark.parametrize(
-    ("craft", "conditions", "sentence"),
-    [
-        (
-            replace(SLOSHING, further_effectors=()),
-            liquids(0.5),
-            "'slosh mass', and the quantities .* are none",
-        ),
-        (SLOSHING, liquids(6.0), "slosh mass, 6, lets 120.0% of the mass"),
-        (
-            SLOSHING,
-            liquids((0.0, 1.0)),
-            "Conditions: the body's factor on the slosh mass must be > 0",
-        ),
-        (SLOSHING, liquids(1.0, (1.0, 500.0)), "slosh damping stop the rod of 'sloshing'"),
-    ],
-)
-def test_liquids_that_a_craft_cannot_have_are_refused(
-    craft: Any, conditions: Conditions, sentence: str
-) -> None:
-    with pytest.raises(ConfigError, match=sentence):
-        rans.Engine(craft, "go-to-pose", 2, conditions=conditions)
-
-
-def test_drawn_liquids_read_back_from_a_file_and_mix() -> None:
-    text = conditions_text(LIQUIDS)
-    file = '[[effectors]]\nquantity = "slosh mass"\nfactor = [0.3, 1.0]\n'
-    assert structure(read_toml(text), Conditions, "text") == LIQUIDS
-    assert structure(read_toml(file), Conditions, "file").factor("slosh mass") == (0.3, 1.0)
-    assert next(conditions_texts(LIQUIDS)) == "factor on the slosh mass: 0.3 to 1"
-    assert ("factor on the slosh mass", "0.3, 1") in conditions_listing(LIQUIDS).rows
-    # Two parts of equal weight: every drawn factor is that of one of them.
-    mixed = replace(liquids(0.5, 0.25), others=(liquids(0.75, 2.0),))
-    numbers = np.arange(64)
-    drawn = draw(mixed, SLOSHING, Body.of(SLOSHING), 10, numbers, draws(3, 64))
-    pairs = {*zip(*(np.broadcast_to(x, 64).tolist() for x in drawn.body.factors), strict=True)}
-    assert pairs == {(0.5, 0.25), (0.75, 2.0)}
-    with pytest.raises(ConfigError, match=r"effectors: slosh mass.factor must be"):
-        liquids((1.0, 0.5))
-
-
-@pytest.mark.parametrize(
-    ("liquid", "sentence"),
-    [
-        ({"factors": (0.0, 1.0)}, "slosh mass must be > 0, got 0"),
-        # 1.064 of 5.32 kg swing as designed: a fifth.
-        ({"factors": (np.array([1.0, 6.0]), 1.0)}, "slosh mass, 6, lets 120.0%"),
-        ({"inertia": (np.array([0.1, 1e-4]),)}, "leaves no inertia"),
-    ],
-)
-def test_an_engine_refuses_impossible_liquids_of_a_body(
-    liquid: dict[str, Any], sentence: str
-) -> None:
-    with pytest.raises(ConfigError, match=sentence):
-        rans.Engine(SLOSHING, "go-to-pose", 2, body=replace(Body.of(SLOSHING), **liquid))
-
-
-@pytest.mark.parametrize("craft", [SLOSHING, IN_SPACE])
-def test_the_heaviest_liquid_of_a_body_is_that_of_a_spacecraft(craft: Spacecraft) -> None:
-    """A body is refused where a craft with that much liquid in its file is, and no earlier."""
-    slosh: Any = craft.further_effectors[0]
-
-    def is_possible(of: Callable[[], object]) -> bool:
-        try:
-            of()
-        except ConfigError:
-            return False
-        return True
-
-    found = []
-    for factor in np.linspace(0.5, 6.0, 50):
-        heavy = replace(slosh, mass=float(factor) * slosh.mass)
-        body = replace(Body.of(craft), factors=(float(factor), 1.0))
-        found.append(is_possible(lambda heavy=heavy: replace(craft, further_effectors=(heavy,))))
-        assert (
-            is_possible(lambda body=body: rans.Engine(craft, "go-to-pose", 1, body=body))
-            == found[-1]
-        )
-    assert any(found)
-    assert not all(found)
 
 
 @pytest.mark.parametrize(

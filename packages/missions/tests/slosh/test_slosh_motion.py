@@ -23,7 +23,6 @@ from rans.randomization.conditions import (
     BodyConditions,
     Conditions,
     DisturbanceConditions,
-    EffectorConditions,
 )
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
@@ -76,10 +75,6 @@ SPACE = Liquid(
 )
 UNEVEN = Conditions(
     body=BodyConditions(mass=(0.8, 1.1), inertia=(0.9, 1.2), centre=(0.0, 0.01)),
-    effectors=(
-        EffectorConditions("slosh mass", (0.5, 1.0)),
-        EffectorConditions("slosh damping", (0.0, 2.0)),
-    ),
     disturbances=DisturbanceConditions(force=(0.1, 0.3), torque=(0.003, 0.01)),
 )
 
@@ -113,23 +108,6 @@ def test_small_swings_have_the_frequency_of_a_pendulum(liquid: Liquid) -> None:
     # The period of a swing of 0.01 rad is longer by 0.01^2 / 16.
     np.testing.assert_allclose(found[: len(rod)][-len(away) :], away, rtol=1e-5, atol=1e-8)
     np.testing.assert_allclose(found[len(rod) :], 0.0, atol=1e-5)
-
-
-@both
-def test_drawn_liquids_swing_as_such_craft(liquid: Liquid) -> None:
-    """A factor is the same as another mass and damping in the craft's file."""
-    craft = liquid.craft
-    slosh = slosh_of(craft)
-    other = replace(slosh, mass=0.5 * slosh.mass, damping=3.0 * slosh.damping)
-    body = replace(Body.of(craft), factors=(0.5, 3.0))
-    command = tuple(commands(craft, 4, seed=2).T)
-    made = replace(craft, further_effectors=(other,))
-    one, same = (
-        held(liquid.moving(craft), flown, of, command, Timing(control_period=0.2, substeps=16))
-        for flown, of in ((craft, body), (made, Body.of(made)))
-    )
-    for a, b in zip(leaves(one), leaves(same), strict=True):
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
 
 
 @both

@@ -1,1 +1,0 @@
-"""Figures of missions in comparisons: paths on orbits, and landings."""
