@@ -28,7 +28,6 @@ from rans.extend import (
 )
 from rans.optimal.control.lqr import LQR
 from rans.scenario import each
-from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.corridor import Corridor
 from rans_missions.control.mission_guidance import MissionGuidance
@@ -38,19 +37,12 @@ from rans_missions.convex.rendezvous import (
     Answer,
     Meeting,
     MeetingTransfer,
-    least_impulse,
     rendezvous,
     state_of,
-    within_limits,
 )
 from rans_missions.script import Script
 from rans_missions.tasks.final_approach import FinalApproach
 from rans_missions.tasks.orbital import OrbitalMission
-
-_RESERVE = 0.01
-"""Share of the position tolerance that an arrival leaves after which the craft stays: it may pass along it."""
-_SLOWLY = 0.5
-"""Share of the speed tolerance with which it arrives at most: braking on the way is cheaper than at the goal."""
 
 
 @dataclass(frozen=True)
@@ -237,8 +229,6 @@ def transfer_bounds(
     meeting = Meeting.of(craft, task, every[0].goal)
     answers = []
     for scenario in every:
-        if not task.drift.steady:
-            meeting = Meeting.of(craft, task, scenario.goal)
         answer = rendezvous(meeting, state_of(scenario), deadline)
         if task.stay_seconds:
             stay = least_to_hold(meeting, state_of(scenario), deadline, task.stay_seconds)
@@ -254,24 +244,16 @@ def optimum(
 ) -> Row:
     """Row of the optima; a flight counts as docked if it docked in the fast engine and in Drake.
 
-    A point is held by the flight of `rans_missions.convex.holding.flight_that_holds`; where motion changes along
-    the orbit, by a transfer to an instant within the tolerances, from which on the craft stays as guidance does.
+    A point is held by the flight of `rans_missions.convex.holding.flight_that_holds`.
     """
-    # In a drift that changes the program of arrival and stay takes minutes a start.
-    is_one_program = task.drift.steady and task.stay_seconds > 0.0
-    afterwards = Afterwards(craft, task, task.timing) if task.stays and not is_one_program else None
-    transfers = []
-    for answer, scenario in zip(answers, each(starts), strict=True):
-        transfer = answer.transfer
-        if is_one_program:
-            meeting = Meeting.of(craft, task, scenario.goal)
-            transfer = flight_that_holds(
-                meeting, state_of(scenario), task.deadline[1], task.stay_seconds
-            )
-        elif afterwards is not None:
-            transfer = _to_stay(Meeting.of(craft, task, scenario.goal), state_of(scenario), answer)
-        transfers.append(transfer)
-    return _flown("optimum", craft, task, starts, transfers, afterwards)
+    transfers = [answer.transfer for answer in answers]
+    if task.stay_seconds:
+        meeting = Meeting.of(craft, task, next(each(starts)).goal)
+        transfers = [
+            flight_that_holds(meeting, state_of(one), task.deadline[1], task.stay_seconds)
+            for one in each(starts)
+        ]
+    return _flown("optimum", craft, task, starts, transfers)
 
 
 def _flown(
@@ -280,7 +262,6 @@ def _flown(
     task: Task,
     starts: Scenario,
     transfers: Sequence[MeetingTransfer | None],
-    afterwards: Afterwards | None = None,
 ) -> Row:
     """Row of transfers, which win where they win in the fast engine and in Drake."""
     commands = np.zeros((task.timing.episode_steps, len(transfers), craft.thruster_count))
@@ -288,26 +269,10 @@ def _flown(
         if transfer is not None:
             commands[: len(transfer.commands), k] = transfer.commands
     fast, drake = (
-        row_of(name, flying(craft, task, Script(commands, afterwards), starts, task.timing))
+        row_of(name, flying(craft, task, Script(commands), starts, task.timing))
         for flying in (fly, fly_in_drake)
     )
     return replace(fast, docked=fast.docked & drake.docked)
-
-
-def _to_stay(meeting: Meeting, start: np.ndarray, answer: Answer) -> MeetingTransfer | None:
-    """The transfer to where commands can stop the craft: with a reserve, and at the end of a control period.
-
-    If it cannot stop: None. The start is (2 d,) position (m) and velocity (m/s) in W.
-    """
-    begun = answer.free if answer.transfer is None else answer.transfer
-    checks = meeting.timing.checks
-    meeting = replace(
-        meeting,
-        position_tolerance=meeting.position_tolerance * (1.0 - _RESERVE),
-        velocity_tolerance=meeting.velocity_tolerance * _SLOWLY,
-    )
-    free = least_impulse(meeting, start, max(1, begun.check // checks) * checks)
-    return None if free is None else within_limits(meeting, start, free)
 
 
 def row_of(name: str, flight: Flight) -> Row:

@@ -77,7 +77,6 @@ class ConvexGuidance(ModelBased):
 
     name = "convex"
     slow = True
-    follows_orbits: ClassVar[bool] = True
     heeds_constraints: ClassVar[bool] = True
 
     def __init__(
@@ -98,8 +97,7 @@ class ConvexGuidance(ModelBased):
             self._task, "convex guidance flies missions on an orbit"
         )
         self._afterwards = Afterwards(self._craft, self._mission, self._timing)
-        # In a drift that changes a program of arrival and stay takes minutes.
-        self._holds = self._mission.stays and self._mission.drift.steady
+        self._holds = self._mission.stays
         self._meeting: Meeting | None = None
 
     def reset(self, count: int) -> None:
@@ -122,8 +120,11 @@ class ConvexGuidance(ModelBased):
         stays = self._afterwards.stays
         deadline = np.broadcast_to(np.asarray(goal.notes.deadline, float), len(relative_states))
         commands = np.zeros((len(relative_states), self._craft.command_count))
+        if self._meeting is None and len(relative_states):
+            self._meeting = self._cautious(_episode(goal, 0))
         for k, now in enumerate(relative_states):
-            meeting = self._meeting_of(goal, k)
+            meeting = self._meeting
+            assert meeting is not None
             plan = self._plans[k]
             # A plan that is still flown is that of a craft which has not arrived and is not off it.
             if plan is not None and (stays[k] or self._is_off(meeting, plan, now)):
@@ -135,14 +136,6 @@ class ConvexGuidance(ModelBased):
                 plan = self._one_period_later(plan)
             self._plans[k] = plan
         return self._afterwards.commands(state, goal, commands)
-
-    def _meeting_of(self, goal: Any, number: int) -> Meeting:
-        """The meeting of an episode, which in a steady drift is that of all."""
-        if not self._mission.drift.steady:
-            return self._cautious(_episode(goal, number))
-        if self._meeting is None:
-            self._meeting = self._cautious(_episode(goal, 0))
-        return self._meeting
 
     def _cautious(self, goal: Any) -> Meeting:
         """The meeting with one episode's goal; tolerances and limits are tightened, since flights are not exact.

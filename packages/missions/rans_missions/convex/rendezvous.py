@@ -84,12 +84,16 @@ class Meeting:
         """The meeting that a mission asks for.
 
         Raises:
-            ConfigError: thrusters turn the craft, so that forces in W are not linear in its commands.
+            ConfigError: thrusters turn the craft, so that forces in W are not linear in its commands, or the motion
+                changes along the orbit.
         """
-        drift = map_leaves(lambda x: float(np.squeeze(x)), task.drift_at(goal))
-        kind = cls if drift.steady else UnsteadyMeeting
-        return kind(
-            drift,
+        if not task.drift.steady:
+            raise ConfigError(
+                f"convex bounds are for motion that is the same at all times, and {task.drift.name} changes along the "
+                "orbit; fly the mission on a circle."
+            )
+        return cls(
+            task.drift,
             task.timing,
             forces_in_w(craft),
             craft.mass,
@@ -221,83 +225,6 @@ def forces_in_w(craft: Spacecraft) -> np.ndarray:
     directions = np.array([thruster.direction for thruster in craft.thrusters]).T
     sizes = np.array([thruster.force for thruster in craft.thrusters])
     return directions[: craft.dimension] * sizes
-
-
-@dataclass(frozen=True)
-class UnsteadyMeeting(Meeting):
-    """Rendezvous in a drift that depends on when a motion begins: the drift is that from the start on.
-
-    What a command does is expressed by the state at the start that does the same.
-    """
-
-    @cached_property
-    def _pulled_back(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Motion (L, 2 d, 2 d) and offset (L, 2 d) to each check, and effects as states at the start.
-
-        Effects are (periods, checks + 1, 2 d, m); the second index is the number of checks for which the command
-        has been held.
-        """
-        size = len(self.point)
-        timing = self.timing
-        unit = np.eye(2 * size)
-        times = self.interval * np.arange(timing.checks * timing.episode_steps + 1)
-        offset = self._carried(0.0 * unit[0], times)
-        motion = np.stack([self._carried(x, times) - offset for x in unit], axis=2)
-        begun = timing.control_period * np.arange(timing.episode_steps)[:, None]
-        held = self.interval * np.arange(timing.checks + 1)
-        effect = np.zeros((timing.episode_steps, timing.checks + 1, 2 * size, size))
-        for node, weight in RULES[8]:
-            instants = (begun + node * held).ravel()
-            later = replace(self, drift=self.drift.later(instants))
-            rest = later._carried(0.0 * unit[0], -instants)
-            pushed = np.stack([later._carried(x, -instants) - rest for x in unit[size:]], axis=2)
-            effect += weight * held[:, None, None] * pushed.reshape(effect.shape)
-        return motion, offset, effect @ (self.forces / self.mass)
-
-    def free(self, start: np.ndarray, checks: np.ndarray) -> np.ndarray:
-        """See `Meeting.free`."""
-        motion, offset, _ = self._pulled_back
-        return motion[checks] @ start + offset[checks]
-
-    def transition(self, checks: int | np.ndarray) -> np.ndarray:
-        """See `Meeting.transition`; from the start, without the tables."""
-        times = self.interval * np.ravel(checks)
-        unit = np.eye(2 * len(self.point))
-        offset = self._carried(0.0 * unit[0], times)
-        motion = np.stack([self._carried(x, times) - offset for x in unit], axis=2)
-        return motion if np.ndim(checks) else motion[0]
-
-    def effect(self, check: int, periods: int) -> np.ndarray:
-        """See `Meeting.effect`."""
-        motion, _, effect = self._pulled_back
-        per_period = self.timing.checks
-        held = np.clip(check - per_period * np.arange(periods), 0, per_period)
-        done = motion[check] @ effect[np.arange(periods), held]
-        return np.moveaxis(done, 0, 1).reshape(done.shape[1], -1)
-
-    def response(self, period: int, last: int) -> np.ndarray:
-        """See `Meeting.response`."""
-        motion, _, effect = self._pulled_back
-        first = period * self.timing.checks
-        held = np.minimum(np.arange(last + 1 - first), self.timing.checks)
-        return motion[first : last + 1] @ effect[period, held]
-
-    def saved(self, multiplier: np.ndarray, last: int) -> np.ndarray:
-        """(last + 1,) what commands may save, N s, at most zero, with effects of each period.
-
-        See `Meeting.saved`.
-        """
-        motion, _, effect = self._pulled_back
-        per_period = self.timing.checks
-        checks = np.arange(last + 1)
-        begun = multiplier @ motion[: last + 1]
-        saved = np.zeros(last + 1)
-        for period in range(self.periods(last)):
-            first = period * per_period + 1
-            held = np.minimum(checks[first:] - first + 1, per_period)
-            gains = np.einsum("ki,kij->kj", begun[first:], effect[period, held])
-            saved[first:] += np.minimum(self.price + gains, 0.0).sum(axis=1)
-        return saved
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from rans_missions.bounds.transfers import row_of, transfer_bounds
 from rans_missions.control.convex_guidance import ConvexGuidance
-from rans_missions.tasks import Dock, TargetOrbit
+from rans_missions.tasks import Dock
 
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
@@ -50,22 +49,3 @@ def test_it_plans_again_when_it_is_off_its_way() -> None:
     starts = scenarios(task, DEPUTY, 8, 2)
     guidance = Pushed(DEPUTY, task)
     assert row_of("", fly(DEPUTY, task, guidance, starts, task.timing)).docked.all()
-
-
-@pytest.mark.slow
-def test_on_an_ellipse_a_plan_is_flown_to_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two craft at other anomalies: the engine shares no table with the plans, of which two are enough."""
-    task = Dock(deadline=(500.0, 500.0), orbit=TargetOrbit(0.5, 13_556.0))
-    starts = scenarios(task, DEPUTY, 5, 2)
-    timing = replace(task.timing, episode_steps=50)
-    guidance = ConvexGuidance(DEPUTY, task, timing)
-    plans = []
-    make = guidance._planned
-
-    def planned(*arguments: Any) -> Any:
-        plans.append(make(*arguments))
-        return plans[-1]
-
-    monkeypatch.setattr(guidance, "_planned", planned)
-    assert row_of("", fly(DEPUTY, task, guidance, starts, timing)).docked.all()
-    assert len(plans) == 2

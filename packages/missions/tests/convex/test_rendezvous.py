@@ -17,17 +17,14 @@ from rans_missions.convex.rendezvous import (
     proof,
     ranges_of_arrivals,
     rendezvous,
-    state_of,
     trajectory,
 )
 from rans_missions.script import Script
-from rans_missions.tasks import Dock, Hold, Rendezvous, TargetOrbit
+from rans_missions.tasks import Dock, Hold, Rendezvous
 from rans_missions.tasks.orbital import last_check
-from rans_missions.vectors import motion_of
 
 from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import fly
-from rans.model.timing import Timing
 from rans.reference.flight import fly_in_drake
 from rans.scenario import each, scenarios
 from tests.support.rendezvous import DEPUTY, meeting_of, program
@@ -155,34 +152,3 @@ def test_a_bound_is_below_the_flights_of_a_deadline_beside_a_check(offset: float
     assert costs[1] < 0.97 * costs[0]
     assert lower <= costs[0] * (1.0 + 1e-6)
     assert (lower <= costs[1] * (1.0 + 1e-6)) == (offset > -1e-3)
-
-
-@pytest.mark.slow
-def test_on_an_ellipse_bounds_hold_flights_up_and_flights_dock() -> None:
-    """Commands of the program are flown by the engine, which shares no table with it."""
-    ellipse = TargetOrbit(0.5, 13_556.0, (150.0, 150.0))
-    task = Dock(deadline=(300.0, 300.0), orbit=ellipse)
-    starts = scenarios(task, DEPUTY, 3, 1)
-    one = next(iter(each(starts)))
-    state = state_of(one)
-    timing = Timing(control_period=10.0, episode_steps=30, checks=10)
-    meeting = replace(Meeting.of(DEPUTY, task, one.goal), timing=timing)
-    found = least_impulse(meeting, state, 295)
-    assert found is not None
-    commands = np.zeros((30, 1, 6))
-    commands[: len(found.commands), 0] = found.commands
-    flight = fly(DEPUTY, task, Script(commands), starts, timing)
-    path = trajectory(meeting, state, found)
-    flown = motion_of(flight.states)[:, 0]
-    np.testing.assert_allclose(flown[:29], path[::10][:29], atol=1e-7)
-    best = multiplier_of(meeting, state, 295)
-    # At every check the bound is that of the multiplier by the sum over all commands.
-    bounds = proof(meeting, state, 300, best)
-    assert bounds[295] == pytest.approx(found.impulse, rel=1e-4)
-    for check in (95, 203):
-        effect = meeting.effect(check, meeting.periods(check))
-        prices = np.tile(meeting.price, meeting.periods(check))
-        away = meeting.free(state, np.array([check]))[0] @ best
-        radii = 0.5 * np.linalg.norm(best[:3]) + 0.2 * np.linalg.norm(best[3:])
-        expected = away - radii + np.minimum(prices + best @ effect, 0.0).sum()
-        assert bounds[check] == pytest.approx(expected, rel=1e-9)
