@@ -120,11 +120,10 @@ class ConvexGuidance(ModelBased):
         stays = self._afterwards.stays
         deadline = np.broadcast_to(np.asarray(goal.notes.deadline, float), len(relative_states))
         commands = np.zeros((len(relative_states), self._craft.command_count))
-        if self._meeting is None and len(relative_states):
-            self._meeting = self._cautious(_episode(goal, 0))
+        # All episodes of a mission meet at one point.
+        meeting = self._meeting or self._cautious(_first(goal))
+        self._meeting = meeting
         for k, now in enumerate(relative_states):
-            meeting = self._meeting
-            assert meeting is not None
             plan = self._plans[k]
             # A plan that is still flown is that of a craft which has not arrived and is not off it.
             if plan is not None and (stays[k] or self._is_off(meeting, plan, now)):
@@ -198,14 +197,9 @@ class ConvexGuidance(ModelBased):
         return _Plan(plan.commands[1:], plan.states[checks:])
 
 
-def _episode(goal: Any, number: int) -> Any:
-    """The goal of an episode, in fields of one element; goals that all have are floats."""
-
-    def chosen(x: Any) -> np.ndarray:
-        flat = np.ravel(x)
-        return flat[number : number + 1] if len(flat) > 1 else flat
-
-    return map_leaves(chosen, goal)
+def _first(goal: Any) -> Any:
+    """The goal of the first episode, in fields of one element."""
+    return map_leaves(lambda x: np.ravel(x)[:1], goal)
 
 
 def _tightened(limit: Shape, reserve: float) -> Shape:

@@ -89,8 +89,8 @@ class Meeting:
         """
         if not task.drift.steady:
             raise ConfigError(
-                f"convex bounds are for motion that is the same at all times, and {task.drift.name} changes along the "
-                "orbit; fly the mission on a circle."
+                f"convex bounds are for motion that is the same at all times, and {task.drift.name} changes along "
+                "the orbit; fly the mission on a circle."
             )
         return cls(
             task.drift,
