@@ -156,18 +156,6 @@ def of_this_file() -> Executor:
     return Serial()
 
 
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("foo", "--executor must be dask:ADDRESS, submitit:FILE, mpi, or MODULE:NAME"),
-        ("dask:", "--executor must be dask:ADDRESS"),
-        (f"{__name__}:state", "must return a concurrent.futures.Executor, got [0]"),
-    ],
-)
-def test_a_wrong_text_is_a_sentence(text: str, sentence: str, refused: Any) -> None:
-    assert sentence in refused(f"evaluate go-to-pose-2d --executor {text}")
-
-
 def test_commands_that_do_not_divide_their_work_refuse(refused: Any) -> None:
     assert "rans list does not divide its work" in refused("list --executor=mpi")
 

@@ -6,10 +6,8 @@ import dataclasses
 import html
 import inspect
 import json
-import os
 import re
 import shlex
-import subprocess
 import tomllib
 from collections.abc import Iterator
 from itertools import pairwise
@@ -402,46 +400,6 @@ def test_the_tasks_page_has_the_observation_and_the_rewards() -> None:
     assert told.keys() == settings.keys()
     for term, value in settings.items():
         assert f"{value:g}" in told[term]
-
-
-@pytest.mark.parametrize(
-    ("target", "asked"),
-    [
-        ("test", ("ruff", "pyrefly", "pytest")),
-        ("demo", ("rans validate", "rans train", "rans evaluate", "rans compare", "rans report")),
-    ],
-)
-def test_two_commands_set_everything_up_and_try_it(
-    target: str, asked: tuple[str, ...], tmp_path: Path
-) -> None:
-    """In a checkout without .venv each first makes it and installs, and then does what README says."""
-    [row] = [row for row in rows(ROOT / "README.md", "command") if row[0] == f"`make {target}`"]
-    assert all(row), "what it does, what it prints last, and how long it takes"
-    for part in (
-        "Makefile",
-        "pyproject.toml",
-        "agents/pyproject.toml",
-        "constraints.txt",
-    ):
-        (tmp_path / part).parent.mkdir(exist_ok=True, parents=True)
-        (tmp_path / part).write_bytes((ROOT / part).read_bytes())
-    environment = {k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MAKELEVEL")}
-    run = subprocess.run(
-        ["make", "--dry-run", target],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    steps = ["-m venv", "pip install", *asked]
-    places = [run.stdout.find(step) for step in steps]
-    assert -1 not in places, run.stdout
-    assert places[:2] == sorted(places[:2])
-    assert max(places[:2]) < min(places[2:])
-    if target == "demo":  # the sentence about the report is its last
-        assert run.stdout.strip().splitlines()[-1].startswith("rans report")
-    assert not (tmp_path / ".venv").exists()
 
 
 def test_extras_that_errors_and_pages_name_exist() -> None:

@@ -10,6 +10,8 @@ import builtins
 import doctest
 import functools
 import re
+import shlex
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +42,22 @@ def prepared(file: Path) -> dict[str, Any]:
         if not row.want:
             exec(row.source, names)
     return names
+
+
+COMMANDS = [
+    pytest.param(*row.split("\n", 1), id=row.split("\n", 1)[0][:60])
+    for file in sorted((ROOT / "tests").rglob("refused_commands.txt"))
+    for row in file.read_text("utf-8").rstrip("\n").removeprefix("$ rans ").split("\n$ rans ")
+]
+"""Command lines of every ``refused_commands.txt``, and words of what is said of each."""
+
+
+@pytest.mark.parametrize(("line", "words"), COMMANDS)
+def test_a_command_is_refused_in_a_sentence_and_writes_nothing(
+    line: str, words: str, refused: Callable[..., str], here: Path
+) -> None:
+    assert words in refused("", *shlex.split(line))
+    assert list(here.iterdir()) == []
 
 
 @pytest.mark.parametrize(("file", "row"), ROWS)

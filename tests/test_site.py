@@ -7,8 +7,7 @@ import re
 import sys
 import tempfile
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
-from typing import Any
+from types import ModuleType
 
 import pytest
 
@@ -172,37 +171,12 @@ def test_every_hidden_word_is_of_one_page() -> None:
     assert {word.lower() for word in (*found_nothing.split(), *found_records)} <= set(words)
 
 
-def test_pages_with_hidden_words_are_read_again_when_any_page_changes() -> None:
-    """Sphinx keeps the index entries of the pages alone that a build reads."""
-    env: Any = SimpleNamespace(found_docs={"index", "assurance/stress", "sweep"})
-    assert SEARCH._outdated(None, env, set(), {"index"}, set()) == ["assurance/stress", "sweep"]
-    assert SEARCH._outdated(None, env, set(), set(), set()) == []
-
-
 def test_a_flight_is_solved_or_not_on_every_page_the_internal_ones_too() -> None:
     """A column "settled" had three meanings; the settling time, a noun, is that of arrival."""
     (verdict,) = (pattern for pattern in PROSE.WORDS if pattern.startswith("settle"))
     for page in {*PROSE.pages(), *DOCS.glob("*.md")}:
         text = PROSE.prose(page.read_text("utf-8"), page.suffix == ".py")
         assert not re.search(rf"\b(?:{verdict})\b", text, re.IGNORECASE), page
-
-
-def test_the_pages_of_the_core_are_counted_together(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Tables count and code does not: 3 words in the README, 2 in a table, 4 in CONTRIBUTING."""
-    (tmp_path / "docs").mkdir()
-    for name, value in {"ROOT": tmp_path, "DOCS": tmp_path / "docs"}.items():
-        monkeypatch.setattr(PROSE, name, value)
-    (tmp_path / "README.md").write_text("One two three `four`.\n", "utf-8")
-    (tmp_path / "CONTRIBUTING.md").write_text("- One two\n- three four\n", "utf-8")
-    (tmp_path / "docs" / "page.md").write_text("```\ncode\n```\n\n| one | two |\n", "utf-8")
-    assert PROSE.words_of_core() == 9
-    monkeypatch.setattr(PROSE, "MOST_OF_CORE", 9)
-    assert PROSE.main() == 0
-    monkeypatch.setattr(PROSE, "MOST_OF_CORE", 8)
-    assert PROSE.main() == 1
-    assert "9 words, at most 8" in capsys.readouterr().out
 
 
 def test_pages_that_are_exempt_exist() -> None:

@@ -16,8 +16,8 @@ import pytest
 from PIL import Image
 
 from rans.errors import ConfigError
-from rans.window import PORTS, Served, Window, tiled
-from tests.support.processes import PATIENCE, wait_until
+from rans.window import PORTS, Served, Window
+from tests.support.processes import PATIENCE
 
 
 @pytest.fixture
@@ -69,36 +69,6 @@ def test_frames_are_a_period_apart(window: Window, monkeypatch: pytest.MonkeyPat
         window.show(flat((0, 0, 0)))
         shown.append(now)
     assert shown == pytest.approx([100.0, 100.05, 100.25, 100.3, 100.35])
-
-
-def test_the_film_ends_with_the_window(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("DISPLAY", raising=False)
-    window = Window(fps=100.0)
-    window.show(flat((9, 9, 9)))
-    with urllib.request.urlopen(f"{window.url}/film", timeout=PATIENCE) as film:
-        next_frame(film)
-        window.close()
-        assert film.read() in (b"", b"\r\n")
-    wait_until(lambda: is_refused(window.url))
-
-
-def is_refused(url: str) -> bool:
-    """Whether nobody answers there any more; some systems close a socket later than the program does."""
-    try:
-        urllib.request.urlopen(url, timeout=1.0).close()
-    except OSError as error:
-        return "refused" in str(error)
-    return False
-
-
-@pytest.mark.parametrize(("count", "rows", "columns"), [(1, 1, 1), (2, 1, 2), (3, 2, 2), (5, 2, 3)])
-def test_tiles(count: int, rows: int, columns: int) -> None:
-    whole = tiled([flat((k, k, k)) for k in range(count)])
-    assert whole.shape == (rows * 30, columns * 40, 3)
-    for k in range(rows * columns):
-        row, column = divmod(k, columns)
-        tile = whole[row * 30 : (row + 1) * 30, column * 40 : (column + 1) * 40]
-        assert (tile == (k if k < count else 255)).all()
 
 
 def test_a_page_says_when_it_has_changed() -> None:

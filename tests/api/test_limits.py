@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,23 +9,6 @@ import pytest
 
 import rans
 from rans.errors import ConfigError
-
-
-def test_a_straight_push_is_bang_bang_in_the_least_time(tmp_path: Path) -> None:
-    """1 m along x by four thrusters of 1 N at 45 degrees, 2.83 N, on 5.32 kg: 2 sqrt(d m / F) = 2.743 s."""
-    found = rans.optimal_trajectory(
-        objective="time", start=rans.state((-1.0, 0.0)), goal=rans.state((0.0, 0.0)), intervals=40
-    )
-    assert found.status == "solved"
-    assert found.t[-1] == pytest.approx(2.743, abs=1e-3)
-    np.testing.assert_allclose(found.x[0], (-1.0, 0, 0, 0, 0, 0), atol=1e-12)
-    np.testing.assert_allclose(found.x[-1], 0.0, atol=1e-6)
-    apart = found.replay("fast").states.p - found.replay("drake").states.p
-    assert np.abs(apart.x).max() < 1e-3
-    with found.to_csv(tmp_path / "path.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    np.testing.assert_allclose([float(row["x (m)"]) for row in rows], found.x[:, 0], atol=1e-8)
-    assert len(found.plot().axes) == 3
 
 
 @pytest.mark.slow
@@ -63,22 +44,6 @@ def test_a_certificate_from_ones_own_start_is_that_of_the_scenario() -> None:
     own = rans.state((start.p.x, start.p.y), start.attitude.angle, (start.v.x, start.v.y), start.w)
     found = rans.certify(start=own, control_period=0.5)
     assert (found.lower, found.upper) == (5.5, 5.5)
-
-
-def test_a_trajectory_keeps_out_of_a_ball_and_below_a_speed() -> None:
-    """Round a ball on the way; between the instants at which it is checked a corner of a millimetre is cut."""
-    found = rans.optimal_trajectory(
-        start=rans.state((-2.0, 0.1)),
-        goal=rans.state((0.0, 0.0)),
-        horizon=20.0,
-        control_period=0.5,
-        most_speed=0.25,
-        zones=[(-1.0, 0.0, 0.4)],
-    )
-    assert found.status == "solved"
-    flown = found.replay("drake").states
-    assert np.hypot(flown.p.x + 1.0, flown.p.y).min() > 0.4 - 1e-3
-    assert np.hypot(flown.v.x, flown.v.y).max() < 0.25 + 1e-6
 
 
 def test_an_export_to_nowhere() -> None:

@@ -113,35 +113,6 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
     assert "before the first contestant had flown: there is no comparison." in said
 
 
-@pytest.mark.parametrize(
-    ("typed", "sentence"),
-    [
-        ("runs/nobody", "runs/nobody"),
-        (f"{IDLE}", "has no task"),
-        (
-            "lqr:go-to-pose-2d --certified -1",
-            "certified must be a whole number >= 0 and < 2^31, got -1",
-        ),
-        (
-            "lqr:go-to-pose-2d --output /dev/null/x",
-            "cannot write into /dev/null/x: Not a directory",
-        ),
-        ("lqr:go-to-pose-2d --with lqr pid", "no controller named 'pid'"),
-        ("lqr:go-to-pose-2d --episodes 0", "--episodes must be >= 1 and < 2^31, got 0"),
-        (
-            "lqr:go-to-pose-2d --seed 18446744073709551616",
-            "rans: the seed must be a whole number",
-        ),
-        (
-            "go-to-pose-2d-trade-off#",
-            "go-to-pose-2d-trade-off has a trade-off: fix it, as in go-to-pose-2d-trade-off#0.5",
-        ),
-    ],
-)
-def test_mistakes_end_in_a_sentence(typed: str, sentence: str, refused: Any) -> None:
-    assert sentence in refused(f"compare {typed}")
-
-
 def test_every_option_reaches_the_comparison(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

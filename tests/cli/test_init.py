@@ -199,51 +199,6 @@ def test_an_interrupt_writes_nothing(
     assert list(Path().iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("typed", "sentence"),
-    [
-        ("", "needs dimension, mass, inertia or size, at least one thruster"),
-        (BOX, "needs at least one thruster"),
-        (
-            "--set mass=12",
-            "The input is no terminal, so that nothing is asked: give values by --set",
-        ),
-        (f"{BOX} --thruster=1;2", "is its position (m), the direction of its force"),
-        (f"{BOX} --thruster=1,2,3;1,0;1", "the position of a thruster must be 2 numbers"),
-        (f"{BOX} --thruster=0,0;0,0;1", "must not be zero"),
-        (f"{BOX} --thruster=0,0;1,0;-1", "force of a thruster must be at least 1e-09"),
-        (f"{BOX} --thruster=0,0;1,0;1 --wheel=1,0,0;1", "a wheel is its axis"),
-        ("--from atmos --set dimension=3", "atmos has dimension 2"),
-        ("--from atmoss", "no spacecraft named 'atmoss'"),
-        ("--from atmos --set mass=-1", "mass must be a number from"),
-        ("--from atmos --set actuators=steam", "actuators are on-off"),
-        (
-            "--from atmos --set actuators=pulsed",
-            "pulsed actuators need counts",
-        ),
-        (
-            "--from atmos --set actuators=on-off --set counts=5",
-            "have no counts: leave out counts 5 (they are open or shut for whole control periods",
-        ),
-        ("--from atmos --set colour=red", "--set takes KEY=VALUE once"),
-        (
-            "--from atmos --set counts=many",
-            "takes a whole number, got 'many'",
-        ),
-        ("--from atmos --set size=0.1,x", "size must be 2 or 3 numbers"),
-        ("--from atmos --set size=1,1,1", "size must be 2 numbers"),
-    ],
-)
-def test_wrong_input_is_a_sentence_and_writes_nothing(
-    typed: str, sentence: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert batch(*typed.split()) == 2
-    printed = capsys.readouterr().err
-    assert sentence in printed
-    assert printed.count("\n") == 1
-    assert list(Path().iterdir()) == []
-
-
 def test_files_that_exist_are_kept(capsys: pytest.CaptureFixture[str]) -> None:
     Path("mine.svg").write_text("mine")
     assert batch("--from", "atmos") == 2

@@ -118,26 +118,6 @@ def test_an_interrupt_keeps_what_there_is(
     assert [row["steps"] for row in RunFolder(Path("sweep/best")).metrics()] == [128]
 
 
-@pytest.mark.parametrize(
-    ("typed", "message"),
-    [
-        ("go-to-pose --seeds 0", "seeds must be a whole number >= 1 and < 2^31, got 0"),
-        ("go-to-pose --set ppo.gamma", "--set takes KEY=VALUE or KEY=VALUE,VALUE"),
-        ("go-to-pose --set ppo.gamma=", "--set takes KEY=VALUE or KEY=VALUE,VALUE"),
-        ("go-to-pose --set ppo.gamma=0.9,2", "gamma must be in (0, 1], got 2"),
-        ("go-to-pose --set ppo.gama=0.9", "the config has no 'ppo.gama'"),
-        ("hover", "no task and no recipe named 'hover'"),
-        ("", "say what to train"),
-        ("go-to-pose --set seed=1,2", "would train the same 8 times; add --seeds 1"),
-        ("go-to-pose --output .", ". exists already"),
-        ("go-to-pose --set conditions=labb", "named 'labb' (did you mean lab?)"),
-        ("go-to-pose --set spacecraft=atmoss", "atmoss"),
-    ],
-)
-def test_wrong_arguments(refused: Any, typed: str, message: str) -> None:
-    assert message in refused(f"sweep {typed}")
-
-
 def test_spacecraft_and_conditions_are_entries_like_others() -> None:
     """Names as in rans train: a craft in space begins with the recipe of space, and each value of a list trains."""
     flyer, lab, nominal = (

@@ -74,18 +74,3 @@ def test_what_is_damaged_is_told_before_anything_is_flown(
     OWN.mkdir(parents=True)
     (OWN / "lqr.json").write_text("{")
     assert "Delete it" in refused("tune lqr")
-
-
-@pytest.mark.parametrize(
-    ("typed", "sentence"),
-    [
-        ("pid", "no controller named 'pid'"),
-        ("lqr:hover-2d", "hover"),
-        (
-            "lqr:go-to-pose-2d pretrained:go-to-pose-2d",
-            "name the controller alone, lqr",
-        ),
-    ],
-)
-def test_mistakes_end_in_a_sentence(typed: str, sentence: str, refused: Any) -> None:
-    assert sentence in refused(f"tune {typed}")

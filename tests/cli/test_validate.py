@@ -131,17 +131,6 @@ def test_conditions_are_flown_effect_by_effect(tmp_path, capsys) -> None:
     assert page.count("<figure") == 1  # how errors grow under all of them
 
 
-@pytest.mark.parametrize(
-    ("typed", "sentence"),
-    [
-        ("--layer conditions", "needs some to fly under, as in --conditions lab"),
-        ("--conditions moon", "no set of conditions named 'moon'"),
-    ],
-)
-def test_conditions_that_are_not_there(typed: str, sentence: str, refused) -> None:
-    assert sentence in refused(f"validate --quick {typed}")
-
-
 def test_valves_that_cannot_do_what_is_asked_are_told_before_anything_is_checked(
     tmp_path, refused, monkeypatch
 ) -> None:

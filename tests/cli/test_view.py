@@ -136,22 +136,6 @@ def test_it_serves_until_it_is_interrupted(name: str, option: str, said: str, ha
         assert "interrupted" not in errors
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ([], "name at least one contestant"),
-        (["nowhere"], "there is no run folder 'nowhere'"),
-        (["lqr:go-to-pose-2d", "--episode", "-1"], "--episode must be >= 0"),
-        (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
-        (["lqr:go-to-pose-2d", "--save", "frames.xyz"], "or a picture (.png or .jpg)"),
-        (["lqr:go-to-pose-2d", "--save", "film.avi"], "a film (.mp4 or .gif)"),
-        (["lqr:go-to-pose-2d", "--save", ""], "writes a page (.html)"),
-    ],
-)
-def test_wrong_use_is_a_sentence(arguments: list[str], said: str, refused: Any) -> None:
-    assert said in refused("view", *arguments)
-
-
 def test_every_option_reaches_the_flights(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -262,24 +262,6 @@ def test_a_contract_says_what_an_engineer_asks_first(folder: Callable[[str], Pat
 
 
 @pytest.mark.slow
-def test_a_contract_names_the_filter_that_its_files_lack() -> None:
-    known = {}
-    for name in ("avoid-2d", "land-3d", "go-to-pose-2d"):
-        run = RunFolder(pretrained_folder(name))
-        config = run.config()
-        craft = run.spacecraft()
-        network = read_policy(run.agent_file).network
-        flights, _ = recorded(network, Setup(craft, config.settings), count=2)
-        about = contract(name, config, craft, "", 0, flights.observations)
-        known[name] = json.loads(json.dumps(plain(about)))["safety_filter"]
-    assert known["avoid-2d"]["name"] == "flown backup"
-    assert known["avoid-2d"]["constraints"] == ["zone 1", "zone 2", "zone 3"]
-    assert known["avoid-2d"]["in_these_files"] is False
-    assert known["land-3d"]["name"] is None  # its engine cannot be shut
-    assert known["go-to-pose-2d"] is None
-
-
-@pytest.mark.slow
 def test_valid_ranges_leave_out_flights_that_failed() -> None:
     """A task in space that fails above 2 rad/s: of 32 flights some are faster, and none of them is kept."""
     folder = pretrained_folder("go-to-pose-3d")

@@ -31,9 +31,7 @@ from rans.model.fields import (
 
 numbers = st.floats(-10, 10, allow_subnormal=False)
 angles = st.floats(-50, 50, allow_subnormal=False)
-vectors = st.tuples(numbers, numbers, numbers)
 rotations = st.tuples(*[st.floats(-4, 4, allow_subnormal=False)] * 3).map(Rotation.from_rotvec)
-Triple = tuple[float, float, float]
 libraries = pytest.mark.parametrize("library", ["float", "numpy", "torch", "casadi"])
 
 

@@ -57,41 +57,6 @@ def test_the_model_is_that_of_the_engine() -> None:
         torch.testing.assert_close(made.states(), after, rtol=0.0, atol=1e-5)
 
 
-def test_commands_cost_at_most_what_they_promise() -> None:
-    made = learner()
-    greedy = made.greedy
-    state = made._ends[:, :64]
-    command = greedy.command(state)
-    single = greedy._costs(state, torch.eye(8)[:, None]).amin(dim=0)
-    assert (greedy._costs(state, command[None])[0] <= single + 1e-5).all()  # rounding
-
-    def of_two(first: Tensor) -> Tensor:
-        after, cost, discount = greedy.period(state, first)
-        end, again, more = greedy.period(after, greedy.command(after))
-        return cost + discount * (again + more * greedy.value(end))
-
-    # Ahead of two periods, the command of one is among those that are tried.
-    assert (of_two(greedy.ahead(state)) <= of_two(command) + 1e-5).all()
-
-
-def test_labels_are_flown_and_imitated_from_the_side_that_is_labelled(monkeypatch: Any) -> None:
-    made = learner()
-    sides = []
-
-    def label(state: Tensor) -> tuple[Tensor, Tensor]:
-        sides.append(state)
-        return commands(), commands()
-
-    monkeypatch.setattr(made.greedy, "label", label)
-    made._fly(0.0)
-    assert (made._labels[-1][1].view(-1, 64, 8) == commands()).all()
-    for before, after in zip(sides, made._pool.view(7, -1, 64).unbind(dim=1)[1:], strict=False):
-        flown = made.problem.moved(before, commands().unbind(dim=1))
-        # Distance, speed and rotation are the same from all sides.
-        squares = [x.square()[[0, 2, 3, 5]] + x.square()[[1, 2, 4, 5]] for x in (flown, after)]
-        torch.testing.assert_close(*squares, rtol=1e-4, atol=1e-5)
-
-
 @pytest.mark.slow
 def test_training_makes_flights_cheaper_and_they_stay_at_the_goal() -> None:
     made = learner()

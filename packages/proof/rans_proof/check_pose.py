@@ -445,22 +445,27 @@ class Loop:
             bounds: of all parts.
             is_quiet: whether a pulse may be held back in all of them.
         """
-        result: dict[int, np.ndarray] = {
-            k: np.zeros(cells.inside.shape, dtype=bool)
-            for k in range(-self.most_pull, self.most_pull + 1)
-        }
+        # Beyond the bounds are no states: every number is allowed there, which can only refuse more.
+        rows, across = (
+            slice(max(n - 1 - math.ceil(x / w), 0), n + 1 + math.ceil(x / w))
+            for n, w, x in zip(cells.half, cells.width, (bounds.speed, bounds.place), strict=True)
+        )
+        position = cells.position[0][across], cells.position[1][across]
+        rate = cells.rate[0][rows], cells.rate[1][rows]
+        result: dict[int, np.ndarray] = {}
+        for k in range(-self.most_pull, self.most_pull + 1):
+            result[k] = np.ones(cells.inside.shape, dtype=bool)
+            result[k][rows, across] = False
         place, speed = self._readings(bounds)
         for axis in (0, 1):
             columns = self._columns(bounds)
-            columns[4 + axis] = _spread(
-                self._seen(cells.position, bounds.place, bounds.heading), place
-            )
-            columns[axis] = _spread(self._seen(cells.rate, bounds.speed, bounds.heading), speed)
+            columns[4 + axis] = _spread(self._seen(position, bounds.place, bounds.heading), place)
+            columns[axis] = _spread(self._seen(rate, bounds.speed, bounds.heading), speed)
             # Way to the goal is what a position lacks.
             columns[4 + axis] = -columns[4 + axis][1], -columns[4 + axis][0]
             weights = [a[axis] for a in self.along]
             for level, may in self.network.levels(columns, 4 + axis, axis, weights).items():
-                result[level] |= may
+                result[level][rows, across] |= may
         if is_quiet:
             result[0][:] = True
         return result

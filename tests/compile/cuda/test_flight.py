@@ -19,8 +19,7 @@ from rans.flight_statistics import QUANTITIES, FlightStatistics
 from rans.model.actuators import Throttle
 from rans.policy.filter_bank import Filters
 from rans.policy.network import Network
-from rans.tasks import TASKS
-from tests.support.engines import FLYER, PLATFORM
+from tests.support.engines import PLATFORM
 from tests.support.host_flight import HostFlights
 from tests.support.host_kernels import needs_compiler
 from tests.support.kernel_flights import BRIEF, WIDE, policy, setup
@@ -31,7 +30,6 @@ FIRST = 1000
 COUNT = 40
 """Both words of the seed differ from zero, and the second warp is not full."""
 THROTTLED = replace(PLATFORM, actuators=Throttle())
-MULTI = TASKS["multi-task"]()
 
 
 def both(
@@ -70,14 +68,6 @@ def test_sides_and_zoom_in_three_products(tmp_path: Path) -> None:
     agree(kernel, stepped, 2e-3)
     assert sum(count > 0 for count in kernel.failures.values()) >= 3
     assert 0 < kernel.unsolved < COUNT
-
-
-@needs_compiler
-def test_many_tasks_in_space_in_one_product(tmp_path: Path) -> None:
-    network = policy(FLYER, MULTI, (24,), sided=False, activation="relu")
-    kernel, stepped = both(network, setup(FLYER, MULTI), tmp_path, products="bf16")
-    # Of bfloat16 (2^-9), one command in a thousand is another.
-    agree(kernel, stepped, 0.05)
 
 
 @needs_compiler
@@ -201,14 +191,3 @@ def test_a_task_of_tensors_is_stepped() -> None:
     world = Flights(network, setup(PLATFORM, task), generated=False).world
     with pytest.raises(TypeError, match="Tensor operand"):
         FlightKernel(world, network, torch.device("cpu"), 232448, "bf16")
-
-
-@needs_compiler
-def test_a_trade_off_in_three_products(tmp_path: Path) -> None:
-    """It stays with its episode, and the reward's price does too."""
-    task = TASKS["go-to-pose-priced"](thrust_weight=0.5)
-    kernel, stepped = both(
-        policy(PLATFORM, task), setup(PLATFORM, task), tmp_path, products="bf16x3"
-    )
-    # Products are good to 2^-16, which changes a command in 1e5 here.
-    agree(kernel, stepped, 2e-3)

@@ -16,6 +16,7 @@ from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.envs.single import SpacecraftEnv
 from rans.fast.envs.vector import SpacecraftVectorEnv
+from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenario
 from rans.tasks import GoToPose, gymnasium_ids
 from tests.support.engines import NEAR, SHORT, actions
@@ -186,3 +187,17 @@ def test_rounding_does_not_break_the_bounds_of_observations(
     single.reset(seed=0)
     single._world = SimpleNamespace(observe=lambda *_: list(seen[0]))
     assert space.contains(single._observe())
+
+
+def test_conditions_reach_the_engine() -> None:
+    """Episode k is that of the single environment under the same conditions, whatever the batch."""
+    conditions = load_conditions("lab")
+    batch = SpacecraftVectorEnv(3, "go-to-pose", 2, dtype=torch.float64, conditions=conditions)
+    single = SpacecraftEnv("go-to-pose", 2, conditions=conditions)
+    seen, _ = batch.reset(seed=5)
+    alone, _ = single.reset(seed=5)
+    np.testing.assert_allclose(seen[0], alone, atol=1e-6)  # float32 observations of the single one
+    for action in np.random.default_rng(0).integers(0, 2, (6, 3, 8)):
+        seen, *_ = batch.step(torch.as_tensor(action))
+        alone, *_ = single.step(action[0])
+        np.testing.assert_allclose(seen[0], alone, atol=1e-5)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,6 @@ from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.config import MemorySettings
-from rans.model.actuators import ON_OFF, Actuators, Throttle
-from rans.model.timing import Timing
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT
 from tests.support.processes import printed
 from tests.support.training import scatter, seen, weights
@@ -167,29 +164,3 @@ def test_one_thread_unless_told_otherwise() -> None:
         assert torch.get_num_threads() == 1
     finally:
         torch.set_num_threads(before)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "actuators"),
-    [*((kind, ON_OFF) for kind in KINDS[1:]), ({}, Throttle())],
-    ids=["history", "privileged", "throttle"],
-)
-def test_every_kind_learns(kind: dict[str, Any], actuators: Actuators) -> None:
-    """Forty thousand steps make its values less wrong by a quarter, and it flies nearer to the goal."""
-    craft = replace(PLATFORM, actuators=actuators)
-    task = rans.GoToPose(spawn_distance=(0.5, 1.0))
-    engine = Engine(craft, task, 64, Timing(episode_steps=100), seed=1)
-    model = rans.PPO(engine, n_steps=16, layers=(32, 32), symmetric=False, **kind)
-    told = []
-    model.learn(40 * 1024, lambda model: told.append(model.log))
-    early, late = (
-        {
-            name: np.mean([log[name] for log in part])
-            for name in told[0]
-            if name in ("train/value_loss", "return/position")
-        }
-        for part in (told[:5], told[-5:])
-    )
-    assert late["train/value_loss"] < 0.75 * early["train/value_loss"]
-    assert late["return/position"] > early["return/position"]

@@ -9,9 +9,11 @@ import torch
 from stable_baselines3.common.callbacks import ConvertCallback
 from torch import Tensor
 
+from rans.fast.engine import Engine
 from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.ppo import PPOLearner
-from rans.fast.learn.rollout import Batch, minibatches
+from rans.fast.learn.rollout import Acted, Batch, Rollout, Slot, minibatches, remember
+from rans.fast.stepping.step import Step
 from tests.support.engines import FLYER, PLATFORM, both_crafts
 from tests.support.training import TINY, sb3_twin, scatter, tiny_learner
 
@@ -117,3 +119,55 @@ def test_minibatches_divide_every_transition_of_whole_environments(count: int) -
         torch.testing.assert_close(part.columns[:, 0], part.advantage)
         assert len(set((part.log_prob % 16).tolist())) == 16 // count  # whole environments
     assert sorted(torch.cat([part.target for part in parts]).tolist()) == list(range(48))
+
+
+def test_what_three_steps_leave_behind() -> None:
+    """By hand, of four environments and a memory of one number.
+
+    Environment 0 is cut off by time in the second step, 1 fails in the second, 2 is cut off in the third and
+    3 goes on; 0 and 1 are within the tolerances all along, 2 only in its last step.
+    """
+    learner = tiny_learner(n_envs=2, n_steps=3, batch_size=6)
+    rollout = Rollout(Engine(PLATFORM, learner.engine.task, 4), learner.network, 3)
+    rollout.memory = torch.zeros(4, 1)
+    rollout.cut_memory = torch.full((4, 1), -1.0)
+    rollout.cut = torch.full_like(rollout.cut, -1.0)
+    rollout.all = rollout.all._replace(memory=torch.zeros(3, 4, 1))
+    rollout.steps = [Slot._make(None if x is None else x[t] for x in rollout.all) for t in range(3)]
+    rollout.terms = torch.zeros(2)
+    width = rollout.cut.shape[1]
+    numbers = torch.arange(4.0)
+    for t in range(3):
+        truncated = torch.tensor([t == 1, False, t == 2, False])
+        terminated = torch.tensor([False, t == 1, False, False])
+        reached = torch.tensor([True, t != 1, t == 2, False])
+        acted = Acted(
+            torch.full((4, 8), t + 0.5),
+            numbers + t,
+            numbers - t,
+            torch.zeros(4, 8),
+            (10.0 * (t + 1) + numbers)[:, None],
+        )
+        last = (100.0 * (t + 1) + numbers)[:, None].expand(4, width)
+        terms = torch.stack([numbers, numbers * t])
+        step = Step(torch.zeros(4, width), numbers * t, terminated, truncated, last, reached, terms)
+        remember(torch.full((4, width), float(t)), acted, None, step, rollout.steps[t], rollout)
+    kept = rollout.all
+    assert kept.ended.tolist() == [[0, 0, 0, 0], [1, 1, 0, 0], [0, 0, 1, 0]]
+    assert kept.truncated.tolist() == [[0, 0, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0]]
+    assert kept.reward.tolist() == [[0, 0, 0, 0], [0, 1, 2, 3], [0, 2, 4, 6]]
+    assert kept.observation[:, :, 0].tolist() == [[0] * 4, [1] * 4, [2] * 4]
+    assert kept.action[:, 0, 0].tolist() == [0.5, 1.5, 2.5]
+    assert kept.log_prob[2].tolist() == [2, 3, 4, 5]
+    assert kept.value[2].tolist() == [-2, -1, 0, 1]
+    # What it remembered before each step: nothing after an end, however it came about.
+    assert kept.memory is not None
+    assert kept.memory[:, :, 0].tolist() == [[0] * 4, [10, 11, 12, 13], [0, 0, 22, 23]]
+    assert rollout.memory[:, 0].tolist() == [30, 31, 0, 33]
+    # What was seen and remembered where time cut off, and only there.
+    assert rollout.cut[:, 0].tolist() == [200, -1, 302, -1]
+    assert rollout.cut_memory[:, 0].tolist() == [20, -1, 32, -1]
+    # Means of the terms, summed; 0 and 2 were cut off at the goal.
+    assert rollout.terms.tolist() == [4.5, 4.5]
+    assert rollout.succeeded.tolist() == 2
+    assert rollout.failed.tolist() == 1

@@ -199,42 +199,6 @@ def test_a_critic_that_knows_what_conditions_draw_is_judged_without(tmp_path: Pa
     assert load_policy(tmp_path).conditions is not None
 
 
-@pytest.mark.parametrize(
-    ("solved_share", "total", "seconds", "pays"),
-    [
-        (0.9, 10**9, 31.0, True),
-        (0.9, 10**9, 29.0, False),  # as much again as it took
-        (None, 3_200, 1.0, True),
-        (None, 3_000, 1.0, False),
-    ],
-)  # 31 and 29 s for 100 steps a second
-def test_compiling_pays_where_much_is_left(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    solved_share: float | None,
-    total: int,
-    seconds: float,
-    pays: bool,
-) -> None:
-    config = replace(CONFIG, solved_share=solved_share, total_timesteps=total)
-    trainer = tiny_trainer(tmp_path / "run", config)
-    trainer.steps = 100
-    trainer.seconds = seconds
-    assert not trainer._compiling_pays()
-    monkeypatch.setattr(trainer.engine, "device", torch.device("cuda"))
-    assert trainer._compiling_pays() == pays
-
-
-def test_a_warm_up_that_takes_all_steps_is_reported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As where few steps are wanted of a GPU, which compiles and records in the first iterations."""
-    monkeypatch.setattr(Trainer, "_warm_up", lambda trainer: [trainer._iterate() for _ in range(3)])
-    trainer = tiny_trainer(tmp_path, replace(CONFIG, total_timesteps=384))
-    trainer.train()
-    assert [row["steps"] for row in trainer.rows] == [384]
-
-
 def test_a_training_that_is_compiled_on_its_way_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

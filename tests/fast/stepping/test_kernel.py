@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,6 @@ from rans.fast.stepping import kernel as step_kernel
 from rans.fast.stepping.kernel import Kernel
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.body import Body
-from rans.model.drift import Drift, UniformGravity
 from rans.model.fields import where
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -120,21 +119,6 @@ def test_actions_may_lie_anywhere(on_host: Any) -> None:
     assert on_host(*made)._kernel._readable(shifted).data_ptr() % 16 == 0
     assert torch.equal(seen[0], seen[1])
     assert torch.equal(seen[0], seen[2])
-
-
-@pytest.mark.parametrize(("conditions", "together"), [(None, 2), ("lab", 1)])
-def test_a_long_step_is_one_spacecrafts(
-    on_host: Any, conditions: str | None, together: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """docs/speed.md has 216 operations in a perfect world; all of `lab` is more than `LONG`."""
-    monkeypatch.setattr(step_kernel, "MANY", 1)
-    engine = on_host(PLATFORM, GoToPose(), 4, conditions=conditions)
-    episode = engine._backend.episodes(engine._world, engine.body, 4, engine._draws, remember=False)
-    kernel = step_kernel.Kernel(
-        engine._world, episode, engine._draws, engine.processes, engine.dtype
-    )
-    assert kernel._together == together
-    assert kernel._program.operations == 216 or conditions
 
 
 def test_an_odd_number_of_spacecraft_flies_one_by_one(
@@ -256,32 +240,6 @@ def test_shares_of_thrust(on_host: Any, kind: Any, dtype: torch.dtype) -> None:
     assert compare(ours, theirs, form=dtype, given=shares(25)) >= 16
 
 
-def like_near(kind: Any) -> Any:
-    return kind(**{field.name: getattr(NEAR, field.name) for field in fields(NEAR)})
-
-
-@dataclass(frozen=True)
-class Falling(GoToPose):
-    """Everything falls, but not the goal."""
-
-    @property
-    def drift(self) -> Drift:
-        return UniformGravity((0.1, -0.2))
-
-
-@two_a_thread
-def test_a_drift(on_host: Any) -> None:
-    how: Any = {"seed": SEED, "dtype": torch.float64}
-    made: Any = (PLATFORM, like_near(Falling), 16, SHORT)
-    ours = Engine(*made, **how)
-    assert compare(ours, on_host(*made, **how)) > 16
-    before = np.array(ours.state.v.y)
-    still = ours.step(torch.zeros(16, 8))
-    going = ~(still.terminated | still.truncated).numpy()
-    # 0.2 m/s^2 for 0.2 s, in float64.
-    np.testing.assert_allclose((ours.state.v.y - before)[going], -0.04, rtol=1e-12)
-
-
 class Unbounded(GoToPose):
     """A reward with numbers that are not finite in its formula."""
 
@@ -292,6 +250,10 @@ class Unbounded(GoToPose):
         terms["near"] = where(cheapest < math.inf, 1.0 - cheapest, distance * 0.0)
         terms["far"] = where(distance * 0.0 - math.inf < -distance, distance * 0.0, distance)
         return terms
+
+
+def like_near(kind: Any) -> Any:
+    return kind(**{field.name: getattr(NEAR, field.name) for field in fields(NEAR)})
 
 
 @two_a_thread

@@ -10,26 +10,16 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pytest
 import rans_assurance.figures
-from hypothesis import given
-from hypothesis import strategies as st
 from matplotlib.figure import Figure
-from rans_assurance.figures.assure_figures import commands_figure, errors_figure
 
 import rans.show.figures
-from campaigns.flight_paths import paths_figure
 from rans.evaluation.compare.optima import Optimum
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.optimal.trajectory.transcription import Trajectory
-from rans.show.curve import learning_charts
-from rans.show.figures import figures
-from rans.show.figures.axes import widened, widened_logarithmic
-from rans.show.figures.chart_figure import charts_figure
 from rans.show.figures.optimal_figure import optimal_figure
-from rans.show.pages.chart import Chart, Mark, Series
 from tests.support.evaluation_flights import flight_of
 
 NOISE = 1e-9
@@ -99,26 +89,6 @@ def check(figure: Figure) -> None:
             assert high - low > SEEN * max(abs(low), abs(high), 1.0), axis.label.get_text()
 
 
-@pytest.mark.slow
-def test_figures_of_flights_that_stay_show_no_noise() -> None:
-    flight = still()
-    for figure in (
-        figures.evaluation_figure(flight),
-        figures.episode_figure(flight),
-        paths_figure(flight),
-        errors_figure(flight, [0]),
-        commands_figure(flight, 0, "it"),
-        charts_figure(
-            [
-                *learning_charts(
-                    [{"steps": k, "success": 0.5, "return/a": 3.0 + NOISE * k} for k in range(9)]
-                )
-            ]
-        ),
-    ):
-        check(figure)
-
-
 def test_an_optimum_with_the_noise_of_its_solver_is_steady() -> None:
     """Five open thrusters: the axis counts from none to five, and not from 4.99999999 to 5.00000001."""
     figure = optimal_figure([optimum()])
@@ -130,37 +100,3 @@ def test_an_optimum_with_the_noise_of_its_solver_is_steady() -> None:
     assert {float(tick) % 1.0 for tick in sums.get_yticks()} == {0.0}
     (paths,) = (axes for axes in figure.axes if axes.get_xlabel() == "x, m")
     assert "1 starts" not in paths.get_title(loc="left")
-
-
-@pytest.mark.parametrize("logarithmic", [False, True])
-def test_a_chart_shows_no_noise(logarithmic: bool) -> None:
-    """Ticks of nine digits alone could tell the marks apart."""
-    marks = [Mark(2.0 + NOISE * k, 5.0 - NOISE * k) for k in range(4)]
-    series = [Series("a", marks, "red")]
-    check(charts_figure([Chart("time, s", "impulse, N s", series, "", (), logarithmic)]))
-
-
-@given(
-    st.floats(-1e6, 1e6),
-    st.floats(-1e6, 1e6),
-    st.sampled_from(["time, s", "speed, m/s", "x, m", "held, %", "thruster", ""]),
-)
-def test_wide_ends_stay_and_narrow_ones_keep_their_middle(
-    low: float, high: float, label: str
-) -> None:
-    new = widened(low, high, label)
-    assert abs(new[1] - new[0]) >= abs(high - low)
-    assert abs(new[1] - new[0]) >= 1e-6
-    assert sum(new) == pytest.approx(low + high, rel=1e-9, abs=1e-9)
-    assert (new[1] > new[0]) == (high >= low)
-    if abs(high - low) > 1e-3 * max(abs(low), abs(high), 100.0):
-        assert new == (low, high)
-
-
-@given(st.floats(1e-9, 1e9), st.floats(1e-9, 1e9))
-def test_logarithmic_ends_are_a_factor_of_two_apart(low: float, high: float) -> None:
-    new = widened_logarithmic(low, high)
-    assert max(new) / min(new) >= 2.0 - 1e-9
-    assert new[0] * new[1] == pytest.approx(low * high, rel=1e-9)
-    if max(low, high) >= 2.0 * min(low, high):
-        assert new == (low, high)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import io
 import subprocess
 import sys
-from itertools import count, pairwise
+from itertools import count
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -25,9 +25,8 @@ from rans.show.figures.figures import (
     evaluation_figure,
 )
 from rans.show.figures.svg import svg
-from rans.show.palette import RED
-from rans.tasks import GoToAttitude, GoToPose
-from tests.support.evaluation_flights import TrackNothing, flight_of, many_episodes, two_episodes
+from rans.tasks import GoToPose
+from tests.support.evaluation_flights import many_episodes, two_episodes
 from tests.support.played import Played
 from tests.support.training_rows import ROWS
 
@@ -72,15 +71,6 @@ def test_summaries_show_mean_best_and_worst() -> None:
     np.testing.assert_allclose(line(panel(figure, "d"), "mean")[:, 1], 0.1)
 
 
-def test_activations_are_seconds_an_episode() -> None:
-    """The first thruster of the first episode is open for four periods of half a second, no other ever."""
-    axes = panel(evaluation_figure(two_episodes()), "a")
-    red = [x for x in axes.get_lines() if x.get_markerfacecolor() == RED]
-    heights = [np.asarray(x.get_ydata())[0] for x in red]
-    assert heights == pytest.approx([1.0] + [0.0] * 7)  # means of 2 s and 0 s
-    assert axes.get_ylabel() == "open time an episode, s"
-
-
 def test_errors_and_their_tolerances_are_in_the_units_of_the_axis() -> None:
     """At most 100 cm and 10 degrees, where 5 cm and 5 degrees count as reached."""
     figure = evaluation_figure(two_episodes())
@@ -92,76 +82,12 @@ def test_errors_and_their_tolerances_are_in_the_units_of_the_axis() -> None:
     assert line(panel(figure, "c"), "tolerance")[:, 1] == pytest.approx([5.0, 5.0])
 
 
-def test_errors_of_an_episode_are_multiples_of_their_tolerances() -> None:
-    """1 m is 20 times 5 cm, 10 degrees are twice 5 degrees."""
-    axes = panel(episode_figure(two_episodes()), "b")
-    assert line(axes, "position (tolerance 5 cm)")[0] == pytest.approx([0.0, 20.0])
-    assert line(axes, "attitude (tolerance 5 deg)")[0] == pytest.approx([0.0, 2.0])
-    assert line(axes, "position (tolerance 5 cm)")[-1] == pytest.approx([5.0, 0.08])
-
-
-def test_open_thrusters_stand_in_their_rows_and_times() -> None:
-    (image,) = panel(episode_figure(two_episodes()), "c").get_images()
-    shown = np.asarray(image.get_array())
-    assert np.argwhere(shown).tolist() == [[0, k] for k in range(4)]
-    assert list(image.get_extent()) == [
-        0.0,
-        5.0,
-        7.5,
-        -0.5,
-    ]  # five seconds; the first thruster is on top
-
-
-def test_wheels_stand_in_the_rows_of_a_craft_without_thrusters() -> None:
-    craft = load_spacecraft("innocube")
-    task = GoToAttitude()
-
-    # Full torque of the first wheel, half of the last one's in the other direction.
-    commands = Played(np.tile([1.0, 0.0, -0.5], (4, 1, 1)))
-    flight = fly(craft, task, commands, scenarios(task, craft, 0, 1), Timing(episode_steps=4))
-    axes = panel(episode_figure(flight), "c")
-    (image,) = axes.get_images()
-    assert np.asarray(image.get_array()).tolist() == [[1.0] * 4, [0.0] * 4, [0.5] * 4]
-    assert axes.get_ylabel() == "wheel"
-
-
 def test_every_episode_is_drawn_and_rasterised() -> None:
     figure = evaluation_figure(many_episodes(50))
     for letter in "bef":
         lines = next(x for x in panel(figure, letter).collections if isinstance(x, LineCollection))
         assert len(lines.get_segments()) == 50
         assert lines.get_rasterized()
-
-
-def test_errors_of_zero_have_a_place_on_a_logarithmic_axis() -> None:
-    """Warnings are errors here, and Matplotlib warns of an axis on which nothing can be drawn."""
-    figure = evaluation_figure(
-        flight_of(np.ones((6, 2)), 0.0, speed=(0.3, 0.4), task=TrackNothing())
-    )
-    axes = panel(figure, "f")
-    [lines] = (drawn for drawn in axes.collections if isinstance(drawn, LineCollection))
-    assert {y for segment in lines.get_segments() for y in segment[:, 1]} == {axes.get_ylim()[0]}
-    assert panel(figure, "e").get_xlabel() == "x, m"
-    assert panel(figure, "b").get_ylabel() == "velocity error, cm/s"
-    assert axes.get_ylabel() == "spin error, deg/s"
-
-
-def test_a_task_with_one_error_leaves_two_panels_empty() -> None:
-    class PositionOnly(GoToPose):
-        """Go to a place in any attitude."""
-
-        def errors(self, state: Any, goal: Any) -> dict[str, Any]:
-            return {"position": super().errors(state, goal)["position"]}
-
-        def tolerances(self) -> dict[str, float]:
-            return {"position": 0.05}
-
-        def reward(self, transition: Any) -> dict[str, Any]:
-            return {"position": -self.errors(transition.state, transition.goal)["position"]}
-
-    flight = flight_of(np.ones((6, 2)), 0.0, task=PositionOnly())
-    assert sum(not axes.axison for axes in evaluation_figure(flight).axes) == 2
-    svg(episode_figure(flight))
 
 
 @pytest.mark.slow
@@ -206,29 +132,6 @@ def test_learning_curve() -> None:
     np.testing.assert_allclose(success.get_lines()[0].get_xydata()[-1], [10_000, 100.0])  # type: ignore[index]
     assert {*returns.get_legend_handles_labels()[1]} == {"position", "attitude"}
     assert "5 s" in success.get_xlabel()
-
-
-def test_a_learning_curve_on_a_telephone() -> None:
-    """The legend hides no curve, and numbers below the curves do not touch."""
-    figure = learning_figure([row | {"steps": 30_000 * row["steps"]} for row in ROWS])
-    figure.draw_without_rendering()
-    for axes in figure.axes:
-        if below := axes.get_legend():
-            assert below.get_window_extent().y1 <= axes.bbox.y0
-        numbers = [one.get_window_extent() for one in axes.get_xticklabels() if one.get_text()]
-        inside = sorted(
-            (box.x0, box.x1) for box in numbers if axes.bbox.x0 <= box.x0 <= axes.bbox.x1
-        )
-        assert len(inside) >= 3
-        assert all(left[1] + 4.0 < right[0] for left, right in pairwise(inside))
-
-
-def test_learning_curve_draws_what_is_there() -> None:
-    rows = [{"steps": 1}, {"steps": 2, "success": 0.5}, {"loss": 1.0}]
-    success, returns = learning_figure(rows).axes
-    assert np.asarray(success.get_lines()[0].get_xydata()).tolist() == [[2.0, 50.0]]
-    assert not returns.get_lines()
-    assert not [*learning_charts(rows[:1])]  # a dot is no curve
 
 
 @pytest.mark.slow

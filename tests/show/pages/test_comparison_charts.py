@@ -11,16 +11,12 @@ import numpy as np
 import pytest
 
 from rans.evaluation.compare.bounds import Bound
-from rans.evaluation.compare.contest import Contestant
-from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
-from rans.optimal.trajectory.objectives import MaximumReward, MinimumFuel, MinimumTime
-from rans.show.figures.chart_figure import charts_figure, save_chart
-from rans.show.pages.chart import Chart, Series
+from rans.show.figures.chart_figure import save_chart
+from rans.show.pages.chart import Chart
 from rans.show.pages.comparison_charts import plane_chart
 from rans.show.pages.comparison_page import page
-from rans.show.palette import BLUE, FOUND, ORANGE
-from tests.support.comparisons import NOBODY, comparison, entry, points
+from tests.support.comparisons import comparison, entry
 from tests.support.evaluation_flights import flight_of
 
 HORIZONS = (1.5, 2.0, 3.0, 4.0, 5.0)
@@ -62,59 +58,6 @@ def test_the_plane_draws_bounds_below_what_was_found() -> None:
     # there after 1 and 2 s, both with 1 N s; the third start, from where it never gets there, has no bound
     assert marks["agent"] == [(1.5, 1.0)]
     assert "medians over 2 starts" in chart.caption
-
-
-def test_the_plane_counts_all_starts_where_no_bound_is_known() -> None:
-    """Relaxed points are medians of what was solved, and say so; curves go through the medians of weights."""
-    one = Relaxed(MinimumTime(), 0, "solved", True, 0.1, 4.0, 3.0, 7.0, 30.0, 1e-4)
-    fuel, reward = (
-        replace(one, objective=kind, arrival=6.0, thrust=2.0)
-        for kind in (MinimumFuel(5.0, 0.5), MaximumReward(5.0, 0.5))
-    )
-    other = replace(one, start=1, arrival=6.0, thrust=9.0)
-    lost = replace(one, start=2, solved=False)
-    rows = {"time": [one, other, lost], "fuel": [fuel] * 3, "reward": [reward] * 3}
-    chart = plane_chart(comparison(relaxed=rows, curve=[entry()]))
-    marks = drawn(chart)
-    # 1 s, 2 s and never; 1 N s, 1 N s and never
-    assert marks["agent (2 of 3 get there)"] == [(2.0, 1.0)]
-    # the greatest reward arrives nowhere: two points
-    name = "relaxed thrust, exact goal (no controller, where found)"
-    assert marks[name] == [(5.0, 8.0), (6.0, 2.0)]
-    assert marks["LQR with 1 weighting"] == [(2.0, 1.0)]
-    assert chart.shaded == []
-    assert "medians over 3 starts" in chart.caption
-
-
-def test_who_comes_next_has_another_look() -> None:
-    found = bounded()
-    again = Contestant("second", NOBODY, "observation", "none")
-    found.entries.append(replace(found.entries[0], contestant=again))
-    looks: dict[str, Series] = {one.name: one for one in plane_chart(found).series}
-    assert [(looks[x].colour, looks[x].marker) for x in ("agent", "second")] == [
-        (BLUE, "o"),
-        (ORANGE, "s"),
-    ]
-    assert looks["best on/off controls found, replayed"].colour == FOUND
-
-
-def test_the_figure_for_papers_has_the_marks_of_the_chart() -> None:
-    """Of bounds, controls found and contestants, in Matplotlib's axes: the same points and intervals."""
-    chart = plane_chart(bounded())
-    figure = charts_figure([chart])
-    (axes,) = figure.axes
-    assert (axes.get_xlabel(), axes.get_ylabel()) == (chart.x_label, chart.y_label)
-    found = points(axes)
-    assert found.keys() == drawn(chart).keys()
-    for name, marks in drawn(chart).items():
-        assert found[name] == [pytest.approx(mark) for mark in marks]
-    (agent,) = (one for one in chart.series if one.name == "agent")
-    (bars,) = (one for one in axes.containers if one.get_label() == "agent")
-    ends = bars.lines[2][0].get_segments()[0][:, 0]  # type: ignore[attr-defined]
-    assert tuple(ends) == pytest.approx(agent.marks[0].x_interval)
-    (band,) = (one for one in axes.patches if one.get_label() == "provably impossible")
-    assert band.get_extents().x1 > 0  # type: ignore[attr-defined]
-    assert axes.get_xlim()[0] < chart.shaded[0][1]
 
 
 def test_a_chart_is_written_for_papers(tmp_path: Path) -> None:

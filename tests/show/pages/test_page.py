@@ -6,9 +6,8 @@ import re
 
 import pytest
 
-from rans.show.pages.page import Finding, Page, Section, header, show
+from rans.show.pages.page import Finding, Page, Section, header
 from rans.show.pages.report import validation_section
-from rans.table import Table
 
 GOOD = Finding("fine", True)
 BAD = Finding("broken", False)
@@ -53,51 +52,6 @@ def test_a_study_that_checked_nothing_passes_nothing() -> None:
     ]
     assert Page("x", [section]).verdict == "Nothing was checked here."
     assert section.tables[0].rows == [["kernel", None, None, None, "not run", "No compiler."]]
-
-
-def test_headings_are_headings_and_numbers_stand_right() -> None:
-    html = Page("x", [Section("s", tables=[Table(("name", "value"), [("a", 1.5)])])]).html()
-    assert '<th scope="col">name</th><th scope="col" class="number">value</th>' in html
-    assert '<td data-column="name">a</td>' in html
-    assert '<td data-column="value" class="number">1.5</td>' in html
-
-
-def test_an_interval_may_stand_on_a_line_of_its_own() -> None:
-    table = Table(
-        ("score", "agent"), [("time", "5.8 (5.4 to 6)"), ("text", "far (1) and wide (2)")]
-    )
-    html = Page("x", [Section("s", tables=[table])]).html()
-    assert '5.8 <span class="interval">(5.4 to 6)</span>' in html
-    assert ">far (1) and wide (2)</td>" in html
-
-
-def test_notes_are_at_the_end() -> None:
-    html = Page("x", [Section("s", "The result.", findings=[GOOD, NOTE])], {"seed": "3"}).html()
-    assert (
-        html.index("fine")
-        < html.index("The result.")
-        < html.index("noted")
-        < html.index("How it was made")
-    )
-
-
-def test_a_dash_stands_where_its_column_does() -> None:
-    table = Table(
-        ("text", "number", "nothing"), [("1 of 2", 1.5, None), (None, None, None), ("a", 2, None)]
-    )
-    assert [table.is_numeric(k) for k in range(3)] == [False, True, True]
-    html = Page("x", [Section("s", tables=[table])]).html()
-    assert '<td data-column="text">–</td><td data-column="number" class="number">–</td>' in html  # noqa: RUF001
-
-
-def test_numbers_as_texts() -> None:
-    assert [show(x) for x in (1234.5678, float("inf"), None, "text", 7)] == [
-        "1235",
-        "never",
-        "–",  # noqa: RUF001
-        "text",
-        "7",
-    ]
 
 
 def test_how_it_was_made_is_one_line_a_group() -> None:
