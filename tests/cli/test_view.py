@@ -101,18 +101,6 @@ def test_optimal_trajectories_are_shown(
 
 
 @pytest.mark.slow
-def test_one_episode_of_a_seed_by_number(shown: list[Any]) -> None:
-    """Beside the first, a controller by its name flies the same craft from the same start."""
-    assert main(["view", "lqr:go-to-pose-2d@atmos", "mpc", "--episode", "5", "--seed", "7"]) == 0
-    craft = load_spacecraft("atmos")
-    task = GoToPose().for_evaluation()
-    start = scenario(task, 2, 7, 5).start
-    for flight in shown:
-        assert flight.craft == craft
-        assert [x[0, 0] for x in leaves(flight.states)] == list(leaves(start))
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "option", "said", "has"),
     [

@@ -64,8 +64,8 @@ def in_torch(
 
 def gained(
     engine: Callable[..., Any], one: Spacecraft, conditions: Conditions, *commands: float
-) -> tuple[float, float, float]:
-    """In the second period: speed, spin about z, and way beside that of the speed before."""
+) -> tuple[float, float]:
+    """In the second period: speed, and spin about z."""
     # One step more than is flown: an engine begins the next episode with the last one.
     told = (*commands, 0.0)
     pilot = Played(lambda step, count: np.full((count, 1), told[step]))
@@ -76,33 +76,24 @@ def gained(
     flight = engine(one, TASK, pilot, starts, timing, conditions=conditions, draws=own)
     rows = flight if isinstance(flight, list) else np.stack(leaves(flight.states), axis=1)
     before, after = (np.asarray(row)[:, 0] for row in (rows[1], rows[2]))
-    place, speed, spin = (
-        (slice(0, 2), slice(3, 5), 5) if one.dimension == 2 else (slice(0, 3), slice(7, 10), 12)
-    )
-    way = after[place] - before[place] - before[speed] * PERIOD
-    return (
-        float(np.linalg.norm(after[speed] - before[speed])),
-        float(after[spin] - before[spin]),
-        float(np.linalg.norm(way)),
-    )
+    speed, spin = (slice(3, 5), 5) if one.dimension == 2 else (slice(7, 10), 12)
+    gained = float(np.linalg.norm(after[speed] - before[speed]))
+    return gained, float(after[spin] - before[spin])
 
 
 CASES: list[Any] = [
     # On or off, at once: full thrust for 0.07 s, then what is left of it for 0.13 s; in N s of 1 N.
     (OnOff(), NEITHER, "dead", (0.0, 1.0), 0.07),
-    (OnOff(), NEITHER, "dead", (1.0, 0.0), 0.0),
     (OnOff(), NEITHER, "stuck-open", (0.0, 0.0), 0.13),
-    (OnOff(), NEITHER, "stuck-open", (0.0, 1.0), 0.2),
     (OnOff(), NEITHER, "weak", (0.0, 1.0), 0.07 + 0.4 * 0.13),
     (OnOff(), NEITHER, "stuck", (0.0, 1.0), 0.07 + 0.4 * 0.13),
-    (OnOff(), NEITHER, "stuck", (0.0, 0.0), 0.4 * 0.13),
     # Throttled to a half.
     (Throttle(), NEITHER, "dead", (0.0, 0.5), 0.5 * 0.07),
     (Throttle(), NEITHER, "stuck-open", (0.0, 0.5), 0.5 * 0.07 + 0.13),
     # A pulse of 0.1 s that the fault cuts, and one of 0.05 s that is over.
     *(
         (Pulsed(counts), NEITHER, *rest)
-        for counts in (4, 2, 1000)
+        for counts in (4, 1000)
         for rest in (
             ("dead", (0.0, 0.5), 0.07),
             ("weak", (0.0, 0.5), 0.07 + 0.4 * 0.03),
@@ -111,17 +102,13 @@ CASES: list[Any] = [
     ),
     (Pulsed(4), NEITHER, "dead", (0.0, 0.25), 0.05),
     (Pulsed(4), NEITHER, "stuck-open", (0.0, 0.25), 0.05 + 0.13),
-    (Pulsed(1000), NEITHER, "stuck-open", (0.0, 0.25), 0.05 + 0.13),
     # The valve opens after 0.05 s, or would have after 0.1 s; a pulse of 0.1 s lasts until 0.15 s.
     (OnOff(), ThrusterConditions(latency=0.05), "dead", (0.0, 1.0), 0.02),
-    (OnOff(), ThrusterConditions(latency=0.1), "dead", (0.0, 1.0), 0.0),
     (OnOff(), ThrusterConditions(latency=0.1), "stuck-open", (0.0, 1.0), 0.13),
     # Shut, but felt after 0.1 s only.
-    (OnOff(), ThrusterConditions(latency=0.1), "dead", (1.0, 0.0), 0.07),
     (OnOff(), ThrusterConditions(latency=0.1), "weak", (1.0, 0.0), 0.07 + 0.4 * 0.03),
     (Pulsed(4), ThrusterConditions(latency=0.05), "weak", (0.0, 0.5), 0.02 + 0.4 * 0.08),
     # Later than a period: what was told first is felt from 0.05 s of the second on.
-    (OnOff(), ThrusterConditions(latency=0.25), "dead", (1.0, 0.0), 0.02),
     (OnOff(), ThrusterConditions(latency=0.25), "weak", (1.0, 0.0), 0.02 + 0.4 * 0.13),
     # A rise of 0.1 s is at 0.7 when the thruster fails: a triangle before, then a trapezium and 0.1 s of all.
     (OnOff(), ThrusterConditions(rise=0.1), "dead", (0.0, 1.0), 0.07 * 0.7 / 2),
@@ -183,9 +170,9 @@ def test_momentum_by_hand(engine: Any, number: int) -> None:
     kind, valves, failure, told, impulse = CASES[number]
     faults = FaultConditions(1.0, (failure,), SHARE, PERIOD + INSTANT)
     conditions = Conditions(thrusters=valves, faults=faults)
-    speed, spin, _ = gained(engine, craft(dimension, kind, 0.0), conditions, *told)
+    speed, spin = gained(engine, craft(dimension, kind, 0.0), conditions, *told)
     # Rounding of speeds below 0.2 m/s, and of what Drake adds up in some 20 integration steps.
     assert speed == pytest.approx(FORCE * impulse / MASS, abs=1e-14)
     assert spin == pytest.approx(0.0, abs=1e-14)
-    _, spin, _ = gained(engine, craft(dimension, kind, ARM), conditions, *told)
+    _, spin = gained(engine, craft(dimension, kind, ARM), conditions, *told)
     assert spin == pytest.approx(ARM * FORCE * impulse / MOMENT, abs=1e-14)

@@ -15,7 +15,6 @@ from rans.errors import ConfigError
 from rans.flight import Flight
 from rans.show import film
 from rans.show.film import Episode, check_video, save_frames, save_video
-from rans.tasks import GoToPosition
 from tests.support.evaluation_flights import flight_of, two_episodes
 from tests.support.reference_flights import TRACKING, drifting
 
@@ -108,14 +107,3 @@ def test_ten_instants_in_one_picture(tmp_path: Path) -> None:
 )
 def test_what_is_written_into_a_frame(episode: int, instant: int, text: list[str]) -> None:
     assert Episode(two_episodes(), episode, 64, 48).error_texts(instant) == text
-
-
-def test_instants_end_a_second_after_the_goal_is_reached_for_good() -> None:
-    """There from instant 10 on, of 0.5 s each: up to instant 12. Short flights are shown to their end."""
-    distance = np.where(np.arange(41) < 10, 1.0, 0.01)
-    distance[3] = 0.01  # passing by is not reaching
-    flight = flight_of(np.stack((distance, np.ones(41)), axis=1), 0.0)
-    assert Episode(flight, 0, 64, 48).instants(10) == [0, 1, 3, 4, 5, 7, 8, 9, 11, 12]
-    assert Episode(flight, 1, 64, 48).instants(10)[-1] == 40  # never there
-    flown = Episode(drifting(GoToPosition(fail_distance=100.0)), 0, 64, 48)
-    assert [flown.instant(time) for time in (0.0, 0.19, 0.2, 0.6, 9.0)] == [0, 0, 1, 3, 10]

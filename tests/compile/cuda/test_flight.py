@@ -80,20 +80,6 @@ def test_heads_and_activations_that_only_have_a_formula(
     agree(kernel, stepped, 1e-4)
 
 
-@pytest.mark.slow
-@needs_compiler
-def test_a_history_of_a_throttled_craft_under_conditions_in_six_products(tmp_path: Path) -> None:
-    """More inputs than are kept in registers, layers that take one tile at a time, and wind."""
-    network = policy(
-        THROTTLED, layers=(16, 272, 32), activation="elu", zoom=2.0, history=3, averages=(0.5, 0.9)
-    )
-    kernel, stepped = both(
-        network, setup(THROTTLED, conditions=EFFECTS["push"]), tmp_path, products="bf16x6"
-    )
-    # Duties are not rounded to anything: products good to 2^-24 leave 1e-5 after twelve steps.
-    agree(kernel, stepped, 1e-4)
-
-
 @needs_compiler
 def test_a_history_of_one_row_seen_from_the_side(tmp_path: Path) -> None:
     """Where the row's own order and the commands' order are both looked up."""

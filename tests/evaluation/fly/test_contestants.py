@@ -15,10 +15,8 @@ from rans.evaluation.fly.contestants import (
     judged_separately,
     view_command,
 )
-from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.protocols import fitting_protocols
 from rans.fast.agent_files.agent import actor_bytes, read_policy
-from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.scenario import scenarios
@@ -173,24 +171,6 @@ def test_a_multi_task_agent_is_judged_on_each_of_its_tasks(multi: Path) -> None:
     assert ContestantName.parse(f"{multi}#track-velocity").output_folder == multi
     with pytest.raises(ConfigError, match="picks 'go-to-pose', but its tasks are go-to-position, "):
         contestant(f"{multi}#go-to-pose")
-
-
-def test_slow_controllers_fly_in_shares() -> None:
-    """Ten episodes of an MPC are two; together they are what flies at once."""
-    loaded = contestant("mpc:go-to-pose-2d")
-    controller = loaded.controller
-    craft = loaded.craft
-    task = loaded.task
-    setup = Setup(craft, task.for_evaluation(), Timing(episode_steps=6))
-    counted = []
-    together = fly_episodes(controller, setup, 1, 10, workers=1, progress=counted.append)
-    alone = fly(craft, task, controller, scenarios(setup.task, craft, 1, 10), setup.timing)
-    assert (sorted(counted), together.stopped, together.engine) == ([2, 8], 0, "fast")
-    assert together.commands.any()
-    np.testing.assert_array_equal(together.commands, alone.commands)
-    np.testing.assert_allclose(
-        together.states.p.x, alone.states.p.x, atol=1e-12
-    )  # batches round alike
 
 
 def test_the_network_of_a_contestant_is_that_of_an_agent() -> None:

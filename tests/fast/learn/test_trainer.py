@@ -16,13 +16,10 @@ from rans.errors import ConfigError, NonFiniteState
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.make_controller import guard_of
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
-from rans.fast.distributed import Processes
 from rans.fast.learn.config import (
     MemorySettings,
     PPOSettings,
-    ScheduleSettings,
 )
-from rans.fast.learn.ppo import STATISTICS
 from rans.fast.learn.run_folder import RunFolder, run_path
 from rans.fast.learn.trainer import Trainer
 from rans.fast.stepping.compiled import ArrayStep
@@ -118,19 +115,6 @@ def test_solved_twice_in_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert longer.steps == 10 * 128
 
 
-def test_the_bound_of_the_step_size_falls_towards_the_end(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The trainer slows down: in the last of sixteen iterations a sixteenth of the way is left."""
-    monkeypatch.setattr(ScheduleSettings, "desired_kl", 1e6)
-    ppo = replace(TINY, learning_rate=1e-3, schedule=ScheduleSettings(1e-3, 1.0))
-    rows: list[dict[str, Any]] = []
-    tiny_trainer(tmp_path / "run", replace(CONFIG, ppo=ppo, report_interval=1)).train(newest(rows))
-    rates = [row["train/learning_rate"] for row in rows]
-    # Every update wants longer steps, so the bound is what is taken.
-    assert rates == pytest.approx([1e-3 * (16 - n) / 16 for n in range(16)], rel=1e-6)
-
-
 def test_episodes_to_learn_in_may_be_shorter_than_those_to_be_judged_in(tmp_path: Path) -> None:
     """Nobody fails, so that each of 16 begins anew four times in 20 steps, whenever its first one ends."""
     config = replace(CONFIG, settings=EASY, episode_steps=5, ppo=replace(TINY, n_steps=4))
@@ -170,20 +154,6 @@ def test_new_folders(tmp_path: Path) -> None:
     assert first == tmp_path / "go-to-pose-mine-seed7"
     first.mkdir()
     assert run_path(config, tmp_path).name == "go-to-pose-mine-seed7-2"
-
-
-def test_steps_are_those_of_all_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One of two has half of the environments, and counts the flight of both."""
-    run = RunFolder(tmp_path / "run")
-    trainer = Trainer(
-        CONFIG, tiny_trainer(tmp_path / "whole").run.spacecraft(), run, Processes(0, 2)
-    )
-    assert trainer.engine.num_envs == 8
-    said = torch.zeros(len(STATISTICS) + 4 + len(trainer.engine.term_names))
-    monkeypatch.setattr(trainer.learner, "collect", lambda: None)
-    monkeypatch.setattr(trainer.learner, "update", lambda: said)
-    trainer._iterate()
-    assert trainer.steps == 128
 
 
 def test_a_critic_that_knows_what_conditions_draw_is_judged_without(tmp_path: Path) -> None:

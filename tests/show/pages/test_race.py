@@ -12,10 +12,9 @@ import pytest
 
 import rans
 from rans.flight import Flight, fly
-from rans.model.fields import Heading
 from rans.scenario import scenarios
 from rans.show.pages.page import Page, Section
-from rans.show.pages.race import FRAMES, Race, Track, race
+from rans.show.pages.race import Race, Track, race
 from tests.support.browser import opened, served
 from tests.support.played import Played
 from tests.support.random_flights import Random
@@ -45,35 +44,6 @@ def test_positions_axes_and_commands_are_the_flights() -> None:
     assert (start["label"], start["period"], start["turned"]) == ("worst", 0.2, True)
     # a goal that stands still is given once
     assert len(start["goal"]["p"]) == 1
-
-
-def test_a_goal_that_stands_still_is_that_of_its_episode() -> None:
-    flight = flown(PLATFORM, 6)
-    angles = np.array([0.3, 1.2])  # of the two episodes
-    goals = replace(flight.goals, attitude=Heading(angles))
-    turned = replace(flight, goals=goals)
-    (start,) = race(PLATFORM, [("x", [Track("a", turned, 1, 0.8)])]).data["starts"]
-    (axes,) = start["goal"]["e"]
-    np.testing.assert_allclose(axes[:2], (np.cos(1.2), np.sin(1.2)), atol=5e-4)
-
-
-def test_axes_in_space_are_perpendicular_and_of_length_one() -> None:
-    craft = rans.load_spacecraft("free-flyer")
-    (start,) = race(craft, [("x", [Track("a", flown(craft, 4), 0, np.inf)])]).data["starts"]
-    (track,) = start["tracks"]
-    x, y = np.split(np.array(track["e"]), 2, axis=1)
-    np.testing.assert_allclose((x * x).sum(1), 1.0, atol=3e-3)
-    np.testing.assert_allclose((x * y).sum(1), 0.0, atol=3e-3)
-    assert track["arrival"] is None
-
-
-def test_long_flights_skip_instants_and_keep_mean_commands() -> None:
-    flight = flown(PLATFORM, 2 * FRAMES - 1)
-    (start,) = race(PLATFORM, [("x", [Track("a", flight, 0, 1.0)])]).data["starts"]
-    (track,) = start["tracks"]
-    assert (len(track["p"]), len(track["u"]), start["period"]) == (FRAMES, FRAMES, 0.4)
-    mean = flight.commands[:2, 0].mean(axis=0)
-    assert [int(x) for x in track["u"][0]] == [round(9 * x) for x in mean]
 
 
 def test_zones_move_as_those_of_the_flight_and_a_slope_is_given_once() -> None:

@@ -10,17 +10,14 @@ import pytest
 
 from rans.evaluation.compare.bounds import Bound
 from rans.evaluation.compare.contest import Contestant, Entry
-from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
 from rans.model.fields import map_leaves
-from rans.optimal.trajectory.objectives import MaximumReward, MinimumTime
 from rans.show.pages.comparison_page import page
 from rans.show.tables.comparison_tables import (
     RETURN,
     dominations,
     gaps,
     no_better,
-    relaxed_rows,
     scoreboard,
     to_json,
     verdict,
@@ -182,17 +179,6 @@ def test_gaps_leave_out_what_has_no_bound() -> None:
     )
 
 
-def test_the_return_is_a_ratio_of_means(monkeypatch: pytest.MonkeyPatch) -> None:
-    """1, 3 and 4 of at most 1, 6 and 13 are 8 of 20; the mean of 100, 50 and 31 % would be 60 %."""
-    monkeypatch.setattr(Entry, "returns", np.array([1.0, 3.0, 4.0]))
-    rows = [
-        Relaxed(MaximumReward(), k, "solved", True, 0.1, 4.0, 3.0, 7.0, total, 1e-4)
-        for k, total in enumerate((1.0, 6.0, 13.0))
-    ]
-    found = comparison(relaxed={"return": rows})
-    assert scoreboard(found)["agent"][RETURN].value == pytest.approx(40.0)
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_a_multiple_of_the_bound_is_the_median_of_multiples() -> None:
     """1 s over 0.25 s and 2 s over 1 s: 4 and 2; the medians of both, 1.5 s over 0.625 s, would give 2.4."""
@@ -233,30 +219,6 @@ def test_a_closed_gap_is_proven_optimal() -> None:
     assert (
         tables_of(page(comparison(certified=bounds)))["The bounds (s and N s)"][0][-1] == "1 of 2"
     )
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_what_the_optimiser_found_by_hand() -> None:
-    """Medians of what was solved, and the largest error."""
-    one = Relaxed(MinimumTime(), 0, "solved", True, 0.1, 4.0, 3.0, 7.0, 30.0, 1e-4)
-    rows = [
-        one,
-        replace(one, start=1, arrival=6.0, thrust=9.0, replay_error=3e-4, seconds=0.3),
-        replace(one, start=2, solved=False),
-    ]
-    found = comparison(relaxed={"least time": rows})
-    assert relaxed_rows(found) == [
-        ["least time", "2 of 3", 5.0, 3.0, 8.0, 30.0, 3e-4, pytest.approx(0.2)]
-    ]
-    table = page(found).sections[-1].tables[0]
-    assert len(table.columns) == len(table.rows[0])
-    bound = to_json(found, "")["summary"][-1]
-    assert (
-        bound["flown"],
-        bound["solved"],
-        bound["median_settling_time"],
-        bound["mean_impulse"],
-    ) == (2, 2, 3.0, 8.0)
 
 
 def test_the_file_says_who_settled() -> None:
