@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from rans.errors import ConfigError, RansWarning
+from rans.errors import ConfigError, RansWarning, brief
 from rans.model.spacecraft import Spacecraft, can_turn, is_steerable
 from rans.model.twists import authority_margin, balanced, cone_pushes, pushes_along
 from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, holds, spans, spare
@@ -295,66 +295,66 @@ def frugal(
     """The network for any craft at a frugality from 0 (fast) to 1, for starts at a distance (m) from their goals.
 
     Its weights are linear in the value between those that it has for some (`Network.at`), and above 0.5 as frugal
-    as flights of so many seconds allow (`rans.policy.frugality.Leisure`). Without any, its own weights are given
-    other numbers (`rans.policy.frugality`).
+    as flights of so many seconds allow (`rans.policy.frugality.Leisure`).
 
     ``tolerances`` of the position (m) and of the attitude (rad) need no other weights: a craft flies within 2 cm as
     a larger and quicker one within 5 cm (`rans.policy.authority.finer`).
 
     Raises:
-        ConfigError: the value is not from 0 to 1.
+        ConfigError: the value is not from 0 to 1, or the network has weights of one value.
     """
     architecture = network.architecture
     dimension = DIMENSIONS[len(architecture.authority) - 1]
-    numbers = Frugality.of_value(value, distance, dimension)
-    tensors: Mapping[str, torch.Tensor] = network.tensors
     reach: tuple[float, ...] = ()
-    if network.at:
-        is_continuous = architecture.last.weights == 1
-        kinds = {row[-1] for row in architecture.tokens}
-        hurries = (
-            dimension == 3 and is_continuous and architecture.coast > 0.0 and WHEEL not in kinds
+    if not 0.0 <= value <= 1.0:
+        raise ConfigError(
+            f"the frugality of an agent for any craft is from 0 (fast) to 1 (frugal), got {brief(value)}."
         )
-        own = Authority.of_numbers(architecture.authority)
-        period = float(own.period)
-        # Tolerances by similarity: lengths and accelerations of the craft are those that the network is given.
-        length = GoToPose.position_tolerance / tolerances[0]
-        angle = GoToPose.attitude_tolerance / tolerances[1]
-        distance, least = length * distance, length * float(own.least_linear)
-        margin = authority_margin(_columns(architecture.tokens))
-        has_pulses = not is_continuous or architecture.coast > 0.0
-        if architecture.adapts:
-            seconds /= _HEAVIER
-        value, slow = Leisure.of_flight(
-            value, distance, seconds, least, margin, dimension, has_pulses
+    if not network.at:
+        raise ConfigError(
+            f"the agent has weights of one value, so that #{value:g} would change nothing: leave it out."
         )
-        numbers = Frugality.trained(value, is_continuous, hurries)
-        if slow:
-            speed = cruise_speed(distance, seconds, least, period, CONTINUOUS in kinds)
-            farthest = braking_distance(speed, least, period)
-            numbers = numbers.slower(slow, distance, farthest, dimension)
-            # What is estimated in flight would change the pulses.
-            if holds(architecture.tokens) and not architecture.adapts and length == angle == 1.0:
-                numbers = numbers._replace(hold=1.0)
-        beyond = 0.0
-        if dimension == 2 and CONTINUOUS not in kinds:
-            # Others pay with thrust for the time that this saves, and throttled craft brake too late.
-            reach = _reach(architecture.tokens, architecture.authority)
-            fast = max(0.0, 1.0 - value / _ALONE)
-            beyond = _BEYOND * fast
-            turn = math.pi + fast * (_FAST_TURN - math.pi)
-            if fast:
-                numbers = numbers._replace(largest_angle=round(turn, 6))
-        numbers = numbers._replace(finer=round(length, 6), finer_turn=round(angle, 6))
-        nodes = network.at
-        values = sorted(nodes)
-        following = min(int(np.searchsorted(values, value, "right")), len(values) - 1)
-        low, high = values[following - 1], values[following]
-        part = (value - beyond - low) / (high - low)
-        tensors = {
-            name: x if name not in nodes[high] else torch.lerp(x, nodes[high][name], part)
-            for name, x in nodes[low].items()
-        }
+    is_continuous = architecture.last.weights == 1
+    kinds = {row[-1] for row in architecture.tokens}
+    hurries = dimension == 3 and is_continuous and architecture.coast > 0.0 and WHEEL not in kinds
+    own = Authority.of_numbers(architecture.authority)
+    period = float(own.period)
+    # Tolerances by similarity: lengths and accelerations of the craft are those that the network is given.
+    length = GoToPose.position_tolerance / tolerances[0]
+    angle = GoToPose.attitude_tolerance / tolerances[1]
+    distance, least = length * distance, length * float(own.least_linear)
+    margin = authority_margin(_columns(architecture.tokens))
+    has_pulses = not is_continuous or architecture.coast > 0.0
+    if architecture.adapts:
+        seconds /= _HEAVIER
+    value, slow = Leisure.of_flight(value, distance, seconds, least, margin, dimension, has_pulses)
+    numbers = Frugality.trained(value, is_continuous, hurries)
+    if slow:
+        speed = cruise_speed(distance, seconds, least, period, CONTINUOUS in kinds)
+        farthest = braking_distance(speed, least, period)
+        numbers = numbers.slower(slow, distance, farthest, dimension)
+        # What is estimated in flight would change the pulses.
+        if holds(architecture.tokens) and not architecture.adapts and length == angle == 1.0:
+            numbers = numbers._replace(hold=1.0)
+    beyond = 0.0
+    if dimension == 2 and CONTINUOUS not in kinds:
+        # Others pay with thrust for the time that this saves, and throttled craft brake too late.
+        reach = _reach(architecture.tokens, architecture.authority)
+        fast = max(0.0, 1.0 - value / _ALONE)
+        beyond = _BEYOND * fast
+        turn = math.pi + fast * (_FAST_TURN - math.pi)
+        if fast:
+            numbers = numbers._replace(largest_angle=round(turn, 6))
+    numbers = numbers._replace(finer=round(length, 6), finer_turn=round(angle, 6))
+    nodes = network.at
+    values = sorted(nodes)
+    following = min(int(np.searchsorted(values, value, "right")), len(values) - 1)
+    low, high = values[following - 1], values[following]
+    part = (value - beyond - low) / (high - low)
+    tensors = {
+        name: x if name not in nodes[high] else torch.lerp(x, nodes[high][name], part)
+        for name, x in nodes[low].items()
+    }
     chosen = () if numbers == AS_TRAINED else tuple(numbers)
     return Network(replace(architecture, frugal=chosen, reach=reach), tensors, at=network.at)
 

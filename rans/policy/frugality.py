@@ -1,6 +1,6 @@
-"""Frugality of an agent for any craft: how much time its flights may take to save thrust, without other weights.
+"""Frugality of an agent for any craft: how much time its flights may take to save thrust, beside its weights.
 
-A value from 0 (the agent as it was trained) to 1 (frugal) becomes nine numbers. They change the distance and the
+A value from 0 (fast) to 1 (frugal) becomes numbers. They change the distance and the
 angle to the goal and the accelerations that the network is given, the price of thrust in the allocation, far away
 and near, the time for which a craft coasts near the goal, and whether pulses hold its pose there. Above 0.5 the
 value is that of what the length of a flight allows.
@@ -11,43 +11,17 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
-from rans.errors import ConfigError, brief
-
 NEAR = 0.15
 """Distance, m, within which a frugal network is given the whole error: three times the tolerance, so that it stops
 where it should."""
-_VALUES = (0.0, 0.1, 0.2, 0.4, 0.5, 0.6, 0.8, 1.0)
-"""Values between which the numbers below are interpolated."""
-_SHORTENED = (1.0, 0.85, 0.85, 0.85, 0.85, 0.85, 0.85, 0.85)
-"""Part of a distance that counts; 0.85 brakes earlier, which is quicker and cheaper on some craft and costs others
-1 to 3 % of their time (docs/decisions/any_craft_frugal.md)."""
-_DISTANCES = (3.0, 2.4, 2.0, 1.0, 0.46, 0.35, 0.15, 0.11)
-"""Largest distance over that of the starts. The braking curve makes of it a largest speed."""
-_UNBOUNDED = 1.5
-"""Part of the starts' distance from which a bound is none: no flight begins farther away."""
-_ANGLES = (math.pi, math.pi, math.pi, math.pi, math.pi, 1.5, 0.8, 0.6)
-"""Largest angle, rad."""
-_PRICES = {
-    2: (1.0, 1.5, 1.5, 2.0, 2.0, 2.0, 2.0, 2.0),
-    3: (1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 2.0),
-}
-"""Factor of the price of thrust, by dimension. At 3 some flights never settle, at 4 a quarter of them."""
-
-_ACCELERATIONS = {2: (1.0, 1.2, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0), 3: (1.0,) * 8}
-"""Factor of the linear accelerations, by dimension. A craft that is faster on the way and brakes earlier by a
-shortened distance loses no time near the goal: with 1.2 the agent is quicker and cheaper than switching control on
-six of fifteen planar craft, with 1 on four. In space it costs the free-flyer 60 % more thrust
-(docs/decisions/any_craft_frugal.md)."""
+_PRICE = 2.0
+"""Factor of the price of continuous thrust from 0.5 on. At 3 some flights never settle, at 4 a quarter of them."""
+_COAST = 5.0 / 3.0
+"""Factor of the time for which craft with pulsed thrusters coast near the goal, from 0.5 on."""
 _HURRY = 1.1
 """Factor of the linear accelerations at the value 0 for trained weights in space. Craft with pulsed thrusters then
 take 3 to 5 % less time; the free flyer, throttled craft and those with wheels lose by it
 (packages/any_craft/docs/decisions/any_craft_values.md)."""
-_COASTS = {2: (1.0,) + (5.0 / 3.0,) * 7, 3: (1.0,) * 8}
-"""Factor of the time for which a craft coasts near the goal, by dimension: in the plane five control periods in
-place of three save 2 % of the thrust."""
-
 _EVEN = 0.5
 """Value up to which the length of a flight changes nothing."""
 _SETTLED_BY = 0.8, 0.75
@@ -189,36 +163,8 @@ class Frugality(NamedTuple):
     """5 degrees over that of the attitude: factor of angles, angular velocities and accelerations."""
 
     @classmethod
-    def of_value(cls, value: float, distance: float, dimension: int) -> Frugality:
-        """The numbers of a value from 0 to 1, for starts at a distance (m) from their goals, in 2 or 3 dimensions.
-
-        >>> from rans.policy.frugality import Frugality
-        >>> Frugality.of_value(1.0, 2.0, 3)[:4]
-        (0.85, 0.22, 0.6, 2.0)
-
-        Raises:
-            ConfigError: the value is not from 0 to 1.
-        """
-        if not 0.0 <= value <= 1.0:
-            raise ConfigError(
-                f"the frugality of an agent for any craft is from 0 (fast) to 1 (frugal), got {brief(value)}."
-            )
-        shortened = float(np.interp(value, _VALUES, _SHORTENED))
-        part = math.exp(np.interp(value, _VALUES, np.log(_DISTANCES)))
-        angle = float(np.interp(value, _VALUES, _ANGLES))
-        price = math.exp(np.interp(value, _VALUES, np.log(_PRICES[dimension])))
-        return cls(
-            shortened,
-            0.0 if part > _UNBOUNDED else round(part * distance, 6),
-            0.0 if angle == math.pi else angle,
-            round(price, 6),
-            float(np.interp(value, _VALUES, _ACCELERATIONS[dimension])),
-            float(np.interp(value, _VALUES, _COASTS[dimension])),
-        )
-
-    @classmethod
     def trained(cls, value: float, is_continuous: bool, hurries: bool = False) -> Frugality:
-        """The numbers of a value from 0 to 1 for an agent that has weights of its own for every value.
+        """The numbers of a value from 0 to 1 for an agent, which has weights of its own for every value.
 
         Only the price of continuous thrusters and their coasting change: on/off thrusters whose pulses are large
         lose flights by it (docs/decisions/any_craft_frugal.md). A craft that ``hurries`` is given larger
@@ -226,7 +172,7 @@ class Frugality(NamedTuple):
         """
         toward = min(2.0 * value, 1.0)
         part = toward if is_continuous else 0.0
-        price, coast = _PRICES[2][-1] ** part, 1.0 + part * (_COASTS[2][-1] - 1.0)
+        price, coast = _PRICE**part, 1.0 + part * (_COAST - 1.0)
         acceleration = 1.0 + (1.0 - toward) * (_HURRY - 1.0) if hurries else 1.0
         return cls(1.0, 0.0, 0.0, round(price, 6), round(acceleration, 6), coast)
 

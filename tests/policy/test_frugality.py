@@ -49,12 +49,10 @@ def test_frugal_flights_settle_with_less_thrust_in_more_time() -> None:
     assert quick["impulse"] < 21.0
 
 
-def test_the_value_0_of_an_agent_without_further_weights_is_the_agent_as_it_was_trained() -> None:
+def test_an_agent_with_weights_of_one_value_has_no_other() -> None:
     own = load_policy(pretrained_folder("any-craft-3d")).network
-    alone = Network(own.architecture, own.tensors)
-    fast = at_value(alone, 0.0, 3.5)
-    assert own.architecture.frugal == fast.architecture.frugal == ()
-    assert all(torch.equal(x, fast.tensors[name]) for name, x in own.tensors.items())
+    with pytest.raises(ConfigError, match="weights of one value"):
+        at_value(Network(own.architecture, own.tensors), 0.0, 3.5)
 
 
 def test_the_ways_are_those_of_the_craft_that_flies() -> None:
@@ -78,21 +76,6 @@ def test_pulsed_craft_in_space_without_wheels_hurry_at_the_value_0() -> None:
         )
     }
     assert [spec for spec, factor in quick.items() if factor > 1.0] == ["any-craft-3d#0@spheres"]
-
-
-@given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.1, 100.0), st.sampled_from((2, 3)))
-def test_a_larger_value_never_hurries(
-    one: float, other: float, distance: float, dimension: int
-) -> None:
-    low, high = (Frugality.of_value(value, distance, dimension) for value in sorted((one, other)))
-
-    def bound(x: float) -> float:
-        return x or math.inf
-
-    assert high.shortened <= low.shortened
-    assert bound(high.farthest) <= bound(low.farthest) + 1e-6
-    assert bound(high.largest_angle) <= bound(low.largest_angle)
-    assert high.price >= low.price - 1e-6
 
 
 @given(

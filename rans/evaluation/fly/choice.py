@@ -30,8 +30,8 @@ from rans.tasks.go_to_pose import GoToPose
 VALUES = (0.4, 0.3, 0.0)
 """Values in the order in which they are tried: 0.4 is quicker and cheaper than LQR on nearly all craft, and smaller
 values settle craft whose flights are short or whose thrusters are coarse."""
-LARGER = {2: (1.0, 0.8, 0.6), 3: (1.0,)}
-"""Larger values that are tried afterwards, by dimension, until no flight is lost: each takes a second in space."""
+LARGER = (1.0, 0.8, 0.6)
+"""Larger values that are tried afterwards in the plane, until no flight is lost. In space each takes 1 to 3 s."""
 FLIGHTS = {2: 256, 3: 128}
 """Number of flights of a candidate, by dimension. They take hardly longer than 32, of which a craft that loses 3 %
 of its flights may lose none."""
@@ -41,7 +41,7 @@ _SURE = 0.99
 """Part of the flights of a choice below which it is doubted."""
 _COARSE = 0.2
 """Control period above which a shorter one is tried, s."""
-_VERSION = 3
+_VERSION = 4
 """Version of the rule of choice; a cached choice of another version is made anew."""
 
 
@@ -59,7 +59,7 @@ class Choice(NamedTuple):
     impulse: float
     """Mean impulse, N s."""
     lost: float = 0.0
-    """Least of the larger values tried at which flights are lost; 0: none."""
+    """Least of the larger values tried at which flights are lost; 0: none, or none was tried."""
 
     @property
     def is_enough(self) -> bool:
@@ -135,8 +135,14 @@ def chosen(
             if best.solved == best.flights:
                 break
         assert best is not None
-        if value is None and best.is_enough:
-            best = best._replace(lost=_lost(own, craft, best))
+        run = _every(best.period, own, craft)
+        if value is None and best.is_enough and run.craft.dimension == 2:
+            lost = 0.0
+            for larger in LARGER:
+                if _flown(frugal(run, larger), larger).is_enough:
+                    break
+                lost = larger
+            best = best._replace(lost=lost)
     with contextlib.suppress(ConfigError, OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
         write_json(file, list(best))
@@ -201,17 +207,6 @@ def _every(seconds: float | None, own: LoadedRun, craft: Spacecraft | None) -> L
         return own
     timing = None if seconds is None else timing_for(craft, own.timing, seconds)
     return for_spacecraft(own, craft, timing)
-
-
-def _lost(own: LoadedRun, craft: Spacecraft | None, best: Choice) -> float:
-    """See `Choice.lost`."""
-    run = _every(best.period, own, craft)
-    lost = 0.0
-    for value in LARGER[run.craft.dimension]:
-        if _flown(frugal(run, value), value).is_enough:
-            break
-        lost = value
-    return lost
 
 
 def _flown(run: LoadedRun, value: float) -> Choice:

@@ -70,6 +70,10 @@ _VALUE = 0.5
 """Weight of the squared error of the values, in units of their variance."""
 
 
+_AT_FLIGHT_TIME = 0.4
+"""Value whose numbers at flight time networks without allocation imitate: cheaper than 0 and 0.2, as quick."""
+
+
 def teacher(agent: str, engine: Engine, architecture: Architecture) -> Network | None:
     """The network of an agent for any craft, for the engine's craft; None: the agent is one of a single craft.
 
@@ -116,7 +120,6 @@ def teacher(agent: str, engine: Engine, architecture: Architecture) -> Network |
     if value:
         low, high = engine.task.for_evaluation().spawn_distance  # type: ignore[attr-defined]  # it flies to a pose
         number, distance = _number(value, agent), 0.5 * (low + high)
-        numbers = tuple(Frugality.of_value(number, distance, engine.craft.dimension))
         if architecture.backbone == "allocated":
             seconds = engine.timing.episode_steps * engine.timing.control_period
             own = frugal(own, number, distance, seconds)
@@ -126,6 +129,14 @@ def teacher(agent: str, engine: Engine, architecture: Architecture) -> Network |
                     f"{named}, which at {number:g} and in flights of {seconds:g} s opens valves at a higher price "
                     "of thrust than this network, which cannot imitate it: give a value of at most 0.75 after #."
                 )
+        elif number == _AT_FLIGHT_TIME:
+            # Braking earlier, dearer thrust, and longer coasts.
+            numbers = tuple(Frugality(0.85, round(distance, 6), 0.0, 2.0, coast=5.0 / 3.0))
+        else:
+            raise ConfigError(
+                f"{named}, which a network of this backbone imitates at {_AT_FLIGHT_TIME:g} or without a number: "
+                f"got #{value}. Others take any value: --set ppo.backbone=allocated."
+            )
     tensors = {name: x.to(engine.device, engine.dtype) for name, x in own.tensors.items()}
     # A network that imitates the coasting near the goal needs 9 % more impulse after the training: where it begins
     # is a step of the commands.

@@ -18,7 +18,6 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.allocated import demand
-from rans.policy.frugality import Frugality
 from rans.policy.network import Network
 from rans.randomization.conditions_file import load_conditions
 
@@ -272,7 +271,9 @@ def test_a_number_after_the_name_makes_it_save_thrust(tmp_path: Path) -> None:
 
     assert frugal("any-craft-2d") == ()
     # Starts are 3.5 m away in the mean.
-    assert frugal("any-craft-2d#1") == tuple(Frugality.of_value(1.0, 3.5, 2))
+    assert frugal("any-craft-2d#0.4")[:2] == (0.85, 3.5)
+    with pytest.raises(ConfigError, match=r"imitates at 0.4"):
+        frugal("any-craft-2d#1")
     # Demands are imitated of the weights of the value.
     architecture = replace(architecture, backbone="allocated")
     own, of_value = (
