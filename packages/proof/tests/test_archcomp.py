@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 import io
-import json
-from dataclasses import replace
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
-from rans_proof.certificate import table
-from rans_proof.flights import lowest_margins
 from rans_proof.network import network_of
-from rans_proof.problem import problem_of, read_problem
-from rans_proof.prove import Proof
+from rans_proof.problem import read_problem
 from scipy.io import savemat
 
 from tests.support.graphs import graph, step
 from tests.support.processes import ROOT
 from tests.support.scripts import module_of
-from tests.support.small_networks import damping, written
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("flint")
@@ -111,46 +104,3 @@ def test_half_planes_of_navigation_are_outside_of_its_square() -> None:
         keep = read_problem(FOLDER / f"{name}.toml").keep
         assert keep is not None
         assert np.array_equal(keep.margins(states) > 0.0, is_outside)
-
-
-PROBLEM = """
-name = "a mass on a line"
-period = 0.5
-steps = 6
-commands = 1
-derivative = ["x1", "0.3 * sin(x0) + 0.3 * u0"]
-[start]
-lower = [0.5, 0.0]
-upper = [0.9, 0.2]
-[keep.within]
-lower = [-9.0, -9.0]
-upper = [3.0, 9.0]
-"""
-
-
-def test_a_cell_that_the_checker_refuses_as_a_whole_is_halved(tmp_path: Path) -> None:
-    """A limit that a start set keeps by a little is proved in parts; a false one is refused."""
-    from rans_proof.balls import Refused
-    from rans_proof.check import check
-
-    network = written(damping(2, (1,), 3), tmp_path / "net.onnx").read_bytes()
-    layers = network_of(network, "network")
-    loose = problem_of(PROBLEM)
-    none = np.zeros((0, 2))
-    ends = np.array([loose.lower]), np.array([loose.upper])
-    whole = Proof(loose, *ends, np.ones(1), none, none, None)
-
-    def margin(limit: float) -> float:
-        text = PROBLEM.replace("[3.0, 9.0]", f"[{limit}, 9.0]")
-        content = json.dumps(table(replace(whole, problem=problem_of(text)), network)).encode()
-        return check(content, network)
-
-    # Nearer by nine tenths of what the flights of the whole set are seen to have more.
-    loosely = margin(3.0)
-    random = np.random.default_rng(1)
-    start = random.uniform(loose.lower, loose.upper, (500, 2))
-    farthest = 3.0 - float(lowest_margins(loose, layers, start).min())
-    spare = 3.0 - loosely - farthest
-    assert 0.0 < margin(farthest + 0.5 * spare) < 0.5 * spare
-    with pytest.raises(Refused, match="margin"):
-        margin(0.8)

@@ -16,7 +16,6 @@ from typing import Any
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import judged_separately, view_command
 from rans.evaluation.fly.policy_text import is_user_policy
-from rans.evaluation.measure.scope import Scope, scope
 from rans.extend import (
     Conditions,
     ConfigError,
@@ -42,6 +41,7 @@ from rans_assurance.assure.campaign import Campaign
 from rans_assurance.assure.evidence import hashes
 from rans_assurance.assure.replay import Replays, replays
 from rans_assurance.assure.search import Searched, on_device, searched
+from rans_assurance.scope import Scope, scope
 
 _STARTS = 1000
 """Number of starts whose ranges are stated: their ends are within a thousandth or so of those of all starts."""

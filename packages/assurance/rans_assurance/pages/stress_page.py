@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from rans.evaluation.fly.contestants import view_command
-from rans.evaluation.measure.scope import Scope, conditions_texts, scope
 from rans.evaluation.stress.effects import Effect, Level
 from rans.evaluation.stress.outcome import WANTED, too_few, wanted
 from rans.extend import (
@@ -31,6 +30,7 @@ from rans.extend import (
 from rans.show.pages.notebook import listed
 from rans.show.pages.page import Page, Picture, header
 from rans_assurance.figures import stress_figures as figures
+from rans_assurance.scope import Scope, conditions_texts, scope
 from rans_assurance.stress.run import Stress
 
 TEXT = (

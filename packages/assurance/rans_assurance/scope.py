@@ -16,14 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rans.display import default, meanings
-from rans.episode import Setup
-from rans.errors import counted
-from rans.model.fields import leaves
-from rans.randomization.conditions import Conditions
-from rans.scenario import Scenario
-from rans.tasks.base import Task
-from rans.tasks.quantities import QUANTITIES
-from rans.verdict import last_fifth
+from rans.extend import QUANTITIES, Conditions, Scenario, Setup, Task, counted, last_fifth, leaves
 
 _NAMED = 3
 """Largest number of ranges of conditions in a sentence."""

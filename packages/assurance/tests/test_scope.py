@@ -7,11 +7,11 @@ from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import pytest
+from rans_assurance.scope import conditions_texts, meaning, scope
 
 import rans
 from rans.display import meanings
 from rans.episode import Setup
-from rans.evaluation.measure.scope import conditions_texts, meaning, scope
 from rans.model.timing import Timing
 from rans.randomization.conditions import (
     BodyConditions,
