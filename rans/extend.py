@@ -22,15 +22,12 @@ if TYPE_CHECKING:
     from rans.cli.door import Options as Options
     from rans.cli.door import command_of as command_of
     from rans.cli.door import word as word
-    from rans.csv_file import read_csv as read_csv
     from rans.deploy.export import evaluated as evaluated
-    from rans.episode import Command as Command
     from rans.episode import Setup as Setup
     from rans.episode import World as World
     from rans.errors import ConfigError as ConfigError
     from rans.errors import NonFiniteState as NonFiniteState
     from rans.errors import RansError as RansError
-    from rans.errors import RansWarning as RansWarning
     from rans.errors import SolverFailed as SolverFailed
     from rans.errors import brief as brief
     from rans.errors import counted as counted
@@ -60,7 +57,6 @@ if TYPE_CHECKING:
     from rans.fast.learn.rollout import Rollout as Rollout
     from rans.fast.learn.rollout import remember as remember
     from rans.fast.learn.run_folder import RunFolder as RunFolder
-    from rans.files import distinct as distinct
     from rans.files import environment as environment
     from rans.files import first_line as first_line
     from rans.files import inside as inside
@@ -121,15 +117,9 @@ if TYPE_CHECKING:
     from rans.scenario import scenarios as scenarios
     from rans.show.figures.figures import styled as styled
     from rans.show.figures.panels import label as label
-    from rans.show.figures.plotting import Axes as Axes
     from rans.show.figures.plotting import Figure as Figure
-    from rans.show.figures.plotting import ListedColormap as ListedColormap
     from rans.show.pages.page import Finding as Finding
     from rans.show.pages.page import Section as Section
-    from rans.show.palette import GREY as GREY
-    from rans.show.palette import INK as INK
-    from rans.show.palette import RED as RED
-    from rans.show.palette import series_style as series_style
     from rans.structure import read_toml as read_toml
     from rans.structure import structure as structure
     from rans.table import Table as Table

@@ -18,12 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.errors import checked, one_line
+from rans.errors import RansWarning, checked, one_line
 from rans.extend import (
     ClohessyWiltshire,
     ConfigError,
     Flight,
-    RansWarning,
     Task,
     brief,
     counted,

@@ -16,12 +16,12 @@ from rans.extend import (
     Spacecraft,
     Task,
     Terminal,
-    distinct,
     environment,
     progress,
     ready_folder,
     write_json,
 )
+from rans.files import distinct
 from rans.model.spacecraft_file import spacecraft_label
 from rans.terminal import stages
 from rans_missions.bounds.first_starts import bounded, mission_bounds, steps_of

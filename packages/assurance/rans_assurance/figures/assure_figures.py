@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from rans.extend import GREY, RED, Figure, Flight, label, last_fifth, styled
+from rans.extend import Figure, Flight, label, last_fifth, styled
 from rans.show.figures import panels
 from rans.show.figures.panels import PLAIN
-from rans.show.palette import BLUE, ORANGE
+from rans.show.palette import BLUE, GREY, ORANGE, RED
 
 _SIZE = (3.9, 2.9)
 

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rans.extend import RED, Figure, ListedColormap, Spacecraft, label, styled
+from rans.extend import Figure, Spacecraft, label, styled
 from rans.randomization.conditions import FaultKind
 from rans.randomization.faults import FaultSet
-from rans.show.palette import GREEN
+from rans.show.figures.plotting import ListedColormap
+from rans.show.palette import GREEN, RED
 
 
 @styled

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import GREY, INK, RED, Axes, Figure, label, styled
-from rans.show.figures.plotting import SubFigure
-from rans.show.palette import BLUE, GREEN, ORANGE
+from rans.extend import Figure, label, styled
+from rans.show.figures.plotting import Axes, SubFigure
+from rans.show.palette import BLUE, GREEN, GREY, INK, ORANGE, RED
 from rans_assurance.follow.follow import Following
 
 

@@ -7,8 +7,10 @@ import numpy as np
 from rans.evaluation.measure.statistics import Estimate
 from rans.evaluation.stress.effects import Effect
 from rans.evaluation.stress.outcome import WANTED
-from rans.extend import INK, Axes, Figure, label, series_style, styled
+from rans.extend import Figure, label, styled
 from rans.show.figures.panels import legend_beside
+from rans.show.figures.plotting import Axes
+from rans.show.palette import INK, series_style
 from rans_assurance.stress.run import Stress
 
 

@@ -9,7 +9,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
-from rans.extend import Command, Field, World, where
+from rans.episode import Command
+from rans.extend import Field, World, where
 from rans_missions.guard.ahead import SLACK, Ahead
 from rans_missions.guard.coasting import Coasting, periods_of
 from rans_missions.guard.expected import PERIODS, Reserve

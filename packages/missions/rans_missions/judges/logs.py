@@ -6,7 +6,8 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-from rans.extend import ConfigError, read_csv
+from rans.csv_file import read_csv
+from rans.extend import ConfigError
 from rans_missions.judges import jeod
 from rans_missions.judges.jeod import RUNS, Motion, Run, Turning
 from validation.judges.judge import Row

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_assurance.scope import conditions_texts
 from scipy.special import jnp_zeros
 
 import rans
