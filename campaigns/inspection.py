@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 from rans_missions.control.circumnavigation import Circumnavigation
 from rans_missions.convex.inspection import inspection_bound
-from rans_missions.guard import safety_filter
 from rans_missions.tasks.inspect import Inspect
 
 from campaigns.parts import in_parts
-from rans.episode import Guard, Setup
+from rans.episode import Setup
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import Controller, fly
@@ -48,18 +47,15 @@ class Inspection:
             yield _row(who, np.concatenate(parts))
 
 
-def _circumnavigation(within: float) -> Callable[[Setup], tuple[Controller, Guard | None]]:
-    return lambda setup: (Circumnavigation(setup.craft, setup.task, within=within), None)
+def _circumnavigation(within: float) -> Callable[[Setup], Controller]:
+    return lambda setup: Circumnavigation(setup.craft, setup.task, within=within)
 
 
-CONTESTANTS: dict[str, Callable[[Setup], tuple[Controller, Guard | None]]] = {
+CONTESTANTS: dict[str, Callable[[Setup], Controller]] = {
     **{f"circumnavigation, {within:,.0f} s": _circumnavigation(within) for within in _WITHIN},
-    "inspect-3d, filtered": lambda setup: (
-        contestant("pretrained:inspect-3d").controller,
-        safety_filter(setup),
-    ),
+    "pretrained:inspect-3d": lambda setup: contestant("pretrained:inspect-3d").controller,
 }
-"""What makes contestants and their safety filters, by the names of rows."""
+"""What makes contestants, by the names of rows."""
 _TOGETHER = 16
 """Starts that a process flies together."""
 
@@ -69,8 +65,8 @@ def flown(_: None, who: str, first: int, count: int, seed: int) -> np.ndarray:
     craft = load_spacecraft("afrl-deputy")
     task = Inspect().for_evaluation()
     starts = scenarios(task, craft, seed, count, first)
-    controller, guard = CONTESTANTS[who](Setup(craft, task))
-    flight = fly(craft, task, controller, starts, task.timing, guard=guard)
+    controller = CONTESTANTS[who](Setup(craft, task))
+    flight = fly(craft, task, controller, starts, task.timing)
     assert isinstance(task, Inspect)
     assert flight.lengths is not None
     times = flight.lengths * task.timing.control_period

@@ -74,7 +74,7 @@ MISSIONS = {
         "",
         (
             (_GUIDANCE, "circumnavigation, 12,240 s"),
-            (_AGENT, "inspect-3d, filtered"),
+            (_AGENT, "pretrained:inspect-3d"),
         ),
         (("circumnavigation, 12,240 s", "inspect, circumnavigation"),),
     ),
