@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import cmath
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -32,6 +33,8 @@ from rans.model.fields import (
 numbers = st.floats(-10, 10, allow_subnormal=False)
 angles = st.floats(-50, 50, allow_subnormal=False)
 rotations = st.tuples(*[st.floats(-4, 4, allow_subnormal=False)] * 3).map(Rotation.from_rotvec)
+vectors = st.tuples(numbers, numbers, numbers)
+Triple = tuple[float, float, float]
 libraries = pytest.mark.parametrize("library", ["float", "numpy", "torch", "casadi"])
 
 
@@ -225,3 +228,16 @@ def test_single_precision_stays_single(library: str) -> None:
 def test_fields_in_ascending_order() -> None:
     columns = np.random.default_rng(0).integers(0, 9, (6, 50)).astype(float)
     assert np.array_equal(ascending(list(columns)), np.sort(columns, axis=0))
+
+
+@given(angles, angles, vectors)
+def test_headings_are_unit_complex_numbers(a: float, b: float, v: Triple) -> None:
+    here = Heading(a)
+    there = Heading(b)
+    rotated = complex(*here.rotate(Vec2(*v[:2])).columns())
+    assert cmath.isclose(rotated, complex(*v[:2]) * cmath.exp(1j * a), rel_tol=1e-13, abs_tol=1e-13)
+    assert cmath.isclose(complex(*here.columns()), cmath.exp(1j * a), abs_tol=1e-15)
+    turn = cmath.phase(cmath.exp(1j * b) / cmath.exp(1j * a))
+    assert float(here.to(there).magnitude()) == pytest.approx(abs(turn), abs=1e-13)
+    assert float(here.magnitude()) <= math.pi + 1e-14
+    assert cmath.isclose(complex(*here.normalised().columns()), cmath.exp(1j * a), abs_tol=1e-13)
