@@ -6,9 +6,8 @@ import io
 import math
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 from numpy.lib import format as npy
@@ -20,53 +19,34 @@ _LARGEST = 2**28
 """Largest unpacked size of an archive that is smaller itself, bytes."""
 _LARGEST_STORED = 2**31
 """Largest unpacked size of any archive, bytes."""
-_LARGEST_TEXT = 2**24
-"""Largest size of a member with JSON or pickles, bytes; its Python objects take many times as much."""
-
-_TEXTS = (".pkl", ".json")
 _METHODS = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
 """Accepted compression methods, those of SB3, torch and RANS; others may unpack without bounds."""
 _CHUNK = 2**20
 
 
 @contextmanager
-def opened(file: Path | IO[bytes], where: object) -> Iterator[zipfile.ZipFile]:
+def opened(file: Path) -> Iterator[zipfile.ZipFile]:
     """Context with an opened archive whose unpacked sizes have been checked.
-
-    Args:
-        file: archive, or a stream of it.
-        where: name of the archive in messages.
 
     Raises:
         ConfigError: it would unpack to too much, or uses another method than deflation.
         zipfile.BadZipFile: it is not an archive, or damaged.
     """
-    with (
-        open_regular(file) if isinstance(file, Path) else nullcontext(file) as stream,
-        zipfile.ZipFile(stream) as archive,
-    ):
-        bound = _bound(stream)
+    with open_regular(file) as stream, zipfile.ZipFile(stream) as archive:
+        bound = min(max(_LARGEST, stream.seek(0, io.SEEK_END)), _LARGEST_STORED)
         for member in archive.infolist():
             if member.compress_type not in _METHODS:
                 raise ConfigError(
-                    f"{where} was not opened: its member {brief(member.filename)} is compressed by "
+                    f"{file} was not opened: its member {brief(member.filename)} is compressed by "
                     "another method than deflation, which agents do not use."
                 )
-            is_text = member.filename == "data" or member.filename.endswith(_TEXTS)
-            _refuse_beyond(
-                _LARGEST_TEXT if is_text else bound,
-                member.file_size,
-                where,
-                f"its member {brief(member.filename)}",
+        size = sum(member.file_size for member in archive.infolist())
+        if size > bound:
+            raise ConfigError(
+                f"{file} was not opened: its {len(archive.infolist()):,} members would unpack to {size:,} bytes, "
+                f"and at most {bound:,} are read; no agent needs this much, so it is damaged or malicious."
             )
-        total = sum(member.file_size for member in archive.infolist())
-        _refuse_beyond(bound, total, where, f"its {len(archive.infolist()):,} members together")
         yield archive
-
-
-def _bound(stream: IO[bytes]) -> int:
-    """Largest unpacked size of the archive in a stream, bytes."""
-    return min(max(_LARGEST, stream.seek(0, io.SEEK_END)), _LARGEST_STORED)
 
 
 def content(archive: zipfile.ZipFile, name: str) -> bytes:
@@ -80,14 +60,6 @@ def content(archive: zipfile.ZipFile, name: str) -> bytes:
         return b"".join(iter(lambda: stream.read(_CHUNK), b""))
 
 
-def _refuse_beyond(limit: int, size: int, where: object, what: str) -> None:
-    if size > limit:
-        raise ConfigError(
-            f"{where} was not opened: {what} would unpack to {size:,} bytes, and at most {limit:,} "
-            "are read; no agent needs this much, so it is damaged or malicious."
-        )
-
-
 def read_arrays(file: Path, *names: str) -> list[np.ndarray]:
     """Arrays of numbers, which may be NaN or infinite, from a file of `numpy.savez`.
 
@@ -99,7 +71,7 @@ def read_arrays(file: Path, *names: str) -> list[np.ndarray]:
         ConfigError: the file cannot be read, is damaged, would unpack to too much, or has no such array of numbers.
     """
     try:
-        with opened(file, file) as archive:
+        with opened(file) as archive:
             return [_array(content(archive, f"{name}.npy"), name) for name in names]
     except ConfigError:
         raise

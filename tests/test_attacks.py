@@ -106,7 +106,7 @@ def test_what_is_short_is_shown_whole() -> None:
         f"ppo.layers={[8] * 33}",
         "ppo.n_envs=18446744073709551616",
         "ppo.batch_size=18446744073709551616",
-        "ppo.memory.kind=history;ppo.memory.history=18446744073709551616",
+        "ppo.memory.history=18446744073709551616",
         "ppo.n_epochs=18446744073709551616",
         "threads=9999999999",
         "threads=18446744073709551616",

@@ -411,7 +411,6 @@ def config_of(
     from rans.fast.learn.algorithms import with_algorithm
     from rans.fast.learn.config import (
         change_entry,
-        check_memory,
         from_table,
         to_table,
         training,
@@ -450,7 +449,6 @@ def config_of(
         table = json.loads(json.dumps(to_table(config)))
         for name, value in changes.items():
             change_entry(table, name, value)
-        check_memory(table, changes)
         config = from_table(table)
     if file is not None and spacecraft is None and config.spacecraft == begun.spacecraft:
         _check_unchanged(config.spacecraft, file)

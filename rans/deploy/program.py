@@ -45,7 +45,7 @@ def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
     operation one of ONNX's.
 
     Raises:
-        ConfigError: the policy, or the layout of its observation, has what no file can have.
+        ConfigError: the layout of its observation does more than arithmetic.
     """
     architecture = network.architecture
     ranges = () if craft is None or is_identity(craft) else craft.commands
@@ -53,10 +53,6 @@ def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
         program = policy_program(architecture, "output" if ranges else "command")
     except UNTRACEABLE as error:
         raise ConfigError(f"the agent can only be exported as rans or sb3: {error}") from error
-    if program.lacks:
-        raise ConfigError(
-            f"the agent has {program.lacks}, which no ONNX, NumPy or C file can have: export it as rans or sb3."
-        )
     if ranges:
         _commanded(program, "output", ranges)
     outputs = ["command", *(["memory_out"] if architecture.memory else [])]

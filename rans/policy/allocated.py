@@ -63,8 +63,6 @@ class Allocated(Backbone):
     push and turn it every way, both are allocated together.
     """
 
-    is_traced = True
-    has_tokens = True
     token_widths = 4, 7
 
     def rows(self, architecture: ArchitectureView) -> int:

@@ -326,7 +326,7 @@ class Architecture:
             modules["critic"] = self._layers(
                 self.inputs + self.privileged, (*self.layers[:-1], self.features)
             )
-        return modules | BACKBONES[self.backbone].modules(self)
+        return modules
 
     def _layers(self, width: int, layers: Sequence[int]) -> nn.Sequential:
         """Dense layers with an activation after each; their order decides the names of weights in files."""

@@ -2,7 +2,7 @@
 
 Every policy has a trunk of dense layers, which make features of what is
 observed and remembered. A backbone is one class that makes the commands' outputs of them, and its name in
-`rans.policy.backbone_registry.BACKBONES`. Torch computes it; if it is also traced, files have it. Executors that
+`rans.policy.backbone_registry.BACKBONES`. Torch computes it, and files have it as a program. Executors that
 do not state it (`rans.policy.capabilities`) leave such a policy to torch.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
 from rans.policy.heads import Patterns
@@ -21,22 +21,12 @@ from rans.policy.program import Program
 class Backbone(ABC):
     """Makes outputs for commands of features."""
 
-    has_tokens: bool = False
-    """Whether it is given the effectors of the craft, as `Architecture.tokens`."""
-
-    token_widths: tuple[int, ...] = (8,)
-    """Possible numbers of such a token: of `rans.policy.any_craft.effects`, unless it has its own."""
-
-    is_traced: bool = False
-    """Whether `traced` writes it down; without, torch alone computes it."""
+    token_widths: tuple[int, ...] = ()
+    """Possible numbers of a token of `Architecture.tokens`; empty: it is not given the effectors of the craft."""
 
     @abstractmethod
     def rows(self, architecture: ArchitectureView) -> int:
         """Rows of the last layer, whose weights are ``action_net``."""
-
-    def modules(self, architecture: ArchitectureView) -> dict[str, nn.Module]:
-        """Modules beside the trunk, the last layer and the critic, with torch's initial weights."""
-        return {}
 
     @abstractmethod
     def outputs(self, network: NetworkView, features: Tensor) -> Tensor:
@@ -53,22 +43,16 @@ class Backbone(ABC):
         """Distribution for features (..., N, features) if on/off thrusters open together; None: by the outputs."""
         return None
 
+    @abstractmethod
     def traced(self, program: Program, architecture: ArchitectureView, features: str) -> str:
         """Write `outputs` into a program: a row (N, outputs n) of a row of features (N, features).
 
-        The last layer's parameters are those of "head", after `rans.policy.heads.Head.folded`. A backbone without
-        this method is flown by torch, and refused by files of agents (`rans.policy.capabilities`).
-
-        Raises:
-            NotImplementedError: this backbone does not say how.
+        The last layer's parameters are those of "head", after `rans.policy.heads.Head.folded`.
         """
-        raise NotImplementedError
 
 
 class Dense(Backbone):
     """The last layer on the features."""
-
-    is_traced = True
 
     def rows(self, architecture: ArchitectureView) -> int:
         """See `Backbone`."""

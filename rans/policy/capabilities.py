@@ -6,14 +6,12 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from rans.policy.architecture import Architecture
-from rans.policy.backbone_registry import BACKBONES
 
 
 class Capabilities(NamedTuple):
     """Kinds of policies that an executor computes rightly; those that are not stated it refuses."""
 
-    backbones: tuple[str, ...] | None = ("dense",)
-    """None: any that is traced."""
+    backbones: tuple[str, ...] = ("dense",)
     heads: tuple[str, ...] | None = None
     """None: any, by its formula."""
     activations: tuple[str, ...] | None = None
@@ -29,11 +27,8 @@ class Capabilities(NamedTuple):
 
     def _missing(self, architecture: Architecture) -> Iterator[str]:
         """Names of the parts of an architecture that this executor lacks."""
-        backbone = architecture.backbone
-        if backbone not in (self.backbones or ()) and not (
-            self.backbones is None and BACKBONES[backbone].is_traced
-        ):
-            yield f"the backbone {backbone!r}"
+        if architecture.backbone not in self.backbones:
+            yield f"the backbone {architecture.backbone!r}"
         if self.heads is not None and architecture.head not in self.heads:
             yield f"the head {architecture.head!r}"
         if self.activations is not None and architecture.activation not in self.activations:

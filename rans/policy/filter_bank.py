@@ -40,13 +40,12 @@ class Filters(NamedTuple):
     """(thrusters, axes), rad/s, see `Filter.twist`."""
     share: tuple[Sensitivity, ...]
     """(blocks,), see `Filter.sensitivities`."""
-    steady: tuple[float, ...] = ()
+    steady: tuple[float, ...]
     """(filters,), see `Filter.steady`; empty: 0 for each."""
-    response: tuple[float, ...] = ()
+    response: tuple[float, ...]
     """(filters,), see `Filter.response`; empty: 0 for each."""
-    gate: float = 0.0
-    """Threshold of a reading's innovation, see `rans.policy.measurement_gate`; 0: no gate, so that every reading
-    counts as it came, a repeated one too."""
+    gate: float
+    """Threshold of a reading's innovation, see `rans.policy.measurement_gate`."""
 
     @classmethod
     def of(
@@ -55,9 +54,9 @@ class Filters(NamedTuple):
         task: Task,
         period: float,
         drift: Sequence[float],
-        steady: Sequence[float] = (),
-        response: Sequence[float] = (),
-        gate: float = 0.0,
+        response: Sequence[float],
+        steady: float,
+        gate: float,
     ) -> Filters:
         """Design the filters of a spacecraft.
 
@@ -66,8 +65,8 @@ class Filters(NamedTuple):
             task: whose observation is filtered.
             period: control period, s.
             drift: variance of each filter, see `Filter.drift`.
-            steady: variance of each filter, see `Filter.steady`.
-            response: variance of each filter, see `Filter.response`.
+            response: variance of each filter, see `Filter.response`; empty: 0 for each.
+            steady: variance of the filters whose response is estimated, see `Filter.steady`.
             gate: threshold of a reading's innovation.
 
         Raises:
@@ -76,23 +75,23 @@ class Filters(NamedTuple):
         if not is_identity(craft):
             raise ConfigError(
                 f"filters follow thrusters whose commands are from 0 to 1, and {craft.name!r} takes "
-                f'{allowed(craft)}: train without filters, with memory.kind="history".'
+                f"{allowed(craft)}: train without filters, with memory.history=8."
             )
         force, torque = np.split(craft.wrenches, [craft.dimension], axis=1)
         spins = slice(-torque.shape[1], None)  # in the plane about z alone
         inertia = np.array(craft.inertia)[spins, spins]
         gains = period / craft.mass * force, period * np.linalg.solve(inertia, torque.T).T
         push, twist = (tuple(map(tuple, gain.tolist())) for gain in gains)
-        drift, steady, response = (tuple(map(float, x)) for x in (drift, steady, response))
+        drift, response = (tuple(map(float, x)) for x in (drift, response))
         return cls(
             drift,
             period,
             push,
             twist,
             tuple(sensitivities(task, craft.dimension)),
-            steady,
+            tuple(steady * bool(x) for x in response),
             response,
-            float(gate),
+            gate,
         )
 
     @property
@@ -116,15 +115,9 @@ class Filters(NamedTuple):
             )
         )
 
-    @property
-    def _is_gated(self) -> bool:
-        """Whether missed and wild readings are replaced, see `rans.policy.measurement_gate`."""
-        return self.gate > 0.0
-
     def width(self, layout: Layout) -> int:
         """Numbers of the memory of all filters, then of the gate, for columns of this layout."""
-        filters = sum(filter_.width(layout) for filter_ in self.each)
-        return filters + (GateMemory.width(layout) if self._is_gated else 0)
+        return sum(filter_.width(layout) for filter_ in self.each) + GateMemory.width(layout)
 
     def estimates(
         self, layout: Layout, read: Columns, memory: Columns
@@ -159,8 +152,6 @@ class Filters(NamedTuple):
             for filter_, own_memory in with_memory
             for x in filter_.next_memory(layout, reading.columns, own_memory, command)
         ]
-        if not self._is_gated:
-            return after
         last, own_memory = with_memory[-1]
         predicted = last.predicted_reading(
             layout, reading.columns, own_memory, command, reading.noise_evidence
@@ -178,8 +169,6 @@ class Filters(NamedTuple):
 
     def _gated(self, layout: Layout, read: Columns, memory: Columns) -> GatedReading:
         """The reading behind the gate, whose prediction is that of the last filter, the best informed."""
-        if not self._is_gated:
-            return GatedReading(list(read), [], 0.0)
         last, own_memory = list(self._with_memory(layout, memory))[-1]
         is_first = last.is_first(layout, own_memory)
         gate = self._gate_memory(layout, memory)
@@ -200,9 +189,9 @@ class Filters(NamedTuple):
         consistent = (
             count > 0
             and np.shape(self.drift) == (count,)
-            and np.shape(self.steady) in ((0,), (count,))
+            and np.shape(self.steady) == np.shape(self.response)
             and np.shape(self.response) in ((0,), (count,))
         )
         numbers = isinstance(self.period, float) and isinstance(self.gate, float)
-        numbers = numbers and (self.gate == 0.0 or 1e-6 <= self.gate <= 1e6)
+        numbers = numbers and 1e-6 <= self.gate <= 1e6
         return consistent and numbers and tuple(map(np.shape, self[2:5])) == sizes

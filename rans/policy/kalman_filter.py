@@ -68,10 +68,10 @@ class Filter(NamedTuple):
     drift: float
     """Process noise: variance that velocities and steady accelerations gain in a control period."""
     steady: float
-    """Prior variance of the steady accelerations; 0: the filter does not estimate them."""
+    """Prior variance of the steady accelerations."""
     response: float
     """Prior variance of the responses (`rans.policy.actuator_response`), in units of the noise over the effect of
-    the strongest thruster; 0: thrusters are taken to act as designed."""
+    the strongest thruster; 0: thrusters are taken to act as designed, and no accelerations to be steady."""
     period: float
     """Control period, s."""
     push: tuple[tuple[float, ...], ...]
@@ -86,12 +86,12 @@ class Filter(NamedTuple):
     @property
     def axes(self) -> int:
         """Components of the estimated steady accelerations, linear and angular together."""
-        return len(self.push[0]) + len(self.twist[0]) if self.steady else 0
+        return len(self.push[0]) + len(self.twist[0]) if self.response else 0
 
     @property
     def extra_columns(self) -> int:
         """Columns of an estimate beyond those of the observation: steady accelerations and responses."""
-        return self.axes + (4 if self.response else 0)
+        return self.axes + 4 if self.response else 0
 
     @property
     def _strongest(self) -> tuple[float, float]:
@@ -101,22 +101,20 @@ class Filter(NamedTuple):
 
     def width(self, layout: Layout) -> int:
         """Fields of the memory for columns of this layout, that of the body frame."""
-        responses = sum(
-            Response.width(len(gains[0])) for gains in (self.push, self.twist) if self.response
-        )
-        return self._width_without_responses(layout) + responses
-
-    def _width_without_responses(self, layout: Layout) -> int:
-        return layout.width + self.axes + (6 if self.steady else 3)
+        if not self.response:
+            return layout.width + 3
+        responses = sum(Response.width(len(gains[0])) for gains in (self.push, self.twist))
+        return layout.width + self.axes + 6 + responses
 
     def layout(self, layout: Layout) -> Layout:
         """Layout of an estimate: these columns, then steady accelerations and responses."""
-        extra = (
-            (Block(VectorInW, len(self.push[0])), Block(AngularVelocity, len(self.twist[0])))
-            if self.steady
-            else ()
+        if not self.response:
+            return layout
+        accelerations = (
+            Block(VectorInW, len(self.push[0])),
+            Block(AngularVelocity, len(self.twist[0])),
         )
-        return Layout((*layout.blocks, *extra, *(Block(Scalar, 4),) * bool(self.response)))
+        return Layout((*layout.blocks, *accelerations, Block(Scalar, 4)))
 
     # What a policy asks of a filter.
 
@@ -132,6 +130,8 @@ class Filter(NamedTuple):
             memory: what `next_memory` returned a period ago.
         """
         state = self._updated(layout, read, self._unpacked(layout, memory))
+        if not self.response:
+            return [*state.columns]
         scales = [
             self.period / strongest
             for strongest, gains in zip(self._strongest, (self.push, self.twist), strict=True)
@@ -139,11 +139,7 @@ class Filter(NamedTuple):
         ]
         return [
             *state.columns,
-            *(
-                a * scale
-                for a, scale in zip(state.accelerations, scales, strict=True)
-                if self.steady
-            ),
+            *(a * scale for a, scale in zip(state.accelerations, scales, strict=True)),
             *(x for response in state.responses for x in (response.more, response.late)),
         ]
 
@@ -190,28 +186,27 @@ class Filter(NamedTuple):
 
     def _packed(self, state: _State) -> list[Field]:
         """Memory of a state; without steady accelerations their covariance is left out."""
-        responses = [x for response in state.responses for x in response.packed()]
-        if self.steady:
+        if self.response:
+            responses = [x for response in state.responses for x in response.packed()]
             return [*state.columns, *state.accelerations, *state.covariance, *responses]
         xx, xv, _, vv, *_ = state.covariance
-        return [*state.columns, xx, xv, vv, *responses]
+        return [*state.columns, xx, xv, vv]
 
     def _unpacked(self, layout: Layout, memory: Columns) -> _State:
         """State of a memory, the inverse of `_packed`, whose order is that of trained networks."""
-        size = self._width_without_responses(layout)
-        columns = memory[: layout.width]
-        rest = memory[layout.width : size]
-        packed = memory[size:]
+        columns, rest = memory[: layout.width], memory[layout.width :]
+        if not self.response:
+            xx, xv, vv = rest
+            no_accelerations = (0.0,) * (len(self.push[0]) + len(self.twist[0]))
+            return _State(columns, no_accelerations, (xx, xv, 0.0, vv, 0.0, 0.0))
+        accelerations, rest = rest[: self.axes], rest[self.axes :]
+        (xx, xv, xa, vv, va, aa), packed = rest[:6], rest[6:]
         of_forces = Response.width(len(self.push[0]))
-        responses = tuple(
-            map(Response.unpacked, (packed[:of_forces], packed[of_forces:]) if packed else ())
+        responses = (
+            Response.unpacked(packed[:of_forces]),
+            Response.unpacked(packed[of_forces:]),
         )
-        if self.steady:
-            xx, xv, xa, vv, va, aa = rest[self.axes :]
-            return _State(columns, rest[: self.axes], (xx, xv, xa, vv, va, aa), responses)
-        xx, xv, vv = rest
-        no_accelerations = (0.0,) * (len(self.push[0]) + len(self.twist[0]))
-        return _State(columns, no_accelerations, (xx, xv, 0.0, vv, 0.0, 0.0), responses)
+        return _State(columns, accelerations, (xx, xv, xa, vv, va, aa), responses)
 
     # The update by a reading.
 
@@ -370,7 +365,7 @@ class Filter(NamedTuple):
             )
         )  # torques are constant in B
         covariance = _predicted_covariance(
-            state.covariance, period, self.drift, self.drift if self.steady else 0.0
+            state.covariance, period, self.drift, self.drift if self.response else 0.0
         )
         return _State(columns, steady, covariance, next_responses)
 

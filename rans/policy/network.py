@@ -90,14 +90,6 @@ class Network(Remembering):
             if key.startswith(f"{EXTRACTOR}{name}.") and key.endswith(".weight")
         )
 
-    def own(self, name: str) -> str:
-        """The whole name of a layer of the backbone, for `layer`."""
-        return EXTRACTOR + name
-
-    def own_layer(self, name: str) -> tuple[Tensor, Tensor]:
-        """Weights and biases of a layer of the backbone."""
-        return self.layer(self.own(name))
-
     def layer(self, name: str) -> tuple[Tensor, Tensor]:
         """Weights (o, i) and biases (o,) of a layer, by its name in SB3's policy."""
         return self.tensors[f"{name}.weight"], self.tensors[f"{name}.bias"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Protocol
 
 from torch import Tensor
@@ -128,19 +127,6 @@ class NetworkView(Protocol):
     @property
     def tables(self) -> tuple[Tensor, ...]:
         """Constants of its backbone, see `rans.policy.backbones.Backbone.tables`."""
-        ...
-
-    @property
-    def activation(self) -> Callable[[Tensor], Tensor]:
-        """The function between layers."""
-        ...
-
-    def own(self, name: str) -> str:
-        """Name of a module of the backbone in ``tensors``."""
-        ...
-
-    def own_layer(self, name: str) -> tuple[Tensor, Tensor]:
-        """Weight and bias of a layer of the backbone."""
         ...
 
     def layer(self, name: str) -> tuple[Tensor, Tensor]:

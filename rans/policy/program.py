@@ -40,14 +40,12 @@ class Program:
         steps: the operations.
         constants: tables and numbers that are the same for all policies of one architecture, by their names.
         parameters: shapes of those that training changes, by their names.
-        lacks: what the program should have and has not, in words; "" if it is complete.
     """
 
     def __init__(self) -> None:
         self.steps: list[Step] = []
         self.constants: dict[str, np.ndarray] = {}
         self.parameters: dict[str, tuple[int, ...]] = {}
-        self.lacks = ""
         self._single: dict[tuple[str, int], list[str]] = {}
 
     def constant(self, value: object, name: str = "", dtype: type = np.float64) -> str:
@@ -161,7 +159,6 @@ class Program:
     def pruned(self, outputs: Iterable[str]) -> Program:
         """Program reduced to the steps that these outputs need, and the tables that they read."""
         result = Program()
-        result.lacks = self.lacks
         result.steps = self.needed(outputs)
         used = {name for step in result.steps for name in step.inputs}
         result.constants = {name: x for name, x in self.constants.items() if name in used}
@@ -180,10 +177,7 @@ class Program:
         """
         names = set(outputs) - set(computed)
         if missing := names - {name for step in self.steps for name in step.outputs}:
-            raise Untraceable(
-                f"a program of this policy has no {', '.join(sorted(missing))}"
-                f"{f', because it has no {self.lacks}' if self.lacks else ''}."
-            )
+            raise Untraceable(f"a program of this policy has no {', '.join(sorted(missing))}.")
         required = []
         for step in reversed(self.steps):
             if names.intersection(step.outputs):

@@ -17,16 +17,12 @@ from rans.model.fields import Field
 from rans.policy.adaptation import AWAY, POSE, SHUT, WHEELS, Rows
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.backbone_registry import BACKBONES
-from rans.policy.capabilities import Capabilities
 from rans.policy.memory import averaged
 from rans.policy.network import Network
 from rans.policy.preprocess import magnified, normalised
 from rans.policy.program import Program, inputs
 from rans.policy.symmetry import AIM, Symmetries
 from rans.tasks.observation_terms import Columns, Layout
-
-TRACED = Capabilities(backbones=None)
-"""Parts of an architecture that can be traced, and so executed by anything but torch."""
 
 
 def policy_program(architecture: Architecture, command: str = "command") -> Program:
@@ -40,14 +36,11 @@ def policy_program(architecture: Architecture, command: str = "command") -> Prog
     - "shown": features, the input of the trunk;
     - "newest": the row that is appended to the history; "filters_after" and "memory_out": the next memory.
 
-    For an architecture that cannot be traced (`TRACED`) the program ends at "shown", and `Program.lacks` says why.
-
     Raises:
         Untraceable: the layout does more than arithmetic on fields.
     """
     # Columns in the body frame, and the parts of the memory.
     program = Program()
-    program.lacks = TRACED.missing(architecture)
     observed = inputs("column", architecture.layout.width)
     columns = program.single("observation", len(observed))
     body = program.joined(
@@ -86,10 +79,7 @@ def policy_program(architecture: Architecture, command: str = "command") -> Prog
         features.append(_normalised_history(program, architecture, view, history))
     features_row = program.joined(*features, name="shown")
 
-    # Commands. An incomplete program has none, and the memory takes them as an input of that name.
-    command_row = (
-        command if program.lacks else _commands(program, architecture, view, features_row, command)
-    )
+    command_row = _commands(program, architecture, view, features_row, command)
 
     # The next memory.
     if architecture.memory:
@@ -125,8 +115,8 @@ def _adapting(
         known.append(program.apply("Identity", estimate.wheels, name=WHEELS))
     program.joined(row, *known, name="seen")
     features = program.joined(*_normalised_columns(program, architecture, row), name="shown")
-    given = command if program.lacks else _commands(program, architecture, None, features, command)
-    after = adaptation.next_memory(rows, estimate.memory, given)
+    command_row = _commands(program, architecture, None, features, command)
+    after = adaptation.next_memory(rows, estimate.memory, command_row)
     program.apply("Identity", after, name="filters_after")
     program.apply("Identity", "filters_after", name="memory_out")
 

@@ -31,7 +31,6 @@ from rans.randomization.conditions import Conditions, ThrusterConditions
         ("tune go-to-pose-2d", "`rans tune lqr pretrained:NAME`"),
         ("tune pretrained:go-to-pose-2d", "`rans tune lqr pretrained:NAME`"),
         ("tune dock-3d", "as in lqr:dock-3d"),
-        ("train go-to-pose --set ppo.memory.history=8", "set ppo.memory.kind=history too"),
         ("train", "say what to train"),
         ("train --resume runs/nowhere", "runs/nowhere is not a run folder"),
         ("train --resume . --total-timesteps many", "1e6"),

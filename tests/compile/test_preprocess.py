@@ -120,7 +120,7 @@ def test_programs_filter_as_torch_does(
         PPOSettings(
             n_envs=64,
             symmetric=symmetric,
-            filters=FilterSettings((0.001, 1.0), (0.0, 25.0) * symmetric, (0.1, 0.0) * symmetric),
+            filters=FilterSettings((0.001, 1.0), (0.1, 0.0) * symmetric),
         ),
     )
     tensors = {name: x.to(dtype) for name, x in given.initial(0, 0.5)[0].items()}

@@ -50,7 +50,7 @@ SETTINGS = Clipped(**_VALUES)
 
 def started(world: Processes = ALONE) -> PPOLearner:
     """A learner of 16 environments, or of this process's share of them, in float64, which remembers."""
-    settings = replace(SETTINGS, memory=MemorySettings("history"))
+    settings = replace(SETTINGS, memory=MemorySettings(4))
     engine = Engine(
         PLATFORM, NEAR, 16 // world.size, SHORT, seed=4, dtype=torch.float64, processes=world
     )

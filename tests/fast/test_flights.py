@@ -155,17 +155,17 @@ def test_conditions_are_flown(effect: str) -> None:
     ("craft", "memory"),
     [
         (FLYER, {"history": 3, "averages": (0.5,), "sided": False, "zoom": 4.0}),
-        (PLATFORM, {"steady": (), "history": 2, "commands_only": True}),
-        (FLYER, {"steady": (25.0, 25.0), "response": (2.0, 2.0), "gate": 5.0}),
+        (PLATFORM, {"response": (), "history": 2, "commands_only": True}),
+        (FLYER, {"response": (2.0, 2.0)}),
     ],
     ids=lambda x: getattr(x, "name", str(x)),
 )
 def test_a_policy_with_a_memory(craft: Spacecraft, memory: Any) -> None:
     """By turns of a craft in the plane and in space."""
-    looked_for = {name: memory[name] for name in ("steady", "response", "gate") if name in memory}
-    kind = {name: x for name, x in memory.items() if name not in looked_for}
-    if looked_for:
-        kind["filters"] = Filters.of(craft, WIDE, BRIEF.control_period, (0.01, 1.0), **looked_for)
+    kind = {name: x for name, x in memory.items() if name != "response"}
+    if "response" in memory:
+        bank = craft, WIDE, BRIEF.control_period, (0.01, 1.0), memory["response"], 25.0, 5.0
+        kind["filters"] = Filters.of(*bank)
     network = policy(craft, **kind)
     given = setup(craft, conditions=EFFECTS["sensors"])
     found = Flights(network, given).fly(0, COUNT, 1)

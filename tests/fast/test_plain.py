@@ -139,7 +139,7 @@ def test_two_episodes_equal_the_fast_ones_but_for_rounding(
 @pytest.mark.parametrize(
     "settings",
     [
-        {"memory": MemorySettings("history", 2)},
+        {"memory": MemorySettings(2)},
         {"symmetric": False, "zoom": 100.0, "privileged_critic": True},
     ],
     ids=str,

@@ -99,7 +99,7 @@ def losses_by(learner: GradientLearner, name: str, place: int, size: float) -> f
         (THROTTLED, NEAR, {"n_steps": 20, "batch_size": 80}),
         (FLYER_THROTTLED, NEAR, {}),
         (THROTTLED, SwitchingGoToPose(**vars(NEAR), switching_weight=0.05), {"symmetric": True}),
-        (THROTTLED, NEAR, {"memory": MemorySettings("history", 2)}),
+        (THROTTLED, NEAR, {"memory": MemorySettings(2)}),
         (THROTTLED, NEAR, {"conditions": "lab", "privileged_critic": True}),
     ],
     ids=["horizon", "episode", "space", "symmetric", "history", "lab"],

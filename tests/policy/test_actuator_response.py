@@ -83,7 +83,7 @@ def test_what_is_not_as_designed_is_found(
     """After 10 s of exact readings, with one nozzle in fifty open."""
     task = TASKS["go-to-pose"]()
     own = draws(SEED, COUNT)
-    (found_by,) = Filters.of(craft, task, TIMING.control_period, (0.1,), (25.0,), (25.0,)).each
+    (found_by,) = Filters.of(craft, task, TIMING.control_period, (0.1,), (25.0,), 25.0, 5.0).each
     chosen = scenarios(task, craft, SEED, COUNT)
     body = layout(task, craft.dimension).body
     world = World(Setup(craft, task, TIMING, conditions))

@@ -32,26 +32,26 @@ FOLLOWED = [
 
 
 @pytest.mark.parametrize(
-    ("name", "drift", "steady", "response", "craft"),
+    ("name", "drift", "response", "craft"),
     [
         (name, *kind)
         for number, name in enumerate(FOLLOWED)  # two kinds each, by turns
         for kind in [
-            (1e-3, 0.0, 0.0, PLATFORM),
-            (10.0, 0.0, 0.1, FLYER),
-            (10.0, 25.0, 0.0, PLATFORM),
-            (1e-3, 25.0, 1.0, FLYER),
+            (1e-3, 0.0, PLATFORM),
+            (1e-3, 1.0, FLYER),
+            (10.0, 0.0, FLYER),
+            (10.0, 0.1, PLATFORM),
         ][2 * (number % 2) :][:2]
     ],
     ids=lambda x: getattr(x, "name", str(x)),
 )
 def test_what_is_expected_is_what_is_seen_next(
-    drift: float, steady: float, response: float, name: str, craft: Spacecraft
+    drift: float, response: float, name: str, craft: Spacecraft
 ) -> None:
     """In a perfect world, whose motion is the engine's; turning by up to 0.3 rad in a period."""
     task = TASKS[name]()
     body = layout(task, craft.dimension).body
-    filters = made(craft, task, drift, steady, response)
+    filters = made(craft, task, drift, response)
     chosen = scenarios(task, craft, SEED, COUNT)
     world = World(Setup(craft, task, TIMING))
     now = world.begin(chosen.start, chosen.goal)
@@ -79,7 +79,7 @@ def test_a_force_and_a_torque_are_found(craft: Spacecraft) -> None:
     own = draws(SEED, COUNT)
     for name in ("force", "torque"):
         body = layout(task, craft.dimension).body
-        filters = made(craft, task, 0.01, 25.0)
+        filters = made(craft, task, 0.01, 1e-6)  # thrusters as designed
         chosen = scenarios(task, craft, SEED, COUNT)
         world = World(Setup(craft, task, TIMING, rows()[name]))
         now = world.begin(chosen.start, chosen.goal, 0, own)
@@ -88,7 +88,7 @@ def test_a_force_and_a_torque_are_found(craft: Spacecraft) -> None:
         told = list[Any]()
         for command in itertools.islice(commands(craft, 0.0), 60):
             read = in_body(craft, task, world.observe(now, own))
-            told = filters.estimate(body, read, memory)[body.width :]
+            told = filters.estimate(body, read, memory)[body.width : -4]
             memory = filters.next_memory(body, read, memory, command)
             before = now
             now = step(world, now, command, own).episode
@@ -143,13 +143,13 @@ def test_in_noise_it_is_the_filter_of_states() -> None:
     assert seen.sum() == body.width - 1  # all but the task flag
 
 
-@pytest.mark.parametrize(("drift", "response"), [(1e-3, 25.0), (1.0, 0.0)])
-def test_no_reading_makes_it_lose_its_numbers(response: float, drift: float) -> None:
+@pytest.mark.parametrize("drift", [1e-3, 1.0])
+def test_no_reading_makes_it_lose_its_numbers(drift: float) -> None:
     """Not even of rotations that are none, as a broken sensor may give."""
     task = GoToPose()
     random = np.random.default_rng(3)
     body = layout(task, 3).body
-    filters = made(FLYER, task, drift, response=response)
+    filters = made(FLYER, task, drift)
     memory = [np.zeros(COUNT)] * filters.width(body)
     for command in (next(commands(FLYER, 0.5, seed)) for seed in range(200)):
         memory = filters.next_memory(

@@ -11,7 +11,7 @@ from rans_missions.tasks.avoid import Zones
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from rans.fast.learn.config import MemoryKind, MemorySettings
+from rans.fast.learn.config import FilterSettings, MemorySettings
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
@@ -104,16 +104,15 @@ def test_policies_fly_every_equivalent_view_alike(craft: Spacecraft, task: Any) 
 
 
 @both_crafts
-@pytest.mark.parametrize("memory", ["history", "commands"])
+@pytest.mark.parametrize("drift", [(), (0.1,)], ids=["history", "commands and a filter"])
 def test_what_is_remembered_is_seen_from_the_same_side(
-    craft: Spacecraft, memory: MemoryKind
+    craft: Spacecraft, drift: tuple[float, ...]
 ) -> None:
     """Flights of three steps, and the same flights of a craft turned about."""
     task = TASKS["go-to-pose"]()
+    memory = {"memory": MemorySettings(2), "filters": FilterSettings(drift)}
     network = scatter(
-        tiny_learner(
-            craft, dtype=torch.float64, task=task, symmetric=True, memory=MemorySettings(memory, 2)
-        ).network
+        tiny_learner(craft, dtype=torch.float64, task=task, symmetric=True, **memory).network
     )
     goal, *states = (random_states(craft.dimension, 50, seed) for seed in range(4))
 

@@ -27,7 +27,7 @@ THROTTLED = replace(PLATFORM, actuators=Throttle())
 PLATFORM_SHARED = load_spacecraft("floating-platform-shared")
 # Of eight there are more patterns than machine code compares.
 SUPPLIED = replace(PLATFORM_SHARED, thrusters=PLATFORM_SHARED.thrusters[:7])
-BANK = Filters.of(PLATFORM, WIDE, BRIEF.control_period, (0.1, 1.0), (), (), 0.0)
+BANK = Filters.of(PLATFORM, WIDE, BRIEF.control_period, (0.1, 1.0), (), 25.0, 5.0)
 POLICIES: dict[str, tuple[Any, dict[str, Any]]] = {
     "on/off": (PLATFORM, {}),
     "space": (FLYER, {}),

@@ -31,9 +31,8 @@ def in_body(craft: Spacecraft, task: Task, columns: Sequence[Any]) -> list[np.nd
     return [np.broadcast_to(np.asarray(x, float), COUNT) for x in seen]
 
 
-def made(
-    craft: Spacecraft, task: Task, drift: float, steady: float = 0.0, response: float = 0.0
-) -> Filter:
+def made(craft: Spacecraft, task: Task, drift: float, response: float = 0.0) -> Filter:
     """One filter of a bank."""
-    (one,) = Filters.of(craft, task, TIMING.control_period, (drift,), (steady,), (response,)).each
+    bank = craft, task, TIMING.control_period, (drift,), (response,), 25.0, 5.0
+    (one,) = Filters.of(*bank).each
     return one

@@ -61,7 +61,7 @@ MACHINE_CODE_CASES = pytest.mark.parametrize(
     [
         (PLATFORM, {"layers": (64, 64), "symmetric": True}),
         (FLYER, {"layers": (40, 33, 7), "activation": "elu", "zoom": 4.0, "symmetric": True}),
-        (PLATFORM, {"layers": (20,), "activation": "relu", "memory": MemorySettings("history", 2)}),
+        (PLATFORM, {"layers": (20,), "activation": "relu", "memory": MemorySettings(2)}),
     ],
     ids=["plane", "space, elu, three layers", "relu, one layer, a history"],
 )

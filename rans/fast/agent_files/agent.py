@@ -22,9 +22,8 @@ from torch import Tensor
 
 from rans.archives import content, opened
 from rans.errors import ConfigError, NonFiniteState, RansError, brief
-from rans.fast.agent_files.pickle_scan import foul, refuse
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
-from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.config import PPOSettings, without_kinds
 from rans.files import first_line, plain, read_bytes, replace_file
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.allocated import holds
@@ -172,7 +171,7 @@ def read_policy(file: Path) -> SavedPolicy:
     No code in the file is run.
 
     Raises:
-        ConfigError: the file is not an agent, is damaged, or contains code.
+        ConfigError: the file is not an agent, or is damaged.
     """
     if file.suffix == ".safetensors":
         return policy_of(read_bytes(file, _LARGEST), file)
@@ -200,7 +199,7 @@ def is_agent(file: Path) -> bool:
     """Whether a file is a ``policy.zip`` of RANS.
 
     Raises:
-        ConfigError: the file is damaged or contains code.
+        ConfigError: the file is damaged.
     """
     with _checked(file) as archive:
         return AGENT in archive.namelist()
@@ -209,11 +208,9 @@ def is_agent(file: Path) -> bool:
 @contextmanager
 def _checked(file: Path) -> Iterator[zipfile.ZipFile]:
     """Context with a checked archive; any damage is a `ConfigError`."""
-    with _damage_as_config_error(file), opened(file, file) as archive:
+    with _damage_as_config_error(file), opened(file) as archive:
         if spoilt := archive.testzip():
             raise ValueError(f"the checksum of {spoilt} is wrong")
-        if name := foul(archive, file):
-            refuse(file, name)
         yield archive
 
 
@@ -264,7 +261,7 @@ def _further(
 
 def _settings(table: dict[str, Any]) -> dict[str, Any]:
     """Entries of `PPOSettings`, checked; missing ones have their defaults."""
-    settings = structure(table, PPOSettings, "settings")
+    settings = structure(without_kinds(table), PPOSettings, "settings")
     return {field.name: getattr(settings, field.name) for field in fields(settings)}
 
 
@@ -330,16 +327,19 @@ def _architecture(table: dict[str, Any]) -> Architecture:
     if views is not None:
         views = Symmetries(*(views[name].numpy() for name in Symmetries._fields))
     filters = table.pop("filters", None)  # which agents of before did not have
-    if filters is not None and isinstance(filters.get("steady"), int | float):
-        raise ConfigError(
-            "the agent has one variance of steady accelerations for all its filters, as early "
-            "versions of RANS wrote it, which this one does not read: train it anew."
-        )
     bank = None
     if filters is not None:
         from rans.policy.filter_bank import Filters
 
+        filters = {"steady": [], "response": [], "gate": 0.0} | filters
         bank = Filters(**{name: _numbers(value) for name, value in filters.items()})
+        estimated = [np.ravel(x).astype(bool).tolist() for x in (bank.steady, bank.response)]
+        if estimated[0] != estimated[1] or bank.gate == 0.0:
+            raise ConfigError(
+                "the agent has Kalman filters without a gate, or some that estimate steady accelerations or the "
+                "thrusters' response alone, as versions of RANS before 0.3 wrote them, which this one does not "
+                "read: train it anew."
+            )
     if "continuous" in table:  # agents of before had one head for either kind of craft
         table["head"] = "gaussian" if table.pop("continuous") else "on-off"
     if (frame := table.pop("preprocessor", "body")) != "body":
@@ -386,7 +386,7 @@ def _check_craft(architecture: Architecture) -> None:
     # Sizes of tokens, then those of an agent for any craft.
     backbone = BACKBONES[architecture.backbone]
     widths = [[width] * architecture.thrusters for width in backbone.token_widths]
-    if backbone.has_tokens and [*map(len, architecture.tokens)] not in widths:
+    if widths and [*map(len, architecture.tokens)] not in widths:
         raise ValueError("its tokens are of another spacecraft")
     frugal = architecture.frugal
     by_pulses = holds(architecture.tokens) and not architecture.adapts

@@ -30,14 +30,20 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
     craft = engine.craft
     memory = settings.memory
     filters = settings.filters
-    has_history = memory.kind in ("history", "commands")
     period = engine.timing.control_period
     bank = None
     if filters.drift:
         from rans.policy.filter_bank import Filters
 
-        noise = (filters.drift, filters.steady, filters.response, filters.gate)
-        bank = Filters.of(craft, engine.task, period, *noise)
+        bank = Filters.of(
+            craft,
+            engine.task,
+            period,
+            filters.drift,
+            filters.response,
+            filters.steady,
+            filters.gate,
+        )
     allocates = settings.backbone == "allocated"
     if allocates and craft.is_continuous:
         raise ConfigError(
@@ -45,7 +51,7 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
             "leave out ppo.backbone."
         )
     tokens: tuple[tuple[float, ...], ...] = ()
-    if BACKBONES[settings.backbone].has_tokens:
+    if BACKBONES[settings.backbone].token_widths:
         tokens = effects(craft, period)
     # A demand is in B: no side of the spacecraft has one of its own.
     is_symmetric = settings.symmetric and not allocates
@@ -60,9 +66,9 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
         head=_head(engine, settings),
         backbone=settings.backbone,
         tokens=tokens,
-        history=memory.history if has_history else 0,
-        commands_only=memory.kind == "commands",
-        averages=tuple(memory.averages) if has_history else (),
+        history=memory.history,
+        commands_only=memory.remembers and bank is not None,
+        averages=tuple(memory.averages),
         filters=bank,
         privileged=engine.privileged_quantities.width if settings.privileged_critic else 0,
         nominal=engine.privileged_quantities.nominal if settings.privileged_critic else (),

@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal, get_args
@@ -41,7 +41,6 @@ Precision = Literal["float32", "tf32", "bf16"]
 """Precision of a GPU's matrix products: 24, 11 or, in hidden layers, 8 significant bits (docs/speed.md)."""
 
 Head = Literal["auto", "gated"]
-MemoryKind = Literal["none", "history", "commands"]
 
 MOST_LAYERS = 32
 MOST_UNITS = 65_536
@@ -71,23 +70,19 @@ class MemorySettings(Settings):
     """Memory of a network; by default there is none.
 
     Raises:
-        ConfigError: a value is out of its range, or nothing would be stored.
+        ConfigError: a value is out of its range.
     """
 
-    kind: MemoryKind = "none"
-    """"none"; "history" of the last observations and commands; or "commands", the last commands alone, which
-    suffice beside filters."""
-    history: int = 4
-    """Number of last observations and commands in the memory."""
+    history: int = 0
+    """Number of last observations and commands in the memory; beside filters of commands alone, since the filters
+    remember what was observed."""
     averages: tuple[float, ...] = ()
-    """Exponential moving averages of all observations and commands, beside the history or (with history 0) instead
-    of it: the fraction of the average that remains at every step. They separate constant signals from noise and
-    reach further back than a history. The average of commands that halves at every step has the last command as its
-    first binary digit, the one before as its second."""
+    """Exponential moving averages of all that a history would have, beside it or (with history 0) instead of it:
+    the fraction of the average that remains at every step. They separate constant signals from noise and reach
+    further back than a history. The average of commands that halves at every step has the last command as its first
+    binary digit, the one before as its second."""
 
     def __post_init__(self) -> None:
-        kinds = get_args(MemoryKind)
-        require_bounds(self, f"one of {', '.join(kinds)}", lambda x: x in kinds, "kind")
         require_bounds(
             self, f">= 0 and <= {MOST_UNITS:,}", lambda x: 0 <= x <= MOST_UNITS, "history"
         )
@@ -97,17 +92,11 @@ class MemorySettings(Settings):
             lambda x: isinstance(x, tuple | list) and all(0 < item < 1 for item in x),
             "averages",
         )
-        recalls = self.kind in ("history", "commands")
-        if self.averages and not recalls:
-            raise ConfigError(
-                "averages are of a history, so that memory.kind must be 'history' or 'commands', "
-                f"got {self.kind!r}."
-            )
-        if recalls and not (self.history or self.averages):
-            raise ConfigError(
-                f"memory {self.kind!r} with history 0 and no averages stores nothing: "
-                "give history 1 or more, averages, or memory 'none'."
-            )
+
+    @property
+    def remembers(self) -> bool:
+        """Whether there is a memory."""
+        return bool(self.history or self.averages)
 
 
 @dataclass(frozen=True)
@@ -122,13 +111,14 @@ class FilterSettings(Settings):
 
     drift: tuple[float, ...] = ()
     """Variance of the random walk of velocities in a control period, in units of the noise of their readings."""
-    steady: tuple[float, ...] = ()
-    """Variance of the constant accelerations that each filter estimates, such as that of a sloping floor, in units
-    of the noise of its readings. 0 or empty: none."""
     response: tuple[float, ...] = ()
     """Variance of the thrusters' deviation from their design that each filter estimates, immediate and one control
-    period late, in units of the noise of readings over the velocity change of the strongest thruster in a period. 0
-    or empty: thrusters act as designed."""
+    period late, in units of the noise of readings over the velocity change of the strongest thruster in a period.
+    Such a filter also estimates constant accelerations (`steady`). 0 or empty: the craft moves as designed."""
+
+    steady: ClassVar[float] = 25.0
+    """Variance of the constant accelerations, such as that of a sloping floor, in units of the noise of readings:
+    up to five times that noise in a second. Every filter that ships has it."""
 
     gate: ClassVar[float] = 5.0
     """Gate of readings: the prediction of the filters is observed in place of readings that are missing or deviate
@@ -148,16 +138,13 @@ class FilterSettings(Settings):
             self,
             "numbers >= 1e-6 and <= 1e6, or 0",
             lambda x: isinstance(x, tuple | list) and all(item == 0 or within(item) for item in x),
-            "steady",
             "response",
         )
         count = len(self.drift)
-        for name in ("steady", "response"):
-            values = getattr(self, name)
-            if values and len(values) != count:
-                raise ConfigError(
-                    f"{name} has {len(values)} numbers for {count} filters: give one for each."
-                )
+        if self.response and len(self.response) != count:
+            raise ConfigError(
+                f"response has {len(self.response)} numbers for {count} filters: give one for each."
+            )
 
 
 @dataclass(frozen=True)
@@ -424,10 +411,29 @@ def from_table(table: dict[str, Any]) -> TrainConfig:
             "config.json."
         )
     settings = structure(table.get("settings", {}), TASKS[table["task"]], "settings")
+    if isinstance(ppo := table.get("ppo"), dict):
+        table = table | {"ppo": without_kinds(ppo)}
     timing = table.get("timing", {})
     if isinstance(timing, dict):  # missing values are those of the task
         timing = dataclasses.asdict(settings.timing) | timing
     return structure(table | {"settings": settings, "timing": timing}, TrainConfig, "config")
+
+
+def without_kinds(ppo: dict[str, Any]) -> dict[str, Any]:
+    """Hyper-parameters of a config as version 0.2 wrote it, with a kind of memory and variances of accelerations.
+
+    Those that the present settings cannot say are left, so that they are refused.
+    """
+    parts = {name: ppo[name] for name in ("memory", "filters") if isinstance(ppo.get(name), dict)}
+    memory, filters = parts.get("memory", {}), parts.get("filters", {})
+    kinds = ("none", "commands" if filters.get("drift") else "history")
+    if memory.get("kind") in kinds:
+        kept = memory["kind"] != "none"
+        parts["memory"] = {name: x for name, x in memory.items() if kept and name != "kind"}
+    estimated = [FilterSettings.steady * bool(x) for x in filters.get("response") or ()]
+    if filters.get("steady") == estimated:
+        parts["filters"] = {name: x for name, x in filters.items() if name != "steady"}
+    return ppo | parts
 
 
 # Recipes and presets.
@@ -569,7 +575,7 @@ def training_of_quality(
             result = replace(result, timing=quick.timing)
     # Under conditions a network needs a memory, as base-adaptive has it.
     ppo = result.ppo
-    if randomized and ppo.memory.kind == "none":  # the spacecraft varies between episodes
+    if randomized and not ppo.memory.remembers:  # the spacecraft varies between episodes
         table = _table(RECIPE_FOLDER / "base-adaptive.toml")["ppo"]
         adaptive = structure(table, PPOSettings, "base-adaptive.ppo")
         ppo = replace(ppo, memory=adaptive.memory, privileged_critic=adaptive.privileged_critic)
@@ -789,26 +795,6 @@ def entry_named(table: Mapping[str, Any], name: str) -> str:
             "`rans list TRAINING` and the config.json of any run show its entries."
         )
     return result[0]
-
-
-def check_memory(table: Mapping[str, Any], changes: Iterable[str]) -> None:
-    """Refuse changes of a memory that the network does not have: they would change nothing.
-
-    Args:
-        table: config with the changes.
-        changes: names of the entries that were changed, full or their last parts.
-
-    Raises:
-        ConfigError: a history's length was changed, and the memory has none.
-    """
-    memory = table["ppo"]["memory"]
-    kind = memory["kind"] if isinstance(memory, Mapping) else memory
-    names = {"ppo.memory.history", "memory.history", "history"}
-    if kind not in ("history", "commands") and not names.isdisjoint(changes):
-        raise ConfigError(
-            f"ppo.memory.history is of 'history' or 'commands' memories, and this one is {kind!r}: set "
-            "ppo.memory.kind=history too."
-        )
 
 
 def _typed(value: Any) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -13,9 +12,6 @@ from rans.errors import ConfigError
 from rans.structure import Range
 from rans.tasks import Task
 from rans.tasks.settings import map_settings
-
-_STEEPNESS = 4.5
-"""Steepness of the sigmoid, which rises most within the middle half of its duration (original system, 2024)."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +30,7 @@ class Ramp:
     """Environment steps of the ramp."""
     begin: int = 0
     """Environment steps before the ramp."""
-    shape: Literal["linear", "sigmoid", "geometric"] = "linear"
+    shape: Literal["linear", "geometric"] = "linear"
     """Shape of the ramp; geometric has a constant growth rate."""
 
     def __post_init__(self) -> None:
@@ -43,10 +39,9 @@ class Ramp:
                 f"the ramp of {self.setting} must have a duration >= 1 and a begin >= 0, got "
                 f"{self.duration} and {self.begin} steps."
             )
-        if self.shape not in ("linear", "sigmoid", "geometric"):
+        if self.shape not in ("linear", "geometric"):
             raise ConfigError(
-                f"the shape of {self.setting}'s ramp must be linear, sigmoid or geometric, got "
-                f"{self.shape!r}."
+                f"the shape of {self.setting}'s ramp must be linear or geometric, got {self.shape!r}."
             )
         if self.shape == "geometric" and not min(_numbers(self.start)) > 0:
             raise ConfigError(
@@ -54,15 +49,8 @@ class Ramp:
             )
 
     def completed(self, steps: int) -> float:
-        """Completed share of the ramp after ``steps`` environment steps, 0 to 1.
-
-        The sigmoid is (tanh(s (x - 1/2)) + tanh(s / 2)) / (2 tanh(s / 2)) of the linear share x, which
-        starts at 0 and ends at 1 (original system, 2024).
-        """
-        x = min(max((steps - self.begin) / self.duration, 0.0), 1.0)
-        if self.shape != "sigmoid":
-            return x
-        return 0.5 + 0.5 * math.tanh(_STEEPNESS * (x - 0.5)) / math.tanh(0.5 * _STEEPNESS)
+        """Completed share of the ramp after ``steps`` environment steps, 0 to 1."""
+        return min(max((steps - self.begin) / self.duration, 0.0), 1.0)
 
     def values(self, end: Range, steps: int) -> Iterator[float]:
         """Yield the one or two numbers of the setting after ``steps`` environment steps.

@@ -10,6 +10,7 @@ import torch
 
 from rans.compile.cpu.layers import WIDTH, CpuLayers
 from rans.model.spacecraft import Spacecraft
+from rans.policy.architecture import EXTRACTOR
 from rans.policy.program import inputs
 from rans.policy.scalars import symbols
 from rans.policy.traced import parameters, policy_program
@@ -38,7 +39,7 @@ def test_outputs_are_torchs(kind: str, count: int) -> None:
     x = rows
     for layer in range(len(given.layers)):
         x = given.activation_module()(
-            torch.nn.functional.linear(x, *network.own_layer(f"trunk.{2 * layer}"))
+            torch.nn.functional.linear(x, *network.layer(f"{EXTRACTOR}trunk.{2 * layer}"))
         )
     weight, bias = (network.tensors[f"action_net.{kind}"] for kind in ("weight", "bias"))
     both = torch.nn.functional.linear(x, weight, bias)

@@ -23,7 +23,6 @@ from stable_baselines3.common.save_util import load_from_zip_file
 from rans import archives
 from rans.deploy.export import write_agent
 from rans.errors import ConfigError
-from rans.fast.agent_files import agent as agent_file
 from rans.fast.agent_files import tensors as tensor_file
 from rans.fast.agent_files.agent import AGENT, SavedPolicy, actor_bytes, is_agent, read_policy
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
@@ -94,38 +93,18 @@ def test_it_is_the_agent_that_sb3_unpickles(name: str, tmp_path: Path) -> None:
         np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize("trap", [trapped, trapped_weights])
-def test_code_is_told_and_not_run(
-    folder: Path, tmp_path: Path, trap: Callable[[Path, Path], None]
-) -> None:
-    file = folder / "policy.zip"
-    ran = tmp_path / "ran"
-    trap(file, ran)
-    for open_ in (lambda: opened(folder), lambda: is_agent(file)):
-        with pytest.raises(
-            ConfigError, match=r"policy\.zip holds code that would run posix\.mkdir"
-        ):
-            open_()
-    assert not ran.exists()
-    if trap is trapped:  # the trap works where somebody unpickles
-        with pytest.raises(Exception):  # noqa: B017, PT011
-            stable_baselines3.PPO.load(file)
-        assert ran.exists()
-
-
-def test_code_that_no_list_knows_is_not_run_either(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """Safety does not hang on finding it: with the look for it switched off, nothing runs."""
-    monkeypatch.setattr(agent_file, "foul", lambda *_: None)
+def test_code_in_its_pickles_is_not_run(folder: Path, tmp_path: Path) -> None:
     file = folder / "policy.zip"
     ran = tmp_path / "ran"
     before = opened(folder).network.tensors
-    for trap in (trapped, trapped_weights):
+    for trap in (trapped_weights, trapped):
         trap(file, ran)
         now = opened(folder).network.tensors
         assert all(torch.equal(x, before[name]) for name, x in now.items())
     assert not ran.exists()
+    with pytest.raises(Exception):  # noqa: B017, PT011  # the trap works where somebody unpickles
+        stable_baselines3.PPO.load(file)
+    assert ran.exists()
 
 
 def test_pickles_alone_are_refused_with_what_to_do(folder: Path) -> None:
@@ -184,12 +163,6 @@ def add_two(file: Path) -> None:
 BOMBS: dict[str, Callable[[Path], None]] = {
     "member": lambda file: add(file, "more", MUCH),
     "members": add_two,
-    "json": lambda file: rewritten(
-        file, lambda name, old: old + b" " * 2**20 if name == "data" else old
-    ),
-    "pickle": lambda file: add(file, "any.pkl", MUCH[: 2**21]),
-    "nested": lambda file: add(file, "any.pth", deflated(MUCH)),
-    "nested pickle": lambda file: add(file, "any.pth", deflated(MUCH[: 2**21], "archive/data.pkl")),
 }
 
 
@@ -197,9 +170,8 @@ BOMBS: dict[str, Callable[[Path], None]] = {
 def test_a_bomb_is_not_unpacked(
     folder: Path, monkeypatch: pytest.MonkeyPatch, bomb: Callable[[Path], None]
 ) -> None:
-    """Much in little, on its own, within another archive, and what becomes objects of Python."""
+    """Much in little, on its own or together."""
     monkeypatch.setattr(archives, "_LARGEST", 10 * 2**20)
-    monkeypatch.setattr(archives, "_LARGEST_TEXT", 2**20)
     bomb(folder / "policy.zip")
     sentence = (
         r"policy\.zip.* was not opened: its .* would unpack to [\d,]+ bytes, and at most [\d,]+ are"
@@ -301,6 +273,7 @@ _FILTERS = {
     "push": [[0.1, 0.0]] * 3,
     "twist": [[0.1]] * 3,
     "share": [[0.0, 0.0, 0.0]] * 5,
+    "gate": 5.0,
 }
 """Of a craft with three thrusters."""
 
@@ -341,14 +314,15 @@ def own_filters(**changes: Any) -> Callable[[dict[str, Any]], object]:
                     for wrong in (
                         {"period": [0.2]},
                         {"drift": [[1.0]]},
-                        {"response": 1.0},
-                        {"response": [1.0] * 2},
+                        {"steady": 1.0, "response": 1.0},
+                        {"steady": [1.0] * 2, "response": [1.0] * 2},
                         {"gate": [5.0]},
                         {"gate": 1e-200},
                     )
                 ),
                 (own_filters(), "not those of the network"),
-                (own_filters(steady=25.0), "train it anew"),
+                (own_filters(steady=[25.0]), "train it anew"),
+                (own_filters(gate=0.0), "train it anew"),
                 (
                     lambda t: t["architecture"]["layout"][0].__setitem__(0, "os.system"),
                     "unknown kind os.system",

@@ -317,7 +317,7 @@ def test_a_training_as_it_comes_begins_from_it_where_it_flies() -> None:
 
 def test_what_cannot_imitate_it_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="has a memory"):
-        trainer(tmp_path, config(memory=MemorySettings("history")))
+        trainer(tmp_path, config(memory=MemorySettings(4)))
     with pytest.raises(ConfigError, match="observes something else"):
         trainer(tmp_path, config("track-velocity"))
     with pytest.raises(ConfigError, match="observes something else"):

@@ -47,14 +47,6 @@ def test_geometric() -> None:
     np.testing.assert_allclose(values, [0.05, 0.1, 0.2, 0.8], rtol=1e-12)
 
 
-def test_sigmoid() -> None:
-    """From 0 to 1, half of it half way, as steep as the original system's: by hand with s = 4.5,
-    (tanh(s (1/4 - 1/2)) + tanh(s / 2)) / (2 tanh(s / 2)) = (-0.80930 + 0.97803) / 1.95606 = 0.08626."""
-    ramp = Ramp("fail_spin", 1.0, duration=400, begin=100, shape="sigmoid")
-    shares = [ramp.completed(steps) for steps in (0, 100, 200, 300, 400, 500, 600)]
-    assert shares == pytest.approx([0.0, 0.0, 0.08626, 0.5, 1 - 0.08626, 1.0, 1.0], abs=2e-5)
-
-
 def test_a_setting_within_a_multi_task() -> None:
     moved = task_at(MultiTask(), (Ramp("go_to_pose.thrust_weight", 0.0, duration=100),), 50)
     assert moved == MultiTask(go_to_pose=GoToPose(thrust_weight=0.01))
@@ -108,7 +100,7 @@ RAMPED = replace(
     settings=replace(TASK, evaluation_distance=(1.0, 1.1)),
     curriculum=(
         Ramp("spawn_distance", (0.25, 0.5), 1024, begin=256),
-        Ramp("thrust_weight", 0.0, 2000, shape="sigmoid"),
+        Ramp("thrust_weight", 0.0, 2000),
     ),
 )
 

@@ -50,7 +50,7 @@ def test_an_engine_or_sb3s_environment_around_it() -> None:
 
 KINDS = [
     {},
-    {"memory": MemorySettings("history")},
+    {"memory": MemorySettings(4)},
     {"privileged_critic": True},
 ]
 
@@ -89,7 +89,7 @@ def test_saved_agents_open_in_sb3(craft: Any, kind: dict[str, Any], tmp_path: Pa
 
 def test_where_an_episode_begins_nothing_is_remembered() -> None:
     """And elsewhere what was: row by row as if each spacecraft had flown alone."""
-    model = made(symmetric=False, memory=MemorySettings("history"))
+    model = made(symmetric=False, memory=MemorySettings(4))
     begins = np.arange(60) % 3 == 0
     scatter(model.network)
     before, now = (seen(PLATFORM, 60, seed).numpy() for seed in (1, 2))

@@ -76,6 +76,6 @@ def agree(kernel: FusedGradient, learner: PPOLearner, batch: Batch, share: float
     ids=["plane", "space, elu, idle units and a second look"],
 )
 def test_products_find_what_autograd_finds(craft: Any, settings: Any, own_critic: bool) -> None:
-    history = {"memory": MemorySettings("history", 2, (0.5,))}
+    history = {"memory": MemorySettings(2, (0.5,))}
     learner, batch = collected(craft, **settings, **history, privileged_critic=own_critic)
     agree(MatrixGradient(learner.network, learner.adam, learner.settings), learner, batch, 0.03)

@@ -58,7 +58,7 @@ def clipped(learner: PPOLearner, part: Batch, bf16: bool) -> Tensor:
     return (ratio - 1).abs() > learner.settings.clip_range
 
 
-WIDE = {"layers": (256, 192), "memory": MemorySettings("history", averages=(0.5, 0.9))}
+WIDE = {"layers": (256, 192), "memory": MemorySettings(4, averages=(0.5, 0.9))}
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,7 @@ def test_robust_agents_meet_the_laboratory_and_every_single_disturbance(name: st
     assert (
         0.33 < share < 0.41
     )  # poses give some of it to what they learn last: valves that stay open, noise
-    assert config.ppo.memory.kind in ("history", "commands")
+    assert config.ppo.memory.remembers
     assert config.curriculum[-1].begin + config.curriculum[-1].duration < config.total_timesteps
 
 
@@ -92,7 +92,7 @@ base = "go-to-pose-2d"
 conditions = "lab"
 
 [ppo.memory]
-kind = "history"
+history = 4
 
 [settings]
 thrust_weight = 0.2
@@ -114,7 +114,7 @@ def test_a_recipe_of_ones_own_is_its_base_with_what_it_changes(tmp_path: Path) -
     assert found == replace(
         base,
         settings=replace(base.settings, thrust_weight=0.2),
-        ppo=replace(base.ppo, memory=MemorySettings("history")),
+        ppo=replace(base.ppo, memory=MemorySettings(4)),
         conditions=load_conditions("lab"),
     )
     large = training(str(file), device="cuda")
@@ -122,7 +122,7 @@ def test_a_recipe_of_ones_own_is_its_base_with_what_it_changes(tmp_path: Path) -
     assert large.curriculum == (Ramp("thrust_weight", 0.05, 45_000_000, shape="geometric"),)
     # Of the base's [gpu] what the file does not say, of its own [ppo] what no [gpu] says.
     assert (large.ppo.n_envs, large.ppo.layers) == (8192, (256, 256))
-    assert large.ppo.memory.kind == "history"
+    assert large.ppo.memory.history == 4
 
 
 @pytest.mark.parametrize("task", [name for name in TASKS if ":" not in name])
@@ -141,6 +141,6 @@ def test_every_task_has_each_quality(task: str) -> None:
 def test_ones_own_spacecraft_and_conditions() -> None:
     config = training_of_quality("go-to-pose", "atmos", "good", "cpu", randomized=True)
     assert config.spacecraft == "atmos"
-    assert (config.ppo.memory.kind, config.ppo.privileged_critic) == ("history", True)
+    assert (config.ppo.memory.history, config.ppo.privileged_critic) == (8, True)
     assert config.conditions.or_none is None
-    assert training_of_quality("go-to-pose", "atmos", "good", "cpu").ppo.memory.kind == "none"
+    assert not training_of_quality("go-to-pose", "atmos", "good", "cpu").ppo.memory.remembers

@@ -132,7 +132,7 @@ def test_a_checkpoint_of_an_early_version_is_not_opened(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "kind",
     [
-        {"memory": MemorySettings("history", 2), "privileged_critic": True},
+        {"memory": MemorySettings(2), "privileged_critic": True},
         {"filters": FilterSettings((0.01, 1.0))},
     ],
     ids=["history and privileged", "filters"],

@@ -80,7 +80,7 @@ def test_a_rollout_is_that_of_sb3(craft: Any) -> None:
     [
         (PLATFORM, {"symmetric": True}),
         (FLYER, {"symmetric": True}),
-        (PLATFORM, {"memory": MemorySettings("history")}),
+        (PLATFORM, {"memory": MemorySettings(4)}),
     ],
     ids=["plane", "space", "history"],
 )

@@ -77,7 +77,7 @@ def test_mean_errors_of_the_last_fifth(craft: Any) -> None:
 
 
 def test_an_episode_that_follows_a_failure_remembers_nothing_of_it() -> None:
-    network = scatter(tiny_learner(memory=MemorySettings("history")).network)
+    network = scatter(tiny_learner(memory=MemorySettings(4)).network)
     selection = Selection(network, PLATFORM, LENIENT, SHORT, torch.device("cpu"))
     engine = selection._engines[""]
     act = selection._act

@@ -158,7 +158,7 @@ def test_new_folders(tmp_path: Path) -> None:
 
 def test_a_critic_that_knows_what_conditions_draw_is_judged_without(tmp_path: Path) -> None:
     """Whoever judges or flies the agent knows less: it is told of what is usual, which is zero for each."""
-    ppo = replace(TINY, privileged_critic=True, memory=MemorySettings("history"), symmetric=False)
+    ppo = replace(TINY, privileged_critic=True, memory=MemorySettings(4), symmetric=False)
     trainer = tiny_trainer(tmp_path, replace(CONFIG, ppo=ppo, conditions=load_conditions("faults")))
     trainer.train(ignore)
     given = trainer.learner.network.architecture

@@ -65,8 +65,7 @@ def run_of(name: str) -> LoadedRun:
     if name == OF_ONE_CRAFT:
         run = run_of("any-craft-2d@floating-platform-shared")
         engine = Engine(run.craft, run.task, 4, run.timing)
-        memory = MemorySettings("commands", 2)
-        learner = rans.PPO(engine, backbone="allocated", symmetric=False, memory=memory)
+        learner = rans.PPO(engine, backbone="allocated", symmetric=False, memory=MemorySettings(2))
         return run._replace(controller=Agent(learner.network, name, run.craft))
     (run,) = flyers((name if "@" in name else f"pretrained:{name}",), None, False)
     return run
