@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from rans.extend import Drift, Field, at_least, map_leaves, where
-from rans_missions.guidance.limits import KeepOutBall, Limits, Margin
+from rans.extend import Ball, Drift, Field, SpeedLimit, at_least, map_leaves, where
+from rans_missions.guidance.limits import Limits
 
 COAST_POINTS = 7
 """Number of points of a coast whose distance from keep-out balls is computed: a coast of a third of an orbit turns
@@ -38,7 +38,7 @@ class Coasts:
     shortest: float
     pushes: int = 1
 
-    def allowed_speed(self, limit: Margin, p: Any, v: Any) -> Field:
+    def allowed_speed(self, limit: SpeedLimit, p: Any, v: Any) -> Field:
         """Speed limit at a position less the reserve, m/s."""
         return limit.gap(p, v.scale(0.0)) * (1.0 - self.speed_reserve)
 
@@ -62,9 +62,7 @@ class Coasts:
         factor = where(speed > largest, largest / at_least(speed, _LEAST_SPEED), 1.0)
         return velocity.scale(factor)
 
-    def nearest(
-        self, ball: KeepOutBall, state: Any, velocity: Any, time: Field
-    ) -> tuple[Any, Field]:
+    def nearest(self, ball: Ball, state: Any, velocity: Any, time: Field) -> tuple[Any, Field]:
         """The nearest point of a coast to a ball's centre.
 
         Args:
@@ -83,24 +81,23 @@ class Coasts:
         for k in range(1, COAST_POINTS + 1):
             fraction = k / (COAST_POINTS + 1)
             p, _ = self.drift.carry(state.p, velocity, time * fraction)
-            offset = p - ball.later(time * fraction).centre
+            offset = p - ball.centre
             nearer = offset.norm() < distance
             nearest = map_leaves(partial(where, nearer), offset, nearest)
             distance = where(nearer, offset.norm(), distance)
             when = where(nearer, time * fraction, when)
         # The nearest point of a straight line through it, at most halfway to the points beside it.
         p, v = self.drift.carry(state.p, velocity, when)
-        v = v - ball.v
         spacing = time * (0.5 / (COAST_POINTS + 1))
-        earlier = (p - ball.later(when).centre).dot(v) / at_least(v.dot(v), _LEAST_SPEED)
+        earlier = (p - ball.centre).dot(v) / at_least(v.dot(v), _LEAST_SPEED)
         earlier = where(
             earlier > spacing, spacing, where(earlier < -spacing, 0.0 - spacing, earlier)
         )
         when = at_least(when - earlier, self.shortest)
         p, _ = self.drift.carry(state.p, velocity, when)
-        return p - ball.later(when).centre, when
+        return p - ball.centre, when
 
-    def _around(self, ball: KeepOutBall, state: Any, velocity: Any, time: Field) -> Any:
+    def _around(self, ball: Ball, state: Any, velocity: Any, time: Field) -> Any:
         """Velocity change, m/s, that moves the nearest point of a coast out of a ball."""
         nearest, when = self.nearest(ball, state, velocity, time)
         distance = nearest.norm()

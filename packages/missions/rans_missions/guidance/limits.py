@@ -1,52 +1,18 @@
-"""Limits that guidance on orbits keeps: keep-out balls and speed limits.
-
-They are protocols, which the shapes of tasks (`rans.tasks.shapes`) fulfil.
-"""
+"""Limits that guidance on orbits keeps: keep-out balls and speed limits, the shapes of tasks at rest in W."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
-from rans.extend import Field, Vector
-
-
-class Margin(Protocol):
-    """A limit of positions, or of positions and velocities."""
-
-    def gap(self, position: Any, velocity: Any = None) -> Field:
-        """Margin of a point in W, in SI units; it is negative where the point is not allowed."""
-        ...
-
-
-class KeepOutBall(Margin, Protocol):
-    """A disc in the plane or a ball in space that craft stay out of; it may move at a constant velocity."""
-
-    @property
-    def centre(self) -> Vector:
-        """Centre in W, m."""
-        ...
-
-    @property
-    def v(self) -> Vector:
-        """Velocity of the centre in W, m/s."""
-        ...
-
-    @property
-    def radius(self) -> Field:
-        """Radius, m."""
-        ...
-
-    def later(self, time: Field) -> KeepOutBall:
-        """The ball after a time, s."""
-        ...
+from rans.extend import Ball, Shape, SpeedLimit
 
 
 class Limits(NamedTuple):
     """Limits of a mission, by what guidance does about them."""
 
-    balls: tuple[KeepOutBall, ...] = ()
-    """Keep-out balls: coasts go around them."""
-    speeds: tuple[Margin, ...] = ()
+    balls: tuple[Ball, ...] = ()
+    """Keep-out balls, which do not move: coasts go around them."""
+    speeds: tuple[SpeedLimit, ...] = ()
     """Speed limits, whose margin at rest is the allowed speed, m/s: velocities are scaled below it."""
-    others: tuple[Margin, ...] = ()
+    others: tuple[Shape, ...] = ()
     """Limits of other kinds: plans of arrivals have a price for violating them."""

@@ -14,12 +14,12 @@ from functools import cache, partial
 from itertools import combinations
 from typing import Any
 
-from rans.extend import Field, Vec3, absolute, at_least, map_leaves, sin, where
+from rans.extend import Ball, Field, Vec3, absolute, at_least, map_leaves, sin, where
 from rans_missions.guidance.arrival import PLANS, TIME_ROUNDING, best_arrival, whole_periods
 from rans_missions.guidance.coasts import COAST_POINTS, Coasts
 from rans_missions.guidance.few_burns import ArrivalTolerance, Coast, KeepOut
 from rans_missions.guidance.impulses import LEAST_SAVING, Pair, axis_price, two_impulses
-from rans_missions.guidance.limits import KeepOutBall, Limits
+from rans_missions.guidance.limits import Limits
 from rans_missions.orbits.reach import velocity_to_reach
 
 LATER_BURNS = tuple(200.0 * k for k in range(8, 0, -1))
@@ -322,7 +322,7 @@ class FewBurns(OrbitalGuidance):
             components.append(where(brake > 0.0, braked, coasting))
         return type(velocity)(*components)
 
-    def _passes(self, ball: KeepOutBall, state: Any, velocity: Any, time: Field) -> Field:
+    def _passes(self, ball: Ball, state: Any, velocity: Any, time: Field) -> Field:
         """Whether a coast soon passes a ball at a small distance, while the ball blocks the way of a velocity.
 
         Then it waits; times in s, velocity in W.

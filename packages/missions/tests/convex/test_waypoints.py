@@ -10,12 +10,9 @@ import pytest
 from rans_missions.convex.waypoints import Waypoint, least_impulse_through
 from scipy.optimize import minimize
 
-from rans.model.body import Body
-from rans.model.dynamics import PlanarState, advance, thrust, wrench
-from rans.model.fields import Heading, Vec2, Vec3, map_leaves
-from rans.model.spacecraft import Spacecraft
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2, Vec3
 from rans.model.spacecraft_file import load_spacecraft
-from tests.support.crafts import nasty_spatial, random_states
 from tests.support.problems import spatial
 
 PLATFORM = load_spacecraft("floating-platform")
@@ -93,38 +90,3 @@ def test_impulse_through_balls_is_that_of_the_best_changes_of_velocity(seed: int
         options={"ftol": 1e-12, "maxiter": 500},
     )
     assert bound * SLACK <= craft.mass * found.fun <= bound * 1.001
-
-
-@pytest.mark.parametrize("craft", [PLATFORM, SHARED, FLYER, nasty_spatial()], ids=lambda c: c.name)
-def test_no_flight_through_balls_beats_their_bound(craft: Spacecraft) -> None:
-    """Random flights that move and spin, and that begin with a push; balls and spans about where they come by."""
-    for seed in range(6):
-        random = np.random.default_rng(seed)
-        now = map_leaves(lambda x: float(x[0]), random_states(craft.dimension, 1, seed))
-        start = now
-        strong = random.random(len(craft.thrusters)) < 0.5
-        spent = 0.0
-        balls = []
-        for step in range(1, 16):
-            opened = strong if step % 5 == 1 else random.random(len(strong)) < 0.05
-            fields = tuple(float(x) for x in opened)
-            now = advance(now, wrench(craft, fields), Body.of(craft), 0.2, 8).normalised()
-            shares = thrust(craft, fields)
-            spent += 0.2 * sum(s * t.force for s, t in zip(shares, craft.thrusters, strict=True))
-            if step % 5 == 0:
-                off = random.normal(size=craft.dimension) * 0.01
-                place = np.array(now.p.columns()) + off
-                early, late = random.uniform(0.0, 0.1, 2)
-                radius = float(np.linalg.norm(off)) + 1e-3
-                span = step * 0.2 - early, step * 0.2 + late
-                ball = Waypoint(*span, place, radius)
-                if step == 10:
-                    # A disc through the ball, ahead of where the craft is.
-                    level = random.normal(size=craft.dimension)
-                    level /= np.linalg.norm(level)
-                    place = place - level * float(level @ off)
-                    ahead = -off / np.linalg.norm(off)
-                    behind = float(ahead @ (place - np.array(now.p.columns())))
-                    ball = Waypoint(*span, place, radius, ahead, behind, level)
-                balls.append(ball)
-                assert least_impulse_through(craft, start, balls) <= spent * (1.0 + 1e-9)

@@ -60,18 +60,3 @@ def test_a_velocity_stays_below_the_limit_by_its_reserve() -> None:
     # Without one, up to the largest speed.
     fast = coasts().within(Limits(), state, vector(30.0, 40.0, 0.0), np.array([120.0]))
     assert fast.norm()[0] == pytest.approx(5.0, rel=1e-12)
-
-
-@pytest.mark.parametrize("velocity", [(0.4, 0.3, 0.0), (-0.7, 0.1, 0.2), (0.2, -0.5, 0.1)])
-def test_a_ball_that_moves_is_nearest_where_the_relative_line_is(
-    velocity: tuple[float, float, float],
-) -> None:
-    """Relative to the ball the craft flies along a line, whose foot of the perpendicular is closed."""
-    p, v, u = np.array([-50.0, 3.0, 2.0]), np.array([1.0, 0.2, 0.0]), np.array(velocity)
-    relative = v - u
-    foot = -(p @ relative) / (relative @ relative)
-    state: Any = SimpleNamespace(p=vector(*p), v=vector(*v))
-    ball = Ball(REST, Vec3(*velocity), 10.0)
-    nearest, when = coasts().nearest(ball, state, state.v, np.array([1.7 * foot]))
-    assert when[0] == pytest.approx(foot, rel=1e-9)
-    assert [x[0] for x in nearest.columns()] == pytest.approx(p + foot * relative, abs=1e-7)

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 from rans_missions.guidance.descent import DescentLaw
 
@@ -16,23 +15,6 @@ G = 3.7114
 """Gravity of Mars, m/s^2."""
 PLACES = st.floats(-2000.0, 2000.0)
 SPEEDS = st.floats(-100.0, 100.0)
-
-
-@given(PLACES, PLACES, st.floats(1.0, 2000.0), SPEEDS, SPEEDS, SPEEDS, st.floats(0.5, 20.0))
-def test_the_time_to_go_is_a_root(
-    x: float, y: float, z: float, u: float, v: float, w: float, haste: float
-) -> None:
-    """Of the polynomial, by NumPy's eigenvalues, wherever braking takes less than 5 m/s^2."""
-    p = np.array([x, y, z])
-    speed = np.array([u, v, w])
-    if speed @ speed > 10.0 * np.linalg.norm(p):
-        return
-    law = DescentLaw.of(Vec3(*p), Vec3(*speed), G, haste)
-    coefficients = [haste + 0.5 * G**2, 0.0, -2.0 * speed @ speed, -12.0 * p @ speed, -18.0 * p @ p]
-    roots = np.roots(np.array(coefficients, dtype=float))
-    times = roots[(np.abs(roots.imag) < 1e-6 * np.abs(roots)) & (roots.real > 0.0)].real
-    # Newton's error, see `rans_missions.guidance.descent`.
-    assert np.abs(times / float(law.time) - 1.0).min() < 1e-3
 
 
 @pytest.mark.slow

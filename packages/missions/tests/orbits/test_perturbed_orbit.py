@@ -11,23 +11,12 @@ from rans_missions.orbits.earth import EARTH, EARTH_RADIUS, J2
 from rans_missions.orbits.perturbed import PerturbedOrbit
 from scipy.integrate import solve_ivp
 
-from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire
-from rans.model.dynamics import SpatialState, Wrench, advance
-from rans.model.fields import Quat, Vec2, Vec3, leaves
-from tests.support.oblate_earth import OblateEarth
+from rans.model.fields import Vec2, Vec3, leaves
 
 N = 0.0011068
 """rad/s, a low orbit."""
 RADIUS = (EARTH / N**2) ** (1 / 3)
-COUNT = 4
-
-
-def starts(distance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions, m, velocities, m/s, and arguments of latitude, rad."""
-    rng = np.random.default_rng(7)
-    p, v = rng.normal(size=(2, COUNT, 3)) * distance
-    return p, v * N, rng.uniform(0.0, math.tau, COUNT)
 
 
 def carried(drift: Any, p: np.ndarray, v: np.ndarray, time: float) -> np.ndarray:
@@ -44,26 +33,6 @@ def test_without_perturbations_it_is_clohessy_and_wiltshires() -> None:
     )
     p_1, v_1 = PerturbedOrbit.around_earth(N, 0.0, 1e-6).carry(p, v, 9.0)
     assert (*leaves(flat), *leaves(speed)) == (p_1.x, p_1.y, v_1.x, v_1.y)
-
-
-def test_a_pushed_craft_moves_as_in_axes_that_do_not_turn() -> None:
-    """A force along W's axes, in substeps: the drag acts once, and not with every push."""
-    p, v, latitude = starts(1.0)
-    push = np.array([2e-4, -1e-4, 3e-4])
-    earth = OblateEarth(0.9, latitude)
-    pushes = np.broadcast_to(push, (COUNT, 3))
-    truth, _ = earth.gravity.motion(earth.target(N), p, v, [400.0], pushes)
-    body = Body(2.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
-    state: Any = SpatialState(Vec3(*p.T), Quat(1.0, 0.0, 0.0, 0.0), Vec3(*v.T), Vec3(0.0, 0.0, 0.0))
-    force = Wrench(Vec3(*(2.0 * push)), Vec3(0.0, 0.0, 0.0))
-    drag = 1e-5
-    drift = PerturbedOrbit.around_earth(N, 0.9, drag, latitude)
-    none = Wrench(Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0))
-    after = advance(state, none, body, 400.0, 4, disturbance=force, drift=drift)
-    ours = np.stack(after.p.columns(), 1)
-    # The push moves it by 16 m: its quadrature, and its square over the radius.
-    expected = truth[0] + carried(drift, 0.0 * p, 0.0 * v, 400.0)
-    np.testing.assert_allclose(ours, expected, atol=1e-4)
 
 
 def test_coasts_agree_with_both_craft_integrated_by_themselves() -> None:

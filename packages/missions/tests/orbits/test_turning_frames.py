@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from rans_missions.orbits.elliptic import EllipticOrbit, mean_anomaly
@@ -12,22 +10,19 @@ from rans_missions.orbits.perturbed import PerturbedOrbit
 from rans.effectors.motion import held
 from rans.model.body import Body
 from rans.model.drift import Drift
-from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance
-from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.dynamics import SpatialState, Wrench, advance
+from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from tests.support.stars import (
-    EARTH,
     MASS,
     PUSH,
-    SIZE,
     START,
     TENSOR,
     WIND,
     N,
     in_inertial_axes,
     matrix,
-    solved,
     spatial,
     turns_by_its_rate,
 )
@@ -48,31 +43,6 @@ def test_a_craft_flies_and_turns_as_among_the_stars(winds: bool) -> None:
     np.testing.assert_allclose(state.w.columns(), w, rtol=0, atol=1e-11)
     np.testing.assert_allclose(state.p.columns(), p, rtol=0, atol=1e-7)
     np.testing.assert_allclose(state.v.columns(), v, rtol=0, atol=1e-9)
-
-
-def test_a_heading_in_the_plane_turns_against_an_uneven_orbit() -> None:
-    """Its inertial spin stays; relative to W heading and spin follow the rate of the target."""
-    e, anomaly, time, spin = 0.6, 0.4, 900.0, 0.001
-    drift = EllipticOrbit(N, e, mean_anomaly(anomaly, e))
-    start = PlanarState(Vec2(0.0, 0.0), Heading(0.3), Vec2(0.0, 0.0), spin)
-    still = Wrench(Vec2(0.0, 0.0), 0.0)
-    state = advance(start, still, Body(5.0, (0.2,)), time, 3, drift=drift)
-
-    momentum = math.sqrt(EARTH * SIZE * (1 - e * e))
-
-    def rates(_: float, y: np.ndarray) -> np.ndarray:
-        radius = math.hypot(*y[:2])
-        return np.array([*y[2:], *(-EARTH / radius**3 * y[:2])])
-
-    parameter = SIZE * (1 - e * e)
-    c, s = math.cos(anomaly), math.sin(anomaly)
-    speed = math.sqrt(EARTH / parameter)
-    radius = parameter / (1 + e * c)
-    end = solved(rates, [radius * c, radius * s, -speed * s, speed * (e + c)], time)
-    first, last = momentum / radius**2, momentum / (end[0] ** 2 + end[1] ** 2)
-    turned = math.atan2(end[1], end[0]) - anomaly
-    assert state.attitude.angle == pytest.approx(0.3 + (spin + first) * time - turned, abs=1e-9)
-    assert state.w == pytest.approx(spin + first - last, abs=1e-12)
 
 
 DRIFTS = {
