@@ -24,10 +24,8 @@ class Problem:
     bounded: Callable[[Contest], bool]
     """Whether the starts of a contest have bounds."""
     bounds: Callable[[Contest, int, Progress, MissionBounds | None], MissionBounds]
-    """Bounds of the first starts of a contest that is `bounded`, and of the front of the first start: of contest,
-    number of starts, progress, and bounds of fewer starts, which are not computed again."""
-    steps: Callable[[Contest, int], int]
-    """Largest number of steps of progress that `bounds` reports, of contest and number of starts."""
+    """Bounds of the first starts of a contest that is `bounded`: of contest, number of starts, progress, and
+    bounds of fewer starts, which are not computed again."""
     opponents: tuple[str, ...] = ()
     """Default opponents of comparisons (`rans.evaluation.fly.controllers.BESIDE`); empty: those of any task."""
     solve: Callable[[Any, Spacecraft, Task], int] | None = None
@@ -71,10 +69,3 @@ def problem_bounds(
     problem = problem_of(contest.task)
     assert problem is not None, "only for a contest that is bounded"
     return problem.bounds(contest, count, progress, before)
-
-
-def steps_of(contest: Contest, count: int) -> int:
-    """See `Problem.steps`."""
-    problem = problem_of(contest.task)
-    assert problem is not None, "only for a contest that is bounded"
-    return problem.steps(contest, count)

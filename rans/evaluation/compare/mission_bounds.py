@@ -27,10 +27,6 @@ class MissionBounds:
 
     lower: np.ndarray
     """(n,) of success from each of the first n starts, on an orbit by its deadline; infinite: there is none."""
-    times: np.ndarray
-    """(m,) s: times of the front of the first start."""
-    front: np.ndarray
-    """(m,) of success by each of these times, or of a landing at this time; infinite: there is none."""
     spending: Literal["impulse", "propellant"] = "impulse"
     """What is bounded: impulse, N s, or propellant, kg."""
     deadlines: np.ndarray | None = None
@@ -108,6 +104,4 @@ class MissionBounds:
             "spending": self.spending,
             "deadlines": None if self.deadlines is None else self.deadlines.tolist(),
             "lower": [x if np.isfinite(x) else None for x in self.lower.tolist()],
-            "times": self.times.tolist(),
-            "front": [x if np.isfinite(x) else None for x in self.front.tolist()],
         }

@@ -30,7 +30,7 @@ from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.mission_bounds import MissionBounds
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.fly.controllers import default_opponents
-from rans.evaluation.problems import bounded, problem_bounds, steps_of
+from rans.evaluation.problems import bounded, problem_bounds
 from rans.files import first_line
 from rans.model.spacecraft import check_rigid
 from rans.optimal.certificate import hull
@@ -334,7 +334,7 @@ def _noted(comparison: Comparison, what: str) -> Iterator[None]:
 
 
 def _bound_mission(comparison: Comparison, count: int, stages: Stages) -> None:
-    step = stages("certified bounds", steps_of(comparison.contest, count))
+    step = stages("certified bounds", min(count, comparison.contest.episodes))
     with _noted(comparison, "certified bounds"):
         comparison.mission = problem_bounds(comparison.contest, count, step, comparison.mission)
 

@@ -114,15 +114,6 @@ def _craft(comparison: Comparison) -> Section:
     return Section("Spacecraft", pictures=[picture])
 
 
-_BOUNDED = {
-    "impulse": "The bound leaves out cones, keep-out balls and speed limits. Contestants without a marker did not "
-    "succeed from this start.",
-    "propellant": "The bound holds for a craft that starts upright, has to turn, and may throttle its engines one "
-    "by one. Contestants without a marker did not land from this start.",
-}
-"""What a bound leaves out, by what it is of."""
-
-
 def _mission(comparison: Comparison) -> Iterator[Section]:
     """Margins of missions with constraints, and what is spent beside its bounds, where these are known."""
     entries = comparison.entries
@@ -132,13 +123,6 @@ def _mission(comparison: Comparison) -> Iterator[Section]:
     # Cost beside the certified bounds.
     if bounds is not None:
         result.append(Table(*bounds.table(entries), "Over the certified least, start by start"))
-        if len(bounds.times):
-            pictures.append(
-                Picture.of(
-                    lambda: mission_figures.spent_over_time(entries, bounds),
-                    _BOUNDED[bounds.spending],
-                )
-            )
     # Margins to the constraints.
     if entries[0].flight.margins:
         text = "Least margin of all starts in every control period. Flights that have succeeded do not count."

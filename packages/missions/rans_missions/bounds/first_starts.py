@@ -6,7 +6,6 @@ Bounds are proven lower bounds in N s (kg for landings), and tests compare every
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,13 +15,9 @@ from rans.extend import ConfigError, Contest, Progress, SolverFailed, State, map
 from rans_missions.convex.approach import PortMeeting, least_to_approach
 from rans_missions.convex.holding import least_to_hold
 from rans_missions.convex.inspection import inspection_bound
-from rans_missions.convex.landing import Descent, Lander, Landing, best_landing, landing
+from rans_missions.convex.landing import Descent, Lander, best_landing
 from rans_missions.convex.rendezvous import Meeting, rendezvous, state_of
 
-_TIMES = 8
-"""Times at which the front of a start on an orbit is bounded, from the earliest deadline of the task on."""
-_AROUND = (8.0, 16.0)
-"""Times before and after the landing of least propellant, s, within which the front is bounded in every period."""
 _SHORTEST = 2.0
 """Shortest landing that is tried, s."""
 
@@ -52,7 +47,7 @@ def bounded(contest: Contest) -> bool:
 def mission_bounds(
     contest: Contest, count: int, progress: Progress = unseen, before: MissionBounds | None = None
 ) -> MissionBounds:
-    """Bounds of the first ``count`` starts, and of the front of the first.
+    """Bounds of the first ``count`` starts.
 
     Args:
         contest: one that is `bounded`.
@@ -63,104 +58,39 @@ def mission_bounds(
     Raises:
         ConfigError: see `Meeting.of`, or of a landing `Lander.of`.
     """
-    count = min(count, contest.episodes)
-    if before is None:
-        before = _first_bounds(contest, progress)
-    lower = [*before.lower]
-    for k in range(len(lower), count):
+    lower = [] if before is None else [*before.lower]
+    for k in range(len(lower), min(count, contest.episodes)):
         lower.append(_lower(contest, k))
         progress(1)
+    problem = contest.task.optimal_problem
     deadlines = None
-    if contest.task.optimal_problem == "rendezvous":
+    if problem == "rendezvous":
         deadlines = np.array([_deadline(contest, k) for k in range(len(lower))])
-    return replace(before, lower=np.array(lower), deadlines=deadlines)
+    spending = "propellant" if problem == "landing" else "impulse"
+    return MissionBounds(np.array(lower), spending, deadlines)
 
 
-def _first_bounds(contest: Contest, progress: Progress) -> MissionBounds:
-    """Bounds of the first start and of its front: N s by the deadline, and (K,) N s over K times (s).
-
-    Steps of progress are those that `steps_of` announces.
-    """
-    if contest.task.optimal_problem == "landing":
-        return _landing_bounds(contest, progress)
-    lower = _lower(contest, 0)
-    progress(1)
-    if contest.task.optimal_problem == "approach":
-        return MissionBounds(np.array([lower]), np.zeros(0), np.zeros(0))
-    if contest.task.optimal_problem == "inspection":
-        times = np.linspace(0.0, contest.duration, _TIMES + 1)[1:]
-    else:
-        last = _deadline(contest, 0)
-        task: Any = contest.task
-        times = np.unique(np.linspace(min(task.deadline[0], last), last, _TIMES))
-    front = []
-    for time in times:
-        front.append(_lower(contest, 0, float(time)))
-        progress(1)
-    return MissionBounds(np.array([lower]), times, np.array(front))
-
-
-def _lower(contest: Contest, k: int, by: float | None = None) -> float:
-    """Lower bound of start number k, of a success by a time, s; None: by its deadline or the end of the episode.
+def _lower(contest: Contest, k: int) -> float:
+    """Lower bound of start number k, of a success by its deadline or the end of the episode.
 
     N s, or kg of propellant for a landing; infinite if nothing succeeds.
     """
     problem = contest.task.optimal_problem
+    task: Any = contest.task
     if problem == "landing":
-        best = _best_landing(contest, k)
+        lander = Lander.of(contest.craft, _dead(contest), apart=True)
+        descent = Descent.of(task, craft=contest.craft)
+        period, times = contest.timing.control_period, (_SHORTEST, contest.duration)
+        best = best_landing(lander, descent, _beside(contest, k), period, "bound", times)
         return math.inf if best is None else best.dual
     if problem == "approach":
         return least_to_approach(_at_port(contest, k), state_of(contest.start(k)))[0]
     if problem == "inspection":
         start: Any = map_leaves(lambda x: float(np.squeeze(x)), contest.start(k))
-        within = contest.duration if by is None else by
-        task: Any = contest.task
         return inspection_bound(
-            contest.craft, task, start.start, start.goal, within, contest.timing
+            contest.craft, task, start.start, start.goal, contest.duration, contest.timing
         )
-    return _least(contest, k, _deadline(contest, k) if by is None else by)
-
-
-def steps_of(contest: Contest, count: int) -> int:
-    """Largest number of steps of progress that `mission_bounds` reports."""
-    more = {"landing": 1, "approach": 0}.get(contest.task.optimal_problem, _TIMES)
-    return min(count, contest.episodes) + more
-
-
-def _landing_bounds(contest: Contest, progress: Progress) -> MissionBounds:
-    """Bounds of the first landing; the certified ones are those that the dual solutions prove.
-
-    Only `dual` is a bound: the propellant of a landing may be more than the least.
-    """
-    task: Any = contest.task
-    lander = Lander.of(contest.craft, _dead(contest), apart=True)
-    descent = Descent.of(task, craft=contest.craft)
-    period = contest.timing.control_period
-    first = _best_landing(contest, 0)
-    progress(1)
-    if first is None:
-        progress(1)
-        return MissionBounds(np.array([math.inf]), np.zeros(0), np.zeros(0), "propellant")
-    early, late = (round(seconds / period) for seconds in _AROUND)
-    around = first.time + period * np.arange(-early, late + 1)
-    around = around[(around >= _SHORTEST) & (around <= contest.duration)]
-    landings = [
-        landing(lander, descent, _beside(contest, 0), float(time), period, "bound")
-        for time in around
-    ]
-    progress(1)
-    front = np.array([math.inf if landing is None else landing.dual for landing in landings])
-    return MissionBounds(np.array([first.dual]), around, front, "propellant")
-
-
-def _best_landing(contest: Contest, k: int) -> Landing | None:
-    """The landing that gives the bound of start number k; None: there is none."""
-    task: Any = contest.task
-    lander = Lander.of(contest.craft, _dead(contest), apart=True)
-    descent = Descent.of(task, craft=contest.craft)
-    times = _SHORTEST, contest.duration
-    start = _beside(contest, k)
-    return best_landing(lander, descent, start, contest.timing.control_period, "bound", times)
+    return _least(contest, k, _deadline(contest, k))
 
 
 def _dead(contest: Contest) -> tuple[int, ...]:

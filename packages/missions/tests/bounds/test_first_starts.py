@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rans_missions.bounds.first_starts import bounded, mission_bounds, steps_of
+from rans_missions.bounds.first_starts import bounded, mission_bounds
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.tasks import Dock, FinalApproach, Inspect
 
@@ -17,7 +17,7 @@ from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.metrics import impulses
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions import Conditions
-from rans.show.figures.mission_figures import margins_over_time, spent_over_time
+from rans.show.figures.mission_figures import margins_over_time
 from rans.show.tables.comparison_tables import differences, outcome, scoreboard
 from rans.tasks import GoToPose
 from tests.support.comparisons import points
@@ -35,7 +35,7 @@ def entry() -> Entry:
 
 
 @pytest.mark.slow
-def test_no_flight_is_below_the_bound_and_more_time_needs_no_more_impulse(entry: Entry) -> None:
+def test_no_flight_is_below_the_bound(entry: Entry) -> None:
     reported = 0
 
     def count(units: int) -> None:
@@ -43,12 +43,10 @@ def test_no_flight_is_below_the_bound_and_more_time_needs_no_more_impulse(entry:
         reported += units
 
     found = mission_bounds(CONTEST, 2, count)
-    assert reported == steps_of(CONTEST, 2)
+    assert reported == 2
     ratios = found.ratios(entry)
     assert ratios.shape == (2,)
     assert np.all((ratios > 1.0) & (ratios < 1.3))
-    # Each bound is found on its own, to 0.2 %.
-    assert np.all(np.diff(found.front) < 0.002 * found.front[:-1])
 
 
 class Interrupted:
@@ -92,19 +90,15 @@ def test_other_contests_have_none() -> None:
 
 
 @pytest.mark.slow
-def test_figures_show_margins_and_what_is_impossible(entry: Entry) -> None:
+def test_the_figure_shows_margins(entry: Entry) -> None:
     (margins,) = margins_over_time([entry]).axes
     least = np.array(points(margins)["mission"])[:, 1]
     assert np.nanmin(least) == pytest.approx(
         min(margin.min() for margin in entry.flight.margins.values())
     )
-    bounds = MissionBounds(np.ones(1), np.array([300.0, 600.0]), np.array([np.inf, 1.0]))
-    (front,) = spent_over_time([entry], bounds).axes
-    (marker,) = (line for line in front.get_lines() if line.get_label() == "mission")
-    assert marker.get_ydata() == pytest.approx(impulses(entry.flight)[:1])
 
 
-def test_a_final_approach_has_a_bound_of_each_start_and_no_front() -> None:
+def test_a_final_approach_has_a_bound_of_each_start() -> None:
     """From 15 m it is more than nothing, and less than two burns on the way to the port spend."""
     chaser = load_spacecraft("vbar-chaser")
     task = FinalApproach(spawn_distance=(14.0, 16.0)).for_evaluation()
@@ -112,8 +106,7 @@ def test_a_final_approach_has_a_bound_of_each_start_and_no_front() -> None:
     reported: list[int] = []
     found = mission_bounds(contest, 1, reported.append)
     assert bounded(contest)
-    assert sum(reported) == steps_of(contest, 1) == 1
-    assert not len(found.times)
+    assert sum(reported) == 1
     # 13 m in 325 s are 0.04 m/s of 500 kg, and as much along the second axis at most.
     assert 0.04 * 500.0 < found.lower[0] < 4.0 * 0.04 * 500.0
     # Conditions are not in the bound.
@@ -130,7 +123,7 @@ def test_a_mission_that_ends_is_scored_by_its_success(entry: Entry) -> None:
         Contestant("wild", entry.contestant.controller, "state", "none"),
         replace(flight, margins=broken),
     )
-    bounds = MissionBounds(0.5 * impulses(flight), np.zeros(0), np.zeros(0))
+    bounds = MissionBounds(0.5 * impulses(flight))
     comparison = Comparison(CONTEST, [entry, wild], mission=bounds)
     board = scoreboard(comparison)
     assert flight.lengths is not None
