@@ -90,7 +90,10 @@ class Choice(NamedTuple):
         """
         if self.is_enough:
             return ""
-        cause = f"None of the values tried solves more: {likely_cause(craft, self.period)}."
+        cause = (
+            f"None of the values tried solves more: {likely_cause(craft, self.period)}. An agent that rans train "
+            "go-to-pose makes for this craft alone may."
+        )
         if is_narrow:
             cause = f"The likely cause: {NARROW}."
         elif is_named:
@@ -115,8 +118,10 @@ def chosen(
     Raises:
         ConfigError: the agent cannot fly the craft.
     """
-    if period is None and craft is not None and craft.dimension == 2:
-        period = timing_for(craft, own.timing).control_period  # no other is tried
+    if period is None and craft is not None:
+        usual = timing_for(craft, own.timing).control_period
+        if craft.dimension == 2 or usual <= _COARSE:
+            period = usual  # no other is tried
     file = _folder() / f"{_digest(own, craft, period, value)}.json"
     with contextlib.suppress(ConfigError, OSError, TypeError, ValueError):
         flown, seconds, flights, solved, *others = map(float, read_json(file))
@@ -193,7 +198,7 @@ def _candidates(
     first, *others = VALUES
     yield first, usual
     seconds = usual.timing.control_period
-    if period is None and usual.craft.dimension == 3 and craft is not None and seconds > _COARSE:
+    if period is None and craft is not None:
         # Pulses that are long for their craft are the usual cause.
         shorter = max(x for x in PERIODS_IN_SPACE if x < seconds)
         yield first, _every(shorter, own, craft)
