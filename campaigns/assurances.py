@@ -16,12 +16,12 @@ from typing import Any
 import torch
 from rans_assurance.assure.assurance import made
 from rans_assurance.assure.bounds import plan
-from rans_assurance.assure.evidence import sha256
 from tyro.conf import Positional
 
 from campaigns.table import table
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import judged_separately
+from rans.evaluation.fly.evidence import sha256
 from rans.fast.agent_files.agent import AGENT
 from rans.files import read_json, write_json
 from rans.pretrained import pretrained_names

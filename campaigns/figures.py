@@ -52,7 +52,7 @@ def validations(docs: Path) -> Rows:
 def judges(docs: Path) -> Rows:
     """The table of judges.md: how far ours is from what others computed."""
     rows = []
-    for one in read_json(docs / "validation" / "judges.json"):
+    for one in read_json(docs / "validation" / "judges.json")["cases"]:
         differences = one["differences"]
         rows.append(
             (

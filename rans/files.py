@@ -21,6 +21,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextvars import ContextVar
+from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -494,6 +495,7 @@ def environment() -> dict[str, str]:
     return {
         **{name: package_version(name) for name in _PACKAGES},
         "revision": git_revision(),
+        "date": datetime.now(UTC).isoformat(" ", "minutes"),
         "python": platform.python_version(),
         "system": system,
         "processor": _processor(),

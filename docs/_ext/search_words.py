@@ -48,7 +48,6 @@ WORDS: dict[str, tuple[str, ...]] = {
     "assurance/assurance": (
         "failure probability",
         "monte carlo",
-        "rare events",
         "probability of failure",
         "reliability",
     ),

@@ -15,7 +15,7 @@ from rans.api.names import (
 from rans.api.states import WrittenEndpoints, is_written
 from rans.choices import EngineName, ProtocolName
 from rans.errors import ConfigError, RansWarning, brief, one_of, whole
-from rans.files import inside, made_by, ready_folder
+from rans.files import inside, ready_folder
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.progress import Progress, Stages
@@ -277,9 +277,10 @@ def compare(
     def end() -> None:
         with writing_at_end(lambda: show(result) if show is not None else None):
             if folder is not None and (result.entries or result.failures):
+                from rans.evaluation.fly.evidence import about
                 from rans.show.pages.comparison_page import write
 
-                write(result, folder, made_by("rans.compare"))
+                write(result, folder, about(str(entrants[0]), contest.setup, "rans.compare"))
 
     # Quick opponents first; results so far are written even after an interrupt.
     quick, slow = result.quick_and_slow(opponents)

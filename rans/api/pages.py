@@ -407,7 +407,7 @@ def exported(
         return folder, write_policy(name.text, folder, format, count, margins=margins)
     least = 0.0 if force else _LEAST
     return folder, write_export(
-        source, folder, format, count, margins=margins, least=least, prefix=prefix
+        source, folder, format, count, margins=margins, least=least, prefix=prefix, spec=name.text
     )
 
 

@@ -18,7 +18,6 @@ from rans.errors import is_installed
 from rans.files import (
     command_line,
     distinct,
-    environment,
     inside,
     one_at_a_time,
     read_json,
@@ -148,6 +147,7 @@ class Evaluate(Options):
 
     def _judge_many(self, run: LoadedRun) -> None:
         """Print and write the statistics of flights that are too many to be stored (`_KEPT`), from one kernel."""
+        from rans.evaluation.fly.evidence import about
         from rans.evaluation.measure.aggregate import ROOM
         from rans.evaluation.measure.many import measure_many
         from rans.fast.device import torch_device
@@ -178,7 +178,7 @@ class Evaluate(Options):
                 "many": metrics.to_json(),
                 "failures": listed,
                 "conditions": self._conditions(run),
-                "about": _about(),
+                "about": about(str(self.agent), run.judged, "rans.evaluate"),
             },
         )
         Terminal().say(f"Written to {file}.")
@@ -197,6 +197,7 @@ class Evaluate(Options):
         self, run: LoadedRun, results: dict[str, Any], measured: dict[str, Metrics], flight: Flight
     ) -> Path:
         """Write all files; results of the other engine with the same options are kept."""
+        from rans.evaluation.fly.evidence import about
         from rans.evaluation.measure.aggregate import save_episodes
         from rans.show.pages.report import evaluation_page
 
@@ -212,7 +213,8 @@ class Evaluate(Options):
                         "episodes and seed included."
                     )
                 before = {}
-            write_json(file, before | results | {"conditions": conditions, "about": _about()})
+            made = about(str(self.agent), run.judged, "rans.evaluate")
+            write_json(file, before | results | {"conditions": conditions, "about": made})
         save_episodes(flight, folder / f"episodes{suffix}.npz", self.trajectories)
         page = evaluation_page([*measured.values()], flight, command_line())
         page.write(inside(folder, f"evaluation{suffix}.html"))
@@ -296,7 +298,3 @@ def _lost(before: Any, results: Mapping[str, Any]) -> str:
     episodes = conditions.get("episodes") if isinstance(conditions, dict) else None
     count = f"the {episodes:,} flights" if isinstance(episodes, int) else "the flights"
     return " and ".join(f"{count} of the {engine} engine" for engine in others)
-
-
-def _about() -> dict[str, Any]:
-    return {"command": command_line(), "environment": environment()}

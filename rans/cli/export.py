@@ -10,7 +10,7 @@ from tyro.conf import arg
 from rans.api.pages import WITH_MARGINS, export, exported
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
-from rans.files import read_json
+from rans.files import read_json, write_json
 from rans.terminal import Terminal, doing
 
 
@@ -72,7 +72,11 @@ class Export(Options):
         if self.format == "c":
             from rans.deploy.c.compiler import compiled_check
 
-            Terminal().say(compiled_check(output))
+            # The contract says what the compiler here has found, for dossiers.
+            contract = read_json(output / "contract.json")
+            contract["c"] = contract.get("c", {}) | {"checked": compiled_check(output)}
+            write_json(output / "contract.json", contract)
+            Terminal().say(contract["c"]["checked"])
         if card["episodes"] != self.episodes:
             Terminal().say(f"The card keeps its metrics from {card['episodes']:,} flights.")
         return 0

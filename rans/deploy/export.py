@@ -36,6 +36,7 @@ from rans.errors import ConfigError, one_line, require
 from rans.evaluation.fly.agent import Agent, load_policy
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.fly.evidence import about as made
 from rans.evaluation.fly.protocols import ProtocolName, fitting_protocols
 from rans.evaluation.measure.aggregate import measure
 from rans.fast.agent_files.agent import AGENT, SavedPolicy, actor_bytes, read_policy
@@ -112,6 +113,7 @@ def write_export(
     margins: int = 256,
     least: float = 0.0,
     prefix: str = "",
+    spec: str = "",
 ) -> dict[str, Any]:
     """Write an agent into a folder of its own, to fly it here or elsewhere, and return its card.
 
@@ -128,7 +130,8 @@ def write_export(
     a multi-task agent, with each of its tasks. An agent that was exported before keeps its card. For the
     contract so many flights of every latency, mass and sensor noise are flown as ``margins`` says, around the
     conditions of the training (`rans.deploy.margins.measure_margins`); 0: it does not say what the agent
-    tolerates. A multi-task agent's are not measured. The prefix is that of `rans.deploy.c.files.write_c`.
+    tolerates. A multi-task agent's are not measured. The prefix is that of `rans.deploy.c.files.write_c`, and
+    the spec the text of the contestant, which the contract's evidence is of.
 
     Raises:
         ConfigError: the run holds no agent, the folder is a run or another agent's, a package is missing, or
@@ -199,6 +202,7 @@ def write_export(
     write_text(target.spacecraft_file, text)
     for entries in CONTRACT_ENTRIES.values():
         about |= entries(source.path)
+    about["about"] = made(spec or str(run), setup, "rans.export")
     if stack := stack_of(folder):
         about["c"] = {"stack": stack, "meaning": "bytes of stack that agent.c needs (agent.h)"}
     write_json(folder / "contract.json", about)

@@ -173,7 +173,7 @@ def test_folders_of_other_letters_where_python_is_told_ascii(tmp_path: Path) -> 
         "$RANS validate --quick --layer thrusters --output é", tmp_path, LC_ALL="C", PYTHONUTF8="0"
     )
     assert (done.returncode, done.stderr) == (0, b"")
-    assert (tmp_path / "é" / "validation.html").exists()
+    assert (tmp_path / "é" / "validation.json").exists()
 
 
 def test_a_folder_of_bytes_that_are_no_letters(tmp_path: Path) -> None:

@@ -11,8 +11,8 @@ from tyro.conf import arg
 
 from rans.cli.door import Options, command_of, word
 from rans.cli.next_commands import training
-from rans.errors import ConfigError, require
-from rans.files import ready_folder, write_json
+from rans.errors import ConfigError
+from rans.files import environment, made_by, ready_folder, write_json
 from rans.model.spacecraft_file import load_spacecraft
 from rans.registry import typed
 from rans.terminal import Terminal, verdict
@@ -39,7 +39,7 @@ class Validate(Options):
     """Compare with figures that others computed instead, such as NASA's JEOD (docs/missions/judges.md), and with
     the longer logs in a folder. The spacecraft then does not matter."""
     output: Path | None = None
-    """Folder for validation.json and validation.html; with --judges for judges.json."""
+    """Folder for validation.json, of which rans report makes a page; with --judges for judges.json."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -53,7 +53,6 @@ class Validate(Options):
             return self._judge(self.judges)
         console = Terminal()
         if self.output is not None:
-            require("matplotlib")  # before minutes of checks
             ready_folder(self.output)
         report: Study = self.call()
         every = self.full or self.layer is not None
@@ -69,11 +68,8 @@ class Validate(Options):
         seconds = report.settings["seconds"]
         console.print(f"{total - len(failed)} of {total} checks passed in {seconds} s.")
         if self.output is not None:
-            from validation.study.page import page
-
             report.write(self.output / "validation.json")
-            page(report, self.spacecraft, self.conditions).write(self.output / "validation.html")
-            console.print(f"Written to {self.output / 'validation.json'} and validation.html.")
+            console.print(f"Written to {self.output / 'validation.json'}.")
         nothing = not total and report.skipped
         if nothing:
             console.print("Nothing could be checked here.")
@@ -102,6 +98,8 @@ class Validate(Options):
         agreed = sum(row.passed for row in rows)
         console.print(f"{agreed} of {len(rows)} judges agree within their bounds.")
         if self.output is not None:
-            write_json(self.output / "judges.json", [row.to_json() for row in rows])
+            made = {"command": made_by("rans.validate"), "environment": environment()}
+            cases = [row.to_json() for row in rows]
+            write_json(self.output / "judges.json", made | {"cases": cases})
             console.print(f"Written to {self.output / 'judges.json'}.")
         return 0 if agreed == len(rows) else 1

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from rans.errors import counted
-from rans.files import environment, write_json
+from rans.evaluation.fly.evidence import sha256
+from rans.files import environment, made_by, write_json
 from rans.table import Table
 
 
@@ -65,7 +66,7 @@ class Curve:
     """Measured points behind a figure of the report."""
 
     figure: str
-    """Name of the figure, see `validation.study.page`."""
+    """Name of the figure: what it is of, over what."""
     name: str
     """What was measured, for the legend."""
     x: tuple[float, ...]
@@ -86,6 +87,8 @@ class Study:
     """What could not be checked."""
     curves: tuple[Curve, ...] = ()
     """Behind the figures."""
+    spacecraft: str = ""
+    """File of the spacecraft, as RANS writes it."""
 
     def __repr__(self) -> str:
         passed = sum(check.passed for check in self.checks)
@@ -132,7 +135,9 @@ class Study:
             "title": self.title,
             "passed": self.passed,
             "settings": self.settings,
+            "command": made_by("rans.validate"),
             "environment": environment(),
+            "hashes": {"spacecraft": sha256([self.spacecraft.encode()])},
             "checks": [asdict(check) | {"passed": check.passed} for check in self.checks],
             "skipped": [asdict(skipped) for skipped in self.skipped],
             "curves": [asdict(curve) for curve in self.curves],

@@ -21,6 +21,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
+from rans.tasks.quantities import QUANTITIES
 from validation.study.checks import Check, Curve
 from validation.study.dynamics import tensor
 from validation.study.flights import drake_states
@@ -111,7 +112,7 @@ def order_curves(craft: Spacecraft, seed: int, count: int) -> list[Curve]:
         sizes = tuple(float(np.sqrt(np.mean(error["position"] ** 2))) for error in errors)
         curves.append(
             Curve(
-                "error of one control period",
+                "position error (RMS), m, over step, s",
                 name,
                 tuple(period / steps for steps in _ORDER_STEPS),
                 sizes,
@@ -189,7 +190,8 @@ def _flown(
 def _curves(name: str, errors: dict[int, dict[str, float]]) -> Iterator[Curve]:
     for quantity in ("position", "attitude"):
         yield Curve(
-            f"{quantity} error after 25 s",
+            f"median {quantity} error after 25 s, {QUANTITIES[quantity].unit}, "
+            "over force evaluations per second",
             name,
             tuple(errors),
             tuple(error[quantity] for error in errors.values()),

@@ -208,7 +208,8 @@ def growth(name: str, ours: Any, reference: Any, timing: Timing) -> Iterator[Cur
     times = tuple(np.arange(len(leaves(reference)[0])) * timing.control_period)
     for quantity in ("position", "attitude"):
         values = gaps(ours, reference)[quantity].max(axis=1)
-        yield Curve(f"{quantity} error over time", name, times, tuple(values.tolist()))
+        figure = f"{quantity} error, {QUANTITIES[quantity].unit}, over time, s"
+        yield Curve(figure, name, times, tuple(values.tolist()))
 
 
 def reach(states: Any) -> float:

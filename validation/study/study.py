@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from rans.errors import ConfigError, brief, meant
 from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import to_toml
 from rans.progress import Stages, unseen_stages
 from rans.randomization.conditions import Conditions
 from rans.registry import Registry
@@ -161,6 +162,7 @@ def study(
         settings,
         tuple(x for x in found if isinstance(x, Skipped)),
         tuple(x for x in found if isinstance(x, Curve)),
+        to_toml(craft),
     )
 
 

@@ -20,7 +20,6 @@ from rans.extend import (
     ConfigError,
     Spacecraft,
     SpacecraftLike,
-    doing,
     load_conditions,
     load_spacecraft,
     whole,
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
     from rans_assurance.assure.assurance import Assurance
     from rans_assurance.follow.follow import Following
     from rans_assurance.follow.paths import Path as FollowedPath
-    from rans_assurance.pages.stress_page import StressReport
+    from rans_assurance.stress.report import StressReport
 
 STRESSED = ("lab", "roboran", "orbit", "harsh")
 """Conditions of a robustness sweep where none are named."""
@@ -91,7 +90,7 @@ def stress(
     from rans.evaluation.compare.entrants import contest_of, invitations
     from rans.extend import inside, ready_folder
     from rans.show.progress import watched
-    from rans_assurance.pages.stress_page import StressReport
+    from rans_assurance.stress.report import StressReport
     from rans_assurance.stress.run import prepared
 
     # Names and options, refused before anything flies.
@@ -108,14 +107,12 @@ def stress(
     if output is not None:
         folder = ready_folder(Path(output))
         inside(folder, "stress")  # a symbolic link is rejected before the flights
-    maker = made_by("rans.stress")
     # The report exists before the flights, so that an interrupt has what was flown.
-    report = StressReport(planned, folder, whole("worst", worst, least=0), maker)
+    report = StressReport(planned, folder, whole("worst", worst, least=0))
 
     def end() -> None:
         if output is not None and planned.outcomes:
-            with doing("drawing the page", in_log=False):
-                report.write()
+            report.write()
         if show is not None:
             show(report)
 
@@ -179,7 +176,6 @@ def assure(
     from rans_assurance.assure.assurance import made
     from rans_assurance.assure.bounds import plan
     from rans_assurance.assure.search import check_unit
-    from rans_assurance.pages.assure_page import write_page
 
     # What is wrong is refused before anything flies.
     again = whole("worst", worst, least=0)
@@ -227,8 +223,7 @@ def assure(
             return
         if file is not None:
             write_json(file, assurance.to_json())
-            with doing("drawing the page", in_log=False):
-                write_page(assurance)
+            assurance.write_worst_case()
         if show is not None:
             show(assurance)
 

@@ -10,9 +10,9 @@ import pytest
 from rans_assurance.assure.assurance import Assurance
 from rans_assurance.assure.bounds import plan
 from rans_assurance.assure.campaign import Campaign
-from rans_assurance.pages.assure_page import assurance_page
-from rans_assurance.pages.report_sections import assurance_section, stress_section
-from rans_assurance.pages.stress_page import StressReport
+from rans_assurance.sections.assurance import assurance_section
+from rans_assurance.sections.stress import stress_section
+from rans_assurance.stress.report import StressReport
 
 from rans.api.pages import flyers
 from rans.evaluation.stress.effects import Level
@@ -31,17 +31,17 @@ def test_an_assurance_says_what_was_asked(tmp_path: Path, monkeypatch: pytest.Mo
     run = run._replace(timing=replace(run.timing, control_period=0.2, episode_steps=188))
     campaign = Campaign(plan(0.99, 2000, None), 1, flights=2000)
     assurance = Assurance("any-craft-2d", "mine.toml", campaign, given=run.under(OWN))
-    page = assurance_page(assurance)
-    # Above the first section, and in full in it.
+    # In short on the terminal, and in full in the section that pages have.
+    asked = assurance.section.details[0]
     for text in ("0.83 to 1.21", "0 to 0.047 s", "5 cm", "5 deg", "37.6 s", "3 to 4 m"):
-        assert text in page.verdict
-        assert text in str(page.sections[0].tables)
+        assert text in assurance.scope.sentence
+        assert text in str(asked)
     # The report of its folder has it from the file.
     content = json.loads(json.dumps(plain(assurance.to_json())))
-    section = assurance_section(tmp_path / "assurance.json", content)
-    assert "0.83 to 1.21" in str(section.tables)
+    file = tmp_path / "assurance.json"
+    assert "0.83 to 1.21" in str(assurance_section(file, content).details)
     del content["scope"]  # of version 0.2.0
-    assert len(assurance_section(tmp_path / "assurance.json", content).tables) == 1
+    assert "0.83 to 1.21" not in str(assurance_section(file, content).details)
 
 
 def test_a_stress_test_says_what_was_asked(tmp_path: Path) -> None:
@@ -50,8 +50,7 @@ def test_a_stress_test_says_what_was_asked(tmp_path: Path) -> None:
     stress.effects = []
     stress.outcomes = {("mine.toml", stress.names[0]): StressOutcome.of(two_episodes())}
     report = StressReport(stress, tmp_path, 1)
-    page = report.page()
-    assert all(text in page.verdict for text in ("5 cm", "5 deg", "25 s", "position error 3"))
-    assert "0.83 to 1.21" in str(page.sections[0].tables)
     content = json.loads(json.dumps(plain(report.to_json())))
-    assert "0.83 to 1.21" in str(stress_section(tmp_path / "stress.json", content).tables)
+    (asked,) = stress_section(tmp_path / "stress.json", content).details
+    for text in ("5 cm", "5 deg", "25 s", "position error 3", "0.83 to 1.21"):
+        assert text in str(asked)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
 import shlex
@@ -62,9 +63,7 @@ def test_numbers_a_page_and_commands_that_show_failures_again(
     assert main(command) == 0
     printed = capsys.readouterr().out
     folder = Path("runs/evaluations/pretrained-go-to-pose-2d")
-    read, page = (
-        folder.joinpath(f"assurance-lab.{kind}").read_text("utf-8") for kind in ("json", "html")
-    )
+    read = (folder / "assurance-lab.json").read_text("utf-8")
     found: dict[str, Any] = json.loads(read)
     failed = sum(map(len, found["campaign"]["listed"].values()))
     low, high = binomtest(failed, 60).proportion_ci(0.98, "exact")  # 1 % beyond either end
@@ -72,9 +71,7 @@ def test_numbers_a_page_and_commands_that_show_failures_again(
     assert found["bounds"]["any"]["at least"] == pytest.approx(low, rel=1e-6)
     assert found["bounds"]["any"]["at most"] == pytest.approx(high, rel=1e-6)
     assert f"{failed} of 60 flights failed" in printed
-    assert page.index(f"{failed} of 60 flights failed") < page.index("<h2")
-    assert f"rans {line}" in page
-    assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
+    assert found["command"] == f"rans {line}"
     policy = Path(rans.__file__).parent / "data/pretrained/go-to-pose-2d/agent.safetensors"
     listed = subprocess.run(
         ["sha256sum", policy], capture_output=True, text=True, check=True
@@ -82,10 +79,8 @@ def test_numbers_a_page_and_commands_that_show_failures_again(
     assert found["about"]["hashes"]["weights (agent.safetensors)"] == listed.split()[0]
     assert main(["report", str(folder)]) == 0
     report = (folder / "report.html").read_text("utf-8")
-    tables = re.findall(r"<table>.*?</table>", page, re.DOTALL)
-    failures = next(table for table in tables if 'scope="col">failure<' in table)
-    rows = re.findall(r"<tr>.*?</tr>", failures, re.DOTALL)
-    assert [row in report for row in rows] == [True] * 7  # a heading, any failure, five kinds
+    assert f"{failed} of 60 flights failed" in report
+    assert found["replays"]["judged"][0]["see"] in html.unescape(report)
     shown: list[Any] = []
     monkeypatch.setattr("rans.api.pages.Replay.html", lambda replay: shown.extend(replay.flights))
     monkeypatch.setattr("rans.cli.view._serve", lambda page, *_: page())
@@ -166,5 +161,5 @@ sys.exit(main(["assure", sys.argv[1], "--conditions", "lab", "--episodes", "20",
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert "Drake is not installed here" in done.stdout
-    assert "Matplotlib is not installed" in (tmp_path / "assurance-lab.html").read_text("utf-8")
+    assert "fail again in NumPy" in done.stdout
+    assert "fail again in Drake" not in done.stdout

@@ -31,6 +31,7 @@ from rans.extend import (
 )
 
 if TYPE_CHECKING:
+    from rans.extend import LoadedRun
     from rans_proof.prove import Proof
 
 _CHUNK = 4
@@ -155,11 +156,13 @@ class Prove(Options):
         run = load_policy(folder)
         network = run.network.architecture
         if task != "go-to-pose" or network.activation != "relu" or len(network.layers) != 2:
-            raise ConfigError(
+            reason = (
                 f"{agent} flies {task}, and no proof is known for its network: rans prove proves on/off agents of "
                 "go-to-pose with two layers of ReLU whose first units take one column each, such as that of "
                 "examples/proofs/pulse_agent.py, and networks in ONNX files with a --problem."
             )
+            _not_proved(agent, run, reason)
+            raise ConfigError(reason)
         if self.property is None or self.start is None:
             raise ConfigError(
                 "name the --property to keep (m, degrees) and the starts, --from, of an agent that goes to a pose, "
@@ -193,6 +196,7 @@ class Prove(Options):
         try:
             trap = poses.pose_trap(run, radians, near, poses.PoseErrors(**off))
         except ConfigError as error:
+            _not_proved(agent, run, f"no trapping set is found: {error}")
             terminal.say(f"Open: no trapping set is found: {error}")
             return 1
         output = self.output or self._file(agent)
@@ -201,6 +205,7 @@ class Prove(Options):
         content = read_bytes(output, LARGEST)
         theorem, refusal = _posed(content, files)
         if refusal:
+            _not_proved(agent, run, f"the checker refuses {output.name}: {refusal}")
             terminal.say(f"Open: the checker refuses {output}: {refusal}")
             return 1
         _record(content)
@@ -365,6 +370,16 @@ def _refuted(proof: Proof, content: bytes, network: Path, output: Path, seconds:
     )
     terminal.suggest(shlex.join(["rans", "prove", str(network), "--check", str(output)]))
     return 1
+
+
+def _not_proved(agent: str, run: LoadedRun, reason: str) -> None:
+    """Write why an agent is not proved beside its results, for reports and dossiers."""
+    from rans.evaluation.fly.evidence import about
+    from rans.extend import ContestantName, inside, ready_folder, write_json
+
+    folder = ready_folder(ContestantName.parse(agent).output_folder)
+    made = about(agent, run.judged, "rans.prove")
+    write_json(inside(folder, "no-proof.json"), made | {"reason": reason})
 
 
 def _record(certificate: bytes) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rans.extend import ConfigError, Finding, Section, Table
+from rans.show.pages.page import Fact
 from rans_proof.proved import FILE, proved
 
 
@@ -28,14 +29,20 @@ def proof_section(file: Path, _: Mapping[str, Any]) -> Section:
         ["certificate, SHA-256", proof.sha256],
     ]
     finding = Finding(f"The certificate is of another agent: its {proof.differs} differs.", False)
-    summary = []
+    summary: list[Fact] = []
     if not proof.differs:
         finding = Finding(proof.sentence, True if proof.verdict == "checked" else None)
-        summary = [("proof", proof.heading)]
+        summary = [Fact("proof", proof.sentence, passed=finding.passed)]
     command = shlex.join(["rans", "prove", str(run), "--check", str(run / "proof.json")])
     text = f"Judge the certificate with {command}."
     tables = [Table(("", "value"), rows)]
     return Section("Proof", text, tables, findings=[finding], summary=summary)
+
+
+def no_proof_section(_: Path, result: Mapping[str, Any]) -> Section:
+    """Why there is no proof, as `rans prove` has said."""
+    fact = Fact("no proof", str(result["reason"]))
+    return Section("No proof", tables=[Table(("", "why"), [fact[:2]])], summary=[fact])
 
 
 def proof_entry(run: Path) -> dict[str, Any]:

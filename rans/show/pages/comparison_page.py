@@ -91,15 +91,21 @@ def page(comparison: Comparison, command: str = "") -> Page:
     return Page(title, sections, header(about), hero=hero, tiles=tiles)
 
 
-def write(comparison: Comparison, folder: Path, command: str) -> None:
-    """Write a comparison into a folder: its numbers first, then page and chart, which take seconds."""
+def write(comparison: Comparison, folder: Path, about: dict[str, Any]) -> None:
+    """Write a comparison into a folder: its numbers first, then page and chart, which take seconds.
+
+    Args:
+        comparison: what was flown.
+        folder: folder of the results.
+        about: see `rans.evaluation.fly.evidence.about`.
+    """
     numbers = folder / "compare.json"
     hero, tiles = _headline(comparison) if comparison.entries else ("", [])
     first = {"hero": hero, "tiles": [asdict(tile) for tile in tiles]}
-    write_json(numbers, first | tables.to_json(comparison, TEXT))
+    write_json(numbers, first | tables.to_json(comparison, TEXT) | {"about": about})
     comparison.files = [numbers]
     with doing("drawing the page; Ctrl-C leaves it out", in_log=False):
-        page(comparison, command).write(folder / "compare.html")
+        page(comparison, about["command"]).write(folder / "compare.html")
         comparison.files.insert(0, folder / "compare.html")
         if is_installed("matplotlib") and (chart := time_and_impulse(comparison)):
             comparison.files += chart_figure.save_chart(chart, folder / "compare")

@@ -16,7 +16,7 @@ from rans.show import markup
 from rans.show.figures.figures import episode_figure
 from rans.show.figures.layout_figure import draw_layout
 from rans.show.figures.svg import data_uri, svg
-from rans.show.pages.page import filled
+from rans.show.pages.page import Section, filled
 from rans.show.tables.listing import (
     conditions_listing,
     spacecraft_listing,
@@ -91,6 +91,12 @@ def _comparison(comparison: Comparison) -> str:
 def _(flight: Flight) -> str:
     picture = data_uri(svg(episode_figure(flight)))
     return f'<p>{_said(repr(flight))}</p><img style="max-width:100%" src="{picture}" alt="The first episode">'
+
+
+@html_of.register
+def _(section: Section) -> str:
+    findings = "".join(f"<p>{_said(finding.text)}</p>" for finding in section.findings)
+    return "".join(map(_table, section.tables)) + findings
 
 
 def listed(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

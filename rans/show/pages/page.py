@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -20,6 +20,7 @@ from rans.table import Table, cell_text
 if TYPE_CHECKING:
     from rans.show.figures.plotting import Figure
     from rans.show.pages.race import Race
+    from rans.terminal import Terminal
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,23 @@ class Tile:
     """In small letters below: its interval, or what it is compared with."""
 
 
+Part = Literal["domain", "requirement", "evidence", "limits"]
+"""Question of a dossier that a fact answers: for what an agent was made, what it must do, what shows that it does,
+and where it ends."""
+
+
+class Fact(NamedTuple):
+    """What was found, in a line: of a terminal, and of a dossier."""
+
+    what: str
+    value: str
+    part: Part = "evidence"
+    passed: bool | None = None
+    """Whether a bound is kept; None: there is none."""
+    measured: bool = False
+    """Whether it is a time of this computer, which is another one in every run."""
+
+
 @dataclass(frozen=True)
 class Section:
     """A heading with a paragraph, tables and pictures."""
@@ -79,8 +97,10 @@ class Section:
     pictures: Sequence[Picture] = ()
     findings: Sequence[Finding] = ()
     """Go to the top of the page."""
-    summary: Sequence[tuple[str, str]] = ()
-    """What and how much, for the terminal."""
+    summary: Sequence[Fact] = ()
+    """What and how much, for terminals and dossiers."""
+    details: Sequence[Table] = ()
+    """Tables that a page folds, and a terminal leaves out."""
     link: str = ""
     """File beside the page that says more."""
     folded: bool = False
@@ -104,8 +124,18 @@ class Section:
     @property
     def is_shown(self) -> bool:
         """Whether it has more than pictures that are left out."""
-        more = self.text, self.tables, self.link, self.race
+        more = self.text, self.tables, self.details, self.link, self.race
         return not self.undrawn or any(more) or self.undrawn < len(self.pictures)
+
+
+def say(section: Section, console: Terminal) -> None:
+    """Print a section: its tables but the details, and its findings, failures marked."""
+    for table in section.tables:
+        if table.rows:
+            console.show(table.title, table.columns, table.rows)
+    for finding in section.findings:
+        mark = {True: "Pass: ", False: "FAIL: ", None: ""}[finding.passed]
+        console.say(f"{mark}{finding.text}")
 
 
 @dataclass(frozen=True)
@@ -167,9 +197,9 @@ class Page:
     def summary(self) -> Table:
         """The few most telling lines of every section, for the terminal."""
         rows = [
-            ("" if number else section.title, what, value)
+            ("" if number else section.title, fact.what, fact.value)
             for section in self.sections
-            for number, (what, value) in enumerate(section.summary)
+            for number, fact in enumerate(section.summary)
         ]
         return Table(("part", "what", "value"), rows, self.title)
 

@@ -30,8 +30,10 @@ from rans.flight import Flight
 from rans.model.spacecraft_file import read_spacecraft
 from rans.registry import Registry
 from rans.show.curve import learning_charts
-from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header, named, show
+from rans.show.pages.chart import Chart, Mark, Series
+from rans.show.pages.page import Fact, Finding, Page, Picture, Section, Tile, header, named, show
 from rans.show.pages.race import median_and_slowest
+from rans.show.palette import series_style
 from rans.table import Table
 
 SOLVED_SHARE = 100.0 * WANTED
@@ -71,26 +73,11 @@ def report_from_run(run: Path) -> Page:
     a picture does more than to draw.
     """
     evaluations = sorted(run.glob("evaluation*.json"), key=lambda file: file.stem)
-    # A file may have several sections: a package adds to what the core says of it.
-    builders: list[tuple[str, Callable[[Any], Section | None]]] = [
-        ("compare.json", comparison_section),
-        *((file.name, partial(_evaluation, file)) for file in evaluations),
-        *(
-            (file.name, partial(build, file))
-            for pattern, build in SECTIONS.each()
-            for file in sorted(run.glob(pattern), key=lambda file: file.stem)
-        ),
-        ("sweep.json", partial(_sweep, inside(run, "sweep.svg"))),
-        ("validation.json", validation_section),
-    ]
-    if not (run / "sweep.json").is_file():  # its rows are of all members, one after the other
-        training = partial(training_section, name=run.resolve().name, method=_method(run))
-        builders.insert(-1, ("metrics.jsonl", training))
-    sections = [s for name, build in builders if (s := _read(run / name, build))]
+    sections = [section for _, section in sections_of(run)]
     if not sections:
         missing = f", there is no such folder{meant_file(run)}"
         if run.exists():
-            missing = folders_with(run, [*(name for name, _ in builders), *SECTIONS])
+            missing = folders_with(run, ["compare.json", "evaluation*.json", *SECTIONS])
             if file := next(iter(sorted(run.glob("*.csv"))), None):
                 missing += (
                     f" (flights of a file are compared first: rans compare mission:dock-3d {file})"
@@ -112,6 +99,27 @@ def report_from_run(run: Path) -> Page:
     return Page(f"RANS: {run.resolve().name}", sections, header, hero=hero, tiles=tiles, sheet=True)
 
 
+def sections_of(run: Path) -> list[tuple[Path, Section]]:
+    """The sections of the files of results in a folder, each with its file; see `report_from_run`."""
+    evaluations = sorted(run.glob("evaluation*.json"), key=lambda file: file.stem)
+    # A file may have several sections: a package adds to what the core says of it.
+    builders: list[tuple[str, Callable[[Any], Section | None]]] = [
+        ("compare.json", comparison_section),
+        *((file.name, partial(_evaluation, file)) for file in evaluations),
+        *(
+            (file.name, partial(build, file))
+            for pattern, build in SECTIONS.each()
+            for file in sorted(run.glob(pattern), key=lambda file: file.stem)
+        ),
+        ("sweep.json", partial(_sweep, inside(run, "sweep.svg"))),
+        ("validation.json", validation_section),
+    ]
+    if not (run / "sweep.json").is_file():  # its rows are of all members, one after the other
+        training = partial(training_section, name=run.resolve().name, method=_method(run))
+        builders.insert(-1, ("metrics.jsonl", training))
+    return [(run / name, s) for name, build in builders if (s := _read(run / name, build))]
+
+
 def _first_screen(
     run: Path, evaluations: Sequence[Path], sections: Sequence[Section]
 ) -> tuple[str, list[Tile]]:
@@ -124,10 +132,10 @@ def _first_screen(
         # Whatever else there is: what has failed, else the first finding, else the first section in its own words.
         findings = [finding for section in sections for finding in section.findings]
         findings.sort(key=lambda finding: finding.passed is not False)
-        said = "; ".join(map(" ".join, sections[0].summary))
+        said = "; ".join(f"{fact.what} {fact.value}" for fact in sections[0].summary)
         title = f"{sections[0].title}: {said}." if said else f"{sections[0].title}."
         hero = findings[0].text if findings else title
-        tiles = [Tile(what, value) for what, value in sections[0].summary]
+        tiles = [Tile(fact.what, fact.value) for fact in sections[0].summary]
     # What a decision still lacks has its command.
     missing = []
     agent = _contestant(run, evaluations)
@@ -235,10 +243,12 @@ def validation_section(study: Mapping[str, Any]) -> Section:
     failed = [check for check in checks if not check["passed"]]
     within = f"{len(checks) - len(failed)} of {len(checks)}"
     # A row for every check, and for those that did not run.
-    columns = ("check", "value", "tolerance", "unit", "verdict", "why this tolerance")
-    keys = ("name", "value", "tolerance", "unit", "passed", "reason")
-    rows = [[check[key] for key in keys] for check in checks]
-    rows += [[check["name"], None, None, None, "not run", check["reason"]] for check in skipped]
+    columns = ("check", "value", "tolerance", "unit", "verdict", "found at", "why this tolerance")
+    keys = ("name", "value", "tolerance", "unit", "passed", "worst", "reason")
+    rows = [[check.get(key) for key in keys] for check in checks]
+    rows += [
+        [check["name"], None, None, None, "not run", None, check["reason"]] for check in skipped
+    ]
     # Failures first, then the count, then what did not run.
     sentences = (
         f"{c['name']}: {show(c['value'])} {c['unit']}, tolerance {show(c['tolerance'])}."
@@ -254,10 +264,23 @@ def validation_section(study: Mapping[str, Any]) -> Section:
         "Validation",
         f"{title}. Every value must stay within its tolerance.",
         [Table(columns, rows)],
+        [Picture.of(chart) for chart in _curves(study.get("curves", ()))],
         findings=findings,
-        summary=[("checks within tolerance", within)],
+        summary=[Fact("checks within tolerance", within, passed=bool(checks) and not failed)],
         folded=True,
     )
+
+
+def _curves(curves: Sequence[Mapping[str, Any]]) -> Iterator[Chart]:
+    """Charts of the errors that a study has measured, by their figures."""
+    for title in dict.fromkeys(str(curve["figure"]) for curve in curves):
+        series = [
+            Series(curve["name"], [*map(Mark, curve["x"], curve["y"])], *series_style(k), "solid")
+            for k, curve in enumerate(curves)
+            if curve["figure"] == title
+        ]
+        quantity, _, over = title.partition(", over ")
+        yield Chart(over or "size", quantity, series, f"{title}.", logarithmic=True)
 
 
 def _method(run: Path) -> str:
@@ -284,7 +307,7 @@ def training_section(
         "Training",
         f"By {method}." if method else "",
         [Table(("at the end", "value"), summary)],
-        summary=summary,
+        summary=[Fact(*line, part="domain") for line in summary],
         pictures=[Picture.of(chart) for chart in learning_charts(rows)],
         hero=hero,
         tiles=[Tile(what, value) for what, value in summary],
@@ -312,7 +335,7 @@ def _sweep(picture: Path, sweep: Mapping[str, Any]) -> Section:
         [table],
         pictures,
         findings=[Finding(f"{solved} solved the task; the best is member {best}.")],
-        summary=[("members that solved the task", solved), ("best member", best)],
+        summary=[Fact("members that solved the task", solved), Fact("best member", best)],
     )
 
 
@@ -324,7 +347,7 @@ def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] 
         "Intervals are 95 %: Wilson's of shares, and percentile bootstraps over episodes of the rest."
     )
     findings = [_solved(m) for m in measured]
-    summary = [line for m in measured for line in _key_metrics(m)]
+    summary = [fact for m in measured for fact in _key_metrics(m)]
     hero, first = headline(measured[0]) if measured else ("", [])
     return Section(
         "Evaluation",
@@ -365,22 +388,34 @@ def _solved(measured: Metrics) -> Finding:
     return Finding(text, solved.value >= SOLVED_SHARE)
 
 
-def _key_metrics(measured: Metrics) -> Iterator[tuple[str, str]]:
-    yield "episodes", f"{measured.episodes:,} ({measured.engine} engine)"
-    yield from (
-        (name, f"{value} ({limits})")
-        for _, (name, value, limits, _) in measured.lines()
-        if name in _KEY_METRICS
-    )
+def _key_metrics(measured: Metrics) -> Iterator[Fact]:
+    engine = f"{measured.engine} engine"
+    yield Fact(f"episodes, {engine}", f"{measured.episodes:,}")
+    for _, (name, value, limits, _) in measured.lines():
+        if name in _KEY_METRICS:
+            passed = _solved(measured).passed if name == "solved" else None
+            yield Fact(f"{name}, {engine}", f"{value} ({limits})", passed=passed)
+
+
+def _agreement(both: Mapping[str, Any]) -> Iterator[Fact]:
+    """How far both engines differ over the same starts, each against what its error bar allows."""
+    for pair in both.get("pairs", ()):
+        allowed = pair["bound"]
+        text = f"{pair['difference']:+.2g} {pair['unit']}"
+        if allowed is not None:
+            text += f" ({allowed[0]:+.2g} to {allowed[1]:+.2g} allowed)"
+        yield Fact(f"Drake less fast, {pair['name']}", text, passed=pair["passed"])
+    if "same_commands" in both:
+        yield Fact("control periods in which both open the same", f"{both['same_commands']:.2%}")
 
 
 def comparison_section(comparison: Mapping[str, Any]) -> Section:
     """Contestants (see `rans.show.tables.comparison_tables.outcome`), a line each; compare.html has the rest."""
-    summary = [(str(row["contestant"]), _outcome(row)) for row in comparison.get("summary", [])]
-    texts = [*comparison.get("notes", ()), *(f"{name} {outcome}." for name, outcome in summary)]
+    rows = [(str(row["contestant"]), _outcome(row)) for row in comparison.get("summary", [])]
+    texts = [*comparison.get("notes", ()), *(f"{name} {outcome}." for name, outcome in rows)]
     findings = [*(Finding(text, False) for text in comparison["failures"]), *map(Finding, texts)]
     # Files of former versions have no sentence.
-    said = "; ".join(f"{name} {outcome}" for name, outcome in summary[:3])
+    said = "; ".join(f"{name} {outcome}" for name, outcome in rows[:3])
     tiles = [
         Tile(*(str(t[key]) for key in ("label", "value", "note")))
         for t in comparison.get("tiles", ())
@@ -388,13 +423,24 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
     return Section(
         "Comparison",
         f"{comparison['title']}.",
-        [Table(("contestant", "outcome"), summary)],
+        [Table(("contestant", "outcome"), rows)],
         findings=findings,
-        summary=summary,
+        summary=[*(Fact(*row, part="limits") for row in rows), *_gaps(comparison)],
         link="compare.html",
         hero=str(comparison.get("hero") or f"{said}."),
         tiles=tiles,
     )
+
+
+def _gaps(comparison: Mapping[str, Any]) -> Iterator[Fact]:
+    """How many times the certified least the first contestant takes, by question."""
+    certified = comparison.get("certified", {})
+    for question, ratios in certified.get("gaps", {}).items():
+        for name, each in [*ratios.items()][:1]:
+            if finite := [ratio for ratio in each if math.isfinite(number(ratio))]:
+                text = f"{sum(finite) / len(finite):.3f} times the certified least"
+                text += f", mean of {counted(len(finite), 'start')}"
+                yield Fact(f"gap of {name}: {question}", text, "limits")
 
 
 def _title(file: Path) -> str:
@@ -426,8 +472,10 @@ def _evaluation(file: Path, evaluation: Any) -> Section:
         if picture.is_file():
             pictures.append(_kept_picture(picture, caption))
     section = evaluation_section([*_find_metrics(evaluation)], pictures)
+    agreement = [*_agreement(evaluation.get("both", {}))] if isinstance(evaluation, dict) else []
     page = inside(file.parent, f"{file.stem}.html")
-    return replace(section, title=_title(file), link=page.name if page.is_file() else "")
+    link = page.name if page.is_file() else ""
+    return replace(section, title=_title(file), link=link, summary=[*section.summary, *agreement])
 
 
 def _kept_picture(file: Path, caption: str) -> Picture:

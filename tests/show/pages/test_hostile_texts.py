@@ -15,8 +15,7 @@ import pytest
 from rans_assurance.assure.assurance import Assurance
 from rans_assurance.assure.bounds import plan
 from rans_assurance.assure.campaign import Campaign
-from rans_assurance.pages.assure_page import assurance_page
-from rans_assurance.pages.stress_page import StressReport
+from rans_assurance.stress.report import StressReport
 
 import rans
 from rans.api.pages import flyers
@@ -249,8 +248,8 @@ def pages(folder: Path) -> dict[str, Callable[[], str]]:
         "replay": replay_page([flight()], HOSTILE).html,
         "evaluation": evaluation_page([measure(flight())], flight(), HOSTILE).html,
         "comparison": comparison_page(comparison, HOSTILE).html,
-        "assurance": assurance_page(assurance, "worst.html").html,
-        "stress": StressReport(stress, folder, 1, HOSTILE).page().html,
+        "assurance": Page(HOSTILE, [assurance.section]).html,
+        "stress": Page(HOSTILE, [StressReport(stress, folder, 1, HOSTILE).section]).html,
         "report": report_from_run(folder).html,
         "page": Page(
             HOSTILE, [section], {HOSTILE: HOSTILE}, HOSTILE, HOSTILE, [Tile(*[HOSTILE] * 3)]

@@ -15,7 +15,7 @@ from typing import Any
 
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import judged_separately, view_command
-from rans.evaluation.fly.policy_text import is_user_policy
+from rans.evaluation.fly.evidence import hashes
 from rans.extend import (
     Conditions,
     ConfigError,
@@ -24,6 +24,7 @@ from rans.extend import (
     LoadedRun,
     Network,
     Progress,
+    Section,
     conditions_text,
     contestant,
     inside,
@@ -38,10 +39,10 @@ from rans.randomization.conditions_file import conditions_label
 from rans.verdict import kinds_of_failure
 from rans_assurance.assure.bounds import CampaignPlan, ProbabilityBound
 from rans_assurance.assure.campaign import Campaign
-from rans_assurance.assure.evidence import hashes
 from rans_assurance.assure.replay import Replays, replays
 from rans_assurance.assure.search import Searched, on_device, searched
 from rans_assurance.scope import Scope, scope
+from rans_assurance.sections.assurance import assurance_section
 
 _STARTS = 1000
 """Number of starts whose ranges are stated: their ends are within a thousandth or so of those of all starts."""
@@ -98,15 +99,8 @@ class Assurance:
 
     @cached_property
     def hashes(self) -> dict[str, str]:
-        """See `rans_assurance.assure.evidence.hashes`."""
-        network = self._network
-        return hashes(self.spec if network is not None else "", self.run.judged, self._file)
-
-    @property
-    def _file(self) -> Path | None:
-        """File of a policy of another library; None: there is none."""
-        named = is_user_policy(self.spec)
-        return ContestantName.parse(self.spec).policy_file if named else None
+        """See `rans.evaluation.fly.evidence.hashes`."""
+        return hashes(self.spec, self.run.judged)
 
     def __repr__(self) -> str:
         bound = self.campaign.bound()
@@ -220,6 +214,24 @@ class Assurance:
         if self.file is None or not (self.searched and self.searched.breaking):
             return None
         return self.file.with_name(f"{self.file.stem}-worst-case.html")
+
+    def write_worst_case(self) -> None:
+        """Write the page that replays the smallest disturbance that breaks the agent, where one was found."""
+        page = self.worst_case_page
+        if page is not None and self.searched and self.searched.breaking:
+            from rans.show.pages.replay import replay_page
+
+            replay_page([self.searched.breaking.flight], "Worst case").write(page)
+
+    @property
+    def section(self) -> Section:
+        """What it says, as its file says it."""
+        return assurance_section(self.file or Path("assurance.json"), self.to_json())
+
+    def _repr_html_(self) -> str:
+        from rans.show.pages.notebook import html_of
+
+        return html_of(self.section)
 
     def go_on(self, file: Path) -> None:
         """Continue an earlier, equal campaign from its file, if there is one."""

@@ -122,6 +122,7 @@ class Searched:
             "up to": self.largest,
             "flights": self.flights,
             "failed": self.failed,
+            "text": self.summary,
             "smallest": result
             and {
                 "size": result.size,

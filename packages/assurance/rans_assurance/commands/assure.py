@@ -7,12 +7,11 @@ import shlex
 from typing import TYPE_CHECKING
 
 from rans.extend import Options, Terminal, check_count, command_of, word
+from rans.show.pages.page import say
 from rans_assurance.functions import ASSURED, assure
 
 if TYPE_CHECKING:
     from rans_assurance.assure.assurance import Assurance
-
-_MARKS = {True: "Pass: ", False: "FAIL: ", None: "Note: "}
 
 
 @command_of(
@@ -23,8 +22,8 @@ _MARKS = {True: "Pass: ", False: "FAIL: ", None: "Note: "}
 class Assure(Options):
     """Bound the failure probability of an agent by Monte Carlo simulation, and fly the failures again.
 
-    Writes assurance.json and assurance.html, a report with lines for signatures. Failed flights are repeated
-    in NumPy and in Drake; `rans view` shows them. With --failure-below the exit code is 1 unless the bound
+    Writes assurance.json, of which `rans dossier` makes a page. Failed flights are repeated in NumPy and in
+    Drake; `rans view` shows them. With --failure-below the exit code is 1 unless the bound
     was shown. Ctrl-C keeps what was flown, and the same command continues. --gpus all divides the flights
     among GPUs. --episodes 0 flies nothing, and prints how many flights the campaign takes.
     """
@@ -39,7 +38,7 @@ class Assure(Options):
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        return (shlex.join(["rans", "stress", self.agent]),)
+        return (shlex.join(["rans", "dossier", self.agent]),)
 
     def run(self) -> int:
         """Fly, repeat failed flights, write and print the results; 1 if an asked bound was not shown."""
@@ -68,39 +67,17 @@ class Assure(Options):
 
 
 def _show(assurance: Assurance) -> None:
-    """Print the counts, bounds and findings of an assurance; the same rows as on its page (`findings`)."""
-    from rans_assurance.pages.assure_counts import counts, decision_sentence
-    from rans_assurance.pages.assure_page import findings
-
-    result = assurance.to_json()
+    """Print what an assurance says, what it was asked, and the command that shows its worst failure."""
     console = Terminal(room=100)
-    campaign = assurance.campaign
-    table = counts(result)
-    words = [
-        "any failure",
-        *(name.lower().replace("_", " ") for name in result["bounds"] if name != "any"),
-    ]
-    console.show(
-        f"{assurance.spec}: {campaign.flights:,} flights of seed {campaign.seed}",
-        table.columns,
-        table.rows,
-        [(word, *row[1:]) for word, row in zip(words, table.rows, strict=True)],
-        "A wider terminal says what each of them means, as the page does.",
-    )
-    console.say(decision_sentence(result))
-    console.say(assurance.scope.sentence.replace(", see below", ", see the page"))
-    for finding in findings(assurance):
-        console.say(f"{_MARKS[finding.passed]}{finding.text}.")
-    if assurance.searched:
-        console.say(f"In a search {assurance.searched.summary}.")
+    say(assurance.section, console)
+    console.say(assurance.scope.sentence.replace(", see below", f", see {assurance.file}"))
     if assurance.replays and assurance.replays.found:
         worst_replay = max(assurance.replays.found, key=lambda replayed: replayed.excess)
         console.say(f"The worst failure, at {worst_replay.excess:.3g} tolerances:")
         console.command(assurance.view(worst_replay.number))
     assert assurance.file is not None
-    pages = (assurance.file.with_suffix(".html"), assurance.worst_case_page)
-    names = ", ".join(page.name for page in pages if page is not None)
-    console.say(f"Written to {assurance.file}, {names}.")
+    page = assurance.worst_case_page
+    console.say(f"Written to {assurance.file}{'' if page is None else f', {page.name}'}.")
 
 
 def _print_plan(failure_below: float | None) -> None:

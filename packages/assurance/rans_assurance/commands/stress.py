@@ -14,13 +14,11 @@ from rans.extend import (
     command_of,
     word,
 )
+from rans.show.pages.page import say
 from rans_assurance.functions import stress
 
 if TYPE_CHECKING:
-    from rans_assurance.pages.stress_page import StressReport
-
-_SHOWN = 5
-"""Number of commands that the terminal lists."""
+    from rans_assurance.stress.report import StressReport
 
 
 @command_of(
@@ -31,9 +29,9 @@ _SHOWN = 5
 class Stress(Options):
     """Fly under one disturbance at a time, at increasing magnitude, to measure robustness.
 
-    The sweep also flies under whole sets of conditions. Writes stress.html, stress.json and a folder stress
-    of conditions, with which `rans view` shows the worst episodes. If a contestant fails, the others are
-    still flown, and the exit code is 1.
+    The sweep also flies under whole sets of conditions. Writes stress.json, of which `rans dossier` makes a page,
+    and a folder stress of conditions, with which `rans view` shows the worst episodes. If a contestant fails, the
+    others are still flown, and the exit code is 1.
     """
 
     group = "Judge"
@@ -61,30 +59,14 @@ class Stress(Options):
 
 
 def _show(report: StressReport) -> None:
-    """Print tables, worst flights and files of a stress report, at most `_SHOWN` of the worst."""
+    """Print what a sweep says, and its files."""
     console = Terminal()
     stress = report.stress
-    if stress.outcomes:
-        console.show(
-            report.title(),
-            ("solved, %", *stress.names),
-            [[cell or "-" for cell in row] for row in report.named_rows()],
-        )
-        if stress.effects:
-            console.show(
-                report.limit_title(),
-                report.effect_columns(),
-                report.effect_rows(),
-            )
-        for conditions, contestant, episode, errors, command in [*report.worst_rows()][:_SHOWN]:
-            console.say(f"{contestant}, {conditions}, episode {episode} ({errors}):")
-            console.command(command)
-    for sentence in (*report.notes(), *stress.failures):
+    say(report.section, console)
+    for sentence in report.notes():
         console.say(sentence)
     if stress.outcomes:
-        console.say(
-            f"Written to {report.folder / 'stress.html'}, stress.json and the folder stress."
-        )
+        console.say(f"Written to {report.folder / 'stress.json'} and the folder stress.")
         if not report.is_partial:
             trust = ["--trust"] if are_files_trusted() else []
             console.suggest(shlex.join(["rans", "assure", next(iter(stress.contestants)), *trust]))

@@ -1,0 +1,419 @@
+"""The dossier of an agent: what is known of it, row by row, each with its evidence and the command that repeats it.
+
+Its questions are those of ESA's handbook on qualifying machine learning (ECSS-E-HB-40-02A): operational domain,
+requirement, evidence, limits. Rows come from the files of results in the agent's folder, and a question without a
+file of this very agent is an empty row.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from rans.evaluation.fly.evidence import agent_hashes
+from rans.extend import (
+    ConfigError,
+    ContestantName,
+    Finding,
+    RunFolder,
+    Section,
+    Table,
+    contestant,
+    counted,
+    environment,
+    inside,
+    read_bytes,
+    read_json,
+    write_json,
+)
+from rans.show.pages.page import Fact, Page, Part, header
+from rans.show.pages.report import sections_of
+
+_LARGEST = 2**28
+"""Bytes of a file of results that is read."""
+_TITLES: dict[Part, str] = {
+    "domain": "Operational domain",
+    "requirement": "Requirement",
+    "evidence": "Evidence",
+    "limits": "Limits",
+}
+_ALIKE = 0.05
+"""How far a number may be from that of another computer, relative: processors round differently, and a flight or
+two of some hundreds end otherwise."""
+_MACHINE = ("processor", "torch", "numpy", "drake", "revision")
+"""What decides, beside agent and command, whether a result comes out equal bit by bit."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file of results that answers some questions."""
+
+    files: str
+    """Pattern of its name, below the agent's folder."""
+    command: str
+    """Command that writes it, with {agent}, {craft} and {folder}."""
+    of: Literal["agent", "spacecraft", "simulation"]
+    """What its file must be of, by SHA-256."""
+    questions: tuple[tuple[Part, str], ...]
+    """Rows that stand empty without it."""
+
+
+SOURCES = (
+    Source(
+        "export/contract.json",
+        "rans export {agent} --format c --episodes 256 --output {folder}/export",
+        "agent",
+        (
+            ("domain", "contract: spacecraft, observation, commands, conditions"),
+            ("evidence", "export equal to the network, time and stack"),
+            ("limits", "margins of latency, mass and noise"),
+        ),
+    ),
+    Source(
+        "assurance*.json",
+        "rans assure {agent} --episodes 10000",
+        "agent",
+        (
+            ("requirement", "requirement, and bound on the failure probability"),
+            ("limits", "worst flights with their replay"),
+        ),
+    ),
+    Source(
+        "evaluation.json",
+        "rans evaluate {agent} --engine both --episodes 64",
+        "agent",
+        (("evidence", "flights in both engines, and their agreement"),),
+    ),
+    Source(
+        "*proof.json",
+        "rans prove {agent} --property position=0.05,heading=5 --from position=0.015,heading=1.5",
+        "agent",
+        (("evidence", "proof, or why there is none"),),
+    ),
+    Source(
+        "validation.json",
+        "rans validate {craft} --quick --output {folder}",
+        "spacecraft",
+        (("evidence", "dynamics of the spacecraft against Drake"),),
+    ),
+    Source(
+        "judges.json",
+        "rans validate --judges --output {folder}",
+        "simulation",
+        (("evidence", "the simulation against other software"),),
+    ),
+    Source(
+        "stress.json",
+        "rans stress {agent} --episodes 32",
+        "agent",
+        (("limits", "disturbances and faults that are tolerated"),),
+    ),
+    Source(
+        "compare.json",
+        "rans compare {agent} --with lqr --conditions perfect --episodes 16 --certified 2",
+        "agent",
+        (("limits", "gap to what is certified as possible"),),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A question and its answer."""
+
+    part: Part
+    what: str
+    value: str
+    """Empty: there is no evidence, and `command` would make it."""
+    passed: bool | None
+    command: str
+    file: str = ""
+    """File of the evidence, below the agent's folder."""
+    date: str = ""
+    agent: str = ""
+    """SHA-256 of the agent's weights that the evidence is of."""
+    data: str = ""
+    """SHA-256 of the file."""
+    machine: str = ""
+    """Processor and versions that made it."""
+    measured: bool = False
+    """See `Fact`."""
+
+
+class Dossier:
+    """The rows of an agent, collected from its folder.
+
+    Args:
+        name: the agent.
+
+    Raises:
+        ConfigError: there is no such agent, or a file of its folder is damaged.
+    """
+
+    def __init__(self, name: str) -> None:
+        parsed = ContestantName.parse(name)
+        run = contestant(parsed)
+        self.name = parsed.in_full or parsed.text
+        self.folder = parsed.output_folder
+        self.hashes = agent_hashes(self.name, run.judged)
+        self._weights = next(
+            (value for key, value in self.hashes.items() if not key.startswith("spacecraft")), ""
+        )
+        craft = parsed.craft or run.craft.name
+        if parsed.kind == "run folder" and not parsed.craft:
+            craft = str(RunFolder(parsed.own_folder).spacecraft_file)
+        self._craft = craft
+        self.sections: list[Section] = []
+        """Sections of the files that are evidence."""
+        self.rows = [row for source in SOURCES for row in self._rows(source)]
+
+    @property
+    def file(self) -> Path:
+        """File of the rows, beside which the page is."""
+        return inside(self.folder, "dossier.json")
+
+    def _rows(self, source: Source) -> Iterator[Row]:
+        """Rows of a source: the facts of its files, or its questions."""
+        command = source.command.format(
+            agent=shlex.quote(self.name),
+            craft=shlex.quote(self._craft),
+            folder=shlex.quote(str(self.folder)),
+        )
+        others = []
+        is_answered = False
+        for file in sorted(self.folder.glob(source.files)):
+            if other := self._other(source, file):
+                others.append(other)
+                continue
+            for found, section in sections_of(file.parent):
+                if found == file:
+                    self.sections.append(section)
+                    for fact in section.summary:
+                        is_answered = True
+                        yield self._row(fact, file)
+        if not is_answered:
+            for part, what in source.questions:
+                yield Row(part, "; ".join([what, *others]), "", None, command)
+
+    def _other(self, source: Source, file: Path) -> str:
+        """Why a file is no evidence of this agent; "": it is."""
+        about = _about(file)
+        recorded = about.get("hashes", {})
+        if isinstance(
+            files := about.get("agent"), dict
+        ):  # a certificate, which has no canonical spacecraft
+            by_file = {key: files[key[key.find("(") + 1 : -1]] for key in self.hashes if "(" in key}
+            recorded = by_file | {"spacecraft": self.hashes["spacecraft"]}
+        wanted = self.hashes if source.of == "agent" else {}
+        if source.of == "spacecraft":
+            wanted = {"spacecraft": self.hashes["spacecraft"]}
+        for key, value in wanted.items():
+            if recorded.get(key) != value:
+                what = "is of another" if key in recorded else "says nothing of its"
+                return f"{file.name} {what} {key}"
+        return ""
+
+    def _row(self, fact: Fact, file: Path) -> Row:
+        about = _about(file)
+        made = about.get("environment", {})
+        return Row(
+            fact.part,
+            fact.what,
+            fact.value,
+            fact.passed,
+            str(
+                about.get("command")
+                or shlex.join(["rans", "prove", self.name, "--check", str(file)])
+            ),
+            file.relative_to(self.folder).as_posix(),
+            str(made.get("date", "")),
+            self._weights,
+            hashlib.sha256(read_bytes(file, _LARGEST)).hexdigest(),
+            ", ".join(str(made.get(key, "")) for key in _MACHINE),
+            fact.measured,
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Content of dossier.json."""
+        return {
+            "agent": self.name,
+            "hashes": self.hashes,
+            "rows": [asdict(row) for row in self.rows],
+            "environment": environment(),
+        }
+
+    def parts(self) -> list[Section]:
+        """A section a question, in the order in which an engineer asks, with the rows that answer it."""
+        sections = []
+        for part in get_args(Part):
+            rows = [row for row in self.rows if row.part == part]
+            columns = ("what", "value", "verdict", "command", "date", "agent", "data")
+            cells = [
+                (
+                    row.what,
+                    row.value or None,
+                    row.passed,
+                    row.command,
+                    row.date,
+                    row.agent[:8],
+                    f"{row.file} {row.data[:8]}",
+                )
+                for row in rows
+            ]
+            findings = [
+                Finding(f"{row.what}: {row.value}", False) for row in rows if row.passed is False
+            ]
+            empty = sum(not row.value for row in rows)
+            text = f"{counted(empty, 'row')} without evidence." if empty else ""
+            sections.append(
+                Section(_TITLES[part], text, [Table(columns, cells)], findings=findings)
+            )
+        return sections
+
+    @property
+    def verdict(self) -> str:
+        """How many rows have evidence, and how many of their bounds are kept."""
+        answered = [row for row in self.rows if row.value]
+        judged = [row for row in answered if row.passed is not None]
+        kept = sum(bool(row.passed) for row in judged)
+        return (
+            f"{len(answered)} of {counted(len(self.rows), 'row')} have evidence; "
+            f"{kept} of {counted(len(judged), 'bound')} are kept."
+        )
+
+    def write(self) -> None:
+        """Write dossier.json and dossier.html, with the sections of all evidence below the rows."""
+        write_json(self.file, self.to_json())
+        hashes = Table(("what", "SHA-256"), [*self.hashes.items()])
+        sections = [*self.parts(), Section("What it is of", tables=[hashes]), *self.sections]
+        about = header({"agent": self.name, "environment": environment()})
+        page = Page(f"Dossier of {self.name}", sections, about, self.verdict, sheet=True)
+        page.write(self.file.with_suffix(".html"))
+
+    def falsehoods(self) -> Iterator[str]:
+        """What is wrong in the dossier that was written: against the agent, its files, and their commands again.
+
+        Raises:
+            ConfigError: there is none.
+        """
+        if not self.file.exists():
+            raise ConfigError(f"{self.file} is not there: rans dossier {self.name} writes it.")
+        written = read_json(self.file)
+        for key, value in self.hashes.items():
+            if written["hashes"].get(key) != value:
+                yield f"the dossier is of another agent: {key} differs"
+        before = {(row["file"], row["what"]): Row(**row) for row in written["rows"]}
+        yield from _differences(before, self.rows, "its file says", is_exact=True)
+
+    def repeated(self, row: Row) -> Iterator[str]:
+        """Differences of the rows of a file from those that its command gives in an empty folder.
+
+        Args:
+            row: any row of the file.
+        """
+        words = shlex.split(row.command)
+        known = {shlex.split(source.command)[1] for source in SOURCES}
+        if words[:1] != ["rans"] or words[1] not in known or "--trust" in words:
+            yield f"{row.file} names no command of a dossier: {row.command}"
+            return
+        with tempfile.TemporaryDirectory() as place:
+            again = _again(self, words, Path(place))
+        old = {(one.file, one.what): one for one in self.rows if one.file == row.file}
+        new = [one for one in again if one.file == row.file]
+        yield from _differences(old, new, "its command gives", is_exact=False)
+
+
+def _about(file: Path) -> dict[str, Any]:
+    """How a file of results was made: command, environment and hashes."""
+    content = read_json(file)
+    if not isinstance(content, dict):
+        return {}
+    about = content.get("about")
+    return content | about if isinstance(about, dict) else content
+
+
+def _again(dossier: Dossier, words: Sequence[str], place: Path) -> list[Row]:
+    """Rows after a command has run beside a copy of the agent alone.
+
+    Raises:
+        ConfigError: the command has failed.
+    """
+    name = ContestantName.parse(dossier.name)
+    folder = Path(name.name)
+    if name.kind == "run folder":
+        for file in folder.iterdir():
+            is_result = any(file.match(source.files) for source in SOURCES)
+            if (
+                file.is_file() and not is_result and file.suffix != ".html"
+            ) or file.name == "proof.json":
+                copied = place / _relative(file)
+                copied.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(file, copied)
+    for word in (name.craft, *words[2:]):
+        if word.endswith(".toml") and Path(word).is_file():
+            (place / _relative(Path(word))).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(word, place / _relative(Path(word)))
+    for arguments in (words[1:], ["dossier", dossier.name]):
+        moved = [_relative_text(word) for word in arguments]
+        done = subprocess.run(
+            [sys.executable, "-m", "rans", *moved],
+            cwd=place,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    file = place / _relative(dossier.file)
+    if not file.exists():
+        raise ConfigError(f"{shlex.join(words)} ended with {done.returncode}: {done.stderr[-300:]}")
+    return [Row(**row) for row in read_json(file)["rows"]]
+
+
+def _relative(file: Path) -> Path:
+    """A path below any folder: one that begins at the root without its root."""
+    return file.relative_to(file.anchor) if file.is_absolute() else file
+
+
+def _relative_text(word: str) -> str:
+    return str(_relative(Path(word))) if Path(word).is_absolute() else word
+
+
+def _differences(
+    before: Mapping[tuple[str, str], Row], after: Sequence[Row], where: str, is_exact: bool
+) -> Iterator[str]:
+    """Rows that say something else than those of a dossier."""
+    now = {(row.file, row.what): row for row in after}
+    for key in dict.fromkeys((*before, *now)):
+        old, new = before.get(key), now.get(key)
+        what = f"{key[1]} ({key[0] or 'no file'})"
+        if old is None or new is None:
+            yield f"{what}: the dossier {'lacks it' if old is None else 'has it'}, {where} otherwise"
+        elif old.passed != new.passed:
+            verdict = {True: "pass", False: "FAIL", None: "no verdict"}
+            yield f"{what}: the dossier says {verdict[old.passed]}, {where} {verdict[new.passed]}"
+        elif not _alike(old, new, is_exact):
+            yield f"{what}: the dossier says {old.value}, {where} {new.value}"
+        elif is_exact and old != new:
+            changed = [key for key, value in asdict(old).items() if asdict(new)[key] != value]
+            yield f"{what}: {', '.join(changed)} is another than that of its file"
+
+
+def _alike(old: Row, new: Row, is_exact: bool) -> bool:
+    """Whether two values are equal, or from two computers nearly so."""
+    if old.value == new.value or (old.measured and not is_exact):
+        return True
+    if is_exact or old.machine == new.machine:
+        return False
+    numbers = [re.findall(r"-?\d+(?:\.\d+)?(?:e-?\d+)?", text) for text in (old.value, new.value)]
+    return len(numbers[0]) == len(numbers[1]) and all(
+        abs(float(a) - float(b)) <= _ALIKE * max(abs(float(a)), abs(float(b)))
+        for a, b in zip(*numbers, strict=True)
+    )

@@ -1,0 +1,229 @@
+"""What an assurance says: a section of its JSON file, which terminal, report and dossier print."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from rans.extend import QUANTITIES, Failure, Finding, Section, Table
+from rans.show.pages.page import Fact, Tile
+
+_TEXT = (
+    "A flight fails if the task declares it failed, if its state is no longer finite, or if at any step of "
+    "its last fifth an error is outside of the task's tolerances, by the true state. Starts, goals and "
+    "conditions are drawn by the number of the scenario, independently. The bounds are those of Clopper and "
+    "Pearson, which are exact: each holds at least with its confidence, for flights of this simulation. How "
+    "the real craft differs from that, no bound here knows."
+)
+_JUDGES = {"numpy": "NumPy", "drake": "Drake"}
+
+
+def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
+    """Section of an assurance: counts, bounds and failed flights, and behind them what they rest on."""
+    bound = result["bounds"]["any"]
+    below = result["about"]["below"]
+    passed = result["decision"] == "below" if below is not None and is_over(result) else None
+    failed = "{failures:,} of {flights:,}".format(**bound)
+    table = counts(result)
+    judged = (result.get("replays") or {}).get("judged", [])
+    sentence = decision_sentence(result)
+    least = f"{bound['at most']:.3g}"
+    title = f"probability of failure, {table.columns[-1]}"
+    found_one = (result.get("searched") or {}).get("text", "")
+    found = [Fact(what, text, part) for what, text, part in _asked_facts(result)]
+    found += [
+        Fact("flights that failed", failed, "requirement"),
+        Fact(
+            title + (f", {below:g} allowed" if below is not None else ""),
+            least,
+            "requirement",
+            passed,
+        ),
+        *_replay_facts(judged),
+        *([Fact("smallest disturbance that fails", found_one, "limits")] if found_one else []),
+    ]
+    findings = [Finding(sentence, passed)]
+    findings += [
+        Finding(f"{fact.what}: {fact.value}", fact.passed)
+        for fact in found
+        if fact.part == "evidence"
+    ]
+    findings += [Finding(found_one)] if found_one else []
+    page = file.with_name(f"{file.stem}-worst-case.html")
+    return Section(
+        file.stem.replace("-", " ").capitalize(),  # such as "Assurance lab"
+        f"Flown by {result['command']}. {_TEXT}",
+        [table],
+        findings=findings,
+        summary=found,
+        details=[
+            *_again(judged),
+            *_asked(result),
+            *_plan(result),
+            *_worst_case(result),
+            _hashes(result),
+        ],
+        link=page.name if page.is_file() else "",
+        hero=sentence,
+        tiles=[Tile("flights that failed", failed)],
+        sure=Tile(
+            "failure probability, at most",
+            least,
+            f"{failed} flights failed\n{_sure(result)} confidence",
+        ),
+    )
+
+
+def decision_sentence(result: Mapping[str, Any]) -> str:
+    """The decision of an assurance's JSON file in one sentence, with counts, bounds and confidence."""
+    bound = result["bounds"]["any"]
+    below = result["about"]["below"]
+    sentences = (
+        f"{bound['failures']:,} of {bound['flights']:,} flights failed: the probability of failure is "
+        f"at most {bound['at most']:.3g}"
+        + (f" and at least {bound['at least']:.3g}, each" if bound["failures"] else "")
+        + f" at {_sure(result)} confidence."
+    )
+    if below is not None:
+        sentences = {
+            "below": f"Shown: the probability of failure is below {below:g}. ",
+            "above": f"Refuted: the probability of failure is above {below:g}. ",
+            "open": f"Not decided: whether the probability of failure is below {below:g}. ",
+        }[result["decision"]] + sentences
+    return (
+        sentences
+        if is_over(result)
+        else f"Interrupted, to be gone on with by the same command. {sentences}"
+    )
+
+
+def is_over(result: Mapping[str, Any]) -> bool:
+    """Whether there is nothing left to fly."""
+    flown = result["bounds"]["any"]["flights"]
+    last_look = result["about"]["looks"][-1][0]
+    return result["decision"] != "open" or flown >= last_look
+
+
+def counts(result: Mapping[str, Any]) -> Table:
+    """Failures of any kind and of each: how many flights, and bounds on the probability."""
+    rows = [
+        [
+            "any failure" if name == "any" else Failure[name].meaning,
+            f"{bound['failures']:,}",
+            *(f"{bound[key]:.3g}" for key in ("rate", "at least", "at most")),
+        ]
+        for name, bound in result["bounds"].items()
+    ]
+    sure = _sure(result)
+    return Table(("failure", "flights", "rate", f"at least ({sure})", f"at most ({sure})"), rows)
+
+
+def _asked(result: Mapping[str, Any]) -> Iterator[Table]:
+    """Requirement, length, starts and conditions; none in files of version 0.2.0."""
+    if "scope" in result:
+        rows = [[str(text) for text in row] for row in result["scope"]["rows"]]
+        yield Table(("what was asked", "it is"), rows, "What was asked")
+
+
+def _asked_facts(result: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
+    """Rows of the scope but conditions, which are as many as a mixture has; those of a name are one."""
+    texts: dict[str, list[str]] = {}
+    for what, text in result.get("scope", {}).get("rows", ()):
+        texts.setdefault(what, []).append(str(text))
+    texts.pop("conditions", None)
+    for what, some in texts.items():
+        yield what, "; ".join(some), "domain" if what == "starts" else "requirement"
+
+
+def _replay_facts(judged: list[Mapping[str, Any]]) -> Iterator[Fact]:
+    """How many failures each engine confirms, and of each kind of failure the worst flight."""
+    for judge, name in _JUDGES.items():
+        flown = [replayed["again"][judge] for replayed in judged if judge in replayed["again"]]
+        if flown:
+            again = sum(kind is not None for kind in flown)
+            passed = None if again == len(flown) else False
+            yield Fact(
+                f"failed flights that fail again in {name}",
+                f"{again} of {len(flown)}",
+                passed=passed,
+            )
+    for kind in dict.fromkeys(replayed["kind"] for replayed in judged):
+        worst = max(
+            (replayed for replayed in judged if replayed["kind"] == kind),
+            key=lambda replayed: replayed["excess"],
+        )
+        text = f"{worst['excess']:.3g} tolerances; in the end it {worst['ending']}; {worst['see']}"
+        yield Fact(f"worst flight that {Failure[kind].meaning}", text, "limits")
+
+
+def _again(judged: list[Mapping[str, Any]]) -> Iterator[Table]:
+    """Failed flights that were flown again, kind by kind, the worst first."""
+    if not judged:
+        return
+    judges = [judge for judge in _JUDGES if judge in judged[0]["again"]]
+    rows = []
+    for replayed in judged:
+        errors = [
+            f"{QUANTITIES[name].display[0] * x:.3g} {QUANTITIES[name].display[1]}"
+            for name, x in replayed["errors"].items()
+        ]
+        rows.append(
+            [
+                str(replayed["number"]),
+                Failure[replayed["kind"]].meaning,
+                *(_kind(replayed["again"][judge]) for judge in judges),
+                ", ".join(errors),
+                f"{100.0 * replayed['outside']:.0f} % of it",
+                replayed["ending"],
+                replayed["see"],
+            ]
+        )
+    again = (f"again in {_JUDGES[judge]}" for judge in judges)
+    last = ("largest errors", "outside for", "in the end it", "see it")
+    yield Table(
+        ("flight", "failure", *again, *last),
+        rows,
+        "Flights that failed",
+        "Of each kind the worst, by the largest error of the last fifth in tolerances, then the first by "
+        "number, as good as drawn by lot. All flew again step by step in float64.",
+    )
+
+
+def _kind(name: str | None) -> str:
+    return Failure[name].meaning if name else "does not fail"
+
+
+def _plan(result: Mapping[str, Any]) -> Iterator[Table]:
+    """Looks and chances of error, as they were fixed before the flights, where there are several."""
+    looks = result["about"]["looks"]
+    if len(looks) > 1:
+        rows = [[f"{count:,}", f"{high:.2g}", f"{low:.2g}"] for count, high, low in looks]
+        columns = ("flights", "chance of error, at most", "chance of error, at least")
+        yield Table(columns, rows, "When it was looked at")
+
+
+def _worst_case(result: Mapping[str, Any]) -> Iterator[Table]:
+    """The smallest disturbance that was found to break the agent."""
+    smallest = (result.get("searched") or {}).get("smallest")
+    if smallest:
+        again = "; ".join(
+            f"{_JUDGES[judge]}: {_kind(kind)}" for judge, kind in smallest["again"].items()
+        )
+        rows = [
+            ["flown again in", again],
+            ["largest error", f"{smallest['excess']:.3g} tolerances"],
+            ["in the end it", smallest["ending"]],
+            *([name, text] for name, text in smallest["drew"].items()),
+        ]
+        yield Table(("what", "it is"), rows, "Worst case")
+
+
+def _hashes(result: Mapping[str, Any]) -> Table:
+    """SHA-256 of everything that decides how a flight ends."""
+    rows = [[name, value] for name, value in result["about"].get("hashes", {}).items()]
+    return Table(("what", "SHA-256"), rows, "What it is of")
+
+
+def _sure(result: Mapping[str, Any]) -> str:
+    return f"{100.0 * result['about']['confidence']:.6g} %"

@@ -1,0 +1,90 @@
+"""What the contract of an export and the figures of other judges say, as sections of reports and dossiers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from rans.extend import Section, Table
+from rans.show.pages.page import Fact
+
+
+def contract_section(_: Path, contract: Mapping[str, Any]) -> Section:
+    """For what an exported agent was made, what its code needs, and which conditions it tolerates."""
+    command = contract["command"]
+    thrusters = command.get("thrusters", ())
+    facts = [
+        Fact("spacecraft", contract["spacecraft"]["name"], "domain"),
+        Fact("task", contract["task"], "domain"),
+        Fact("control period", f"{contract['control_period']:g} s", "domain"),
+        Fact(
+            "observation",
+            f"{len(contract['observation'])} columns, each with its valid range; {contract['valid']}",
+            "domain",
+        ),
+        Fact("observation, refused", contract["refused"], "domain"),
+        Fact(
+            "command",
+            f"{len(thrusters)} thrusters, {command['actuators']}: {command['values']}",
+            "domain",
+        ),
+        Fact("conditions of the training", contract["conditions"]["summary"], "domain"),
+        Fact("oldest reading", f"{contract['readings']['oldest']:g} s", "domain"),
+        *_margins(contract["conditions"]["margins"]),
+    ]
+    code = contract.get("c", {})
+    # What the compiler here has found: a sentence, and after it golden pairs, times and state.
+    for text in code.get("checked", "").rstrip(".").split("; ")[:3]:
+        is_golden = " pairs " in text
+        is_time = " us " in text
+        what = "golden pairs" if is_golden else "time of a command" if is_time else "size"
+        facts.append(Fact(f"{what} in C", text, passed=is_golden or None, measured=is_time))
+    if "stack" in code:
+        facts.append(Fact("stack in C", f"{code['stack']:,} bytes"))
+    table = Table(("what", "it is"), [(fact.what, fact.value) for fact in facts])
+    return Section("Contract", "Interface of the exported agent.", [table], summary=facts)
+
+
+def _margins(margins: Mapping[str, Any] | None) -> Iterator[Fact]:
+    """Which values of latency, mass and noise are tolerated, all else as in the training."""
+    if margins is None:
+        return
+    for key, what in (
+        ("training", "conditions of the training"),
+        ("nominal", "everything as designed"),
+    ):
+        share = margins[key]
+        passed = share >= margins["wanted_share"]
+        yield Fact(
+            f"solved under {what}", f"{share:.1%} of {margins['flights']} flights", "limits", passed
+        )
+    for name, margin in margins.items():
+        if isinstance(margin, Mapping):
+            holds = margin["holds"]
+            text = "nowhere" if holds is None else " to ".join(f"{x:g}" for x in holds)
+            low, high = (f"{x:g}" for x in margin["of_training"])
+            yield Fact(
+                f"margin of {name}, {margin['unit']}",
+                f"{margins['wanted_share']:.0%} solved: {text}; training: {low} to {high}",
+                "limits",
+            )
+
+
+def judges_section(_: Path, judges: Mapping[str, Any]) -> Section:
+    """How far the engine is from figures that others computed."""
+    facts = [
+        Fact(
+            f"{case['judge']}: {case['case']}, {case['about']}",
+            "; ".join(
+                f"{x['name']} {x['value']:.1e} {x['unit']} ({x['bound']:.0e} allowed)"
+                for x in case["differences"]
+            ),
+            passed=bool(case["passed"]),
+        )
+        for case in judges["cases"]
+    ]
+    table = Table(
+        ("case", "differences", "verdict"), [(fact.what, fact.value, fact.passed) for fact in facts]
+    )
+    return Section("Judges", "Judged by software of others.", [table], summary=facts)

@@ -1,0 +1,215 @@
+"""What a robustness sweep says: a section of its JSON file, which terminal, notebook, report and dossier print."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from rans.evaluation.stress.outcome import WANTED, wanted
+from rans.extend import Finding, Section, Table, series_style
+from rans.show.pages.chart import Chart, Mark, Series
+from rans.show.pages.page import Fact, Picture, Tile
+
+
+def stress_section(_: Path, stress: Mapping[str, Any]) -> Section:
+    """Shares solved in each set of conditions, and the largest size of each disturbance that is tolerated."""
+    flown = _levels(stress)
+    named = {name: row["contestants"] for name, row in flown.items() if row["size"] is None}
+    names = list(dict.fromkeys(who for row in flown.values() for who in row["contestants"]))
+    first = next(iter(names), "")
+    effects = {
+        name: effect for name, effect in stress.get("effects", {}).items() if _curves(flown, name)
+    }
+    # Tables: sets of conditions, and sizes of disturbances.
+    shares = [
+        (name, *(_percent(row.get(who)) for who in names)) for name, row in named.items() if row
+    ]
+    tables = [Table(("solved", *names), shares, f"{stress['title']}")]
+    if effects:
+        rivals = (f"{first} or {rival}" for rival in names[1:])
+        tables.append(
+            Table(
+                ("disturbance", "unit", *names, *rivals),
+                [
+                    [name, effect["unit"], *_reaches(effect, names)]
+                    for name, effect in effects.items()
+                ],
+                f"Size of a disturbance up to which {_part(stress, names)} are solved",
+            )
+        )
+    # Facts are of the first contestant, whose dossier it is.
+    facts = [
+        Fact(f"solved under {name}", _percent(row[first]), "limits")
+        for name, row in named.items()
+        if first in row
+    ]
+    facts += [
+        Fact(f"{name}, {effect['unit']}: solved up to", _reach(effect, first), "limits")
+        for name, effect in effects.items()
+    ]
+    hero, tiles = _result(stress)
+    sizes = [
+        (
+            row["effect"],
+            f"{row['size']:g}",
+            *(_percent(row["contestants"].get(who)) for who in names),
+        )
+        for row in flown.values()
+        if row["size"] is not None and row["contestants"] and "effect" in row
+    ]
+    return Section(
+        "Stress",
+        " ".join(filter(None, (stress.get("text"), *stress.get("notes", ())))),
+        tables,
+        [Picture.of(chart) for chart in _charts(flown, effects)],
+        findings=[Finding(text, False) for text in stress["failures"]],
+        summary=facts,
+        details=[
+            *_worst_table(flown),
+            *([Table(("solved", "size", *names), sizes, "Every size")] if sizes else []),
+            *_asked(stress),
+        ],
+        hero=hero,
+        tiles=tiles,
+    )
+
+
+def _levels(stress: Mapping[str, Any]) -> Mapping[str, Any]:
+    return stress["conditions"] if "conditions" in stress else stress["worlds"]  # of version 0.2.0
+
+
+def _part(stress: Mapping[str, Any], names: list[str]) -> str:
+    """What is asked of the episodes of those that flew the most."""
+    about = stress.get("contestants", {})
+    counts = [about[name]["episodes"] for name in names if "episodes" in about.get(name, {})]
+    return wanted(max(counts)) if counts else f"{100.0 * WANTED:g} %"
+
+
+def _percent(result: Mapping[str, Any] | None) -> str:
+    if result is None:
+        return "-"
+    return "{value:.1%} ({low:.1%} to {high:.1%})".format(**result["held"])
+
+
+def _reaches(effect: Mapping[str, Any], names: list[str]) -> Iterator[str]:
+    """To which size each solves 99 %, and where the first and another are equally good."""
+    yield from (_reach(effect, name) for name in names)
+    for rival in names[1:]:
+        pair = effect["break_even_of_first"].get(rival)
+        yield pair["text"] if pair else "-"
+
+
+def _reach(effect: Mapping[str, Any], name: str) -> str:
+    """To which size somebody solves 99 %; "none" where no size that was flown is small enough."""
+    size = effect["holds_to"].get(name)
+    last = effect["sizes"][-1] if effect.get("sizes") else None
+    nominal = effect.get("nominal")
+    if name in effect.get("not_finished", ()):
+        size = effect["not_finished"][name]
+        if size is None or size == nominal:
+            return "not finished"
+        return f"{size:g} or {'more' if size > nominal else 'less'}, not finished"
+    if size is None or size == nominal:
+        return "none"
+    return f"all to {size:g}" if size == last else f"{size:g}"
+
+
+def _worst_table(flown: Mapping[str, Any]) -> Iterator[Table]:
+    """The worst episodes, with the commands that show them; none where nobody has flown."""
+    if rows := [*_worst(flown)]:
+        columns = ("scenario", "contestant", "episode", "largest errors", "command that shows it")
+        yield Table(columns, rows, "Worst episodes")
+
+
+def _worst(flown: Mapping[str, Any]) -> Iterator[list[str]]:
+    """Those in each set of conditions, and of each disturbance at the first size that was too much."""
+    lost = set[str]()
+    for name, row in flown.items():
+        results = row["contestants"]
+        effect = row.get("effect", name)
+        is_lost = any(result["held"].get("value", 1.0) < 1.0 for result in results.values())
+        if row["size"] is not None and (effect in lost or not is_lost):
+            continue
+        if row["size"] is not None:
+            lost.add(effect)
+        for who, result in results.items():
+            for one in result.get("worst", ()):
+                errors = ", ".join(f"{what}: {x:.3g}" for what, x in one["errors"].items())
+                yield [name, who, str(one["episode"]), errors, one["see"]]
+
+
+def _curves(
+    flown: Mapping[str, Any], name: str, nominal: float | None = None
+) -> dict[str, list[Mark]]:
+    """Solved episodes, %, over the sizes of a disturbance, the nominal one first, by contestant."""
+    rows = [(row["size"], row) for row in flown.values() if row.get("effect") == name]
+    if nominal is not None and "perfect" in flown:
+        rows.insert(0, (nominal, flown["perfect"]))
+    curves: dict[str, list[Mark]] = {}
+    for size, row in rows:
+        if size is not None:
+            for who, result in row["contestants"].items():
+                low, value, high = (100.0 * result["held"][key] for key in ("low", "value", "high"))
+                curves.setdefault(who, []).append(Mark(size, value, None, (low, high)))
+    return curves
+
+
+def _charts(flown: Mapping[str, Any], effects: Mapping[str, Any]) -> Iterator[Chart]:
+    """Solved episodes over the size of each disturbance."""
+    for name, effect in effects.items():
+        series = [
+            Series(who, marks, *series_style(k), "solid")
+            for k, (who, marks) in enumerate(_curves(flown, name, effect.get("nominal")).items())
+        ]
+        label = f"{name}, {effect['unit']}"
+        caption = f"Solved episodes over {label}."
+        yield Chart(label, "solved, %", series, caption, y_range=(-3.0, 103.0))
+
+
+def _asked(stress: Mapping[str, Any]) -> Iterator[Table]:
+    """Requirement, length, starts and conditions; none in files of version 0.2.0."""
+    if "scope" in stress:
+        rows = [[str(text) for text in row] for row in stress["scope"]["rows"]]
+        yield Table(("what was asked", "it is"), rows, "What was asked")
+
+
+def _result(stress: Mapping[str, Any]) -> tuple[str, list[Tile]]:
+    """The result of a stress test in a sentence, and tiles, the worst first; neither where nobody has flown."""
+    shares = {
+        name: {who: result["held"] for who, result in row["contestants"].items()}
+        for name, row in _levels(stress).items()
+        if row["size"] is None
+    }
+    who = next((name for row in shares.values() for name in row), None)
+    ranked = sorted((row[who]["value"], name) for name, row in shares.items() if who in row)
+    if who is None or not ranked or stress["failures"]:
+        return "", []
+
+    def others(row: Mapping[str, Any], form: Callable[[Any], str]) -> str:
+        return ", ".join(f"{name} {form(x)}" for name, x in row.items() if name != who)
+
+    def share(solved: Mapping[str, float]) -> str:
+        return "{value:.1%}".format(**solved)
+
+    tiles = []
+    for _, name in ranked:
+        own = shares[name][who]
+        limits = "{low:.1%} to {high:.1%}".format(**own)
+        note = "\n".join(filter(None, (limits, others(shares[name], share))))
+        tiles.append(Tile(f"solved, {name}", share(own), note))
+    for name, effect in stress.get("effects", {}).items():
+        reaches = {one: _reach(effect, one) for one in effect["holds_to"]}
+        limits = {
+            one: f"{reach} {effect['unit']}".rstrip() if reach[-1].isdigit() else reach
+            for one, reach in reaches.items()
+        }
+        if who in limits:
+            part = _part(stress, [who]).replace(" of the episodes", "")
+            label = f"{name}, {part} solved up to"
+            tiles.append(Tile(label, limits[who], others(limits, str)))
+    worst = ranked[0][1]
+    under = f"under {'the conditions' if len(ranked) == 1 else 'its worst conditions,'} {worst}"
+    beside = others(shares[worst], share)
+    hero = f"{who} solves {share(shares[worst][who])} of the episodes {under}"
+    return f"{hero}{f'; beside it {beside}' if beside else ''}.", tiles

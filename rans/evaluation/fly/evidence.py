@@ -1,0 +1,82 @@
+"""Evidence of results: who flew, by SHA-256, with which command and when, for comparison with what a reader has."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+from collections.abc import Iterable
+from typing import Any
+
+from rans.episode import Setup
+from rans.errors import ConfigError
+from rans.evaluation.fly.contestant_name import ContestantName
+from rans.fast.learn.run_folder import RunFolder
+from rans.files import environment, made_by, read_bytes
+from rans.model.spacecraft_file import to_toml
+from rans.randomization.conditions import Conditions
+from rans.randomization.conditions_file import conditions_text
+from rans.system import PACKAGE_FOLDER
+
+_LARGEST = 2**31
+"""Largest number of bytes of a file of weights, as for archives."""
+
+
+def about(spec: str, setup: Setup, function: str) -> dict[str, Any]:
+    """What a file of results says of its making: the command or the function, computer and time, and `hashes`."""
+    return {
+        "command": made_by(function),
+        "environment": environment(),
+        "hashes": hashes(spec, setup),
+    }
+
+
+def hashes(spec: str, setup: Setup) -> dict[str, str]:
+    """SHA-256 of everything that decides how flights end, by name.
+
+    Hashes of an agent's files are those that ``sha256sum`` prints; that of conditions is of the text of
+    `conditions_text`; that of the code is of all source files of the package, in the order of names.
+
+    Args:
+        spec: text of a contestant; of one that is in memory alone only the setup has hashes.
+        setup: setup of its flights.
+    """
+    code = sorted(file for kind in ("*.py", "*.cuh") for file in PACKAGE_FOLDER.rglob(kind))
+    return {
+        **agent_hashes(spec, setup),
+        "task and timing": sha256([repr(setup[1:3]).encode()]),
+        "conditions": sha256([conditions_text(setup.conditions or Conditions()).encode()]),
+        "code of RANS": sha256(
+            part
+            for file in code
+            for part in (
+                file.relative_to(PACKAGE_FOLDER).as_posix().encode(),
+                read_bytes(file, _LARGEST),
+            )
+        ),
+    }
+
+
+def agent_hashes(spec: str, setup: Setup) -> dict[str, str]:
+    """The part of `hashes` that says who flew, whatever the options of a command were."""
+    files = {"spacecraft": sha256([to_toml(setup.craft).encode()])}
+    with contextlib.suppress(ConfigError):
+        name = ContestantName.parse(spec)
+        if name.kind in ("run folder", "pretrained"):
+            run = RunFolder(name.own_folder)
+            kinds = {"weights": run.agent_file, "settings": run.config_file}
+            if not name.craft:
+                kinds["spacecraft"] = run.spacecraft_file
+        else:
+            kinds = {"policy": name.policy_file}
+        for kind, file in kinds.items():
+            if file is not None:
+                files[f"{kind} ({file.name})"] = sha256([read_bytes(file, _LARGEST)])
+    return files
+
+
+def sha256(parts: Iterable[bytes]) -> str:
+    """SHA-256 of all parts, one after the other."""
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part)
+    return digest.hexdigest()
