@@ -51,7 +51,7 @@ def test_a_study_that_checked_nothing_passes_nothing() -> None:
         ("Not run: kernel. No compiler.", None),
     ]
     assert Page("x", [section]).verdict == "Nothing was checked here."
-    assert section.tables[0].rows == [["kernel", None, None, None, "not run", "No compiler."]]
+    assert section.tables[0].rows == [["kernel", None, None, None, "not run", None, "No compiler."]]
 
 
 def test_how_it_was_made_is_one_line_a_group() -> None:

@@ -369,7 +369,7 @@ def test_a_comparison_is_its_outcomes_and_what_went_wrong() -> None:
             None,
         ),
     ]
-    assert [name for name, _ in section.summary] == ["agent", "least time"]
+    assert [fact.what for fact in section.summary] == ["agent", "least time"]
 
 
 @pytest.mark.parametrize("picture", ["no picture", "<html/>"])

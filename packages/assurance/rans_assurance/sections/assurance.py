@@ -40,7 +40,7 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
             "requirement",
             passed,
         ),
-        *_replay_facts(judged),
+        *_replay_facts(result.get("replays") or {}, judged),
         *([Fact("smallest disturbance that fails", found_one, "limits")] if found_one else []),
     ]
     findings = [Finding(sentence, passed)]
@@ -136,8 +136,11 @@ def _asked_facts(result: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
         yield what, "; ".join(some), "domain" if what == "starts" else "requirement"
 
 
-def _replay_facts(judged: list[Mapping[str, Any]]) -> Iterator[Fact]:
+def _replay_facts(replays: Mapping[str, Any], judged: list[Mapping[str, Any]]) -> Iterator[Fact]:
     """How many failures each engine confirms, and of each kind of failure the worst flight."""
+    if replays.get("failed again", 0) < replays.get("flown again", 0):
+        again = f"{replays['failed again']:,} of {replays['flown again']:,}"
+        yield Fact("failed flights, counted in float32, that fail again in float64", again)
     for judge, name in _JUDGES.items():
         flown = [replayed["again"][judge] for replayed in judged if judge in replayed["again"]]
         if flown:
