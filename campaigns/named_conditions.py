@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rans_assurance.pages.stress_page import StressReport
+from rans_assurance.stress.report import StressReport
 from rans_assurance.stress.run import prepared
 
 from rans.evaluation.compare.entrants import contest_of

@@ -53,8 +53,6 @@ def test_valves_that_pulse_are_validated(layer: str, capsys: pytest.CaptureFixtu
     assert main(["validate", "--quick", "atmos", "--layer", layer]) == 0, capsys.readouterr()
 
 
-
-
 def test_an_unknown_layer_is_one_sentence(refused) -> None:
     said = refused("validate --layer crust")
     assert "no layer named 'crust'" in said
