@@ -118,6 +118,7 @@ if TYPE_CHECKING:
     from rans.show.figures.figures import styled as styled
     from rans.show.figures.panels import label as label
     from rans.show.figures.plotting import Figure as Figure
+    from rans.show.pages.page import Fact as Fact
     from rans.show.pages.page import Finding as Finding
     from rans.show.pages.page import Section as Section
     from rans.structure import read_toml as read_toml

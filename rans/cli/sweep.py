@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 class Sweep(Options):
     """Train many agents, for every seed and every combination of hyper-parameters.
 
-    The folder has sweep.json, sweep.svg, metrics.jsonl, the run folders of all agents in members/, and that of the
+    The folder has sweep.json, metrics.jsonl, the run folders of all agents in members/, and that of the
     best one as best/. Ctrl-C stops early and keeps the results. --executor trains on other machines, which must see
     the folder, and --gpus all divides the members among GPUs.
     """

@@ -1,4 +1,4 @@
-"""Files of a sweep beside its checkpoints: results, a figure, and the run folder of its best agent."""
+"""Files of a sweep beside its checkpoints: results, and the run folder of its best agent."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from rans.errors import is_installed
 from rans.fast.learn.loggers import LoggerName, loggers
 from rans.fast.learn.sweep import Sweep
 from rans.files import environment, plain, write_json, write_text
 
 
 def save_sweep(sweep: Sweep, folder: Path, log: Sequence[LoggerName] = ()) -> None:
-    """Write sweep.json, metrics.jsonl, best/ and, with Matplotlib, sweep.svg; loggers get the best agent's rows.
+    """Write sweep.json, metrics.jsonl and best/; loggers get the best agent's rows.
 
     Raises:
         ConfigError: the disk refused, or a logger cannot begin.
@@ -35,11 +34,6 @@ def save_sweep(sweep: Sweep, folder: Path, log: Sequence[LoggerName] = ()) -> No
             "members": sweep.results(),
         },
     )
-    if is_installed("matplotlib"):
-        from rans.show.figures.svg import svg
-        from rans.show.figures.sweep_figure import sweep_figure
-
-        write_text(folder / "sweep.svg", svg(sweep_figure(sweep)))
     agent = sweep.save_best()
     for logger in loggers(log, best.config, agent):
         for row in best.rows:

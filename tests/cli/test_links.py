@@ -48,7 +48,7 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("assure run --episodes 8", "assurance.json"),
         ("export run --output shipped --force", "metrics.jsonl"),
         ("report run", "evaluation-of-a-stranger.json"),
-        ("report run", "sweep.svg"),
+        ("report run", "sweep.json"),
         ("sweep --resume sweep", "../sweep/configs.json"),
         ("sweep --resume sweep", "../sweep/members/0/metrics.jsonl"),
     ],

@@ -145,7 +145,7 @@ COMMANDS = {
     "list CONDITIONS": [],
     "list free-flyer": ["-0.219 -0.219 0"],
     f"list {AGENT}": [],
-    "faults floating-platform --picture picture.svg": [],
+    "faults floating-platform": [],
     f"assure {AGENT} --episodes 300": ["flights", "any failure", "not finite", "0.0152"],
     f"assure {AGENT} --failure-below 1e-4 --episodes 0": [],
     f"evaluate {AGENT} --episodes 4": [],

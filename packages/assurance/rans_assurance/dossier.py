@@ -23,6 +23,7 @@ from rans.evaluation.fly.evidence import agent_hashes
 from rans.extend import (
     ConfigError,
     ContestantName,
+    Fact,
     Finding,
     RunFolder,
     Section,
@@ -35,7 +36,7 @@ from rans.extend import (
     read_json,
     write_json,
 )
-from rans.show.pages.page import Fact, Page, Part, header
+from rans.show.pages.page import Page, Part, header
 from rans.show.pages.report import sections_of
 
 _LARGEST = 2**28

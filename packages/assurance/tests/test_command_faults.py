@@ -12,22 +12,15 @@ from rans.model.spacecraft_file import load_spacecraft, to_toml
 
 
 def test_tells_what_can_be_recovered_and_what_not(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "150")
-    picture = tmp_path / "faults.svg"
-    assert main(f"faults floating-platform --picture {picture}".split()) == 0
+    assert main(["faults", "floating-platform"]) == 0
     said = capsys.readouterr().out
     assert [
         line.split("│")[1:4] for line in said.splitlines() if line.startswith("│ two dead")
     ] == [[" two dead       ", " 16 of 28    ", " 33.3%        "]]
     assert "0+2, 0+5, 0+6, 1+3" in said
-    assert "16 of 28 pairs recoverable" in picture.read_text()
-
-
-def test_refuses_what_is_no_picture(refused: Any) -> None:
-    """Before anything is computed."""
-    assert "must end in .png, .svg or .pdf" in refused("faults atmos --picture faults.gif")
 
 
 @pytest.mark.filterwarnings("ignore:spacecraft 'floating-platform'. its 1 thruster cannot push")

@@ -78,7 +78,7 @@ def test_other_content_is_an_error_that_names_the_file(run: Path, name: str, con
 
 
 def test_the_first_screen_says_how_sure(run: Path) -> None:
-    """The bound of `ASSURANCE` is a tile; without one, a tile has the command."""
+    """The bound of `ASSURANCE` is a tile."""
 
     def of(label: str) -> list[tuple[str, str]]:
         tiles = report_from_run(run).tiles
@@ -88,11 +88,6 @@ def test_the_first_screen_says_how_sure(run: Path) -> None:
     assert of("failure probability, at most") == [
         ("0.0146", "17 of 2,000 flights failed\n99 % confidence")
     ]
-    (run / "assurance-lab.json").unlink()
-    assert of("failure probability") == [("not here", f"rans assure {run} writes it here")]
-    assert of("comparison") == []
-    (run / "compare.json").unlink()
-    assert of("comparison") == [("not here", f"rans compare {run} writes it here")]
 
 
 def test_a_stress_test_alone_begins_with_the_worst_conditions(tmp_path: Path) -> None:

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rans.extend import ConfigError, Finding, Section, Table
-from rans.show.pages.page import Fact
+from rans.extend import ConfigError, Fact, Finding, Section, Table
 from rans_proof.proved import FILE, proved
 
 

@@ -66,8 +66,7 @@ STYLE: dict[Any, Any] = {
 }
 
 PLAIN = FuncFormatter(lambda x, _: f"{x:g}")
-MILLIONS = FuncFormatter(lambda x, _: f"{x / 1e6:g} M" if x else "0")
-"""Numbers along an axis: as they are, and steps in millions."""
+"""Numbers along an axis: as they are."""
 
 Pick = Callable[[np.ndarray], np.intp]
 """Chooses an episode by its mean over time: ``np.argmin`` or ``np.argmax``."""
@@ -76,18 +75,6 @@ Pick = Callable[[np.ndarray], np.intp]
 def label(axes: Axes, title: str, x: str, y: str) -> None:
     """Title and axes, units included."""
     axes.set(title=title, xlabel=x, ylabel=y)
-
-
-def only(points: Sequence[object]) -> str:
-    """The marker of a curve: a line through one point alone cannot be seen."""
-    return "o" if len(points) == 1 else ""
-
-
-def legend_beside(figure: SubFigure, axes: Axes) -> None:
-    """The legend of axes as a panel of its own, which is beside them, or below on a telephone."""
-    blank = figure.subplots()
-    blank.set_axis_off()
-    blank.legend(*axes.get_legend_handles_labels(), loc="center left", borderaxespad=0.0)
 
 
 def activation_spread(axes: Axes, flight: Flight) -> None:

@@ -6,7 +6,6 @@ Files in a run folder may be of older versions or a stranger's: every value is c
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -33,7 +32,7 @@ from rans.show.curve import learning_charts
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.page import Fact, Finding, Page, Picture, Section, Tile, header, named, show
 from rans.show.pages.race import median_and_slowest
-from rans.show.palette import series_style
+from rans.show.palette import ORANGE, series_style
 from rans.table import Table
 
 SOLVED_SHARE = 100.0 * WANTED
@@ -72,7 +71,6 @@ def report_from_run(run: Path) -> Page:
     `ConfigError` if there is no such folder or it holds no results, or a file is damaged or a link, or
     a picture does more than to draw.
     """
-    evaluations = sorted(run.glob("evaluation*.json"), key=lambda file: file.stem)
     sections = [section for _, section in sections_of(run)]
     if not sections:
         missing = f", there is no such folder{meant_file(run)}"
@@ -94,7 +92,7 @@ def report_from_run(run: Path) -> Page:
         or {}
     )
     sections += filter(None, [_read(run / "config.json", _configuration)])
-    hero, tiles = _first_screen(run, evaluations, sections)
+    hero, tiles = _first_screen(sections)
     sections[:0] = _pictured(run)
     return Page(f"RANS: {run.resolve().name}", sections, header, hero=hero, tiles=tiles, sheet=True)
 
@@ -111,7 +109,7 @@ def sections_of(run: Path) -> list[tuple[Path, Section]]:
             for pattern, build in SECTIONS.each()
             for file in sorted(run.glob(pattern), key=lambda file: file.stem)
         ),
-        ("sweep.json", partial(_sweep, inside(run, "sweep.svg"))),
+        ("sweep.json", partial(_sweep, inside(run, "metrics.jsonl"))),
         ("validation.json", validation_section),
     ]
     if not (run / "sweep.json").is_file():  # its rows are of all members, one after the other
@@ -120,9 +118,7 @@ def sections_of(run: Path) -> list[tuple[Path, Section]]:
     return [(run / name, s) for name, build in builders if (s := _read(run / name, build))]
 
 
-def _first_screen(
-    run: Path, evaluations: Sequence[Path], sections: Sequence[Section]
-) -> tuple[str, list[Tile]]:
+def _first_screen(sections: Sequence[Section]) -> tuple[str, list[Tile]]:
     """The result in a sentence, and tiles: how good, against what, how sure."""
     sure = [section.sure for section in sections if section.sure][:1]
     if leading := next((section for section in sections if section.hero), None):
@@ -136,28 +132,7 @@ def _first_screen(
         title = f"{sections[0].title}: {said}." if said else f"{sections[0].title}."
         hero = findings[0].text if findings else title
         tiles = [Tile(fact.what, fact.value) for fact in sections[0].summary]
-    # What a decision still lacks has its command.
-    missing = []
-    agent = _contestant(run, evaluations)
-    trained, compared = ((run / name).is_file() for name in ("metrics.jsonl", "compare.json"))
-    is_agent = bool(evaluations) or compared or trained
-    if trained and not evaluations and not compared:
-        missing.append(Tile("evaluation", "not here", f"rans evaluate {agent} writes it here"))
-    if is_agent and not compared:
-        missing.append(Tile("comparison", "not here", f"rans compare {agent} writes it here"))
-    if is_agent and not sure and (run / "config.json").is_file():
-        missing.append(
-            Tile("failure probability", "not here", f"rans assure {agent} writes it here")
-        )
-    return hero, [*tiles[: _ROW - len(sure) - len(missing)], *sure, *missing]
-
-
-def _contestant(run: Path, evaluations: Sequence[Path]) -> str:
-    """The contestant of a folder as commands name it: the run folder, or who was evaluated into another one."""
-    if (run / "config.json").is_file() or not evaluations:
-        return shlex.quote(str(run))
-    result = _read(evaluations[0], lambda result: result.get("conditions", {}).get("contestant"))
-    return shlex.quote(result if isinstance(result, str) else str(run))
+    return hero, [*tiles[: _ROW - len(sure)], *sure]
 
 
 def _pictured(run: Path) -> Iterator[Section]:
@@ -314,8 +289,8 @@ def training_section(
     )
 
 
-def _sweep(picture: Path, sweep: Mapping[str, Any]) -> Section:
-    """Section of a sweep: results of every member, and its figure."""
+def _sweep(file: Path, sweep: Mapping[str, Any]) -> Section:
+    """Section of a sweep: results of every member, and how each learned, from the file of all rows."""
     members = sweep["members"]
     keys = list(sweep["members"][0])
     varied = keys[keys.index("seed") + 1 : keys.index("solved")]
@@ -325,10 +300,26 @@ def _sweep(picture: Path, sweep: Mapping[str, Any]) -> Section:
         for member in members
     ]
     solved = f"{sum(member['solved'] for member in members)} of {counted(len(members), 'member')}"
-    caption = "Episodes solved while training, and steps until solved; the best is orange."
-    pictures = [_kept_picture(picture, caption)] if picture.is_file() else []
-    table = Table(("member", "seed", *varied, "solved", "steps", "episodes solved"), rows)
     best = str(sweep["best"])
+    lines = read_json_lines(file) if file.is_file() else []
+    series = [
+        Series(
+            f"best, member {best}" if str(member["member"]) == best else "",
+            [
+                Mark(line["steps"], 100.0 * line["success"])
+                for line in lines
+                if line["member"] == member["member"]
+            ],
+            ORANGE if str(member["member"]) == best else "var(--soft)",
+            "",
+            "solid",
+        )
+        for member in members
+    ]
+    caption = "Episodes solved while training; the best is orange."
+    chart = Chart("environment steps a member", "solved, %", series, caption)
+    pictures = [] if chart.is_empty else [Picture.of(chart)]
+    table = Table(("member", "seed", *varied, "solved", "steps", "episodes solved"), rows)
     return Section(
         "Sweep",
         "",

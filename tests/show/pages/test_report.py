@@ -203,20 +203,6 @@ def test_a_training_alone_says_what_has_not_been_judged(tmp_path: Path) -> None:
     (tmp_path / "metrics.jsonl").write_text("\n".join(map(json.dumps, rows)))
     page = report_from_run(tmp_path)
     assert "75.0% of its last episodes in training, after 2,000 steps" in page.hero
-    assert [(tile.value, tile.note) for tile in page.tiles if tile.value == "not here"] == [
-        ("not here", f"rans {command} {tmp_path} writes it here")
-        for command in ("evaluate", "compare", "assure")
-    ]
-
-
-def test_an_evaluation_of_an_agent_is_compared_by_its_name(run: Path) -> None:
-    alone = run / "alone"
-    alone.mkdir()
-    result = read_json(run / "evaluation.json")
-    result["conditions"] = {"contestant": "pretrained:go-to-pose-2d"}
-    write_json(alone / "evaluation.json", result)
-    notes = [tile.note for tile in report_from_run(alone).tiles if tile.label == "comparison"]
-    assert [note.split(" writes")[0] for note in notes] == ["rans compare pretrained:go-to-pose-2d"]
 
 
 def test_a_comparison_begins_the_report(run: Path) -> None:

@@ -46,8 +46,8 @@ class Follow(Options):
         The exit code is 0.
         """
         from rans.extend import ContestantName, contestant
+        from rans.show.figures.chart_figure import charts_figure
         from rans.show.figures.svg import svg
-        from rans_assurance.figures.path_figures import following_figure
         from rans_assurance.follow.paths import LookAhead, find_path
 
         check_count("--episodes", self.episodes)
@@ -58,6 +58,6 @@ class Follow(Options):
         following = follow(self.agent, self.path, episodes=self.episodes, seed=EVALUATION_SEED)
         Terminal().table(following.table())
         write_json(file, following.to_json() | {"seed": EVALUATION_SEED})
-        write_text(file.with_suffix(".svg"), svg(following_figure(following)))
+        write_text(file.with_suffix(".svg"), svg(charts_figure(following.charts())))
         Terminal().say(f"Written to {file}.")
         return 0

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from rans.extend import QUANTITIES, Failure, Finding, Section, Table
-from rans.show.pages.page import Fact, Tile
+from rans.extend import QUANTITIES, Fact, Failure, Finding, Section, Table
+from rans.show.pages.page import Tile
 
 _TEXT = (
     "A flight fails if the task declares it failed, if its state is no longer finite, or if at any step of "
@@ -59,7 +59,7 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
         summary=found,
         details=[
             *_again(judged),
-            *_asked(result),
+            *asked(result),
             *_plan(result),
             *_worst_case(result),
             _hashes(result),
@@ -119,7 +119,7 @@ def counts(result: Mapping[str, Any]) -> Table:
     return Table(("failure", "flights", "rate", f"at least ({sure})", f"at most ({sure})"), rows)
 
 
-def _asked(result: Mapping[str, Any]) -> Iterator[Table]:
+def asked(result: Mapping[str, Any]) -> Iterator[Table]:
     """Requirement, length, starts and conditions; none in files of version 0.2.0."""
     if "scope" in result:
         rows = [[str(text) for text in row] for row in result["scope"]["rows"]]

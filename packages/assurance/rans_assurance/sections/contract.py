@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from rans.extend import Section, Table
-from rans.show.pages.page import Fact
+from rans.extend import Fact, Section, Table
 
 
 def contract_section(_: Path, contract: Mapping[str, Any]) -> Section:

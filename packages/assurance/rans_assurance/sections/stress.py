@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from rans.evaluation.stress.outcome import WANTED, wanted
-from rans.extend import Finding, Section, Table, series_style
+from rans.extend import Fact, Finding, Section, Table
 from rans.show.pages.chart import Chart, Mark, Series
-from rans.show.pages.page import Fact, Picture, Tile
+from rans.show.pages.page import Picture, Tile
+from rans.show.palette import series_style
+from rans_assurance.sections.assurance import asked
 
 
 def stress_section(_: Path, stress: Mapping[str, Any]) -> Section:
@@ -68,7 +70,7 @@ def stress_section(_: Path, stress: Mapping[str, Any]) -> Section:
         details=[
             *_worst_table(flown),
             *([Table(("solved", "size", *names), sizes, "Every size")] if sizes else []),
-            *_asked(stress),
+            *asked(stress),
         ],
         hero=hero,
         tiles=tiles,
@@ -165,13 +167,6 @@ def _charts(flown: Mapping[str, Any], effects: Mapping[str, Any]) -> Iterator[Ch
         label = f"{name}, {effect['unit']}"
         caption = f"Solved episodes over {label}."
         yield Chart(label, "solved, %", series, caption, y_range=(-3.0, 103.0))
-
-
-def _asked(stress: Mapping[str, Any]) -> Iterator[Table]:
-    """Requirement, length, starts and conditions; none in files of version 0.2.0."""
-    if "scope" in stress:
-        rows = [[str(text) for text in row] for row in stress["scope"]["rows"]]
-        yield Table(("what was asked", "it is"), rows, "What was asked")
 
 
 def _result(stress: Mapping[str, Any]) -> tuple[str, list[Tile]]:
