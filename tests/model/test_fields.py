@@ -237,7 +237,9 @@ def test_headings_are_unit_complex_numbers(a: float, b: float, v: Triple) -> Non
     rotated = complex(*here.rotate(Vec2(*v[:2])).columns())
     assert cmath.isclose(rotated, complex(*v[:2]) * cmath.exp(1j * a), rel_tol=1e-13, abs_tol=1e-13)
     assert cmath.isclose(complex(*here.columns()), cmath.exp(1j * a), abs_tol=1e-15)
+    assert cmath.isclose(complex(*here.inverse().columns()), cmath.exp(-1j * a), abs_tol=1e-15)
     turn = cmath.phase(cmath.exp(1j * b) / cmath.exp(1j * a))
     assert float(here.to(there).magnitude()) == pytest.approx(abs(turn), abs=1e-13)
     assert float(here.magnitude()) <= math.pi + 1e-14
     assert cmath.isclose(complex(*here.normalised().columns()), cmath.exp(1j * a), abs_tol=1e-13)
+    assert abs(here.normalised().angle) <= math.pi + 1e-14
