@@ -7,7 +7,6 @@ import warnings
 from dataclasses import replace
 
 import numpy as np
-from rans_any_craft.layout_bodies import layout_spacecraft
 from rans_any_craft.layouts import LayoutRanges, sample_layout
 
 from rans.errors import RansWarning
@@ -17,7 +16,7 @@ from rans.evaluation.fly.choice import chosen
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.measure.aggregate import measure
-from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.timing import timing_for
 from rans.pretrained import pretrained_folder
@@ -39,11 +38,24 @@ def fresh(number: int, dimension: int) -> Spacecraft:
     moment = base.inertia[2][2] if dimension == 2 else np.trace(np.array(base.inertia))
     gyration = float(random.uniform(0.6, 1.4)) * np.sqrt(moment / base.mass)
     force = float(np.exp(random.uniform(np.log(0.02), np.log(0.2)))) * mass
-    scale = force / np.mean([one.force for one in base.thrusters])
-    thrusters = tuple(replace(one, force=one.force * scale) for one in base.thrusters)
     inertia = mass * gyration * gyration / (1 if dimension == 2 else 3)
+    # A thruster stands where the line of its force is nearest to the centre: the arm is d x t / F.
+    rows = np.zeros((len(layout), 6))
+    rows[:, :dimension] = layout[:, :dimension]
+    rows[:, -1 if dimension == 2 else 3 :] = layout[:, dimension:]
+    centre = np.array(base.centre_of_mass)
+    arms = np.array([one.position for one in base.thrusters]) - centre
+    distance = float(np.sqrt(np.square(arms[:, :dimension]).sum(axis=1).mean()))
+    sizes = np.linalg.norm(rows[:, :3], axis=1)
+    ways = rows[:, :3] / sizes[:, None]
+    places = centre + np.cross(ways, rows[:, 3:] / sizes[:, None]) * distance
+    thrusters = tuple(
+        Thruster(tuple(place), tuple(way), force * size)
+        for place, way, size in zip(places.tolist(), ways.tolist(), sizes.tolist(), strict=True)
+    )
     return replace(
-        layout_spacecraft(replace(base, thrusters=thrusters), layout),
+        base,
+        thrusters=thrusters,
         name=f"fresh-{dimension}d-{number}",
         mass=mass,
         inertia=tuple(tuple(row) for row in (inertia * np.eye(3)).tolist()),
