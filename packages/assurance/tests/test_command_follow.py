@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,7 +24,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_writes_table_numbers_and_figure(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_writes_table_and_numbers(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert Follow(str(run), "square", episodes=3).run() == 0
     printed = capsys.readouterr().out
     assert "cross-track RMS" in printed
@@ -35,7 +34,6 @@ def test_writes_table_numbers_and_figure(run: Path, capsys: pytest.CaptureFixtur
     assert (numbers["speed"], numbers["look_ahead"]) == (0.25, 0.25)
     assert numbers["length"] == pytest.approx(12.0)
     assert all(len(row["flights"]) == 3 for row in numbers["quantities"])
-    assert ET.parse(written.with_suffix(".svg")).getroot().tag.endswith("svg")
 
 
 @pytest.mark.slow

@@ -49,11 +49,12 @@ def test_an_export_finds_the_same_limits() -> None:
     stress = small(FIRST, episodes=16)
     stress.contest = replace(stress.contest, seed=EVALUATION_SEED)
     stress.fly(workers=1)
-    sizes, shares = stress.curve(stress.effects[0], "go-to-pose-2d")
+    sizes, shares = zip(*stress._rates(stress.effects[0], "go-to-pose-2d"), strict=True)
     agent = contestant(FIRST)
     held = measure_margins(agent.controller, agent.judged, 16)["latency"]["held"]
-    assert sizes == [0.0, 0.025, 0.05, 0.1]
+    assert sizes == (0.0, 0.025, 0.05, 0.1)
     for size, share in zip(sizes, shares, strict=True):
+        assert share is not None
         assert held[f"{size:g}"] == round(share.value, 4)
     assert 0.0 < held["0.05"] < 1.0  # where other starts have another share
 
@@ -64,8 +65,9 @@ def test_the_lqr_bears_late_valves_longer() -> None:
     stress = small(episodes=16)
     stress.fly(workers=1)
     effect = stress.effects[0]
-    sizes, shares = stress.curve(effect, "LQR")
-    assert sizes == [0.0, *effect.sizes]
+    sizes, shares = zip(*stress._rates(effect, "LQR"), strict=True)
+    assert sizes == (0.0, *effect.sizes)
+    assert shares[3] is not None
     assert shares[3].value == 1.0
     answer = stress.break_even(effect, "LQR")
     assert answer is not None

@@ -83,8 +83,6 @@ def _draw(axes: Axes, chart: Chart) -> None:
     if chart.y_range is not None:
         low, high = chart.y_range
         axes.set_ylim(low - 0.02 * (high - low), high + 0.02 * (high - low))
-    if chart.is_equal:
-        axes.set_aspect("equal", adjustable="datalim")
     label(axes, "", legible(chart.x_label), legible(chart.y_label))
 
 

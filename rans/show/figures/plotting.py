@@ -38,9 +38,9 @@ from matplotlib import rc_context, rcParams  # noqa: E402
 from matplotlib.axes import Axes  # noqa: E402
 from matplotlib.axis import Axis  # noqa: E402
 from matplotlib.collections import LineCollection  # noqa: E402
-from matplotlib.colors import LinearSegmentedColormap, ListedColormap  # noqa: E402
+from matplotlib.colors import LinearSegmentedColormap  # noqa: E402
 from matplotlib.figure import Figure, SubFigure  # noqa: E402
-from matplotlib.patches import Circle, FancyBboxPatch, Rectangle, Wedge  # noqa: E402
+from matplotlib.patches import Circle, FancyBboxPatch, Rectangle  # noqa: E402
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator  # noqa: E402
 from matplotlib.transforms import Bbox  # noqa: E402
 
@@ -54,13 +54,11 @@ __all__ = [
     "FuncFormatter",
     "LineCollection",
     "LinearSegmentedColormap",
-    "ListedColormap",
     "LogLocator",
     "MaxNLocator",
     "NullLocator",
     "Rectangle",
     "SubFigure",
-    "Wedge",
     "rcParams",
     "rc_context",
 ]

@@ -47,7 +47,6 @@ class Chart:
         shaded: ranges of x that are provably impossible.
         logarithmic: whether both axes are.
         y_range: bounds of y; None: those of the marks.
-        is_equal: whether a unit of y is as long as one of x.
     """
 
     x_label: str
@@ -57,7 +56,6 @@ class Chart:
     shaded: Sequence[tuple[float, float]] = ()
     logarithmic: bool = False
     y_range: tuple[float, float] | None = None
-    is_equal: bool = False
 
     @property
     def is_empty(self) -> bool:

@@ -13,7 +13,6 @@ from rans.extend import (
     ready_folder,
     word,
     write_json,
-    write_text,
 )
 from rans_assurance.functions import follow
 
@@ -27,7 +26,7 @@ from rans_assurance.functions import follow
 class Follow(Options):
     """Fly an agent that tracks velocities along a path, with the paper's look-ahead planner.
 
-    Writes follow-PATH.json and the figure follow-PATH.svg into the run folder, or for other contestants into
+    Writes follow-PATH.json into the run folder, or for other contestants into
     runs/evaluations/. The speed along the path is 0.25 m/s.
     """
 
@@ -41,13 +40,11 @@ class Follow(Options):
         return (shlex.join(["rans", "view", self.agent]),)
 
     def run(self) -> int:
-        """Print a table of the path errors, and write JSON and a figure into the agent's folder.
+        """Print a table of the path errors, and write JSON into the agent's folder.
 
         The exit code is 0.
         """
         from rans.extend import ContestantName, contestant
-        from rans.show.figures.chart_figure import charts_figure
-        from rans.show.figures.svg import svg
         from rans_assurance.follow.paths import LookAhead, find_path
 
         check_count("--episodes", self.episodes)
@@ -58,6 +55,5 @@ class Follow(Options):
         following = follow(self.agent, self.path, episodes=self.episodes, seed=EVALUATION_SEED)
         Terminal().table(following.table())
         write_json(file, following.to_json() | {"seed": EVALUATION_SEED})
-        write_text(file.with_suffix(".svg"), svg(charts_figure(following.charts())))
         Terminal().say(f"Written to {file}.")
         return 0

@@ -28,8 +28,6 @@ from rans.extend import (
     Task,
     Timing,
 )
-from rans.show.pages.chart import Chart, Mark, Series
-from rans.show.palette import BLUE, GREY, ORANGE
 from rans_assurance.follow.paths import SPACING, LookAhead
 
 START_SPREAD = 0.2
@@ -211,26 +209,6 @@ class Following:
             for ends in [(sample.values.mean(), sample.values.max())]
         ]
         return Table(("quantity", "mean", "worst flight", "meaning"), rows, self.title())
-
-    def charts(self) -> list[Chart]:
-        """The path and the ways of all flights from above, and their distances from the path over time."""
-        path = self.planner.path
-        points = path.at(np.arange(path.last + 1))
-        ways = [Series("path", [Mark(*point[:2]) for point in points], ORANGE, "", "solid")]
-        distances = []
-        for k in range(self.positions.shape[1]):
-            # Until it arrived; the first flight stands out.
-            steps = (self.progress[:, k] < self.planner.end).sum()
-            name = "flight 0" if k == 0 else ""
-            colour = BLUE if k == 0 else GREY
-            flown = [Mark(*point[:2]) for point in self.positions[: steps + 1, k]]
-            ways.append(Series(name, flown, colour, "", "solid"))
-            away = zip(self.flight.times[:steps], 100.0 * self.cross_track[:steps, k], strict=True)
-            distances.append(Series(name, [Mark(*pair) for pair in away], colour, "", "solid"))
-        return [
-            Chart("x, m", "y, m", ways, f"{path.name} and the ways flown.", is_equal=True),
-            Chart("time, s", "distance from the path, cm", distances, "Distance from the path."),
-        ]
 
     def to_json(self) -> dict[str, Any]:
         """Data for `rans.files.write_json` (SI); the duration of a flight that never arrived is infinite."""

@@ -60,7 +60,6 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
         details=[
             *_again(judged),
             *asked(result),
-            *_plan(result),
             *_worst_case(result),
             _hashes(result),
         ],
@@ -195,15 +194,6 @@ def _again(judged: list[Mapping[str, Any]]) -> Iterator[Table]:
 
 def _kind(name: str | None) -> str:
     return Failure[name].meaning if name else "does not fail"
-
-
-def _plan(result: Mapping[str, Any]) -> Iterator[Table]:
-    """Looks and chances of error, as they were fixed before the flights, where there are several."""
-    looks = result["about"]["looks"]
-    if len(looks) > 1:
-        rows = [[f"{count:,}", f"{high:.2g}", f"{low:.2g}"] for count, high, low in looks]
-        columns = ("flights", "chance of error, at most", "chance of error, at least")
-        yield Table(columns, rows, "When it was looked at")
 
 
 def _worst_case(result: Mapping[str, Any]) -> Iterator[Table]:

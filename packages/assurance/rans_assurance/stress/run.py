@@ -94,11 +94,6 @@ class Stress:
         setup = self.contest.setup._replace(conditions=level.conditions)
         return controller(self.contestants[spec].registered, setup)
 
-    def curve(self, effect: Effect, name: str) -> tuple[list[float], list[Estimate]]:
-        """Sizes at which a contestant was flown, the nominal one first, and its shares of solved episodes."""
-        flown = [(size, rate) for size, rate in self._rates(effect, name) if rate is not None]
-        return [size for size, _ in flown], [rate for _, rate in flown]
-
     def limit(self, effect: Effect, name: str) -> Limit:
         """Largest size up to which a contestant solves 99 % of its episodes."""
         return holds_to(*zip(*self._rates(effect, name), strict=True))
