@@ -7,10 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
-from rans_value.learner import GreedyController, Value, ValueLearner, ValueSettings
+from rans_value.learner import Greedy, GreedyController, Value, ValueLearner, ValueSettings, newest
 from torch import Tensor
 
 from rans.errors import ConfigError
@@ -32,7 +31,7 @@ from tests.support.training import TINY, ignore
 plugins.register()
 
 TASK = GoToPosePriced(spawn_distance=(0.3, 0.6), evaluation_distance=(0.3, 0.6))
-SMALL = ValueSettings(units=32, states=256, rounds=1, updates=12, batch=512, fitted=0.8)
+SMALL = ValueSettings(units=32, states=256, rounds=1, updates=12, batch=512)
 PPO = replace(TINY, n_envs=64, n_steps=4, batch_size=64, layers=(16,))
 
 
@@ -57,6 +56,23 @@ def test_the_model_is_that_of_the_engine() -> None:
         torch.testing.assert_close(made.states(), after, rtol=0.0, atol=1e-5)
 
 
+def test_commands_cost_at_most_what_they_promise() -> None:
+    made = learner()
+    greedy = made.greedy
+    state = made._ends[:, :64]
+    command = greedy.command(state)
+    single = greedy._costs(state, torch.eye(8)[:, None]).amin(dim=0)
+    assert (greedy._costs(state, command[None])[0] <= single + 1e-5).all()  # rounding
+
+    def of_two(first: Tensor) -> Tensor:
+        after, cost, discount = greedy.period(state, first)
+        return cost + discount * greedy._costs(after, greedy.command(after)[None])[0]
+
+    # Ahead of two periods, the command of one is among those that are tried.
+    ahead = Greedy(made.problem, made.average, periods=2).command(state)
+    assert (of_two(ahead) <= of_two(command) + 1e-5).all()
+
+
 @pytest.mark.slow
 def test_training_makes_flights_cheaper_and_they_stay_at_the_goal() -> None:
     made = learner()
@@ -70,7 +86,7 @@ def test_training_makes_flights_cheaper_and_they_stay_at_the_goal() -> None:
         for period in range(100):
             state, cost, _ = made.greedy.period(state, made.greedy.command(state))
             total += cost
-            held += 0.05 * made.problem._inside(state, 1.0)[0] * (period >= 80)
+            held += 0.05 * made.problem.inside(state)[0] * (period >= 80)
         return float(total.mean()), float(held.mean())
 
     first, _ = flown()
@@ -83,7 +99,9 @@ def test_training_makes_flights_cheaper_and_they_stay_at_the_goal() -> None:
     assert held > 0.8
 
 
-def test_a_training_leaves_its_policy_and_its_value_function(tmp_path: Path) -> None:
+def test_a_training_leaves_its_policy_and_its_value_function(
+    tmp_path: Path, monkeypatch: Any
+) -> None:
     config = TrainConfig(
         "go-to-pose-priced",
         replace(TASK, trade_off=(0.3, 0.3)),
@@ -91,23 +109,27 @@ def test_a_training_leaves_its_policy_and_its_value_function(tmp_path: Path) -> 
         PPO,
         Timing(episode_steps=8),
         algorithm="value",
-        learner={"units": 8, "states": 16, "rounds": 1, "updates": 1, "batch": 16, "fitted": 0.5},
+        learner={"units": 8, "states": 16, "rounds": 1, "updates": 1, "batch": 16},
         total_timesteps=2 * 64 * 4,
         solved_share=None,
     )
-    run = RunFolder(tmp_path / "run")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match="has a value function"):
+        newest(PLATFORM, TASK, config.timing)
+    run = RunFolder(tmp_path / "runs" / "run")
     run.begin(config, "test")
     trainer = Trainer(config, PLATFORM, run)
     trainer.train(ignore)
     learnt = trainer.learner
     assert isinstance(learnt, ValueLearner)
-    controller = GreedyController(run.path)
+    controller = newest(PLATFORM, config.settings, config.timing)
     starts = scenarios(TASK, PLATFORM, 0, 4)
     flight = fly(PLATFORM, TASK, controller, starts, Timing(episode_steps=2))
     # The value function is the learner's, not a new one.
-    now = learnt.greedy.command(learnt.states())
-    torch.testing.assert_close(now, controller._greedy.command(learnt.states()))
-    assert np.isin(flight.commands, (0.0, 1.0)).all()
+    state = learnt.states()
+    torch.testing.assert_close(learnt.average(state), controller._greedy.value(state))
+    assert set(flight.commands.flat) <= {0.0, 1.0}
+    assert controller._trade_off == 0.3
     run.checkpoint_file.unlink()
     with pytest.raises(ConfigError, match="has no value function"):
         GreedyController(run.path)

@@ -33,14 +33,18 @@ from rans.extend import (
     PPOSettings,
     Rollout,
     RunFolder,
+    Spacecraft,
     State,
+    Task,
+    Timing,
     TrainConfig,
+    read_json,
     remember,
     require_bounds,
 )
-from rans.fast.learn.graph import fused, graphed
+from rans.fast.learn.graph import fused
 from rans.fast.learn.learners import own_settings
-from rans_value.problem import PoseProblem, equivalent, relative
+from rans_value.problem import TRADE_OFF, PoseProblem, equivalent, relative
 
 _PERIODS = 10
 """Control periods that are flown to a target."""
@@ -52,12 +56,18 @@ _GOES_ON = 0.6
 """Part of the flights of a round that begin where others ended."""
 _KEEP = 0.98
 """Average of the weights of the value function over gradient steps, by which is flown."""
+_FITTED = 0.45
+"""Part of the training in which the value function is fitted; then its commands are imitated."""
+_RATE = 1e-3
+"""First step size of the value function, which falls to a hundredth."""
+_BY_POLICY = 0.8
+"""Part of the flights to be imitated that the policy flies, so that it learns from what it reaches."""
 _LABELLED = 8
 """Iterations whose labels are imitated together."""
 _TRIED = 16
 """Patterns of open valves that are tried, of those whose valves alone promise the least cost."""
 _AHEAD = 4
-"""Patterns after which a second period is tried, where a command is to be of the least cost of two."""
+"""Patterns after which a further period is searched."""
 _DECIDED = 0.01
 """Cost of a wrong valve at which its label has half of its weight, s."""
 
@@ -80,24 +90,9 @@ class ValueSettings:
     """Gradient steps of the value function in a round, and a tenth of those of the policy in an iteration."""
     batch: int = 65536
     """States in a gradient step of the value function."""
-    learning_rate: float = 1e-3
-    """First step size of the value function, which falls to a hundredth."""
-    fitted: float = 0.75
-    """Part of the training in which the value function is fitted; then its commands are imitated."""
-    price: tuple[float, float] = (0.02, 4.0)
-    """Price of the full thrust at a trade-off of 0 and of 1, seconds outside the goal set a second."""
-    trade_off: float = 0.2
-    """Trade-off of tasks that have none."""
 
     def __post_init__(self) -> None:
-        counts = ("units", "states", "rounds", "updates", "batch")
-        require_bounds(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, *counts)
-        require_bounds(self, "finite and > 0", lambda x: 0 < x < math.inf, "learning_rate")
-        require_bounds(self, "between 0 and 1", lambda x: 0 < x < 1, "fitted")
-        require_bounds(self, "between 0 and 1", lambda x: 0 <= x <= 1, "trade_off")
-        require_bounds(
-            self, "two numbers > 0, the second larger", lambda x: 0 < x[0] < x[1], "price"
-        )
+        require_bounds(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, *vars(self))
 
 
 class ValueNetwork(nn.Module):
@@ -117,9 +112,11 @@ class ValueNetwork(nn.Module):
     def forward(self, state: Tensor) -> Tensor:
         """Values, s."""
         problem = self._problem
-        # Eight bits would round the inputs to centimetres, and values of seconds to hundredths.
+        # Eight bits would round the inputs to centimetres, and values of seconds to hundredths; eleven are enough
+        # for values, but not for the range of gradients.
         x = functional.silu(self.first((problem.features(state) - self.mean) / self.spread))
-        with torch.autocast("cuda", torch.bfloat16, enabled=x.is_cuda):
+        half = torch.bfloat16 if torch.is_grad_enabled() else torch.float16
+        with torch.autocast("cuda", half, enabled=x.is_cuda):
             for layer in self.hidden:
                 x = x + functional.silu(layer(x))
         raw = self.last(x)[..., 0]
@@ -135,11 +132,13 @@ class Greedy:
     Args:
         problem: the flights.
         value: their value function.
+        periods: number of periods whose commands are searched.
     """
 
-    def __init__(self, problem: PoseProblem, value: ValueNetwork) -> None:
+    def __init__(self, problem: PoseProblem, value: ValueNetwork, periods: int = 1) -> None:
         self.problem = problem
         self.value = value
+        self._periods = periods
         device = value.mean.device
         count = problem.craft.thruster_count
         self._single = torch.cat((torch.zeros(1, count), torch.eye(count))).to(device)
@@ -149,36 +148,31 @@ class Greedy:
 
     def _costs(self, state: Tensor, patterns: Tensor) -> Tensor:
         """Costs (C, N) of patterns (C, N, n) or (C, 1, n) from states (7, N), s."""
-        problem = self.problem
-        commands = patterns.expand(-1, state.shape[1], -1).unbind(dim=-1)
         each = state[:, None].expand(-1, len(patterns), -1)
-        after = problem.moved(each, commands)
-        burnt = problem.thrust_price(state) * problem.burnt(commands)
-        return burnt + problem.discount(state) * self.value(after)
+        after, cost, discount = self.period(each, patterns.expand(-1, state.shape[1], -1))
+        return cost + discount * self.value(after)
 
-    def _tried(self, state: Tensor) -> tuple[Tensor, Tensor]:
-        """Patterns (C, N, n) that promise the least costs, and their costs (C, N)."""
+    def _best(self, state: Tensor, periods: int) -> tuple[Tensor, Tensor]:
+        """Patterns (N, n) of least cost over some periods, and that cost (N,), s."""
         costs = self._costs(state, self._single[:, None])
         order = self._patterns @ (costs[1:] - costs[:1])
         first = order.topk(min(_TRIED, len(order)), dim=0, largest=False).indices
         patterns = self._patterns[first]
-        return patterns, self._costs(state, patterns)
+        costs = self._costs(state, patterns)
+        if periods > 1:
+            best = costs.topk(min(_AHEAD, len(costs)), dim=0, largest=False).indices[..., None]
+            patterns = patterns.gather(0, best.expand(-1, -1, patterns.shape[2]))
+            each = state[:, None].expand(-1, len(patterns), -1)
+            after, cost, discount = self.period(each, patterns)
+            rest = self._best(after.flatten(1), periods - 1)[1]
+            costs = cost + discount * rest.view_as(cost)
+        least, index = costs.min(dim=0)
+        chosen = index[None, :, None].expand(1, -1, patterns.shape[2])
+        return patterns.gather(0, chosen)[0], least
 
     def _command_of(self, state: Tensor) -> Tensor:
         """Patterns (N, n), zeros and ones, of states (7, N)."""
-        return _chosen(*self._tried(state))
-
-    def ahead(self, state: Tensor) -> Tensor:
-        """As ``command``, by the least cost of two periods."""
-        patterns, costs = self._tried(state)
-        best = costs.topk(min(_AHEAD, len(costs)), dim=0, largest=False).indices[..., None]
-        patterns = patterns.gather(0, best.expand(-1, -1, patterns.shape[2]))
-        totals = []
-        for pattern in patterns:
-            after, cost, discount = self.period(state, pattern)
-            rest = self._tried(after)[1].amin(dim=0) + self.problem.waiting(after)
-            totals.append(cost + discount * rest)
-        return _chosen(patterns, torch.stack(totals))
+        return self._best(state, self._periods)[0]
 
     def _label_of(self, state: Tensor) -> tuple[Tensor, Tensor]:
         """Patterns (N, n), and the cost of switching each of their thrusters, (N, n), s."""
@@ -194,12 +188,6 @@ class Greedy:
         return problem.moved(state, commands), cost, problem.discount(state)
 
 
-def _chosen(patterns: Tensor, costs: Tensor) -> Tensor:
-    """The pattern (N, n) of least cost, of patterns (C, N, n)."""
-    index = costs.argmin(dim=0)[None, :, None].expand(1, -1, patterns.shape[2])
-    return patterns.gather(0, index)[0]
-
-
 class ValueLearner:
     """Learner by fitted value iteration; a `rans.fast.learn.learner.Learner`.
 
@@ -207,7 +195,7 @@ class ValueLearner:
         engine: engine of a planar craft with on/off thrusters that flies to a pose.
         network: policy network, changed in place.
         settings: ``batch_size`` and ``learning_rate`` are those of the imitation.
-        generator: random generator of actions on a CPU.
+        generator: random generator whose seed is used.
         plain: without meaning: the network is computed by single operations of torch.
         own: further hyper-parameters of this learner.
 
@@ -236,21 +224,17 @@ class ValueLearner:
         self.adam = Adam(network, settings.learning_rate, plain=True)
         self._own = own
         self._progress = 0.0
-        self._actions = generator
         device = engine.device
         self._generator = torch.Generator(device).manual_seed(generator.initial_seed())
-        period = engine.timing.control_period
-        self.problem = PoseProblem(engine.craft, engine.task, period, own.price)
+        self.problem = PoseProblem(engine.craft, engine.task, engine.timing.control_period)
         # The value function, and its average, by which is flown.
-        pool = self.states()
-        self._pool = pool
-        example = torch.cat((pool, self._fresh(pool)), dim=1)
-        with torch.random.fork_rng([device] if device.type == "cuda" else []):
-            torch.manual_seed(generator.initial_seed())
-            self.value = ValueNetwork(self.problem, example, own.units)
+        self._pool = self.states()
+        example = torch.cat((self._pool, self._fresh()), dim=1)
+        torch.manual_seed(generator.initial_seed())
+        self.value = ValueNetwork(self.problem, example, own.units)
         self.average = deepcopy(self.value)
         self.greedy = Greedy(self.problem, self.average)
-        self._value_adam = torch.optim.Adam(self.value.parameters(), own.learning_rate, fused=True)
+        self._value_adam = torch.optim.Adam(self.value.parameters(), _RATE, fused=True)
         self._period = fused(self.greedy.period, device)
         self._value_of = fused(self.average.forward, device)
         self._loss = fused(self._loss_of, device)
@@ -260,42 +244,38 @@ class ValueLearner:
         self._ends = example
         self._flights: list[tuple[Tensor, Tensor]] = []
         self._labels: list[list[Tensor]] = []
-        self._batch: tuple[Tensor, ...] = ()
-        self._batch_size = settings.batch_size
-        self._descend = graphed(self._descent, device)
 
     def slow_down(self, remaining: float) -> None:
         """Reduce the step sizes of value function and policy while ``remaining`` falls from 1 to 0."""
         self._progress = 1.0 - remaining
-        fitted = self._own.fitted
-        done = min(1.0, self._progress / fitted)
+        done = min(1.0, self._progress / _FITTED)
         for group in self._value_adam.param_groups:
-            group["lr"] = self._own.learning_rate * (
-                0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * done))
-            )
-        left = min(1.0, remaining / (1.0 - fitted))
+            group["lr"] = _RATE * (0.01 + 0.495 * (1 + math.cos(math.pi * done)))
+        left = min(1.0, remaining / (1.0 - _FITTED))
         self.adam.rate.fill_(self.settings.learning_rate * (0.02 + 0.98 * left))
 
     def learn(self) -> Tensor:
         """Run one iteration, see `rans.fast.learn.learner.Learner.learn`."""
-        loss = norm = torch.zeros((), device=self.engine.device)
-        is_fitted = self._progress >= self._own.fitted
-        if not is_fitted:
+        loss = norm = mismatch = torch.zeros((), device=self.engine.device)
+        self.rollout.begin()
+        if self._progress < _FITTED:
+            self.engine.reset()
+            self.engine.stagger()
+            self._pool = self.states()
             if not self._flights:
                 self._begin()
             losses = [self._round() for _ in range(self._own.rounds)]
             loss = torch.stack(losses).mean()
-        mismatch = self._fly(0.0 if not is_fitted else 0.8)
-        if is_fitted:
+        else:
+            mismatch = self._fly()
             norm = self._imitate()
-        value = self._flights[-1][1].mean() if self._flights else loss
-        result = torch.stack((loss, value, mismatch, norm))
+        result = torch.stack((loss, self._flights[-1][1].mean(), mismatch, norm))
         return torch.cat((result, self.adam.rate[None], self.rollout.totals()))
 
     def states(self) -> Tensor:
         """States (7, N) of the engine's episodes in the frame of their goals."""
         engine = self.engine
-        return relative(engine.state, engine.goal, self.rollout.terms, self._own.trade_off)
+        return relative(engine.state, engine.goal, self.rollout.terms)
 
     # The value function: flights by its commands, and gradient steps towards their costs.
 
@@ -305,23 +285,25 @@ class ValueLearner:
     def _indices(self, below: int, count: int) -> Tensor:
         return torch.randint(below, (count,), generator=self._generator, device=self.engine.device)
 
-    def _fresh(self, pool: Tensor) -> Tensor:
+    def _fresh(self) -> Tensor:
         """States (7, N) at which flights begin: half those of the task's episodes, half near the goal."""
         count = self._own.states
-        chosen = pool[:, self._indices(pool.shape[1], count)]
+        chosen = self._pool[:, self._indices(self._pool.shape[1], count)]
+        # Trade-offs of all tasks, a twelfth of them at either end.
+        chosen[6] = (1.2 * self._uniform(count) - 0.1).clamp(min=0.0, max=1.0)
         near = self.problem.near(self._uniform(8, count), chosen)
         return torch.where(self._uniform(count) < 0.5, near, chosen)
 
     def _begin(self) -> None:
         """Fit the first value function."""
         for _ in range(_BEGUN):
-            pool = self._fresh(self._pool)
+            pool = self._fresh()[:, self._indices(self._own.states, self._own.batch)]
             self._fit(pool, self.problem.guess(pool))
 
     @torch.no_grad()
     def _flown(self) -> tuple[Tensor, Tensor]:
         """States (7, T N) of a round of flights and the costs from there, (T N,)."""
-        fresh = self._fresh(self._pool)
+        fresh = self._fresh()
         count = fresh.shape[1]
         ends = self._ends[:, self._indices(self._ends.shape[1], count)]
         # A state in which another trade-off may be asked for.
@@ -362,8 +344,7 @@ class ValueLearner:
     def _fit(self, state: Tensor, target: Tensor) -> Tensor:
         """One gradient step on states (7, N) as seen from equivalent sides; returns the loss."""
         side = self._indices(len(self._turn), state.shape[1])
-        turn, hand = self._turn[side], self._hand[side]
-        loss = self._loss(state, target, turn, hand)
+        loss = self._loss(state, target, self._turn[side], self._hand[side])
         self._value_adam.zero_grad(set_to_none=True)
         loss.backward()
         nn.utils.clip_grad_norm_(self.value.parameters(), 1.0)
@@ -384,67 +365,49 @@ class ValueLearner:
     # The policy: commands of the value function in states that the policy reaches.
 
     @torch.no_grad()
-    def _fly(self, share: float) -> Tensor:
-        """Fly ``n_steps`` periods and label them; the policy flies a share. Returns the part of other commands."""
+    def _fly(self) -> Tensor:
+        """Fly ``n_steps`` periods and label them; returns the part of states with another command by the policy."""
         engine = self.engine
         network = self.network
         rollout = self.rollout
-        rollout.begin()
         count = engine.num_envs
-        row = torch.arange(count, device=engine.device)[:, None]
-        own = row < share * count
-        samples = row < 0.25 * share * count
+        own = torch.arange(count, device=engine.device)[:, None] < _BY_POLICY * count
         observation = engine.observe()
-        pool, labels, differs = [], [], []
-        for uniform, slot in zip(rollout.uniform(self._actions), rollout.steps, strict=True):
+        labels, differs = [], []
+        for slot in rollout.steps:
             state = self.states()
             # Labels are of the side from which the craft is looked at: there, equal states have equal ones.
             columns, _, order = network.look(network.in_body(observation))
-            order = (
-                torch.arange(self._place.shape[1], device=row.device).expand(count, -1)
-                if order is None
-                else order
-            )
+            order = self._place[:1].expand(count, -1) if order is None else order
             side = (order[:, None] == self._place).all(dim=2).to(torch.uint8).argmax(dim=1)
             seen = equivalent(state, self._turn[side], self._hand[side])
             label, regret = self.greedy.label(seen)
-            policy = network.evaluate_seen(columns).policy
-            mode = policy.mode()
-            action = torch.where(samples, policy.sample(uniform), mode)
+            mode = network.evaluate_seen(columns).policy.mode()
             differs.append((mode != label).any(dim=1).to(label.dtype).mean())
-            command = torch.where(own, action, label).gather(1, order)
+            command = torch.where(own, mode, label).gather(1, order)
             acted = Acted(command, slot.log_prob, slot.value, command, None)
             decided = regret / (regret + _DECIDED * (1.0 + self.problem.price(state)[:, None]))
             labels.append((columns, label, decided))
-            pool.append(state)
             step = engine.step(engine.commands(command))
             remember(observation, acted, None, step, slot, rollout)
             observation = step.observation
         viewed, *answers = (torch.stack(x) for x in zip(*labels, strict=True))
         network.update_statistics(viewed)
-        flat = [x.flatten(0, 1) for x in (viewed, *answers)]
-        self._labels = [*self._labels[1 - _LABELLED :], flat]
-        self._pool = torch.cat(pool, dim=1)
+        latest = [x.flatten(0, 1) for x in (viewed, *answers)]
+        self._labels = [*self._labels[1 - _LABELLED :], latest]
         return torch.stack(differs).mean()
 
     def _imitate(self) -> Tensor:
         """Gradient steps of the policy on labels of the last iterations; returns the mean norm."""
-        labels = [torch.cat(x) for x in zip(*self._labels, strict=True)]
-        if not self._batch:
-            self._batch = tuple(x[: self._batch_size].clone() for x in labels)
+        columns, labels, weights = (torch.cat(x) for x in zip(*self._labels, strict=True))
         norms = []
         for _ in range(10 * self._own.updates):
-            chosen = self._indices(len(labels[0]), self._batch_size)
-            for fixed, x in zip(self._batch, labels, strict=True):
-                fixed.copy_(x[chosen])
-            norms.append(self._descend().clone())
+            chosen = self._indices(len(labels), self.settings.batch_size)
+            logit = self.network.evaluate_seen(columns[chosen]).policy.logit  # type: ignore[attr-defined]
+            wrong = functional.softplus((1 - 2 * labels[chosen]) * logit)
+            loss = (weights[chosen] * wrong).sum(dim=1).mean()
+            norms.append(self.adam.descend(loss, math.inf, self.engine.processes))
         return torch.stack(norms).mean()
-
-    def _descent(self) -> Tensor:
-        columns, label, decided = self._batch
-        logit = self.network.evaluate_seen(columns).policy.logit  # type: ignore[attr-defined]
-        loss = (decided * functional.softplus((1 - 2 * label) * logit)).sum(dim=1).mean()
-        return self.adam.descend(loss, math.inf, self.engine.processes)
 
     def state(self) -> dict[str, Any]:
         """State of the learner without flights and labels, which a resumed training collects again."""
@@ -476,16 +439,16 @@ def _check(engine: Engine, network: Network) -> None:
             f"go-to-pose-priced); {craft.name} with {type(engine.task).__name__} is another problem: train "
             'with the algorithm "ppo".'
         )
-    if engine.processes.size > 1:
-        raise ConfigError("the algorithm 'value' trains in one process: leave out --gpus.")
-    if network.architecture.memory or network.architecture.backbone != "dense":
+    policy = network.architecture
+    if engine.processes.size > 1 or policy.memory or policy.backbone != "dense":
         raise ConfigError(
-            "the algorithm 'value' has no use for a memory: leave out ppo.memory, ppo.filters and ppo.backbone."
+            "the algorithm 'value' trains one dense network without a memory in one process: leave out --gpus, "
+            "ppo.memory, ppo.filters and ppo.backbone."
         )
 
 
 class GreedyController:
-    """Commands by the value function of a run, two periods ahead; a `rans.Controller`.
+    """Commands by the value function of a run, searched two periods ahead; a `rans.Controller`.
 
     >>> rans.evaluate(GreedyController("runs/mine"))  # doctest: +SKIP
 
@@ -499,21 +462,19 @@ class GreedyController:
 
     observes = False
 
-    def __init__(self, folder: str | Path, trade_off: float = 0.2) -> None:
+    def __init__(self, folder: str | Path, trade_off: float = TRADE_OFF) -> None:
         run = RunFolder(Path(folder))
         config = run.config()
         if config.algorithm != "value" or not run.has_checkpoint:
             raise ConfigError(
                 f"{folder} has no value function: train with --set algorithm=value, and keep the checkpoint."
             )
+        problem = PoseProblem(run.spacecraft(), config.settings, config.timing.control_period)
         own = own_settings("value", config.learner)
-        craft = run.spacecraft()
-        problem = PoseProblem(craft, config.settings, config.timing.control_period, own.price)
-        weights = run.load_checkpoint("cpu")["learner"]["average"]
         value = ValueNetwork(problem, torch.zeros(7, 2), own.units)
-        value.load_state_dict(weights)
+        value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])
         self.name = f"value of {run.path.name}"
-        self._greedy = Greedy(problem, value)
+        self._greedy = Greedy(problem, value, periods=2)
         self._trade_off = trade_off
 
     def reset(self, count: int) -> None:
@@ -522,12 +483,35 @@ class GreedyController:
     @torch.no_grad()
     def act(self, state: State, goal: State, observation: np.ndarray) -> np.ndarray:
         """Commands (N, thrusters) of states."""
-        like = self._greedy.value.mean
-        return self._greedy.ahead(relative(state, goal, like, self._trade_off)).numpy()
+        seen = relative(state, goal, self._greedy.value.mean, self._trade_off)
+        return self._greedy.command(seen).numpy()
 
 
-_ITERATIONS = 560
-"""Iterations of a training; what more of them gain was not tried (docs/decisions/value.md)."""
+def newest(craft: Spacecraft, task: Task, timing: Timing) -> GreedyController:
+    """Controller by the newest value function of a craft in the folder ``runs``, at the trade-off of the task.
+
+    It is the contestant ``value``, as in ``value:go-to-pose-priced-2d@mine.toml#0.5``.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    files = Path("runs").glob("**/config.json")
+    for file in sorted(files, key=lambda x: x.stat().st_mtime, reverse=True):
+        run = RunFolder(file.parent)
+        # Other folders may need packages that are not here.
+        if read_json(file).get("algorithm") == "value" and run.has_checkpoint:
+            trained = run.spacecraft(), run.config().timing.control_period
+            if trained == (craft, timing.control_period):
+                held = task.held_trade_off
+                return GreedyController(run.path, TRADE_OFF if held is None else held)
+    raise ConfigError(
+        f"no folder in runs/ has a value function of {craft.name} at {timing.control_period:g} s: train with "
+        "--set algorithm=value."
+    )
+
+
+_ITERATIONS = 220
+"""Iterations of a training; what more of them gain: docs/decisions/value.md."""
 _POLICY: dict[str, Any] = {
     "n_envs": 24576,
     "n_steps": 8,
@@ -540,7 +524,7 @@ _POLICY: dict[str, Any] = {
 """Hyper-parameters of the policy. As many states are labelled at once as begin a round of flights, as compiled
 functions are for one number."""
 _SMALL: dict[str, Any] = {"units": 96, "states": 512, "rounds": 2, "updates": 16, "batch": 2048}
-_SMALL_POLICY: dict[str, Any] = {"n_envs": 256, "batch_size": 1024}
+_SMALL_POLICY: dict[str, Any] = {"n_envs": 256, "batch_size": 1024, "layers": (128, 128)}
 """Sizes of fit and policy on a CPU, in place of those of a GPU."""
 
 
@@ -554,12 +538,11 @@ class Value(Algorithm):
     def started(cls, config: TrainConfig) -> TrainConfig:
         """Config with hyper-parameters known to work."""
         is_small = config.device.startswith("cpu")
-        own = _SMALL if is_small else {}
         ppo = replace(config.ppo, **_POLICY | (_SMALL_POLICY if is_small else {}))
         return replace(
             config,
             ppo=ppo,
-            learner=config.learner | own,
+            learner=config.learner | (_SMALL if is_small else {}),
             total_timesteps=_ITERATIONS * ppo.n_envs * ppo.n_steps,
             report_interval=40,
             solved_share=None,

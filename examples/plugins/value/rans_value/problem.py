@@ -32,20 +32,24 @@ from rans.tasks.goal_set import REST_SPEED, REST_SPIN
 
 _NODES = 4
 """Nodes of the quadrature of translation, of which float32 needs four."""
-_INSIDE = 0.96
-"""Tolerances of the costs, of those of the task: errors of the value function near the border then leave no flight
-outside."""
+_INSIDE = 0.99
+"""Tolerances of the costs, of those of the task, so that rounding leaves no flight outside."""
 _RESTLESS = 0.8
 """Part of the cost of a second that is due until the craft is at rest in the goal set. The other part is due until
 the pose is within the tolerances: a spin between two of those that pulses can reach may allow no rest."""
+_PRICE = (0.02, 4.0)
+"""Price of the full thrust at a trade-off of 0 and of 1, seconds outside the goal set a second."""
+TRADE_OFF = 0.2
+"""Trade-off where goals note none."""
 _APPROACH = 200.0
-_HOLD = 15.0
+_HOLD = 6.0
 """Time constants of the discount outside and inside the goal set, s. Flights are far shorter than the first; the
-second is that of the rest of a flight after arrival, whose impulse counts, too."""
+second is long enough to hold, and short enough that holding does not delay arrival."""
 _HOLD_PRICE = 0.2
 """Least price of the full thrust inside the goal set, s/s, where a quick flight gains nothing by thrust."""
-_CLOSE = 3.0
-"""Bounds of what is close to the goal, over those of the goal set."""
+_ERROR = 0.2
+"""Cost of a second at the borders of position and heading, s: the pose is held well within them, and errors of the
+value function, or of a policy that imitates its commands, leave no flight outside."""
 _SCALES = (1.0, 0.2)
 """Tolerances at which inputs of the value function are steepest, of the errors and their rates, over those of the
 goal set."""
@@ -53,7 +57,7 @@ _COARSE = 0.02
 """Least distance between headings at rest, rad, at which the value function is given where they lie."""
 
 
-def relative(state: State, goal: State, like: Tensor, trade_off: float) -> Tensor:
+def relative(state: State, goal: State, like: Tensor, trade_off: float = TRADE_OFF) -> Tensor:
     """States (7, N) of N spacecraft in the frame of their goals, in dtype and device of another tensor.
 
     The trade-off counts where the goals note none.
@@ -95,19 +99,11 @@ class PoseProblem:
         craft: planar craft with on/off thrusters.
         task: flight to a pose, whose tolerances count.
         period: control period, s.
-        price: price of the full thrust at a trade-off of 0 and of 1, seconds a second.
     """
 
-    def __init__(
-        self,
-        craft: Spacecraft,
-        task: Any,
-        period: float,
-        price: tuple[float, float],
-    ) -> None:
+    def __init__(self, craft: Spacecraft, task: Any, period: float) -> None:
         self.craft = craft
         self.period = period
-        self._price = price
         self._body = Body.of(craft)
         bounds = (task.position_tolerance, task.attitude_tolerance, REST_SPEED, REST_SPIN)
         self._bounds = [_INSIDE * bound for bound in bounds]
@@ -139,7 +135,7 @@ class PoseProblem:
 
     def price(self, state: Tensor) -> Tensor:
         """Price of the full thrust, seconds a second."""
-        low, high = self._price
+        low, high = _PRICE
         return low * torch.exp(math.log(high / low) * state[6])
 
     def moved(self, state: Tensor, command: Sequence[Tensor]) -> Tensor:
@@ -158,36 +154,35 @@ class PoseProblem:
         weighted = [x * y for x, y in zip(mean, self.thrust, strict=True)]
         return self.period * torch.stack(weighted).sum(dim=0)
 
-    def inside(self, state: Tensor) -> Tensor:
-        """Whether states are in the goal set."""
-        return self._inside(state, 1.0)[1]
-
-    def _inside(self, state: Tensor, factor: float) -> tuple[Tensor, Tensor]:
-        """Whether states are within the tolerances times a factor, and whether they are also at rest."""
+    def inside(self, state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Whether states are within the tolerances, whether they are also at rest, and their squared error."""
         x, y, heading, vx, vy, spin, _ = state
-        distance, angle, speed, rate = (factor * bound for bound in self._bounds)
-        within = (x * x + y * y <= distance**2) & (heading.abs() <= angle)
-        return within, within & (vx * vx + vy * vy <= speed**2) & (spin.abs() <= rate)
+        distance, angle, speed, rate = self._bounds
+        place = (x * x + y * y) / distance**2
+        turn = heading.square() / angle**2
+        within = (place <= 1.0) & (turn <= 1.0)
+        at_rest = (vx * vx + vy * vy <= speed**2) & (spin.abs() <= rate)
+        return within, within & at_rest, 0.5 * (place + turn)
 
     def waiting(self, state: Tensor) -> Tensor:
-        """Cost of a control period outside, s; close to the goal it rises with the price of thrust.
+        """Cost of a control period by its state, s: of time outside, and of errors inside.
 
-        Otherwise a craft that saves thrust would drift over the border of the goal set and back.
+        Those rise with the price of thrust, or a craft that saves thrust would drift over the border and back.
         """
-        outside, restless = (~is_in for is_in in self._inside(state, 1.0))
-        closeness = torch.where(self._inside(state, _CLOSE)[1], self.price(state), 0.0)
-        seconds = _RESTLESS * restless + (1.0 - _RESTLESS) * outside
-        return self.period * seconds * (1.0 + closeness)
+        within, is_in, error = self.inside(state)
+        held = _ERROR * error * (1.0 + self.price(state))
+        outside = torch.where(within, _RESTLESS, 1.0)
+        return self.period * torch.where(is_in, held, outside)
 
     def thrust_price(self, state: Tensor) -> Tensor:
         """Price of the full thrust where holding the pose has a price of its own, seconds a second."""
         price = self.price(state)
-        return torch.where(self.inside(state), price.clamp(min=_HOLD_PRICE), price)
+        return torch.where(self.inside(state)[1], price.clamp(min=_HOLD_PRICE), price)
 
     def discount(self, state: Tensor) -> Tensor:
         """Discount of a control period."""
         approach, hold = (math.exp(-self.period / x) for x in (_APPROACH, _HOLD))
-        return torch.where(self.inside(state), hold, approach)
+        return torch.where(self.inside(state)[1], hold, approach)
 
     def quickest(self, state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Least times to the origin of each axis alone, s, as of a double integrator."""
