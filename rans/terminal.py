@@ -51,7 +51,6 @@ _HEADING = 12
 _NEEDS = {
     "optimal": "casadi",
     "prove": "flint",
-    "stress": "matplotlib",
     "validate": "pydrake",
 }
 """Modules without which commands do nothing; `rans.errors.EXTRAS` has the extra of each."""

@@ -145,7 +145,7 @@ def test_nothing_is_put_in_the_place_of_a_device(refused: Any) -> None:
     [
         "list odd.toml",
         "evaluate lqr:go-to-pose-2d@odd.toml",
-        "follow lqr:track-velocity-2d odd.csv",
+        "compare lqr:go-to-pose-2d odd.csv",
         "train go-to-pose --spacecraft odd.toml",
         "train odd.json",
         "train go-to-pose --conditions odd.toml",

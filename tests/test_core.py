@@ -191,7 +191,6 @@ MISSING = [
     ],
     [("pydrake", "validate --quick")],
     [("clarabel", "optimal dock")],
-    [("matplotlib", "stress go-to-pose-2d --episodes 2")],
 ]
 """Modules, and commands that need them before anything else that is not of the core, a process each."""
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.patches import Wedge
 
 import rans
 from rans.errors import RansError
@@ -15,7 +16,7 @@ from rans.flight import Flight
 from rans.model.fields import map_leaves
 from rans.pretrained import pretrained_card, pretrained_names
 from rans.scenario import EVALUATION_SEED, scenarios
-from rans.show.figures.plotting import Axes, Circle, Figure, Wedge
+from rans.show.figures.plotting import Axes, Circle, Figure
 from rans.tasks import load_task
 from rans.tasks.derived import dimensions
 from rans.tasks.shapes import Ball, Cone

@@ -29,7 +29,7 @@ from rans.errors import (
     where_raised,
 )
 from rans.executors import jobs_sent, run_on, without_executor
-from rans.files import first_line, has_written, why_unwritten
+from rans.files import as_command, first_line, has_written, why_unwritten
 from rans.registry import trust_files
 
 STARTED = time.monotonic()
@@ -197,7 +197,8 @@ def _followed(command: Any) -> int:
     from rans.terminal import Terminal
 
     Terminal.has_suggested = False
-    code = command.run()
+    with as_command():
+        code = command.run()
     if code == 0 and not Terminal.has_suggested and (following := next_of(command)):
         Terminal().suggest(*following)
     return code

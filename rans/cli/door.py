@@ -28,7 +28,6 @@ from typing import (
 from tyro.conf import Positional, arg
 
 from rans.cli.options import Trust, option_name
-from rans.files import as_command
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
@@ -70,8 +69,7 @@ class Options:
         """Call the function with the options that are its arguments, but for those that are others."""
         call = inspect.signature(self.function).bind_partial()
         call.arguments = {name: getattr(self, name) for name in self.texts} | others
-        with as_command():
-            return self.function(*call.args, **call.kwargs)
+        return self.function(*call.args, **call.kwargs)
 
     def changed(self, *names: str) -> list[str]:
         """Words of a command that repeat these options where they are not left at their defaults."""

@@ -17,7 +17,6 @@ from rans.cli import STARTED
 from rans.cli.door import Options, command_of, word
 from rans.cli.train import compile_in_this_process, trust_option, value_of
 from rans.errors import ConfigError, counted
-from rans.files import as_command
 from rans.registry import typed
 from rans.show.progress import NowAndThen
 from rans.table import Table
@@ -124,8 +123,7 @@ class Sweep(Options):
                 )
             configs, command = read_configs(self.resume)
             return Trainings(configs, self.resume, command, join(configs[0].device, apart=True))
-        with as_command():
-            return ready_sweep(self._configs(), self.output)
+        return ready_sweep(self._configs(), self.output)
 
     def _configs(self) -> list[TrainConfig]:
         """Configs of all combinations."""

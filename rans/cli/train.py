@@ -32,7 +32,7 @@ from rans.errors import (
     is_installed,
     meant_file,
 )
-from rans.files import as_command, command_line, first_line, inside, write_text
+from rans.files import command_line, first_line, inside, write_text
 from rans.model.spacecraft_file import effector_kind, load_spacecraft
 from rans.randomization.conditions_file import load_conditions
 from rans.registry import typed
@@ -93,8 +93,7 @@ class Train(Options):
 
         if self.resume is None:
             config = self.begun()
-            with as_command():
-                return ready_trainer(config, load_spacecraft(config.spacecraft), self.output)
+            return ready_trainer(config, load_spacecraft(config.spacecraft), self.output)
         total = self._total
         run_folder = RunFolder(self.resume)
         config = run_folder.config()

@@ -11,7 +11,6 @@ from tyro.conf import Positional, arg
 from rans.api.training import searched, tune
 from rans.cli.door import Options, command_of, word
 from rans.errors import ConfigError
-from rans.files import as_command
 from rans.registry import typed
 from rans.table import Table
 from rans.terminal import Terminal
@@ -87,8 +86,7 @@ class Tune(Options):
             task, craft, timing = _of_contestant(like)
             again = ["rans", "compare", like, "--with", name]
         numbers = _CANDIDATES, _STARTS, _PRICE, self.seconds
-        with as_command():
-            result, file, staying = searched(name, task, craft, timing, self.conditions, numbers)
+        result, file, staying = searched(name, task, craft, timing, self.conditions, numbers)
         # Result, and how to use it.
         before = defaults(CONTROLLERS[name], within)
         rows: list[tuple[str, ...]] = [

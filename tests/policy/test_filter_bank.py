@@ -18,6 +18,7 @@ from rans.tasks import TASKS, GoToPose
 from rans.tasks.base import observation
 from rans.tasks.derived import layout
 from rans.tasks.observation_terms import Scalar, VectorInW
+from tests.support.crafts import random_states
 from tests.support.engines import FLYER, PLATFORM, both_crafts
 from tests.support.filter_flights import COUNT, SEED, TIMING, commands, in_body, made
 from tests.support.state_filter import corrected, gains
@@ -143,18 +144,22 @@ def test_in_noise_it_is_the_filter_of_states() -> None:
     assert seen.sum() == body.width - 1  # all but the task flag
 
 
-@pytest.mark.parametrize("drift", [1e-3, 1.0])
-def test_no_reading_makes_it_lose_its_numbers(drift: float) -> None:
-    """Not even of rotations that are none, as a broken sensor may give."""
+@pytest.mark.parametrize(("drift", "response"), [(1e-3, 0.0), (1.0, 0.0), (0.1, 3.0)])
+def test_no_reading_makes_it_lose_its_numbers(drift: float, response: float) -> None:
+    """Not even of rotations that are none, without responses: quaternions of interfaces are made of unit length."""
     task = GoToPose()
     random = np.random.default_rng(3)
     body = layout(task, 3).body
-    filters = made(FLYER, task, drift)
+    filters = made(FLYER, task, drift, response)
     memory = [np.zeros(COUNT)] * filters.width(body)
     for command in (next(commands(FLYER, 0.5, seed)) for seed in range(200)):
-        memory = filters.next_memory(
-            body, list(random.normal(0.0, 10.0, (body.width, COUNT))), memory, command
-        )
+        read = list(random.normal(0.0, 10.0, (body.width, COUNT)))
+        if response:
+            states = (
+                random_states(3, COUNT, k, 20.0, 20.0, 20.0) for k in random.integers(99, size=2)
+            )
+            read = in_body(FLYER, task, observation(task, *states))
+        memory = filters.next_memory(body, read, memory, command)
         assert np.isfinite(memory).all()
         assert np.abs(memory).max() < 1e4  # readings of up to some 40 are never added up
 

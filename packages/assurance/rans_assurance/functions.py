@@ -63,7 +63,7 @@ def stress(
     """Robustness sweep: fly under one disturbance at a time, at increasing magnitude.
 
     >>> found = rans.stress("go-to-pose-2d", only=["latency"], episodes=8, workers=1)
-    >>> found.effect_rows()[0][:2]
+    >>> found.section.tables[1].rows[0][:2]
     ['latency', 's']
 
     Args:

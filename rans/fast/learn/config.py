@@ -430,8 +430,10 @@ def without_kinds(ppo: dict[str, Any]) -> dict[str, Any]:
     if memory.get("kind") in kinds:
         kept = memory["kind"] != "none"
         parts["memory"] = {name: x for name, x in memory.items() if kept and name != "kind"}
-    estimated = [FilterSettings.steady * bool(x) for x in filters.get("response") or ()]
-    if filters.get("steady") == estimated:
+    response = filters.get("response", [])
+    if isinstance(response, list) and filters.get("steady") == [
+        FilterSettings.steady * bool(x) for x in response
+    ]:
         parts["filters"] = {name: x for name, x in filters.items() if name != "steady"}
     return ppo | parts
 

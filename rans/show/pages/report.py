@@ -308,7 +308,7 @@ def _sweep(file: Path, sweep: Mapping[str, Any]) -> Section:
             [
                 Mark(line["steps"], 100.0 * line["success"])
                 for line in lines
-                if line["member"] == member["member"]
+                if line.get("member") == member["member"]
             ],
             ORANGE if str(member["member"]) == best else "var(--soft)",
             "",

@@ -106,6 +106,13 @@ def test_the_float32_engine_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
 # What is looked at.
 
 
-def test_one_layer_may_be_a_slow_one_even_if_quick(asked: list[Any]) -> None:
+def test_one_layer_may_be_a_slow_one_even_if_quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Scope] = []
+
+    def layer(scope: Scope) -> list[Check]:
+        asked.append(scope)
+        return [Check("of cuda", 0.5, 1.0, "m", "Because.")]
+
+    monkeypatch.setattr("validation.study.study.FULL_LAYERS", {"cuda": layer})
     study(PLATFORM, quick=True, layer="cuda")
-    assert asked == [("cuda", 0, 64, 16)]
+    assert [(scope.seed, scope.states, scope.flights) for scope in asked] == [(0, 64, 16)]

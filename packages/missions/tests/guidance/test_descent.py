@@ -14,7 +14,6 @@ from rans.model.fields import Vec3
 G = 3.7114
 """Gravity of Mars, m/s^2."""
 PLACES = st.floats(-2000.0, 2000.0)
-SPEEDS = st.floats(-100.0, 100.0)
 
 
 @pytest.mark.slow
