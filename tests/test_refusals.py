@@ -64,8 +64,8 @@ def test_a_command_is_refused_in_a_sentence_and_writes_nothing(
 def test_a_sentence_names_what_is_wrong(
     file: Path, row: doctest.Example, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    names = prepared(file)
     monkeypatch.chdir(tmp_path)
+    names = prepared(file)
     kind, words = row.want.rstrip("\n").split(": ", 1)
     error = names.get(kind) or getattr(errors, kind, None) or getattr(builtins, kind)
     says = "(?s)" + ".*".join(map(re.escape, words.split("...")))

@@ -325,6 +325,8 @@ def _unit(value: Any, key: str, lengths: tuple[int, ...]) -> tuple[float, float,
     length = math.hypot(*direction)
     if not (math.isfinite(length) and length > 0):
         raise ConfigError(f"{key} must be finite and not zero, got {brief(direction)}.")
+    if abs(length - 1.0) < 1e-15:  # the rounding of a unit vector that was written
+        length = 1.0
     return (direction[0] / length, direction[1] / length, direction[2] / length)
 
 

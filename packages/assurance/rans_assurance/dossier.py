@@ -8,6 +8,7 @@ file of this very agent is an empty row.
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 import shlex
 import shutil
@@ -16,6 +17,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from os.path import normpath
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -34,6 +36,7 @@ from rans.extend import (
     inside,
     read_bytes,
     read_json,
+    read_text,
     write_json,
 )
 from rans.show.pages.page import Page, Part, header
@@ -120,7 +123,7 @@ SOURCES = (
     ),
     Source(
         "compare.json",
-        "rans compare {agent} --with lqr --conditions perfect --episodes 16 --certified 2",
+        "rans compare {agent} --with lqr optimal --conditions perfect --episodes 16 --certified 2",
         "agent",
         (("limits", "gap to what is certified as possible"),),
     ),
@@ -190,7 +193,7 @@ class Dossier:
             folder=shlex.quote(str(self.folder)),
         )
         others = []
-        is_answered = False
+        answered = set[Part]()
         for file in sorted(self.folder.glob(source.files)):
             if other := self._other(source, file):
                 others.append(other)
@@ -199,21 +202,20 @@ class Dossier:
                 if found == file:
                     self.sections.append(section)
                     for fact in section.summary:
-                        is_answered = True
+                        answered.add(fact.part)
                         yield self._row(fact, file)
-        if not is_answered:
-            for part, what in source.questions:
+        for part, what in source.questions:
+            if part not in answered:
                 yield Row(part, "; ".join([what, *others]), "", None, command)
 
     def _other(self, source: Source, file: Path) -> str:
         """Why a file is no evidence of this agent; "": it is."""
         about = _about(file)
-        recorded = about.get("hashes", {})
-        if isinstance(
-            files := about.get("agent"), dict
-        ):  # a certificate, which has no canonical spacecraft
-            by_file = {key: files[key[key.find("(") + 1 : -1]] for key in self.hashes if "(" in key}
-            recorded = by_file | {"spacecraft": self.hashes["spacecraft"]}
+        recorded = _mapping(about.get("hashes"))
+        if files := _mapping(about.get("agent")):
+            # A certificate, which has no canonical spacecraft.
+            recorded = {key: files.get(key[key.find("(") + 1 : -1]) for key in self.hashes}
+            recorded["spacecraft"] = self.hashes["spacecraft"]
         wanted = self.hashes if source.of == "agent" else {}
         if source.of == "spacecraft":
             wanted = {"spacecraft": self.hashes["spacecraft"]}
@@ -225,7 +227,7 @@ class Dossier:
 
     def _row(self, fact: Fact, file: Path) -> Row:
         about = _about(file)
-        made = about.get("environment", {})
+        made = _mapping(about.get("environment"))
         return Row(
             fact.part,
             fact.what,
@@ -308,11 +310,14 @@ class Dossier:
         """
         if not self.file.exists():
             raise ConfigError(f"{self.file} is not there: rans dossier {self.name} writes it.")
-        written = read_json(self.file)
+        written = _mapping(read_json(self.file))
+        try:
+            before = {(row["file"], row["what"]): Row(**row) for row in written["rows"]}
+        except (LookupError, TypeError) as error:
+            raise ConfigError(f"{self.file} is not what RANS writes there: {error!r}.") from error
         for key, value in self.hashes.items():
-            if written["hashes"].get(key) != value:
+            if _mapping(written.get("hashes")).get(key) != value:
                 yield f"the dossier is of another agent: {key} differs"
-        before = {(row["file"], row["what"]): Row(**row) for row in written["rows"]}
         yield from _differences(before, self.rows, "its file says", is_exact=True)
 
     def repeated(self, row: Row) -> Iterator[str]:
@@ -321,9 +326,8 @@ class Dossier:
         Args:
             row: any row of the file.
         """
-        words = shlex.split(row.command)
-        known = {shlex.split(source.command)[1] for source in SOURCES}
-        if words[:1] != ["rans"] or words[1] not in known or "--trust" in words:
+        words = self._words(row.command)
+        if not words:
             yield f"{row.file} names no command of a dossier: {row.command}"
             return
         with tempfile.TemporaryDirectory() as place:
@@ -332,14 +336,34 @@ class Dossier:
         new = [one for one in again if one.file == row.file]
         yield from _differences(old, new, "its command gives", is_exact=False)
 
+    def _words(self, command: str) -> list[str]:
+        """Words of a command that a file names; none if it may run code of whoever wrote the file."""
+        known = {shlex.split(source.command)[1] for source in SOURCES}
+        try:
+            words = shlex.split(command)
+            names = [value for word in words if ":" in (value := word.partition("=")[2] or word)]
+            parsed = [ContestantName.parse(name) for name in names if name != self.name]
+        except (ConfigError, ValueError):
+            return []
+        # MODULE:NAME would be imported, as a name that the user has typed.
+        is_code = any(":" in name.name + name.setup + name.craft for name in parsed)
+        # More steps up than there are folders.
+        up = (Path(normpath(path)).parts.count("..") for word in words for path in _paths(word))
+        is_out = any(count >= len(Path.cwd().parts) for count in up)
+        is_trusted = any(word.startswith("--trust") for word in words)
+        is_known = words[:1] == ["rans"] and not known.isdisjoint(words[1:2])
+        return words if is_known and not (is_code or is_out or is_trusted) else []
+
 
 def _about(file: Path) -> dict[str, Any]:
-    """How a file of results was made: command, environment and hashes."""
-    content = read_json(file)
-    if not isinstance(content, dict):
-        return {}
-    about = content.get("about")
-    return content | about if isinstance(about, dict) else content
+    """How a file of results was made: command, environment and hashes; nothing where it does not say."""
+    content = _mapping(read_json(file))
+    return content | _mapping(content.get("about"))
+
+
+def _mapping(value: Any) -> dict[str, Any]:
+    """A table of a file; an empty one where the file has something else."""
+    return value if isinstance(value, dict) else {}
 
 
 def _again(dossier: Dossier, words: Sequence[str], place: Path) -> list[Row]:
@@ -349,42 +373,46 @@ def _again(dossier: Dossier, words: Sequence[str], place: Path) -> list[Row]:
         ConfigError: the command has failed.
     """
     name = ContestantName.parse(dossier.name)
-    folder = Path(name.name)
+    copied = [Path(word) for word in (name.craft, *words[2:]) if word.endswith(".toml")]
     if name.kind == "run folder":
-        for file in folder.iterdir():
-            is_result = any(file.match(source.files) for source in SOURCES)
-            if (
-                file.is_file() and not is_result and file.suffix != ".html"
-            ) or file.name == "proof.json":
-                copied = place / _relative(file)
-                copied.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy(file, copied)
-    for word in (name.craft, *words[2:]):
-        if word.endswith(".toml") and Path(word).is_file():
-            (place / _relative(Path(word))).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(word, place / _relative(Path(word)))
+        results = [*(source.files for source in SOURCES), "*.html", dossier.file.name]
+        copied += [
+            file
+            for file in Path(name.name).iterdir()
+            if file.name == "proof.json" or not any(map(file.match, results))
+        ]
+    # Below the place is a folder for every path: a relative one is there as it is here, with "..".
+    folder = place / _moved(str(Path.cwd()), place)
+    folder.mkdir(parents=True)
+    for file in copied:
+        if file.is_file():
+            inner = folder / _moved(str(file), place)
+            inner.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(file, inner)
     for arguments in (words[1:], ["dossier", dossier.name]):
-        moved = [_relative_text(word) for word in arguments]
         done = subprocess.run(
-            [sys.executable, "-m", "rans", *moved],
-            cwd=place,
+            # No module is imported from the folder of an agent.
+            [sys.executable, "-P", "-m", "rans", *(_moved(word, place) for word in arguments)],
+            cwd=folder,
             capture_output=True,
             text=True,
             check=False,
         )
-    file = place / _relative(dossier.file)
-    if not file.exists():
+    written = next(place.rglob(dossier.file.name), None)
+    if written is None:
         raise ConfigError(f"{shlex.join(words)} ended with {done.returncode}: {done.stderr[-300:]}")
-    return [Row(**row) for row in read_json(file)["rows"]]
+    rows = json.loads(read_text(written).replace(str(place), ""))["rows"]
+    return [Row(**row) for row in rows]
 
 
-def _relative(file: Path) -> Path:
-    """A path below any folder: one that begins at the root without its root."""
-    return file.relative_to(file.anchor) if file.is_absolute() else file
+def _moved(word: str, place: Path) -> str:
+    """A word of a command with its paths from the root below a place."""
+    return "".join(f"{place}{x}" if Path(x).is_absolute() else x for x in _paths(word))
 
 
-def _relative_text(word: str) -> str:
-    return str(_relative(Path(word))) if Path(word).is_absolute() else word
+def _paths(word: str) -> list[str]:
+    """What may be paths in a word, and what is between them."""
+    return re.split("([=@])", word)
 
 
 def _differences(

@@ -136,7 +136,17 @@ def test_a_result_of_another_agent_is_no_evidence(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "command", ["rans train go-to-pose", "rans assure mine --trust", "rm -r mine"]
+    "command",
+    [
+        "rans",
+        "rans 'assure",
+        "rans train go-to-pose",
+        "rans assure mine --trust",
+        "rans evaluate python:mine.policy:fly:go-to-pose-2d",
+        "rans compare mine --executor=dask:tcp://127.0.0.1:8786",
+        f"rans export mine --output={99 * '../'}home",
+        "rm -r mine",
+    ],
 )
 def test_a_command_of_a_stranger_does_not_run(
     command: str, folder: Path, monkeypatch: pytest.MonkeyPatch

@@ -210,7 +210,6 @@ def _is_own_with_a_moving_mass(craft: Spacecraft, own: Spacecraft) -> bool:
     """
     if craft.is_rigid or craft.acting_effectors or craft.thruster_count != own.thruster_count:
         return False
-    # Directions are normalised again when a file is read, which changes their last digits.
     alike = np.allclose(craft.wrench_map, own.wrench_map, rtol=1e-9, atol=1e-12)
     passed = ("further_effectors", "name", "radius", "shape", "thrusters")
     same = replace(craft, **{key: getattr(own, key) for key in passed}) == own

@@ -416,7 +416,7 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
         f"{comparison['title']}.",
         [Table(("contestant", "outcome"), rows)],
         findings=findings,
-        summary=[*(Fact(*row, part="limits") for row in rows), *_gaps(comparison)],
+        summary=[*(Fact(*row) for row in rows), *_gaps(comparison)],
         link="compare.html",
         hero=str(comparison.get("hero") or f"{said}."),
         tiles=tiles,

@@ -41,6 +41,7 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
             passed,
         ),
         *_replay_facts(result.get("replays") or {}, judged),
+        *([] if bound["failures"] else [Fact("worst flight", "none failed", "limits")]),
         *([Fact("smallest disturbance that fails", found_one, "limits")] if found_one else []),
     ]
     findings = [Finding(sentence, passed)]

@@ -14,21 +14,21 @@ def contract_section(_: Path, contract: Mapping[str, Any]) -> Section:
     command = contract["command"]
     thrusters = command.get("thrusters", ())
     facts = [
-        Fact("spacecraft", contract["spacecraft"]["name"], "domain"),
-        Fact("task", contract["task"], "domain"),
+        Fact("spacecraft", str(contract["spacecraft"]["name"]), "domain"),
+        Fact("task", str(contract["task"]), "domain"),
         Fact("control period", f"{contract['control_period']:g} s", "domain"),
         Fact(
             "observation",
             f"{len(contract['observation'])} columns, each with its valid range; {contract['valid']}",
             "domain",
         ),
-        Fact("observation, refused", contract["refused"], "domain"),
+        Fact("observation, refused", str(contract["refused"]), "domain"),
         Fact(
             "command",
             f"{len(thrusters)} thrusters, {command['actuators']}: {command['values']}",
             "domain",
         ),
-        Fact("conditions of the training", contract["conditions"]["summary"], "domain"),
+        Fact("conditions of the training", str(contract["conditions"]["summary"]), "domain"),
         Fact("oldest reading", f"{contract['readings']['oldest']:g} s", "domain"),
         *_margins(contract["conditions"]["margins"]),
     ]
