@@ -9,10 +9,11 @@ from typing import Any
 
 import pytest
 import torch
-from rans_value.learner import Greedy, GreedyController, Value, ValueLearner, ValueSettings, newest
+from rans_value.learner import Greedy, GreedyController, Newest, Value, ValueLearner, ValueSettings
 from torch import Tensor
 
 from rans.errors import ConfigError
+from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.fast.engine import Engine
 from rans.fast.learn.beginning import begin
 from rans.fast.learn.config import TrainConfig, training
@@ -23,7 +24,7 @@ from rans.model.actuators import Throttle
 from rans.model.timing import Timing
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenarios
-from rans.tasks import GoToPosePriced
+from rans.tasks import TASKS, GoToPosePriced
 from tests.support import plugins
 from tests.support.draws import PLATFORM
 from tests.support.training import TINY, ignore
@@ -115,14 +116,14 @@ def test_a_training_leaves_its_policy_and_its_value_function(
     )
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match="has a value function"):
-        newest(PLATFORM, TASK, config.timing)
+        Newest(PLATFORM, TASK, config.timing)
     run = RunFolder(tmp_path / "runs" / "run")
     run.begin(config, "test")
     trainer = Trainer(config, PLATFORM, run)
     trainer.train(ignore)
     learnt = trainer.learner
     assert isinstance(learnt, ValueLearner)
-    controller = newest(PLATFORM, config.settings, config.timing)
+    controller = Newest(PLATFORM, config.settings, config.timing)
     starts = scenarios(TASK, PLATFORM, 0, 4)
     flight = fly(PLATFORM, TASK, controller, starts, Timing(episode_steps=2))
     # The value function is the learner's, not a new one.
@@ -130,14 +131,20 @@ def test_a_training_leaves_its_policy_and_its_value_function(
     torch.testing.assert_close(learnt.average(state), controller._greedy.value(state))
     assert set(flight.commands.flat) <= {0.0, 1.0}
     assert controller._trade_off == 0.3
+    # The commands of a comparison's contestant are those of its own trade-off.
+    invited = "rans_value.learner:Newest:go-to-pose-priced-2d#0.7"
+    contestant: Any = enlist(invited, contest_of(invited, episodes=4, trust=True), trust=True)
+    assert contestant.controller.trade_off == 0.7
     run.checkpoint_file.unlink()
     with pytest.raises(ConfigError, match="has no value function"):
         GreedyController(run.path)
 
 
 def test_other_craft_and_conditions_are_refused() -> None:
-    with pytest.raises(ConfigError, match="another problem"):
+    with pytest.raises(ConfigError, match="no such craft"):
         learner(replace(PLATFORM, actuators=Throttle()))
+    with pytest.raises(ConfigError, match="flights to a pose"):
+        Newest(PLATFORM, TASKS["avoid"](), Timing())
     noisy = replace(training("go-to-pose", device="cpu"), conditions=load_conditions("lab"))
     with pytest.raises(ConfigError, match="leave out the conditions"):
         Value.making(noisy, PLATFORM, SMALL)

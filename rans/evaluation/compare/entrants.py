@@ -144,7 +144,11 @@ def _single(text: str, without_training: str, run: LoadedRun) -> LoadedRun:
     if first := next(iter(run.task.parts())):
         raise ConfigError(f"{text} has several tasks: pick one, as in {text}#{first}.")
     plain = without_trade_off(run)
-    if plain is not run and without_training:  # It has no trade-off.
+    if (
+        plain is not run
+        and without_training
+        and not getattr(CONTROLLERS[without_training], "has_trade_off", False)
+    ):
         setup = Setup(plain.craft, plain.task, plain.timing)
         return plain._replace(controller=controller(without_training, setup))
     return plain

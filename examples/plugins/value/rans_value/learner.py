@@ -23,12 +23,12 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from rans.extend import (
+    TASKS,
     Acted,
     Adam,
     Algorithm,
     ConfigError,
     Engine,
-    GoToPose,
     Network,
     PPOSettings,
     Rollout,
@@ -433,17 +433,26 @@ class ValueLearner:
 def _check(engine: Engine, network: Network) -> None:
     """Reject (`ConfigError`) engines and networks for which there is no such value function."""
     craft = engine.craft
-    if craft.dimension != 2 or craft.is_continuous or not isinstance(engine.task, GoToPose):
+    if craft.dimension != 2 or craft.is_continuous:
         raise ConfigError(
-            "the algorithm 'value' flies planar craft with on/off thrusters to a pose (go-to-pose, "
-            f"go-to-pose-priced); {craft.name} with {type(engine.task).__name__} is another problem: train "
-            'with the algorithm "ppo".'
+            f"the algorithm 'value' flies planar craft with on/off thrusters, and {craft.name} is no such craft: "
+            'train with the algorithm "ppo".'
         )
+    _check_task(engine.task)
     policy = network.architecture
     if engine.processes.size > 1 or policy.memory or policy.backbone != "dense":
         raise ConfigError(
             "the algorithm 'value' trains one dense network without a memory in one process: leave out --gpus, "
             "ppo.memory, ppo.filters and ppo.backbone."
+        )
+
+
+def _check_task(task: Task) -> None:
+    """Reject (`ConfigError`) tasks other than a flight to a pose at rest that nothing else limits."""
+    if type(task) not in (TASKS["go-to-pose"], TASKS["go-to-pose-priced"]):
+        raise ConfigError(
+            "the value function is of flights to a pose (go-to-pose, go-to-pose-priced), got "
+            f"{type(task).__name__}: take another algorithm or controller."
         )
 
 
@@ -487,7 +496,7 @@ class GreedyController:
         return self._greedy.command(seen).numpy()
 
 
-def newest(craft: Spacecraft, task: Task, timing: Timing) -> GreedyController:
+class Newest(GreedyController):
     """Controller by the newest value function of a craft in the folder ``runs``, at the trade-off of the task.
 
     It is the contestant ``value``, as in ``value:go-to-pose-priced-2d@mine.toml#0.5``.
@@ -495,19 +504,34 @@ def newest(craft: Spacecraft, task: Task, timing: Timing) -> GreedyController:
     Raises:
         ConfigError: there is none.
     """
-    files = Path("runs").glob("**/config.json")
-    for file in sorted(files, key=lambda x: x.stat().st_mtime, reverse=True):
-        run = RunFolder(file.parent)
-        # Other folders may need packages that are not here.
-        if read_json(file).get("algorithm") == "value" and run.has_checkpoint:
-            trained = run.spacecraft(), run.config().timing.control_period
-            if trained == (craft, timing.control_period):
-                held = task.held_trade_off
-                return GreedyController(run.path, TRADE_OFF if held is None else held)
-    raise ConfigError(
-        f"no folder in runs/ has a value function of {craft.name} at {timing.control_period:g} s: train with "
-        "--set algorithm=value."
-    )
+
+    has_trade_off: ClassVar[bool] = True
+
+    def __init__(self, craft: Spacecraft, task: Task, timing: Timing) -> None:
+        _check_task(task)
+        files = Path("runs").glob("**/config.json")
+        for file in sorted(files, key=lambda x: x.stat().st_mtime, reverse=True):
+            run = RunFolder(file.parent)
+            # Other folders may need packages that are not here.
+            if read_json(file).get("algorithm") == "value" and run.has_checkpoint:
+                config = run.config()
+                trained = (
+                    run.spacecraft(),
+                    config.timing.control_period,
+                    _tolerances(config.settings),
+                )
+                if trained == (craft, timing.control_period, _tolerances(task)):
+                    held = task.held_trade_off
+                    super().__init__(run.path, TRADE_OFF if held is None else held)
+                    return
+        raise ConfigError(
+            f"no folder in runs/ has a value function of {craft.name} at {timing.control_period:g} s with the "
+            "tolerances of the task: train with --set algorithm=value."
+        )
+
+
+def _tolerances(task: Any) -> tuple[float, float]:
+    return task.position_tolerance, task.attitude_tolerance
 
 
 _ITERATIONS = 220
