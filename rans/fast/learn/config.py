@@ -30,7 +30,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.model.timing import Timing
 from rans.policy.backbone_registry import BACKBONES
-from rans.pretrained import FOR_ANY_CRAFT, RECIPE_FOLDER, agent_recipes
+from rans.pretrained import RECIPE_FOLDER, agent_recipes
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
 from rans.registry import typed
@@ -503,38 +503,6 @@ def training(task: str, spacecraft: str | None = None, device: str | None = None
         timing=timing_of_file(craft, settings, named),
         device=device,
     )
-
-
-def from_any_craft(config: TrainConfig, craft: Spacecraft) -> TrainConfig:
-    """The config of a short training that begins from the agent for any craft, if that flies its task and craft.
-
-    It imitates the agent, and ends as soon as it solves the task. By reinforcement learning alone the agent of
-    the same seconds spends 1.8 to 2.5 times the thrust (docs/decisions/learners.md).
-    In space, under conditions and for other tasks the config is as it was.
-    """
-    from rans.policy.timing import flies_to_a_pose
-
-    plain = config.conditions.or_none is None and not config.guard and not config.plain
-    if craft.dimension != 2 or not plain or not flies_to_a_pose(config.settings, craft):
-        return config
-    from rans.policy.prospects import Prospect
-
-    try:
-        if Prospect.of(craft, config.timing.control_period).reason:
-            return config
-    except ConfigError:
-        return config
-    ppo = replace(config.ppo, n_envs=_IMITATING_ENVS, n_steps=_IMITATING_STEPS)
-    if craft.thrust_sharing == "split" and not craft.is_continuous:
-        # Valves that are chosen one by one take each other's thrust.
-        ppo = replace(ppo, backbone="allocated")
-    return replace(config, ppo=ppo, begin_from=f"pretrained:{FOR_ANY_CRAFT[2]}#{_FRUGALITY:g}")
-
-
-_FRUGALITY = 0.4
-"""Frugality of the agent that a short training imitates: of 0, 0.2 and 0.4 the cheapest that is quick."""
-_IMITATING_ENVS, _IMITATING_STEPS = 256, 32
-"""Environments and steps of a rollout, as many transitions as the preset's in half of the processor time."""
 
 
 def training_of_quality(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,10 +9,12 @@ from typing import Any
 import pytest
 import torch
 
-from rans.errors import ConfigError, RansWarning
+from rans.api.training import from_any_craft
+from rans.errors import ConfigError
+from rans.evaluation.fly import choice
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn import any_craft, graph
-from rans.fast.learn.config import MemorySettings, TrainConfig, from_any_craft, training
+from rans.fast.learn.config import MemorySettings, TrainConfig, training
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.model.spacecraft_file import load_spacecraft
@@ -289,11 +290,15 @@ def test_a_number_after_the_name_makes_it_save_thrust(tmp_path: Path) -> None:
             frugal(wrong)
 
 
-def test_a_training_as_it_comes_begins_from_it_where_it_flies() -> None:
+def test_a_training_as_it_comes_begins_from_it_where_it_flies(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     platform = load_spacecraft("floating-platform")
-    assert from_any_craft(training("go-to-pose"), platform).begin_from == (
-        "pretrained:any-craft-2d#0.4"
-    )
+    for value in (0.3, 0.4):
+        flown = choice.Choice(value, 0.2, 256, 255, 6.0, 17.0)
+        monkeypatch.setattr(choice, "chosen", lambda *_, flown=flown: flown)
+        begun = from_any_craft(training("go-to-pose"), platform).begin_from
+        assert begun == f"pretrained:any-craft-2d#{value:g}"
     # Valves that share a supply are imitated together.
     shared = load_spacecraft("floating-platform-shared")
     backbones = [
@@ -302,17 +307,16 @@ def test_a_training_as_it_comes_begins_from_it_where_it_flies() -> None:
     ]
     assert backbones == ["dense", "allocated"]
     space = load_spacecraft("free-flyer")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RansWarning)
-        weak = replace(platform, thrusters=platform.thrusters[:4])
     others = [
         (training("track-velocity"), platform),
         (training("go-to-pose", "free-flyer"), space),
         (replace(training("go-to-pose"), conditions=load_conditions("lab")), platform),
-        (training("go-to-pose"), weak),
     ]
     for given, craft in others:
         assert from_any_craft(given, craft) == given
+    lost = choice.Choice(0.0, 0.2, 256, 250, 6.0, 17.0)
+    monkeypatch.setattr(choice, "chosen", lambda *_: lost)
+    assert from_any_craft(training("go-to-pose"), platform) == training("go-to-pose")
 
 
 def test_what_cannot_imitate_it_is_refused(tmp_path: Path) -> None:
