@@ -38,7 +38,7 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -
     assert str(len(read["checks"])) in printed
     page = report_from_run(folder)
     assert page.passed
-    assert len(page.sections[0].pictures) == len({curve["figure"] for curve in read["curves"]}) > 2
+    assert len(page.sections[0].pictures) == len({curve["figure"] for curve in read["curves"]}) > 1
 
     alone = tmp_path / "alone"
     assert main(f"validate --quick --layer bang-bang --output {alone}".split()) == 0

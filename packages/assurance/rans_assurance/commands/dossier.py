@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro import conf
 
-from rans.extend import Terminal, doing
-from rans.table import Table
+from rans.extend import Table, Terminal, doing
 
 if TYPE_CHECKING:
     from rans_assurance.dossier import Dossier

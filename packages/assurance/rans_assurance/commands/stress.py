@@ -16,6 +16,7 @@ from rans.extend import (
 )
 from rans.show.pages.page import say
 from rans_assurance.functions import stress
+from rans_assurance.sections.stress import WORST
 
 if TYPE_CHECKING:
     from rans_assurance.stress.report import StressReport
@@ -67,6 +68,9 @@ def _show(report: StressReport) -> None:
         console.say(sentence)
     if stress.outcomes:
         console.say(f"Written to {report.folder / 'stress.json'} and the folder stress.")
+        for table in report.section.details:
+            if table.title == WORST:
+                console.say(f"The first of the worst episodes: {table.rows[0][-1]}")
         if not report.is_partial:
             trust = ["--trust"] if are_files_trusted() else []
             console.suggest(shlex.join(["rans", "assure", next(iter(stress.contestants)), *trust]))

@@ -13,6 +13,9 @@ from rans.show.pages.page import Picture, Tile
 from rans.show.palette import series_style
 from rans_assurance.sections.assurance import asked
 
+WORST = "Worst episodes"
+"""Title of the table of commands that show them."""
+
 
 def stress_section(_: Path, stress: Mapping[str, Any]) -> Section:
     """Shares solved in each set of conditions, and the largest size of each disturbance that is tolerated."""
@@ -121,7 +124,7 @@ def _worst_table(flown: Mapping[str, Any]) -> Iterator[Table]:
     """The worst episodes, with the commands that show them; none where nobody has flown."""
     if rows := [*_worst(flown)]:
         columns = ("scenario", "contestant", "episode", "largest errors", "command that shows it")
-        yield Table(columns, rows, "Worst episodes")
+        yield Table(columns, rows, WORST)
 
 
 def _worst(flown: Mapping[str, Any]) -> Iterator[list[str]]:
