@@ -115,9 +115,6 @@ if TYPE_CHECKING:
     from rans.scenario import draws as draws
     from rans.scenario import scenario as scenario
     from rans.scenario import scenarios as scenarios
-    from rans.show.figures.figures import styled as styled
-    from rans.show.figures.panels import label as label
-    from rans.show.figures.plotting import Figure as Figure
     from rans.show.pages.page import Fact as Fact
     from rans.show.pages.page import Finding as Finding
     from rans.show.pages.page import Section as Section

@@ -135,11 +135,7 @@ keep.every = ["4 - x0"]
 @pytest.mark.slow
 def test_commands_that_are_printed_to_run_next_run(tmp_path: Path) -> None:
     """With everything installed; those after a flight are run where a robot flies (packages/robot)."""
-    assert {*COMMANDS} - {line.split()[0] for line in EVERY} == {
-        "fly",
-        "replay",
-        "reproduce",
-    }
+    assert {*COMMANDS} - {line.split()[0] for line in EVERY} == {"fly", "replay", "reproduce"}
     written(damping(1, [0], seed=1), tmp_path / "network.onnx")
     (tmp_path / "problem.toml").write_text(PROBLEM)
     following: dict[str, str] = {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from dataclasses import replace
 
 import pytest
@@ -80,15 +81,17 @@ def test_what_could_not_be_checked_is_said(monkeypatch, capsys) -> None:
 
 
 @pytest.mark.slow
-def test_conditions_are_flown_effect_by_effect(tmp_path, capsys) -> None:
-    """Their own file is named in the command that repeats what is closest to its bound."""
+def test_conditions_are_flown_effect_by_effect(tmp_path, monkeypatch) -> None:
+    """Their own file is named in the command that repeats them."""
     file = tmp_path / "push.toml"
     folder = tmp_path / "checked"
     file.write_text(
         "[disturbances]\nforce = [0.0, 0.2]\n[sensors.position]\nnoise = 0.01\n", "utf-8"
     )
     command = ["validate", "--quick", "--layer", "conditions", "--conditions", str(file)]
-    assert main([*command, "--output", str(folder)]) == 0
+    command += ["--output", str(folder)]
+    monkeypatch.setattr(sys, "argv", ["rans", *command])
+    assert main(command) == 0
     read = json.loads((folder / "validation.json").read_text("utf-8"))
     assert [check["name"] for check in read["checks"]] == [
         f"{group}: {what}"
