@@ -150,7 +150,7 @@ def test_a_suggestion_says_what_is_not_installed(
         "rans evaluate runs/a --engine drake",
     )
     lines = capsys.readouterr().out.splitlines()[1:]
-    extras = ["", "optimal", "plots", "", "verify"]
+    extras = ["", "optimal", "", "", "verify"]
     assert [line.partition("[")[2].partition("]")[0] for line in lines] == extras
     monkeypatch.setattr("rans.terminal.is_installed", lambda module: True)
     assert lacking("rans optimal go-to-pose") == ""

@@ -8,7 +8,6 @@ file of this very agent is an empty row.
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 import shlex
 import shutil
@@ -36,7 +35,6 @@ from rans.extend import (
     inside,
     read_bytes,
     read_json,
-    read_text,
     write_json,
 )
 from rans.show.pages.page import Page, Part, header
@@ -403,8 +401,15 @@ def _again(dossier: Dossier, words: Sequence[str], place: Path) -> list[Row]:
     written = next(place.rglob(dossier.file.name), None)
     if written is None:
         raise ConfigError(f"{shlex.join(words)} ended with {done.returncode}: {done.stderr[-300:]}")
-    rows = json.loads(read_text(written).replace(str(place), ""))["rows"]
-    return [Row(**row) for row in rows]
+    return [
+        Row(
+            **{
+                key: x.replace(str(place), "") if isinstance(x, str) else x
+                for key, x in row.items()
+            }
+        )
+        for row in read_json(written)["rows"]
+    ]
 
 
 def _moved(word: str, place: Path) -> str:

@@ -36,7 +36,8 @@ from rans_missions.slosh.liquid import Slosh
 from validation.judges.judge import Judge, Largest, Row
 from validation.study.checks import Check
 
-_FIGURES = Path(__file__).with_suffix(".json")
+BASILISK_STATES = Path(__file__).with_suffix(".json")
+"""File of its states after every tenth period, by case."""
 _STEP = 0.002
 """Basilisk's steps of fourth order, s; they divide every pulse. 10 ms differ by 7e-10 m, 2 ms by 1e-12."""
 _RADIUS = 7e9
@@ -275,7 +276,7 @@ def rows(figures: dict[str, Any] | None = None) -> Iterator[Row]:
     """
     live = figures is None and is_installed("Basilisk")
     if figures is None and not live:
-        figures = read_json(_FIGURES)
+        figures = read_json(BASILISK_STATES)
     for name, case in cases().items():
         other = theirs(case) if live or figures is None else np.array(figures[name])
         own = ours(case)
@@ -294,7 +295,7 @@ def rows(figures: dict[str, Any] | None = None) -> Iterator[Row]:
             Check(quantity, value, case.bound, units[quantity], reason)
             for quantity, value in largest.values.items()
         )
-        file = "flown by Basilisk now" if live else _FIGURES.name
+        file = "flown by Basilisk now" if live else BASILISK_STATES.name
         yield Row(BASILISK, f"Basilisk {name}", case.about, file, checks, "1e-12 m by its step")
 
 
@@ -302,10 +303,12 @@ def judged(folder: Path | None) -> tuple[list[Row], list[str]]:
     """Rows of all cases; a judge of `validation.judges.table`.
 
     Args:
-        folder: logs of another judge, which say nothing here.
+        folder: logs of another judge, who is then asked alone; None: there are none.
     """
-    return list(rows()), []
+    return ([] if folder else list(rows())), []
 
 
 if __name__ == "__main__":
-    write_json(_FIGURES, {name: theirs(case)[9::10].tolist() for name, case in cases().items()})
+    write_json(
+        BASILISK_STATES, {name: theirs(case)[9::10].tolist() for name, case in cases().items()}
+    )
