@@ -401,15 +401,13 @@ def _again(dossier: Dossier, words: Sequence[str], place: Path) -> list[Row]:
     written = next(place.rglob(dossier.file.name), None)
     if written is None:
         raise ConfigError(f"{shlex.join(words)} ended with {done.returncode}: {done.stderr[-300:]}")
-    return [
-        Row(
-            **{
-                key: x.replace(str(place), "") if isinstance(x, str) else x
-                for key, x in row.items()
-            }
-        )
-        for row in read_json(written)["rows"]
-    ]
+    rows = []
+    for row in read_json(written)["rows"]:
+        values: dict[str, Any] = {
+            key: x.replace(str(place), "") if isinstance(x, str) else x for key, x in row.items()
+        }
+        rows.append(Row(**values))
+    return rows
 
 
 def _moved(word: str, place: Path) -> str:

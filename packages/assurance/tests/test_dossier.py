@@ -27,7 +27,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     shutil.copytree(pretrained_folder("go-to-pose-2d"), tmp_path / AGENT)
     monkeypatch.setattr("sys.argv", ["rans", *ASSURE.split()])
-    assert main(ASSURE.split()) == 0
+    assert main([*ASSURE.split()]) == 0
     return Path(AGENT)
 
 

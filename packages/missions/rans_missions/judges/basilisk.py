@@ -133,8 +133,8 @@ def ours(case: Case) -> np.ndarray:
 
 def theirs(case: Case) -> np.ndarray:
     """Basilisk's states, as `ours`."""
-    from Basilisk.architecture import messaging
-    from Basilisk.simulation import (
+    from Basilisk.architecture import messaging  # pyrefly: ignore[missing-import]
+    from Basilisk.simulation import (  # pyrefly: ignore[missing-import]
         GravityGradientEffector,
         reactionWheelStateEffector,
         spacecraft,
@@ -142,7 +142,11 @@ def theirs(case: Case) -> np.ndarray:
         svIntegrators,
         thrusterDynamicEffector,
     )
-    from Basilisk.utilities import SimulationBaseClass, macros, simIncludeGravBody
+    from Basilisk.utilities import (  # pyrefly: ignore[missing-import]
+        SimulationBaseClass,
+        macros,
+        simIncludeGravBody,
+    )
 
     def column(vector: Any) -> list[list[float]]:
         return np.reshape(vector, (3, 1)).tolist()
@@ -165,7 +169,8 @@ def theirs(case: Case) -> np.ndarray:
     mass = craft.mass
     offset = np.zeros(3)
     inertia = np.array(craft.inertia)
-    for liquid in craft.further_effectors:
+    liquids: Any = craft.further_effectors
+    for liquid in liquids:
         hinge = np.array(liquid.hinge) - centre
         mass -= liquid.mass
         at_rest = hinge + liquid.length * np.array(liquid.direction)
