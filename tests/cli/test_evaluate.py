@@ -99,7 +99,7 @@ def test_a_protocol_has_its_own_files(run_folder: Path) -> None:
     with np.load(run_folder / "episodes-original.npz") as episodes:
         assert episodes["states"].shape == (251, 3, 6)
         assert episodes["PT5"].shape == (3,)
-    assert written["about"]["command"].startswith("rans ")  # which a dossier repeats
+    assert written["about"]["command"].startswith("rans")  # which a dossier repeats
     assert not (run_folder / "evaluation.json").exists()
     report = report_from_run(run_folder)
     assert "Evaluation original" in [section.title for section in report.sections]
