@@ -242,6 +242,11 @@ def compare(
     beside = (beside,) if isinstance(beside, str) else beside
     check_beside(beside)
     count, bounded = starts_of(episodes, certified, full)
+    if certified and beside is not None and "optimal" not in beside:
+        raise ConfigError(
+            f"certified asks for bounds from {bounded:,} of the starts, and only optimal brings bounds: name it "
+            "with the controllers that join (--with lqr optimal), or leave certified out."
+        )
     # The first contestant sets task, craft, starts and conditions for all.
     entrants = [entrant for one in invited for entrant in at_values(one)]
     contest = contest_of(

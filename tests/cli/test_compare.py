@@ -125,7 +125,7 @@ def test_every_option_reaches_the_comparison(
     told: list[Any] = []
     asked: list[bool] = []
     monkeypatch.setattr("rans.evaluation.compare.run.Comparison.fly", fill)
-    options = "--with mpc --episodes 5 --seed 11 --engine drake --certified 2"
+    options = "--with mpc optimal --episodes 5 --seed 11 --engine drake --certified 2"
     command = f"compare lqr:go-to-pose-2d {IDLE} {options} --output {tmp_path}"
     assert main(command.split()) == 0
     assert told == [
@@ -137,7 +137,7 @@ def test_every_option_reaches_the_comparison(
             tmp_path / "compare-bounds.json",
         ),
         # The slow ones fly after the quick ones have answered.
-        ((5, 11, "drake"), (), ["mpc"], 2, tmp_path / "compare-bounds.json"),
+        ((5, 11, "drake"), (), ["mpc", "optimal"], 2, tmp_path / "compare-bounds.json"),
     ]
     # The optima that take longest are asked for by --full alone.
     command = f"compare lqr:go-to-pose-2d --with optimal --output {tmp_path} --full"

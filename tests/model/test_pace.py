@@ -33,7 +33,7 @@ def test_a_body_fits_its_radius(changes: dict[str, Any], expected: int) -> None:
 
 
 def test_the_force_of_a_ring_of_many_thrusters_is_found_at_once() -> None:
-    """Of N forces that point everywhere alike, those of one side add up to N / pi of one."""
+    """N unit forces spread evenly over all directions: those that point to one side add up to N / pi."""
     count = 1000
     angles = [2.0 * math.pi * k / count for k in range(count)]
     ring = tuple(

@@ -16,8 +16,8 @@ def test_averages_keep_their_share_of_what_was() -> None:
     output, columns = network.forward(seen(PLATFORM, 2).double(), memory)
     command = output.policy.mode()
     for level in (1.0, 0.0, 0.0, 0.0):
-        told = torch.full_like(columns, level), memory, torch.full_like(command, level)
-        memory = network.next_state(*told)
+        inputs = torch.full_like(columns, level), memory, torch.full_like(command, level)
+        memory = network.next_state(*inputs)
     assert memory is not None
     assert memory.shape == (2, 3 * (width + len(PLATFORM.thrusters)))
     rows = memory.unflatten(1, (3, -1))[0]

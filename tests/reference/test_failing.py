@@ -67,8 +67,8 @@ def gained(
 ) -> tuple[float, float]:
     """In the second period: speed, and spin about z."""
     # One step more than is flown: an engine begins the next episode with the last one.
-    told = (*commands, 0.0)
-    pilot = Played(lambda step, count: np.full((count, 1), told[step]))
+    given = (*commands, 0.0)
+    pilot = Played(lambda step, count: np.full((count, 1), given[step]))
     timing = Timing(PERIOD, episode_steps=3)
     starts = scenarios(TASK, one, SEED, 1)
     own = draws(SEED, 1)
@@ -108,7 +108,7 @@ CASES: list[Any] = [
     # Shut, but felt after 0.1 s only.
     (OnOff(), ThrusterConditions(latency=0.1), "weak", (1.0, 0.0), 0.07 + 0.4 * 0.03),
     (Pulsed(4), ThrusterConditions(latency=0.05), "weak", (0.0, 0.5), 0.02 + 0.4 * 0.08),
-    # Later than a period: what was told first is felt from 0.05 s of the second on.
+    # Later than a period: what was given first is felt from 0.05 s of the second on.
     (OnOff(), ThrusterConditions(latency=0.25), "weak", (1.0, 0.0), 0.02 + 0.4 * 0.13),
     # A rise of 0.1 s is at 0.7 when the thruster fails: a triangle before, then a trapezium and 0.1 s of all.
     (OnOff(), ThrusterConditions(rise=0.1), "dead", (0.0, 1.0), 0.07 * 0.7 / 2),
@@ -167,12 +167,12 @@ CASES: list[Any] = [
 def test_momentum_by_hand(engine: Any, number: int) -> None:
     """By turns in the plane and in space: when a thruster fails does not depend on that."""
     dimension = 2 + number % 2
-    kind, valves, failure, told, impulse = CASES[number]
+    kind, valves, failure, given, impulse = CASES[number]
     faults = FaultConditions(1.0, (failure,), SHARE, PERIOD + INSTANT)
     conditions = Conditions(thrusters=valves, faults=faults)
-    speed, spin = gained(engine, craft(dimension, kind, 0.0), conditions, *told)
+    speed, spin = gained(engine, craft(dimension, kind, 0.0), conditions, *given)
     # Rounding of speeds below 0.2 m/s, and of what Drake adds up in some 20 integration steps.
     assert speed == pytest.approx(FORCE * impulse / MASS, abs=1e-14)
     assert spin == pytest.approx(0.0, abs=1e-14)
-    _, spin = gained(engine, craft(dimension, kind, ARM), conditions, *told)
+    _, spin = gained(engine, craft(dimension, kind, ARM), conditions, *given)
     assert spin == pytest.approx(ARM * FORCE * impulse / MOMENT, abs=1e-14)

@@ -288,7 +288,7 @@ class Dossier:
         kept = sum(bool(row.passed) for row in judged)
         return (
             f"{len(answered)} of {counted(len(self.rows), 'row')} have evidence; "
-            f"{kept} of {counted(len(judged), 'bound')} are kept."
+            f"kept: {kept} of {counted(len(judged), 'bound')}."
         )
 
     def write(self) -> None:

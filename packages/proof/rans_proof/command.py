@@ -209,6 +209,7 @@ class Prove(Options):
             terminal.say(f"Open: the checker refuses {output}: {refusal}")
             return 1
         _record(content)
+        _no_proof(agent).unlink(missing_ok=True)
         terminal.say(
             f"Proved: {folder.name} on {run.craft.name}, {theorem}. {int(trap.place.sum()):,} and "
             f"{int(trap.heading.sum()):,} cells, all checked, {time.monotonic() - begun:.1f} s. The certificate is "
@@ -372,14 +373,20 @@ def _refuted(proof: Proof, content: bytes, network: Path, output: Path, seconds:
     return 1
 
 
-def _not_proved(agent: str, run: LoadedRun, reason: str) -> None:
-    """Write why an agent is not proved beside its results, for reports and dossiers."""
-    from rans.evaluation.fly.evidence import about
-    from rans.extend import ContestantName, inside, ready_folder, write_json
+def _no_proof(agent: str) -> Path:
+    """File, beside an agent's results, that says to reports and dossiers why it is not proved."""
+    from rans.extend import ContestantName, inside, ready_folder
 
-    folder = ready_folder(ContestantName.parse(agent).output_folder)
+    return inside(ready_folder(ContestantName.parse(agent).output_folder), "no-proof.json")
+
+
+def _not_proved(agent: str, run: LoadedRun, reason: str) -> None:
+    """Write why an agent is not proved."""
+    from rans.evaluation.fly.evidence import about
+    from rans.extend import write_json
+
     made = about(agent, run.judged, "rans.prove")
-    write_json(inside(folder, "no-proof.json"), made | {"reason": reason})
+    write_json(_no_proof(agent), made | {"reason": reason})
 
 
 def _record(certificate: bytes) -> None:

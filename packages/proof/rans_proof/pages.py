@@ -31,7 +31,8 @@ def proof_section(file: Path, _: Mapping[str, Any]) -> Section:
     summary: list[Fact] = []
     if not proof.differs:
         finding = Finding(proof.sentence, True if proof.verdict == "checked" else None)
-        summary = [Fact("proof", proof.sentence, passed=finding.passed)]
+        # The verdict of a dossier is that of no single computer: its command checks the certificate again.
+        summary = [Fact("certificate", f"{proof.theorem}.")]
     command = shlex.join(["rans", "prove", str(run), "--check", str(run / "proof.json")])
     text = f"Judge the certificate with {command}."
     tables = [Table(("", "value"), rows)]

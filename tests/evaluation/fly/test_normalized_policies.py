@@ -125,7 +125,7 @@ def test_what_an_algorithm_saves_flies_as_it_predicts(
 def test_scales_out_of_reach_are_noticed_by_what_the_model_saw_last(
     kind: Any, tmp_path: Path
 ) -> None:
-    """Those of a wrapper in another process, and those of an off-policy algorithm's file."""
+    """Scales of observations: those of a wrapper in another process, and of an off-policy algorithm's file."""
     if kind is PPO:
         environment = SubprocVecEnv(
             [lambda: NormalizeObservation(gymnasium.make("rans:rans/GoToPose2D-v0"))]

@@ -193,8 +193,8 @@ def test_a_member_that_is_more_than_it_says(folder: Path) -> None:
     """Its place in the list of members has another size; no more than a chunk of it is unpacked at once."""
     file = folder / "policy.zip"
     true = len(MUCH).to_bytes(4, "little")
-    told = (9).to_bytes(4, "little")
-    file.write_bytes(deflated(MUCH).replace(true, told))
+    claimed = (9).to_bytes(4, "little")
+    file.write_bytes(deflated(MUCH).replace(true, claimed))
     tracemalloc.start()
     with pytest.raises(ConfigError, match=r"policy\.zip is damaged"):
         is_agent(file)

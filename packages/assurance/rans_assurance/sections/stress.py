@@ -128,7 +128,7 @@ def _worst_table(flown: Mapping[str, Any]) -> Iterator[Table]:
 
 
 def _worst(flown: Mapping[str, Any]) -> Iterator[list[str]]:
-    """Those in each set of conditions, and of each disturbance at the first size that was too much."""
+    """The worst episodes in each set of conditions, and of each disturbance at the first size that was too much."""
     lost = set[str]()
     for name, row in flown.items():
         results = row["contestants"]

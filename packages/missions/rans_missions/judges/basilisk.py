@@ -67,7 +67,7 @@ class Case:
     steps: int = 50
     """Control periods."""
     mean_motion: float = 0.0
-    """Of its orbit, rad/s: gravity turns the craft by its gradient; 0: there is no gravity."""
+    """Mean motion of its orbit, rad/s, on which the gradient of gravity turns the craft; 0: there is no gravity."""
 
     @property
     def bound(self) -> float:
