@@ -79,8 +79,6 @@ SLOW_EXAMPLES = {
 @pytest.mark.usefixtures("unswept")
 def test_examples_in_docstrings(example: doctest.DocTest, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RANS_TRUST", "")  # one of them sets it for the rest of the process
-    # Ten seconds of flights in every kind of condition, which have tests of their own.
-    monkeypatch.setattr("rans.deploy.export.measure_margins", lambda *_: None)
     # The first figures of a benchmark, of which all take 40 s.
     monkeypatch.setattr(
         "validation.speed.suite.measurements",

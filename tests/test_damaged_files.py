@@ -28,7 +28,7 @@ from tests.support.written_files import RESULTS, TUNED, optimal_folder
 @pytest.fixture(scope="module")
 def export(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("export") / "mine"
-    write_export(pretrained_folder("go-to-pose-2d"), folder, "numpy", episodes=8, margins=0)
+    write_export(pretrained_folder("go-to-pose-2d"), folder, "numpy", episodes=8)
     return folder
 
 

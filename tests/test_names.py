@@ -72,7 +72,7 @@ def test_no_value_has_a_name_of_several_lines(name: Any, tmp_path: Path) -> None
         card = json.loads((agent / "card.json").read_text("utf-8"))
         write_json(agent / "card.json", card | {"name": name})
         with pytest.raises(ConfigError, match="the name of an agent must be one line"):
-            write_export(agent, tmp_path / "out", "rans", episodes=1, margins=0)
+            write_export(agent, tmp_path / "out", "rans", episodes=1)
 
 
 @each

@@ -333,9 +333,7 @@ def export(
         format: format of the agent: rans, sb3, onnx, numpy, c, c8 (c with weights of a byte) or fmu. None has the
             safety filter, which needs RANS: the contract names it, and `rans fly` on the folder applies it
             (docs/missions/guard.md).
-        episodes: number of evaluation flights for the model card. A quarter as many fly at each latency, mass and
-            sensor noise around the conditions of the training, from which the contract states the intervals in
-            which the agent solves its task; with fewer than 256 episodes it states none.
+        episodes: number of evaluation flights for the model card.
         force: whether to export an agent that solves less than half of its flights, too.
         name: prefix of the public names of C, so that two agents are linked into one program: approach makes
             approach_act of rans_agent_act.
@@ -391,8 +389,6 @@ def exported(
         raise ConfigError(f"{source} is an export already: export the run that it was made of.")
     if format == "rans" and not is_foreign and _comes_with_rans(source):
         raise ConfigError(f"{source.name} comes with RANS in this format already, in {source}.")
-    # Of 64 flights, 62 that hold show a probability above 0.9 (one-sided, 95 %); fewer show little.
-    margins = count // 4 if count >= WITH_MARGINS else 0
     # Before minutes of flights.
     write_policy = EXPORTERS[name.kind] if is_foreign else None
     if format in _PACKAGES:
@@ -404,17 +400,15 @@ def exported(
     default = Path("runs/exports") / label
     folder = default if output is None else Path(text_of_name("output", output, Path))
     if write_policy is not None:
-        return folder, write_policy(name.text, folder, format, count, margins=margins)
+        return folder, write_policy(name.text, folder, format, count)
     least = 0.0 if force else _LEAST
     return folder, write_export(
-        source, folder, format, count, margins=margins, least=least, prefix=prefix, spec=name.text
+        source, folder, format, count, least=least, prefix=prefix, spec=name.text
     )
 
 
 _LEAST = 50.0
 """Solved flights, %, below which an agent is exported on demand only."""
-WITH_MARGINS = 256
-"""Fewest evaluation flights of an export whose contract has margins."""
 _PACKAGES = {"onnx": "onnx", "sb3": "stable_baselines3"}
 """Modules that formats need beside the core."""
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from rans.api.pages import WITH_MARGINS, export, exported
+from rans.api.pages import export, exported
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.files import read_json, write_json
@@ -37,12 +37,10 @@ class Export(Options):
         return (shlex.join(["rans", "view", self.agent]),)
 
     def run(self) -> int:
-        """Write the export and print its files, its margins and what to run next; the exit code is 0."""
+        """Write the export and print its files and what to run next; the exit code is 0."""
         from rans.deploy.export import solved_percent
-        from rans.deploy.margins import margin_lines
         from rans.evaluation.fly.contestant_name import ContestantName
         from rans.evaluation.fly.contestants import contestant
-        from rans.evaluation.fly.policy_text import is_user_policy
 
         check_count("--episodes", self.episodes)
         with doing(f"flying {self.agent} for its contract and its card"):
@@ -57,14 +55,6 @@ class Export(Options):
             text = f"{percent:.4g} % of {card['episodes']:,} flights are solved."
             own = "" if name.kind == "policy" else name.shortfall(percent, contestant(name))
             Terminal().say(own or text)
-        stated = read_json(output / "contract.json")["conditions"]["margins"]
-        for line in [] if stated is None else margin_lines(stated, is_user_policy(self.agent)):
-            Terminal().say(line)
-        if stated is None and self.episodes < WITH_MARGINS:
-            Terminal().say(
-                "contract.json has no conditions.margins, what the agent tolerates: that takes "
-                f"--episodes {WITH_MARGINS} or more."
-            )
         if self.format == "numpy":
             Terminal().suggest(f"cd {shlex.quote(str(output))} && python agent.py")
         elif self.format == "onnx":

@@ -167,7 +167,6 @@ def contract(
     spacecraft_text: str,
     memory: int,
     seen: np.ndarray,
-    margins: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """The contract of an agent with so much memory that observed (T, N, width) on flights.
 
@@ -178,7 +177,6 @@ def contract(
         spacecraft_text: file of the spacecraft.
         memory: numbers that it remembers.
         seen: observations of flights under the training's conditions.
-        margins: `rans.deploy.margins.measure_margins`; None: they were not measured.
     """
     task = config.settings
     conditions = config.conditions
@@ -209,13 +207,6 @@ def contract(
         "conditions": {
             "of_training": changed_settings(conditions),
             "summary": _conditions_text(conditions),
-            "margins": margins,
-            "margins_meaning": None
-            if margins is None
-            else "training, nominal: share of flights solved under the conditions of the training, and "
-            "with everything as designed. holds: the interval around of_training, the range of the training, in "
-            "which at least wanted_share are solved at every value flown, all else as in the training; null: not "
-            "even in the middle of the training's range. held: the share solved, by value.",
         },
         "readings": _readings(conditions, config.timing.control_period),
         "valid": f"range of {seen.shape[1]} flights of {seen.shape[0]} periods from the starts of training "

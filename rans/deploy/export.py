@@ -23,10 +23,8 @@ from rans.deploy.contract import (
     contract,
     flights_of_training,
     golden,
-    is_one_task,
 )
 from rans.deploy.forms import FORMATS, Form
-from rans.deploy.margins import measure_margins
 from rans.deploy.numpy_file import write_numpy
 from rans.deploy.onnx_file import write_onnx
 from rans.deploy.program import Ports, agent_program
@@ -79,7 +77,6 @@ class Exporter(Protocol):
         form: str = ...,
         episodes: int = ...,
         seed: int = ...,
-        margins: int = ...,
     ) -> dict[str, Any]:
         """Write the contestant that a text names into a folder, and return its card."""
         ...
@@ -110,7 +107,6 @@ def write_export(
     form: str = "rans",
     episodes: int = 1024,
     seed: int = EVALUATION_SEED,
-    margins: int = 256,
     least: float = 0.0,
     prefix: str = "",
     spec: str = "",
@@ -127,11 +123,8 @@ def write_export(
     that was hidden in the run's files is handed on.
 
     For the card so many episodes are flown from starts of the seed under each of `fitting_protocols` and, by
-    a multi-task agent, with each of its tasks. An agent that was exported before keeps its card. For the
-    contract so many flights of every latency, mass and sensor noise are flown as ``margins`` says, around the
-    conditions of the training (`rans.deploy.margins.measure_margins`); 0: it does not say what the agent
-    tolerates. A multi-task agent's are not measured. The prefix is that of `rans.deploy.c.files.write_c`, and
-    the spec the text of the contestant, which the contract's evidence is of.
+    a multi-task agent, with each of its tasks. An agent that was exported before keeps its card. The prefix is
+    that of `rans.deploy.c.files.write_c`, and the spec the contestant's text, of which the contract's evidence is.
 
     Raises:
         ConfigError: the run holds no agent, the folder is a run or another agent's, a package is missing, or
@@ -154,7 +147,7 @@ def write_export(
     card = _card(source)
     saved = read_policy(source.agent_file)
     if form == "c8":
-        # From here on this is the agent: golden pairs and margins are its own.
+        # From here on this is the agent: golden pairs are its own.
         saved = saved._replace(network=_rounded(saved.network))
         loaded = loaded._replace(controller=Agent(saved.network, loaded.controller.name, craft))
     network = saved.network
@@ -173,9 +166,6 @@ def write_export(
             f"{percent:.3g} % of the flights of {name} are solved, and an agent that loses half of them is not "
             "exported without --force (force=True): rans evaluate says how it fails, and rans train makes another."
         )
-    measured = None
-    if margins and is_one_task(loaded.task):
-        measured = measure_margins(loaded.controller, loaded.judged, margins)
     about = contract(
         name,
         config,
@@ -183,7 +173,6 @@ def write_export(
         text,
         network.architecture.memory,
         flights.observations,
-        measured,
     )
     # Files: the agent in its form, then those of every form.
     write_agent(

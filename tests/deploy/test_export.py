@@ -95,7 +95,7 @@ def test_an_agent_keeps_its_name_in_a_folder_of_another(tmp_path: Path) -> None:
     craft.write_text(to_toml(replace(load_spacecraft("floating-platform"), name="mine")), "utf-8")
     agent = ContestantName.parse(f"any-craft-2d@{craft}")
     source = write_for_spacecraft(agent.own_folder, contestant(agent), tmp_path / "run")
-    card = write_export(source, tmp_path / "firmware", "c", episodes=2, margins=0)
+    card = write_export(source, tmp_path / "firmware", "c", episodes=2)
     assert card["name"] == "any-craft-2d"
     assert "any-craft-2d: flies mine" in (tmp_path / "firmware/agent.h").read_text("utf-8")
     assert json.loads((tmp_path / "firmware/card.json").read_text("utf-8"))["name"] == card["name"]
@@ -108,7 +108,7 @@ def test_it_comes_with_rans_by_name(
     capsys: pytest.CaptureFixture[str],
     here: Path,
 ) -> None:
-    write_export(shipped, here / "pretrained" / "small-pose-2d", "rans", margins=0)
+    write_export(shipped, here / "pretrained" / "small-pose-2d", "rans")
     monkeypatch.setattr(rans.pretrained, "FOLDER", here / "pretrained")
     assert main(["evaluate", "pretrained:small-pose-2d", "--episodes", "4"]) == 0
     assert (here / "runs/evaluations/pretrained-small-pose-2d/evaluation.json").exists()
@@ -123,7 +123,7 @@ def test_it_comes_with_rans_by_name(
 
 def test_an_exported_agent_keeps_its_card(shipped: Path, tmp_path: Path) -> None:
     before = json.loads((shipped / "card.json").read_text("utf-8"))
-    assert write_export(shipped, tmp_path / "again", "numpy", episodes=1, margins=0) == before
+    assert write_export(shipped, tmp_path / "again", "numpy", episodes=1) == before
 
 
 def test_what_comes_with_the_package_is_exported_already(refused: Any) -> None:
@@ -187,16 +187,16 @@ def test_an_agent_leaves_whole(name: str, tmp_path: Path, refused: Any) -> None:
 
 def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="is the run itself"):
-        write_export(run, run, margins=0)
+        write_export(run, run)
     odd = Path(shutil.copytree(shipped, tmp_path / "odd"))
     (odd / "card.json").unlink()
     with pytest.raises(ConfigError, match=r"has no metrics\.jsonl and no card"):
-        write_export(odd, tmp_path / "again", margins=0)
+        write_export(odd, tmp_path / "again")
     assert not (tmp_path / "again").exists()
     bare = Path(shutil.copytree(run, tmp_path / "bare"))
     (bare / "agent.safetensors").unlink()
     with pytest.raises(ConfigError, match=r"has no agent\.safetensors: its training has not"):
-        write_export(bare, tmp_path / "again", margins=0)
+        write_export(bare, tmp_path / "again")
 
 
 @pytest.mark.parametrize(("form", "module"), [("onnx", "onnx"), ("sb3", "stable_baselines3")])
@@ -221,7 +221,7 @@ def test_a_copy_of_the_sources_that_is_not_installed(
         raise PackageNotFoundError(package)
 
     monkeypatch.setattr("rans.files.version", unknown)
-    write_export(run, tmp_path / "first", episodes=2, margins=0)
+    write_export(run, tmp_path / "first", episodes=2)
     assert json.loads((tmp_path / "first" / "contract.json").read_text())["rans"] == "not installed"
     assert rans.__version__ == "not installed"
 
@@ -246,18 +246,18 @@ def test_another_agents_files_are_not_mixed_with_its_own(run: Path, tmp_path: Pa
     folder = tmp_path / "agents"
     other = tmp_path / "other"
     tiny_trainer(other, replace(CONFIG, seed=5)).train(lambda _: None)
-    write_export(run, folder, "numpy", episodes=4, margins=0)
-    write_export(run, folder, "onnx", episodes=4, margins=0)
+    write_export(run, folder, "numpy", episodes=4)
+    write_export(run, folder, "onnx", episodes=4)
     before = {file: file.read_bytes() for file in (*folder.iterdir(), *other.glob("*.*"))}
     with pytest.raises(
         ConfigError, match=r"agents holds another agent's agent\.py and agent\.npz, to which"
     ):
-        write_export(other, folder, "onnx", episodes=4, margins=0)
+        write_export(other, folder, "onnx", episodes=4)
     with pytest.raises(ConfigError, match="other is the run folder of a training"):
-        write_export(run, other, episodes=4, margins=0)
+        write_export(run, other, episodes=4)
     assert before == {file: file.read_bytes() for file in before}
     (folder / "agent.onnx").unlink()
-    write_export(other, folder, "numpy", episodes=4, margins=0)
+    write_export(other, folder, "numpy", episodes=4)
     assert (folder / "agent.npz").read_bytes() != before[folder / "agent.npz"]
 
 
@@ -278,7 +278,6 @@ def test_the_folder_of_an_agent_for_any_craft_names_its_craft(
     def write(run: Path, output: Path, *_: object, **__: object) -> dict[str, int]:
         written.append((RunFolder(run).spacecraft().name, output))
         output.mkdir(parents=True)
-        (output / "contract.json").write_text('{"conditions": {"margins": null}}')
         return {"episodes": 4}
 
     monkeypatch.setattr("rans.deploy.export.write_export", write)
@@ -291,4 +290,3 @@ def test_the_folder_of_an_agent_for_any_craft_names_its_craft(
     ]
     printed = capsys.readouterr().out
     assert "any-craft-3d-spheres has the agent" in printed
-    assert "no conditions.margins, what the agent tolerates: that takes --episodes 256" in printed

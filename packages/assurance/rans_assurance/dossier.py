@@ -72,12 +72,11 @@ class Source:
 SOURCES = (
     Source(
         "export/contract.json",
-        "rans export {agent} --format c --episodes 256 --output {folder}/export",
+        "rans export {agent} --format c --output {folder}/export",
         "agent",
         (
             ("domain", "contract: spacecraft, observation, commands, conditions"),
             ("evidence", "export equal to the network, time and stack"),
-            ("limits", "margins of latency, mass and noise"),
         ),
     ),
     Source(

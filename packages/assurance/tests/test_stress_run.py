@@ -12,7 +12,6 @@ import rans_assurance.stress.run as run
 from rans_assurance.stress.run import prepared
 from rans_missions.tasks import Dock
 
-from rans.deploy.margins import measure_margins
 from rans.errors import ConfigError
 from rans.evaluation.compare.entrants import contest_of
 from rans.evaluation.fly.contestants import contestant
@@ -21,7 +20,6 @@ from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.measure.metrics import solved
 from rans.evaluation.stress.outcome import StressOutcome
 from rans.randomization.conditions_file import load_conditions
-from rans.scenario import EVALUATION_SEED
 from tests.support.stress_runs import FIRST, small
 
 
@@ -41,22 +39,6 @@ def test_flights_are_those_of_evaluations(monkeypatch: pytest.MonkeyPatch) -> No
     alone = fly_episodes(agent.controller, agent.judged, 7, 1, first=2)
     error = alone.errors()["position"][-25:, 0].max()
     assert found.errors["position"][2] == pytest.approx(error, rel=1e-6)
-
-
-@pytest.mark.slow
-def test_an_export_finds_the_same_limits() -> None:
-    """The starts are the same, so that an agent does not have one limit of latency here and another there."""
-    stress = small(FIRST, episodes=16)
-    stress.contest = replace(stress.contest, seed=EVALUATION_SEED)
-    stress.fly(workers=1)
-    sizes, shares = zip(*stress._rates(stress.effects[0], "go-to-pose-2d"), strict=True)
-    agent = contestant(FIRST)
-    held = measure_margins(agent.controller, agent.judged, 16)["latency"]["held"]
-    assert sizes == (0.0, 0.025, 0.05, 0.1)
-    for size, share in zip(sizes, shares, strict=True):
-        assert share is not None
-        assert held[f"{size:g}"] == round(share.value, 4)
-    assert 0.0 < held["0.05"] < 1.0  # where other starts have another share
 
 
 @pytest.mark.slow

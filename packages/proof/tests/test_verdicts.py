@@ -126,6 +126,6 @@ def test_a_contract_has_what_was_proved_here(run: Path) -> None:
 @pytest.mark.slow
 def test_an_export_has_that_entry(run: Path, tmp_path: Path) -> None:
     (run / "card.json").write_text(json.dumps({"training": {"made": "by hand"}}))
-    write_export(run, tmp_path / "exported", "numpy", episodes=8, margins=0)
+    write_export(run, tmp_path / "exported", "numpy", episodes=8)
     contract = json.loads((tmp_path / "exported" / "contract.json").read_text())
     assert contract["claimed"] == proof_entry(run)["claimed"]

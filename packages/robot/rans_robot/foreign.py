@@ -17,7 +17,6 @@ from rans.deploy.contract import (
     golden_of_policy,
 )
 from rans.deploy.export import check_alone
-from rans.deploy.margins import measure_margins
 from rans.extend import (
     EVALUATION_SEED,
     ConfigError,
@@ -44,7 +43,7 @@ _LARGEST = 2**26
 _FLIGHTS_FOR_A_FLIGHT = 512
 """Flights of which the ranges of a network are taken that is exported to be flown at once."""
 _SUMMARY = (
-    "not known: another library trained this policy. Ranges and margins are those of flights with everything as "
+    "not known: another library trained this policy. Ranges are those of flights with everything as "
     "designed"
 )
 
@@ -67,7 +66,6 @@ def write_foreign_export(
     form: str = "onnx",
     episodes: int = 1024,
     seed: int = EVALUATION_SEED,
-    margins: int = 256,
 ) -> dict[str, Any]:
     """Write a policy "onnx:FILE:TASK-2d@SPACECRAFT" into a folder of its own, and return its card.
 
@@ -80,7 +78,6 @@ def write_foreign_export(
         form: "onnx".
         episodes: flights for the card under each protocol.
         seed: of their starts.
-        margins: flights of each latency, mass and sensor noise; 0: none.
 
     Raises:
         ConfigError: it is no ONNX file, it has a memory, it does not fit the task and the spacecraft, or the disk
@@ -91,7 +88,7 @@ def write_foreign_export(
             f"{brief(spec)} is exported as onnx, with its contract, and not as {form}: other formats are printed "
             "from the networks of agents that RANS trained."
         )
-    exported = _exported(spec, folder.resolve().name, FLIGHTS, margins)
+    exported = _exported(spec, folder.resolve().name, FLIGHTS)
     check_alone(folder, form, exported.pairs)
     _write(exported, folder)
     # The card, which says that nothing is known of the training.
@@ -115,10 +112,10 @@ def export_foreign_for_flight(spec: str, folder: Path) -> None:
         ConfigError: see `write_foreign_export`.
     """
     label = Path(spec).name.partition(":")[0]
-    _write(_exported(spec, label, _FLIGHTS_FOR_A_FLIGHT, margins=0), folder)
+    _write(_exported(spec, label, _FLIGHTS_FOR_A_FLIGHT), folder)
 
 
-def _exported(spec: str, label: str, count: int, margins: int) -> _Exported:
+def _exported(spec: str, label: str, count: int) -> _Exported:
     """Network, flights, golden pairs and contract of a policy."""
     name = ContestantName.parse(spec)
     run = contestant(spec)
@@ -139,11 +136,10 @@ def _exported(spec: str, label: str, count: int, margins: int) -> _Exported:
     flights = flights_of_policy(run.controller, setup, count=count)
     few = RecordedFlights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
     pairs = golden_of_policy(run.controller, few, run.craft, run.task)
-    measured = measure_margins(run.controller, setup, margins) if margins else None
     task = registered_name(run.task) or name.setup.partition("@")[0]
     config = TrainConfig(task, run.task, run.craft.name, timing=run.timing)
     text = to_toml(run.craft)
-    about = contract(label, config, run.craft, text, 0, flights.observations, measured)
+    about = contract(label, config, run.craft, text, 0, flights.observations)
     about["conditions"]["summary"] = _SUMMARY
     return _Exported(run, read_bytes(file, _LARGEST), json.dumps(pairs) + "\n", about)
 

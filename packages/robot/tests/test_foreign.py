@@ -26,7 +26,7 @@ def test_the_folder_flies_as_its_contract_says(tmp_path: Path) -> None:
     spec = f"onnx:{file}:go-to-pose-2d@{TRAINERS / 'throttled-platform.toml'}"
     folder = tmp_path / "sac"
     with pytest.warns(RansWarning, match=r"flown every 0\.1 s"):
-        card = write_foreign_export(spec, folder, episodes=16, margins=0)
+        card = write_foreign_export(spec, folder, episodes=16)
     assert card["training"] is None
     about = json.loads((folder / "contract.json").read_text("utf-8"))
     assert about["control_period"] == 0.1
@@ -39,7 +39,7 @@ def test_the_folder_flies_as_its_contract_says(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="golden pairs"):
         exported_agent(folder)
     with pytest.raises(ConfigError, match="not as c"):
-        write_foreign_export(spec, tmp_path / "other", "c", episodes=16, margins=0)
+        write_foreign_export(spec, tmp_path / "other", "c", episodes=16)
 
 
 @pytest.mark.parametrize(

@@ -476,7 +476,7 @@ def test_weights_of_few_bits_take_less_flash_and_fly(tmp_path: Path) -> None:
     """The programs command what their own golden pairs say, in NumPy's arithmetic of the same weights."""
     run = pretrained_folder("go-to-pose-2d")
     exact = load_policy(run)
-    write_export(run, tmp_path, "c8", episodes=2, margins=0)
+    write_export(run, tmp_path, "c8", episodes=2)
     assert "500 of 500 golden pairs come out as they should" in compiled_check(tmp_path)
     library(tmp_path)
     weights = sum(x.numel() for x in exact.network.tensors.values())
@@ -493,7 +493,7 @@ def test_two_agents_are_linked_into_one_program(tmp_path: Path) -> None:
     main_c = ["#include <stdio.h>"]
     for agent, prefix in (("go-to-pose-2d", "approach"), ("go-to-pose-3d", "Far")):
         folder = tmp_path / prefix
-        write_export(pretrained_folder(agent), folder, "c", episodes=1, margins=0, prefix=prefix)
+        write_export(pretrained_folder(agent), folder, "c", episodes=1, prefix=prefix)
         assert "500 of 500" in compiled_check(folder)
         assert stack_of(folder)
         main_c.append(f'#include "{prefix}/agent.h"')

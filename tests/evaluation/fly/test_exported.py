@@ -16,9 +16,8 @@ from rans.pretrained import pretrained_folder
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Without margins, which take thousands of flights."""
     written = tmp_path_factory.mktemp("exported") / "mine"
-    write_export(pretrained_folder("go-to-pose-2d"), written, "onnx", episodes=2, margins=0)
+    write_export(pretrained_folder("go-to-pose-2d"), written, "onnx", episodes=2)
     return written
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from rans.extend import Fact, Section, Table
 
 
 def contract_section(_: Path, contract: Mapping[str, Any]) -> Section:
-    """For what an exported agent was made, what its code needs, and which conditions it tolerates."""
+    """For what an exported agent was made, what its code needs."""
     command = contract["command"]
     thrusters = command.get("thrusters", ())
     facts = [
@@ -30,7 +30,6 @@ def contract_section(_: Path, contract: Mapping[str, Any]) -> Section:
         ),
         Fact("conditions of the training", str(contract["conditions"]["summary"]), "domain"),
         Fact("oldest reading", f"{contract['readings']['oldest']:g} s", "domain"),
-        *_margins(contract["conditions"]["margins"]),
     ]
     code = contract.get("c", {})
     # What the compiler here has found: a sentence, and after it golden pairs, times and state.
@@ -43,31 +42,6 @@ def contract_section(_: Path, contract: Mapping[str, Any]) -> Section:
         facts.append(Fact("stack in C", f"{code['stack']:,} bytes"))
     table = Table(("what", "it is"), [(fact.what, fact.value) for fact in facts])
     return Section("Contract", "Interface of the exported agent.", [table], summary=facts)
-
-
-def _margins(margins: Mapping[str, Any] | None) -> Iterator[Fact]:
-    """Which values of latency, mass and noise are tolerated, all else as in the training."""
-    if margins is None:
-        return
-    for key, what in (
-        ("training", "conditions of the training"),
-        ("nominal", "everything as designed"),
-    ):
-        share = margins[key]
-        passed = share >= margins["wanted_share"]
-        yield Fact(
-            f"solved under {what}", f"{share:.1%} of {margins['flights']} flights", "limits", passed
-        )
-    for name, margin in margins.items():
-        if isinstance(margin, Mapping):
-            holds = margin["holds"]
-            text = "nowhere" if holds is None else " to ".join(f"{x:g}" for x in holds)
-            low, high = (f"{x:g}" for x in margin["of_training"])
-            yield Fact(
-                f"margin of {name}, {margin['unit']}",
-                f"{margins['wanted_share']:.0%} solved: {text}; training: {low} to {high}",
-                "limits",
-            )
 
 
 def judges_section(_: Path, judges: Mapping[str, Any]) -> Section:

@@ -35,7 +35,7 @@ PERIOD = 0.2
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fmu") / "agent"
-    write_export(pretrained_folder("go-to-pose-2d"), folder, "fmu", episodes=8, margins=0)
+    write_export(pretrained_folder("go-to-pose-2d"), folder, "fmu", episodes=8)
     return folder
 
 
@@ -144,7 +144,7 @@ def test_readings_that_are_none_are_held_and_then_shut(folder: Path, unit: Any) 
 @pytest.mark.slow
 def test_the_same_agent_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
     again = tmp_path / "agent"
-    write_export(pretrained_folder("go-to-pose-2d"), again, "fmu", episodes=8, margins=0)
+    write_export(pretrained_folder("go-to-pose-2d"), again, "fmu", episodes=8)
     one, other = (zipfile.ZipFile(made / "agent.fmu") for made in (folder, again))
     assert one.namelist() == other.namelist()
     for name in one.namelist():
