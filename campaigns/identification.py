@@ -18,7 +18,6 @@ from rans_robot.identify.log import FlightLog
 from rans_robot.identify.result import SPREAD, Identification
 
 from rans.episode import Setup, World, step
-from rans.model.actuators import Wheel
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -36,9 +35,7 @@ _OPEN = 0.25
 _CHOICES = 8
 """Random commands of which the calmest is given."""
 _SHEET = (0.75, 1.25)
-"""Factors on forces and inertia of hidden craft, and on torque and inertia of their wheels: those of `lab`."""
-_ENCODER = 0.1
-"""rad/s: noise of wheel speeds, one revolution a minute."""
+"""Factors on forces and inertia of hidden craft: those of `lab`."""
 _HELD = 2
 """Control periods for which a random command is held, so that speeds and angles are told apart from noise."""
 
@@ -53,52 +50,32 @@ def hidden_flights(
 ) -> tuple[list[FlightLog], np.ndarray]:
     """Logs of hidden craft, and their true parameters (count, P) in the order of `parameters_of`.
 
-    They are drawn from `conditions`; None: from `lab` with the mass weighed, of craft in space with wheels from
-    `real-space` with the same errors of forces and inertia.
+    They are drawn from `conditions`; None: from `lab` with the mass weighed.
     """
     if conditions is None:
-        named = load_conditions("real-space" if craft.dimension == 3 and craft.wheels else "lab")
+        named = load_conditions("lab")
         body = replace(named.body, mass=1.0, inertia=_SHEET)
         conditions = replace(named, body=body, thrusters=replace(named.thrusters, thrust=_SHEET))
-    # Conditions have no ranges of wheels. A weaker motor is the strongest one with weaker commands, and the inertia
-    # of a wheel only says how fast it turns with a momentum.
     random = np.random.default_rng(seed)
-    torque, rotor = random.uniform(*_SHEET, (2, count, craft.wheel_count))
-    strongest = tuple(
-        replace(wheel, max_torque=_SHEET[1] * wheel.max_torque) for wheel in craft.wheels
-    )
-    flown = replace(craft, wheels=strongest)
-    weaker = np.ones((count, craft.command_count))
-    weaker[:, craft.thruster_count :] = torque / _SHEET[1]
-    rotors = rotor * np.array([wheel.inertia for wheel in craft.wheels])
     steps = round(seconds / period)
     timing = Timing(control_period=period, episode_steps=steps)
     task = GoToPose().for_evaluation()
-    world = World(Setup(flown, task, timing, conditions))
+    world = World(Setup(craft, task, timing, conditions))
     drawn = draws(seed, count, 0)
     start, goal = task.sample(drawn.random(craft.dimension, drawn.first))
     episode = world.begin(start, goal, np.zeros(count, np.int32), drawn)
-    # Readings, wheel speeds and commands of every period; a command is held for a while.
+    # Readings and commands of every period; a command is held for a while.
     width = 6 if craft.dimension == 2 else 13
     readings = []
-    speeds = []
     commands = []
     command = np.zeros((count, craft.command_count))
     for k in range(steps):
         columns = leaves(world.read(episode, drawn))[:width]
         readings.append(np.stack([np.broadcast_to(x, count) for x in columns], axis=-1))
-        speeds.append(
-            [
-                momentum / inertia - _about(wheel, episode.state.spin())
-                for momentum, inertia, wheel in zip(
-                    episode.state.stores, rotors.T, craft.wheels, strict=True
-                )
-            ]
-        )
         if k % _HELD == 0:
             command = _calming(craft, episode.state, random, _HELD * period)
         commands.append(command)
-        episode = step(world, episode, tuple((command * weaker).T), drawn).episode
+        episode = step(world, episode, tuple(command.T), drawn).episode
     # A log of each craft.
     times = np.arange(steps) * period
     d = craft.dimension
@@ -112,7 +89,6 @@ def hidden_flights(
             rows[:, 2] if d == 2 else rows[:, 3:7],
             rows[:, 3:5] if d == 2 else rows[:, 7:10],
             rows[:, 5] if d == 2 else rows[:, 10:],
-            _measured(speeds, i, random) if craft.wheels else None,
         )
         for i in range(count)
         for rows in [np.array([row[i] for row in readings])]
@@ -126,20 +102,7 @@ def hidden_flights(
     none = (0.0,) * craft.degrees_of_freedom
     push = none if parameters.push is None else leaves(parameters.push)
     fields = [*forces, *body.inertia, *body.centre, *push, *late]
-    for k, wheel in enumerate(craft.wheels):
-        fields += [wheel.max_torque * torque[:, k], rotors[:, k]]
     return logs, np.stack([np.broadcast_to(x, count) for x in fields], axis=-1)
-
-
-def _about(wheel: Wheel, spin: Sequence[Any]) -> Any:
-    """Turn rate of the craft about a wheel's axis, rad/s."""
-    return sum(a * w for a, w in zip(wheel.axis[3 - len(spin) :], spin, strict=True))
-
-
-def _measured(speeds: list[Any], number: int, random: np.random.Generator) -> np.ndarray:
-    """Speeds of the wheels of one craft over time, with the noise of their encoders."""
-    exact = [[x[number] for x in row] for row in speeds]
-    return np.array(exact) + random.normal(0.0, _ENCODER, (len(exact), len(exact[0])))
 
 
 def _calming(
@@ -150,11 +113,6 @@ def _calming(
     count = len(state.p.x)
     d = craft.dimension
     choices = (random.random((_CHOICES, count, len(columns))) < _OPEN).astype(float)
-    if craft.wheels:
-        turns = np.array(craft.wheel_map)
-        columns = np.concatenate([columns, np.pad(turns, ((0, 0), (d, 0)))])
-        motors = random.uniform(-1.0, 1.0, (_CHOICES, count, len(turns)))
-        choices = np.concatenate([choices, motors], axis=2)
     wrench = choices @ columns
     force = Vec2(*np.moveaxis(wrench[..., :2], -1, 0))
     if d == 3:
@@ -170,10 +128,6 @@ def _calming(
         (radius * (w + lasting * wrench[..., d + j] / inertia[j])) ** 2
         for j, w in enumerate(state.spin())
     )
-    for k, (wheel, momentum) in enumerate(zip(craft.wheels, state.stores, strict=True)):
-        # Away from its limit, where a motor gives no more torque.
-        after = momentum + lasting * wheel.max_torque * choices[..., craft.thruster_count + k]
-        spin = spin + (after / wheel.max_momentum) ** 2
     best = np.argmin(speed + spin, axis=0)
     return choices[best, np.arange(count)]
 
@@ -231,15 +185,11 @@ class Hidden:
             "centre of mass": ("centre", "mm"),
             "disturbance force": ("disturbance", "N"),
             "disturbance torque": ("torque", "N m"),
-            "torque of a wheel's motor": ("motor", "%"),
-            "inertia of a wheel": ("rotor", "%"),
         }
         errors = values - truth
         held = np.abs(errors) <= SPREAD * deviations
         for title, (word, unit) in groups.items():
             columns = [k for k, name in enumerate(names) if name.startswith(word)]
-            if not columns:
-                continue
             # Products of inertia of a symmetric craft are zero, and so is what they are compared with.
             columns = [k for k in columns if unit != "%" or np.all(truth[:, k] != 0.0)]
             error = np.abs(errors[:, columns])
@@ -249,8 +199,6 @@ class Hidden:
                 error = 1e3 * error
             yield row_of(title, error, unit, held[:, columns])
         mean = truth[:, names.index("latency")] + 0.5 * truth[:, names.index("rise")]
-        if not mean.any():
-            return
         late = np.abs(delays[:, 0] - mean)
         yield row_of("mean delay", 1e3 * late, "ms", late <= SPREAD * delays[:, 1])
 

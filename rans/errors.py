@@ -354,7 +354,6 @@ EXTRAS = {
     "zenoh": "robot",
     "mcap": "robot",
     "rosbags": "robot",
-    "pyulog": "robot",
     "rans_agents": "agents",
 }
 """Modules that only some commands or agents need, and the extra of RANS that installs each."""

@@ -69,7 +69,8 @@ class Excited:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._craft = _excited_craft(read_spacecraft(inside(folder, "spacecraft.toml")))
+        self._craft = read_spacecraft(inside(folder, "spacecraft.toml"))
+        check_identifiable(self._craft)
         file = inside(folder, EXCITATION)
         self._numbers = structure(read_json(file), Numbers, str(file))
         self.reset()
@@ -98,14 +99,6 @@ class Excited:
         return self._excitation.choose(*parts).astype(np.float32)
 
 
-def _excited_craft(craft: Spacecraft) -> Spacecraft:
-    """The craft, if commands can be chosen for it (else `ConfigError`)."""
-    check_identifiable(craft)
-    if craft.wheels:
-        raise ConfigError(f"{craft.name!r} has reaction wheels, for which no commands are chosen.")
-    return craft
-
-
 def write_excitation(
     craft: Spacecraft, folder: Path, side: float, seconds: float, period: float, seed: int
 ) -> Path:
@@ -123,7 +116,7 @@ def write_excitation(
         ConfigError: the spacecraft cannot be identified (`check_identifiable`), a number is not above 0, the folder
             exists, or the disk refuses.
     """
-    _excited_craft(craft)
+    check_identifiable(craft)
     positive("seconds", seconds)
     positive("period", period)
     numbers = Numbers(period, side, round(seconds / period), seed)

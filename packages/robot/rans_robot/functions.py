@@ -59,8 +59,8 @@ def identify(
     True
 
     Args:
-        logs: bags (.mcap, .db3) of `rans fly` or ROS 2, folders of `ros2 bag record`, ULog files (.ulg) of PX4, or
-            CSV files with the columns time, x, y, heading (in space x, y, z, qw, qx, qy, qz), u0, u1, ... and
+        logs: bags (.mcap, .db3) of `rans fly` or ROS 2, folders of `ros2 bag record`, or CSV
+            files with the columns time, x, y, heading (in space x, y, z, qw, qx, qy, qz), u0, u1, ... and
             perhaps velocities.
         spacecraft: data sheet from which to begin: a name, or a TOML file.
         robot: kind of robot whose topics a bag has; by default the bag says it, or ros.
@@ -69,7 +69,7 @@ def identify(
         namespace: name before the topics of the robot in a bag, such as robot1 for /robot1/pose.
 
     Raises:
-        ConfigError: a log cannot be read or is not of this spacecraft, or the spacecraft has no thruster,
+        ConfigError: a log cannot be read or is not of this spacecraft, or the spacecraft has no thruster, wheels,
             propellant, or effectors of other kinds.
     """
     from rans_robot.identify.fit import fit
@@ -381,11 +381,6 @@ def _read(log: str | Path, craft: Spacecraft, robot: RobotName | None, namespace
         from rans_robot.logs import read_bag
 
         return read_bag(file, craft, robot, namespace)
-    if file.suffix in (".ulg", ".ulog"):
-        from rans_robot.ulog import read_ulog
-
-        return read_ulog(file, craft)
     raise ConfigError(
-        "a log is a bag (.mcap, .db3) or a bag's folder, a ULog (.ulg) or a CSV file (.csv), got "
-        f"{brief(str(file))}."
+        f"a log is a bag (.mcap, .db3) or a bag's folder, or a CSV file (.csv), got {brief(str(file))}."
     )

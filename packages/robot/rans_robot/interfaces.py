@@ -5,7 +5,6 @@ Each kind of robot is one class for both ends, so that pilot and twin cannot dif
 
 from __future__ import annotations
 
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Literal, NamedTuple, get_args
@@ -17,7 +16,6 @@ from rans_robot.frames import Motion, rotated, swapped
 from rans_robot.messages import (
     FLOATS,
     INTEGERS,
-    JOINTS,
     ODOMETRY,
     POSE,
     PX4_MODE,
@@ -38,8 +36,6 @@ from rans_robot.velocity import conjugate
 
 RobotName = Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"]
 PX4_MOTOR_COUNT = 12
-WHEELS_TOPIC = "joint_states"
-"""Topic on which a robot may publish the speeds of its reaction wheels, as robot_state_publisher expects joints."""
 
 
 class Message(NamedTuple):
@@ -371,41 +367,6 @@ class Pingu(Poses):
         if len(row) != 15:
             raise ValueError(f"the message has {len(row)} numbers, but must have 15")
         return self.checked(np.array([*row[2:10], row[14]])[: self.commands])
-
-
-def wheels_message(speeds: Sequence[float], now: int) -> Message:
-    """Speeds of the reaction wheels relative to the body, rad/s, in the spacecraft's order, at a time, ns."""
-    message = make(
-        JOINTS,
-        header=message_header(now, ""),
-        name=[f"wheel_{k}" for k in range(len(speeds))],
-        position=np.zeros(0),
-        velocity=np.array(speeds, dtype=float),
-        effort=np.zeros(0),
-    )
-    return Message(WHEELS_TOPIC, JOINTS, pack(JOINTS, message))
-
-
-def read_wheels(data: bytes, count: int) -> tuple[int, np.ndarray]:
-    """Time stamp, ns, and speeds of so many wheels, rad/s, in a message of `WHEELS_TOPIC`.
-
-    A publisher of joints may have them in any order: where each name ends with a number of its own, as wheel_0
-    does, they are in the order of these numbers.
-
-    Raises:
-        ValueError: it has another number of joints.
-    """
-    message = unpack(JOINTS, data)
-    speeds = np.asarray(message.velocity, dtype=float)
-    if speeds.shape != (count,) or not np.isfinite(speeds).all():
-        raise ValueError(
-            f"the message must have {count} finite velocities, one a wheel in the order of the spacecraft, got "
-            f"{brief(speeds.tolist())}"
-        )
-    numbers = [match[0] for name in message.name if (match := re.search(r"[0-9]{1,9}$", name))]
-    if len({*map(int, numbers)}) == count == len(message.name):
-        speeds = speeds[np.argsort([int(number) for number in numbers])]
-    return measured_at(message), speeds
 
 
 _KINDS: dict[str, type[Interface]] = {

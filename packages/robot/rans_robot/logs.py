@@ -18,7 +18,7 @@ from scipy.optimize import linprog
 from rans.extend import ConfigError, Spacecraft, brief, counted, first_line, read_text
 from rans_robot.bag import BagMessage, bag_entries
 from rans_robot.identify.log import MOST_READINGS, FlightLog, unstamped, unstamped_note
-from rans_robot.interfaces import WHEELS_TOPIC, Interface, RobotName, interface, read_wheels
+from rans_robot.interfaces import Interface, RobotName, interface
 from rans_robot.messages import read_json_message
 from rans_robot.node import FLIGHT_TOPIC
 from rans_robot.validator import Validator
@@ -55,7 +55,7 @@ class _Topic:
     stamps: list[int] = field(default_factory=list)
     """When each was measured by its sender's clock, ns; 0: not said."""
     parts: list[tuple[Any, ...]] = field(default_factory=list)
-    """Position, attitude, velocity, spin and speeds of wheels; None: not in this message."""
+    """Position, attitude, velocity and spin; None: not in this message."""
 
 
 def read_bag(
@@ -65,8 +65,7 @@ def read_bag(
 
     Readings have the times at which they were measured, by their time stamps: the message that came soonest gives
     the difference of the sender's clock from the bag's, as in flight (`rans_robot.validator`). Commands have
-    no time stamp: theirs are the times at which they were recorded (and `FlightLog.steady_times`). Speeds of
-    reaction wheels are those of ``joint_states``, a sensor_msgs/JointState with one velocity a wheel.
+    no time stamp: theirs are the times at which they were recorded (and `FlightLog.steady_times`).
 
     Args:
         source: the bag, which may end anywhere, or the folder of ``ros2 bag record`` with its parts.
@@ -106,8 +105,8 @@ def read_bag(
                 command = ends.commanded(topic, entry.data)
                 if command is not None:
                     commands[entry.time] = command
-            elif topic in ends.inputs or (topic == WHEELS_TOPIC and craft.wheels):
-                stamp, parts = _reading(ends, validator, topic, entry.data, craft.wheel_count)
+            elif topic in ends.inputs:
+                stamp, parts = _reading(ends, validator, topic, entry.data)
                 column = topics.setdefault(topic, _Topic())
                 column.arrived.append(entry.time)
                 column.stamps.append(stamp)
@@ -127,16 +126,16 @@ def read_bag(
         "reading": sum(_drop_unstamped(x) for x in topics.values()),
     }
     given = given[early["command"] :]
-    readings = sum(len(column.parts) for column in topics.values())
-    if not readings or not len(given):
+    count = sum(len(column.parts) for column in topics.values())
+    if not count or not len(given):
         raise ConfigError(
-            f"the bag {source} has {readings} readings and {len(given)} commands on the topics "
+            f"the bag {source} has {count} readings and {len(given)} commands on the topics "
             f"{', '.join(prefix + topic for topic in (*ends.inputs, *ends.outputs))}{''.join(reasons.values())}; "
             f"{_cause(ends, prefix, seen, is_of_rans)}."
         )
     # Both by the bag's clock, in the order of time, in seconds since the first.
     dated, notes = _dated(source, prefix, topics)
-    times, (position, attitude, velocity, spin, speeds) = _merged(dated, topics, craft.wheel_count)
+    times, position, attitude, velocity, spin = _merged(dated, topics)
     notes = [
         f"{source}: commands have no time stamp; theirs are the times at which they were recorded.",
         *notes,
@@ -147,14 +146,17 @@ def read_bag(
         ),
     ]
     begin = min(int(times[0]), int(given[0]))
-    return log_in_space(
-        source,
-        craft,
+    # Of readings in space a planar craft has its plane.
+    flat = craft.dimension == 2
+    return FlightLog(
+        str(source),
         (given - begin) * 1e-9,
         np.array([commands[int(time)] for time in given]),
         (times - begin) * 1e-9,
-        (position, attitude, velocity, spin),
-        None if np.isnan(speeds).all() else speeds,
+        position[:, :2] if flat else position,
+        2.0 * np.arctan2(attitude[:, 3], attitude[:, 0]) if flat else attitude,
+        velocity[:, :2] if flat else velocity,
+        spin[:, 2] if flat else spin,
         tuple(notes),
         None if (steady := _steady(given)) is None else (steady - begin) * 1e-9,
     )
@@ -251,23 +253,18 @@ def _ends_of_plan(source: Path, entry: BagMessage, craft: Spacecraft) -> Interfa
 
 
 def _reading(
-    ends: Interface, validator: Validator, topic: str, data: bytes, wheels: int
+    ends: Interface, validator: Validator, topic: str, data: bytes
 ) -> tuple[int, tuple[Any, ...]]:
-    """Time stamp (ns), and pose, twist and wheels' speeds of a message, in SI (else `ValueError`).
+    """Time stamp (ns), and pose and twist of a message, in SI (else `ValueError`).
 
     Every message goes through the validator of flights, which raises for what it refuses.
     """
-    if topic in ends.inputs:
-        reading = ends.read(topic, data)
-        validator.pose(topic, reading.frame, reading.position, reading.attitude)
-        stamp = reading.measured
-        parts = (reading.position, reading.attitude, reading.velocity, reading.spin, None)
-    else:
-        stamp, speeds = read_wheels(data, wheels)
-        parts = (None, None, None, None, speeds)
-    if not 0 <= stamp < _LATEST:
-        raise ValueError(f"its time stamp is {stamp:,} ns")
-    return stamp, parts
+    reading = ends.read(topic, data)
+    validator.pose(topic, reading.frame, reading.position, reading.attitude)
+    if not 0 <= reading.measured < _LATEST:
+        raise ValueError(f"its time stamp is {reading.measured:,} ns")
+    parts = reading.position, reading.attitude, reading.velocity, reading.spin
+    return reading.measured, parts
 
 
 def _cause(ends: Interface, prefix: str, seen: set[str], is_of_rans: bool) -> str:
@@ -365,50 +362,16 @@ def _by_bag_s_clock(arrived: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     return stamps + near[which]
 
 
-def _merged(
-    dated: dict[str, np.ndarray], topics: dict[str, _Topic], wheels: int
-) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+def _merged(dated: dict[str, np.ndarray], topics: dict[str, _Topic]) -> tuple[np.ndarray, ...]:
     """Times (M,) of readings, ns, ascending, and what was measured then; NaN is what was not.
 
-    That is position (M, 3), attitude (M, 4), velocity (M, 3), spin (M, 3) and speeds of wheels (M, W).
+    That is position (M, 3), attitude (M, 4), velocity (M, 3) and spin (M, 3).
     """
     times = np.unique(np.concatenate(list(dated.values())))
-    rows = tuple(np.full((len(times), size), np.nan) for size in (3, 4, 3, 3, wheels))
+    rows = tuple(np.full((len(times), size), np.nan) for size in (3, 4, 3, 3))
     for topic, own in dated.items():
         for row, parts in zip(np.searchsorted(times, own), topics[topic].parts, strict=True):
             for values, part in zip(rows, parts, strict=True):
                 if part is not None:
                     values[row] = part
-    return times, rows
-
-
-def log_in_space(
-    file: Path,
-    craft: Spacecraft,
-    command_times: np.ndarray,
-    commands: np.ndarray,
-    times: np.ndarray,
-    readings: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
-    wheel_speeds: np.ndarray | None = None,
-    notes: tuple[str, ...] = (),
-    steady_times: np.ndarray | None = None,
-) -> FlightLog:
-    """Log of readings in space (M, 3), (M, 4), (M, 3), (M, 3), of which a planar craft has its plane.
-
-    Speeds of wheels are (M, W), or None if none was measured; ``steady_times`` are of `FlightLog`.
-    """
-    position, attitude, velocity, spin = readings
-    flat = craft.dimension == 2
-    return FlightLog(
-        str(file),
-        command_times,
-        commands,
-        times,
-        position[:, :2] if flat else position,
-        2.0 * np.arctan2(attitude[:, 3], attitude[:, 0]) if flat else attitude,
-        velocity[:, :2] if flat else velocity,
-        spin[:, 2] if flat else spin,
-        wheel_speeds,
-        notes,
-        steady_times,
-    )
+    return times, *rows

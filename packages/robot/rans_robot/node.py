@@ -35,7 +35,7 @@ from rans.extend import (
 from rans_robot.bag import BagMessage, Recorder, bag_entries
 from rans_robot.bus import Bus
 from rans_robot.frames import Motion
-from rans_robot.interfaces import WHEELS_TOPIC, Message
+from rans_robot.interfaces import Message
 from rans_robot.messages import TEXT, read_json_message, text_message
 from rans_robot.pilot import AGENT_TOPIC, NOTE_TOPIC, MessagePilot, Plan, craft_hash, runs_code
 from rans_robot.validator import LARGEST_MESSAGE, announced
@@ -338,7 +338,7 @@ class Inbox:
         self._kinds = pilot.inputs
         # Not `queue.SimpleQueue`: its `get` waits forever if its time is over before it begins to wait.
         self._queue: queue.Queue[ReceivedMessage] = queue.Queue()
-        states = (*pilot.interface.inputs, WHEELS_TOPIC)
+        states = pilot.interface.inputs
         rates = {topic: _MOST_STATES if topic in states else _MOST_OTHERS for topic in self._kinds}
         self._most = {topic: math.ceil(rate * pilot.period) for topic, rate in rates.items()}
         self._rates = rates

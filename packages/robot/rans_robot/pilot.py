@@ -61,7 +61,6 @@ from rans.structure import LARGEST_TOML
 from rans_robot.excitation import EXCITATION, Excited
 from rans_robot.frames import Motion, heading_of, quaternion_of
 from rans_robot.interfaces import (
-    WHEELS_TOPIC,
     Interface,
     Message,
     RobotName,
@@ -69,7 +68,7 @@ from rans_robot.interfaces import (
     point_numbers,
     wxyz,
 )
-from rans_robot.messages import JOINTS, POSE, TEXT, text_message, unpack
+from rans_robot.messages import POSE, TEXT, text_message, unpack
 from rans_robot.validator import Validator, command, description, finite_vector, unit
 from rans_robot.velocity import VelocityFilter
 
@@ -250,8 +249,6 @@ class MessagePilot:
             plan.robot, self.craft.command_count, self.craft.thruster_count
         )
         self.inputs = {**self.interface.inputs, CRAFT_TOPIC: TEXT, GOAL_TOPIC: POSE}
-        if self.craft.wheels:  # recorded for `rans identify`; nothing is decided by them
-            self.inputs[WHEELS_TOPIC] = JOINTS
         # The goal, and what filters commands and readings.
         self._task = _with_trade_off(task, plan.trade_off)
         self._goal = _goal(self.craft, self._task, plan)

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from rans.effectors.commands import command_bounds
-from rans.effectors.wheels import wheel_speeds
 from rans.episode import step
 from rans.extend import (
     MOST_STEPS,
@@ -41,7 +40,7 @@ from rans.extend import (
 from rans.model.fields import finite
 from rans_robot.bus import Bus
 from rans_robot.frames import Motion
-from rans_robot.interfaces import Interface, RobotName, interface, wheels_message
+from rans_robot.interfaces import Interface, RobotName, interface
 from rans_robot.messages import FLOATS, TEXT, array, pack, text_message
 from rans_robot.pilot import CRAFT_TOPIC, craft_hash, motion_of, state_of
 
@@ -151,10 +150,6 @@ class Craft:
             return None
         self._published = values
         return motion_of(state)
-
-    def wheel_speeds(self) -> tuple[float, ...]:
-        """Speeds of the reaction wheels relative to the body, rad/s, as their encoders read them: exactly."""
-        return tuple(map(float, wheel_speeds(self.plan.craft, self._now.state)))
 
     def hold(self, command: np.ndarray) -> None:
         """Hold a command from now on: what the craft cannot do of it, it does not."""
@@ -322,8 +317,6 @@ def run_twin(
         measured = craft.measured()
         if measured is not None:
             stamp = time.time_ns()
-            if plan.craft.wheels:
-                bus.publish(*wheels_message(craft.wheel_speeds(), stamp))
             for message in ends.state(measured, stamp):
                 bus.publish(*message)
         if now >= next_valves or not np.array_equal(given > 0.0, shown > 0.0):

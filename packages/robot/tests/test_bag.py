@@ -18,7 +18,7 @@ pytest.importorskip("mcap")
 
 from rans_robot.bag import BagMessage, bag_entries, index_bag
 from rans_robot.bus import Distribution, ZenohBus, open_bus
-from rans_robot.interfaces import RobotName, interface, wheels_message
+from rans_robot.interfaces import RobotName, interface
 from rans_robot.messages import FLOATS, POSE, TEXT, array, make, pack, unpack
 
 from rans.errors import ConfigError
@@ -37,8 +37,6 @@ def written(folder: Path) -> tuple[Path, list[BagMessage]]:
         moment = 2 * 10**9 + at
         both = [*ends.state(MOTION, moment), *ends.command([1.0] + [0.0] * 7, moment)]
         rows += [BagMessage(moment, f"{robot}/{one.topic}", one.kind, one.data) for one in both]
-    joints = wheels_message((12.5, -3.0), 2 * 10**9)
-    rows.append(BagMessage(3 * 10**9, *joints))
     return bag_of(folder, rows), rows
 
 
@@ -49,9 +47,6 @@ def checked(kind: str, message: Any) -> None:
         assert message.header.stamp.sec == 2
     elif kind == "nav_msgs/msg/Odometry":
         assert (message.pose.pose.position.x, message.pose.pose.position.y) == (2.0, 1.0)
-    elif kind == "sensor_msgs/msg/JointState":
-        assert list(message.velocity) == [12.5, -3.0]
-        assert list(message.name) == ["wheel_0", "wheel_1"]
     elif kind == "px4_msgs/msg/VehicleOdometry":  # PX4's world is north, east, down
         np.testing.assert_allclose(message.position, (1.0, 2.0, 0.0))
 

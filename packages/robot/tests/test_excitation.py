@@ -77,7 +77,7 @@ def test_the_command_says_how_to_fly(
     said = capsys.readouterr()
     assert f"rans fly {folder} --seconds 60" in " ".join((said.out + said.err).split())
     assert "exists already" in refused(line)
-    with pytest.raises(ConfigError, match="reaction wheels"):
+    with pytest.raises(ConfigError, match="has reaction wheels"):
         rans.excite("pingu", tmp_path / "pingu")
 
 

@@ -15,7 +15,7 @@ from rans_robot.bag import BagMessage, bag_entries
 from rans_robot.frames import Motion
 from rans_robot.interfaces import RobotName, interface
 from rans_robot.logs import read_bag
-from rans_robot.messages import JOINTS, TEXT, text_message
+from rans_robot.messages import TEXT, text_message
 from rans_robot.node import FLIGHT_TOPIC
 
 from rans.errors import ConfigError
@@ -54,37 +54,6 @@ def test_what_a_robot_said_comes_back(robot: RobotName, tmp_path: Path) -> None:
         assert log.spin == pytest.approx(np.full(8, 0.125), abs=1e-6)
     else:
         assert np.isnan(log.velocity).all()
-
-
-def test_speeds_of_wheels_come_back_beside_poses(tmp_path: Path) -> None:
-    """A sensor_msgs/JointState as rosbags' own classes write it; one of other joints is left out."""
-    from rosbags.typesys import Stores, get_typestore
-
-    craft = load_spacecraft("pingu")
-    ends = interface("ros", 9, 8)
-    still = Motion(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3))
-    store = get_typestore(Stores.ROS2_JAZZY)
-    kinds = store.types
-    bag = []
-    for k in range(6):
-        now = (k + 1) * 200_000_000
-        both = (*ends.state(still, now), *ends.command([0.0] * 8 + [0.1 * k], now))
-        bag += [BagMessage(now, *message) for message in both]
-        velocity = np.array([2.5 * k]) if k != 3 else np.array([7.0, 8.0])  # of two joints
-        seconds, rest = divmod(now + 10**6, 10**9)
-        header = kinds["std_msgs/msg/Header"](
-            kinds["builtin_interfaces/msg/Time"](seconds, rest), ""
-        )
-        joints = kinds[JOINTS](header, ["flywheel"], np.zeros(0), velocity, np.zeros(0))
-        data = bytes(store.serialize_cdr(joints, JOINTS))
-        bag.append(BagMessage(now + 10**6, "joint_states", JOINTS, data))
-    log = read_bag(bag_of(tmp_path, bag), craft)
-    assert log.wheel_speeds is not None
-    read = np.isfinite(log.wheel_speeds[:, 0])
-    assert log.times[read] == pytest.approx([0.001, 0.201, 0.401, 0.801, 1.001])
-    assert log.wheel_speeds[read, 0] == pytest.approx([0.0, 2.5, 5.0, 10.0, 12.5])
-    assert np.isnan(log.position[read]).all()
-    assert log.commands[:, 8] == pytest.approx(0.1 * np.arange(6))
 
 
 def planned(data: bytes) -> BagMessage:

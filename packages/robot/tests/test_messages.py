@@ -7,15 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_robot.frames import Motion
-from rans_robot.interfaces import RobotName, interface, read_wheels
+from rans_robot.interfaces import RobotName, interface
 from rans_robot.messages import (
     FLOATS,
-    JOINTS,
     PX4_MOTORS,
     TEXT,
-    make,
-    message_header,
-    pack,
     types,
     unpack,
 )
@@ -64,26 +60,3 @@ def test_types_have_the_hashes_of_ros() -> None:
     assert types().hash_rihs01(TEXT) == (
         "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
     )
-
-
-@pytest.mark.parametrize(
-    ("names", "expected"),
-    [
-        (["wheel_2", "wheel_0", "wheel_1"], [6.0, 7.0, 5.0]),
-        (["rw3", "rw1", "rw2"], [6.0, 7.0, 5.0]),
-        (["starboard", "port", "stern"], [5.0, 6.0, 7.0]),
-        (["left_1", "right_1", "wheel_2"], [5.0, 6.0, 7.0]),
-        ([], [5.0, 6.0, 7.0]),
-    ],
-)
-def test_wheels_are_in_the_order_of_their_numbers(names: list[str], expected: list[float]) -> None:
-    """A publisher of joints has an order of its own, and fits took the first speed for that of the first wheel."""
-    joints = make(
-        JOINTS,
-        header=message_header(7, ""),
-        name=names,
-        position=np.zeros(0),
-        velocity=np.array([5.0, 6.0, 7.0]),
-        effort=np.zeros(0),
-    )
-    assert read_wheels(pack(JOINTS, joints), 3)[1].tolist() == expected

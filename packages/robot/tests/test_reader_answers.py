@@ -11,9 +11,7 @@ from rans_robot.bag import BagMessage
 from rans_robot.identify.log import checked_log, read_csv
 from rans_robot.interfaces import interface
 from rans_robot.logs import read_bag
-from rans_robot.ulog import read_ulog
 
-from packages.robot.tests import test_ulog
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.reader_questions import (
     Answer,
@@ -41,14 +39,6 @@ def table(
     return written("log.csv", text, lambda file: checked_log(read_csv(file, CRAFT), CRAFT))
 
 
-def ulog(content: bytes, craft: str = "floating-platform") -> Any:
-    def plant(folder: Path) -> Callable[[], object]:
-        file = test_ulog.written(content, folder)
-        return lambda: read_ulog(file, load_spacecraft(craft))
-
-    return plant
-
-
 def bag(messages: Sequence[BagMessage]) -> Any:
     def plant(folder: Path) -> Callable[[], object]:
         file = bag_of(folder, messages)
@@ -70,17 +60,6 @@ ANSWERS: Answers = {
         "dropped": Answer(table(header=HEADER + ",u8", command="0,0"), "has the commands u8 too"),
         "sizes": Answer(table(header=HEADER + ",note", command="0," + "9" * 200_000), "line"),
         "evidence": Answer(table(x=lambda k: 1e12), "other units, or damaged"),
-    },
-    "read_ulog": {
-        "units": "PX4 defines those of each field, and a ULog names none",
-        "frames": "velocity frames are read (test_ulog.py flies both)",
-        "times": "messages without a time are left out (test_ulog.py)",
-        "order": Answer(ulog(test_ulog.flight(), "free-flyer"), "has 12 motors"),
-        "dropped": Answer(
-            ulog(test_ulog.ulog({"sensor_gps": test_ulog.RATES}, [])), "has no|topic"
-        ),
-        "sizes": "messages of no bytes are refused (test_ulog.py)",
-        "evidence": Answer(ulog(b"no log"), "ULog"),
     },
     "read_bag": {
         "units": "ROS 2 and PX4 define those of each message",

@@ -96,21 +96,6 @@ def test_both_engines_are_the_same_robot(engine: Any) -> None:
     assert twin.motion.velocity[:2] == pytest.approx(expected, rel=1e-6)
 
 
-@pytest.mark.parametrize("engine", ["fast", "drake"])
-def test_a_wheel_s_encoder_reads_what_is_worked_by_hand(engine: Any) -> None:
-    """Half of 0.1 N m for 1 s: the wheel gains 0.05 / 0.001127 and the craft loses 0.05 / J about the same axis."""
-    if engine == "drake":
-        pytest.importorskip("pydrake")
-    craft = load_spacecraft("pingu")
-    twin = Craft(TwinPlan(craft, 0.2, start=(0.0, 0.0, 0.0), engine=engine, rate=25.0))
-    assert twin.wheel_speeds() == pytest.approx((0.0,))
-    twin.hold(np.array([0.0] * 8 + [0.5]))
-    for _ in range(25):
-        twin.advance()
-    expected = 0.05 / 0.001127 + 0.05 / craft.inertia[2][2]
-    assert twin.wheel_speeds() == pytest.approx((expected,), rel=1e-6)
-
-
 def test_duties_of_pulsed_thrusters_fall_into_steps() -> None:
     """37 % of a period of 0.1 s at steps of 10 ms: three whole ones, then seven tenths."""
     twin = Craft(TwinPlan(load_spacecraft("atmos"), 0.1))

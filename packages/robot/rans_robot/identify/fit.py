@@ -33,15 +33,9 @@ _LONGEST = 40.0
 """s: length from which windows are not doubled; windows of 60 s tell a tenth more than those of 30 s."""
 UNLIKELY = 3.29
 """Standard deviations that a normal number exceeds in one of a thousand samples, in either direction."""
-_FIRST_NOISE = {
-    "position": 0.01,
-    "attitude": 0.01,
-    "velocity": 0.02,
-    "spin": 0.02,
-    "wheel speed": 1.0,
-}
+_FIRST_NOISE = {"position": 0.01, "attitude": 0.01, "velocity": 0.02, "spin": 0.02}
 """Noise with which the first fit begins: of a laboratory's order of magnitude."""
-CHANNELS = ("position", "attitude", "velocity", "spin", "wheel speed")
+CHANNELS = ("position", "attitude", "velocity", "spin")
 """Measured quantities, in the order of the columns of a residual."""
 _FACTOR_PRIOR = 0.3
 """Standard deviation of the prior of factors on force and inertia: data sheets err by a tenth to a quarter."""
@@ -60,8 +54,8 @@ _MOST_DAMPING = 1e8
 _SHORT = 1.0
 """s: length of the windows of the first fits."""
 _FAINT = 10.0
-"""Deviation of a faint prior of windows' starts, m, rad, m/s, rad/s and largest speeds of a wheel: it decides what
-nothing measured and nothing shows."""
+"""Deviation of a faint prior of windows' starts, m, rad, m/s and rad/s: it decides what nothing measured and
+nothing shows."""
 _FEW = 5
 """Steps after which the best of several beginnings goes on alone."""
 _FIRST_LATENCIES = (0.02, 0.1, 0.25)
@@ -100,7 +94,7 @@ class Fit:
     noise: dict[str, float]
     """Standard deviation of the readings' errors, in m, rad, m/s and rad/s, of what was measured."""
     residuals: tuple[np.ndarray, ...]
-    """Readings minus prediction of each log, (M, 6 + W or 12 + W); in space the attitude's is a rotation vector."""
+    """Readings minus prediction of each log, (M, 6 or 12); in space the attitude's is a rotation vector."""
     nominal_residuals: tuple[np.ndarray, ...]
     """Readings minus the prediction of the data sheet, of each log, from the same starts of windows."""
     logs: tuple[FlightLog, ...]
@@ -166,17 +160,7 @@ def parameters_of(craft: Spacecraft) -> tuple[Parameter, ...]:
         prior = 0.1 * size if is_product else _FACTOR_PRIOR * moment
         least = -np.inf if is_product else 1e-3 * moment
         result.append(Parameter(f"inertia {name}", "kg m^2", moment, prior, least))
-    # Wheels, then what thrusters alone have: centre, disturbance and delays.
-    rotors = [
-        Parameter(
-            f"rotor of wheel {k}",
-            "kg m^2",
-            wheel.inertia,
-            _FACTOR_PRIOR * wheel.inertia,
-            1e-3 * wheel.inertia,
-        )
-        for k, wheel in enumerate(craft.wheels)
-    ]
+    # Centre, disturbance and delays.
     strongest = max(forces)
     result += [Parameter(f"centre {axis}", "m", 0.0, _CENTRE_PRIOR) for axis in axes]
     result += [
@@ -190,10 +174,6 @@ def parameters_of(craft: Spacecraft) -> tuple[Parameter, ...]:
     ]
     result.append(Parameter("latency", "s", 0.0, _LATENCY_PRIOR, 0.0))
     result.append(Parameter("rise", "s", 0.0, _RISE_PRIOR, 0.0))
-    for k, (wheel, rotor) in enumerate(zip(craft.wheels, rotors, strict=True)):
-        full = wheel.max_torque
-        motor = Parameter(f"motor of wheel {k}", "N m", full, _FACTOR_PRIOR * full, 1e-3 * full)
-        result += [motor, rotor]
     return tuple(result)
 
 
@@ -211,9 +191,7 @@ def physics_of(craft: Spacecraft, values: np.ndarray) -> Physics:
         push = Wrench(Vec3(*force), Vec3(*(next(columns) for _ in range(3))))
     body = Body(craft.mass, inertia, centre, gain, (0.0,) * count)
     latency, rise = next(columns), next(columns)
-    wheels = [(next(columns), next(columns)) for _ in craft.wheels]
-    torques = tuple(torque for torque, _ in wheels)
-    return Physics(body, push, latency, rise, torques, tuple(about for _, about in wheels))
+    return Physics(body, push, latency, rise)
 
 
 class _Problem:
@@ -223,19 +201,15 @@ class _Problem:
         self.craft = craft
         self.parameters = parameters_of(craft)
         self.planar = craft.dimension == 2
-        self.width = (6 if self.planar else 12) + craft.wheel_count
+        self.width = 6 if self.planar else 12
         """Entries of a residual, and of the change of a start."""
-        largest = [wheel.max_momentum / wheel.inertia for wheel in craft.wheels]
-        units = np.array([1.0] * (self.width - craft.wheel_count) + largest)
-        self.faint = 1.0 / (_FAINT * units) ** 2
-        """Information of the prior of each entry of a start."""
         self.groups: list[_Group] = []
         for number, log in enumerate(logs):
             windows = windows_of(log, window)
             thrusts = Thrust.of(craft, log)
             for length in sorted({part.stop - part.start for part in windows}):
                 alike = [part for part in windows if part.stop - part.start == length]
-                self.groups.append(_Group(number, log, craft, thrusts, alike))
+                self.groups.append(_Group(number, log, thrusts, alike))
 
     def paths(self, group: _Group, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """Predicted states (W, M, columns) of the W windows of a group, for values (P,) and starts (W, columns)."""
@@ -305,8 +279,7 @@ class _Problem:
     def moved(self, starts: np.ndarray, change: np.ndarray) -> np.ndarray:
         """Starts (W, columns) changed by (W, width); attitudes in space turn by a rotation vector in B.
 
-        Rates and speeds of wheels are the last columns; those of a start have one more than its changes, the
-        quaternion's.
+        A start in space has one column more than its changes, the quaternion's.
         """
         if self.planar:
             return starts + change
@@ -329,36 +302,18 @@ class _Group:
         self,
         number: int,
         log: FlightLog,
-        craft: Spacecraft,
         thrusts: Thrust,
         windows: Sequence[slice],
     ) -> None:
         self.number = number
         self.windows = windows
         self.thrusts = thrusts
-        parts = [log.position, log.attitude, log.velocity, log.spin]
-        if log.wheel_speeds is not None:
-            parts.append(log.wheel_speeds)
-        columns = np.column_stack(parts)
+        columns = np.column_stack([log.position, log.attitude, log.velocity, log.spin])
         self.times = np.stack([log.times[part] for part in windows])
         self.begin = self.times[:, 0]
         self.readings = np.stack([columns[part] for part in windows])
-        starts = self.readings[:, 0].copy()
-        if craft.wheels:
-            # Wheels whose speeds were not measured begin the log at rest, and motors as designed turn them; the fit
-            # moves what a window begins with.
-            full = np.array([[wheel.max_torque for wheel in craft.wheels]])
-            about = np.array([[wheel.inertia for wheel in craft.wheels]])
-            spun = thrusts.motors.from_rest(self.begin[None], full)
-            starts[:, -craft.wheel_count :] = spun[0] / about
-            for k, speeds in enumerate(parts[-1].T if log.wheel_speeds is not None else ()):
-                read = np.isfinite(speeds)
-                if read.any():
-                    column = k - craft.wheel_count
-                    starts[:, column] = np.interp(self.begin, log.times[read], speeds[read])
         # Where no velocity was measured, windows begin at rest; the fit moves them.
-        starts[np.isnan(starts)] = 0.0
-        self.starts = starts
+        self.starts = np.nan_to_num(self.readings[:, 0])
 
 
 def _rotation_vector(path: np.ndarray, readings: np.ndarray) -> np.ndarray:
@@ -368,10 +323,8 @@ def _rotation_vector(path: np.ndarray, readings: np.ndarray) -> np.ndarray:
 
 
 def channel_columns(craft: Spacecraft) -> dict[str, slice]:
-    """Columns of each measured quantity in a residual of 6 entries, or 12 in space, and one a wheel."""
+    """Columns of each measured quantity in a residual of 6 entries, or 12 in space."""
     ends = (0, 2, 3, 5, 6) if craft.dimension == 2 else (0, 3, 6, 9, 12)
-    if craft.wheels:
-        ends = (*ends, ends[-1] + craft.wheel_count)
     return {name: slice(a, b) for name, a, b in zip(CHANNELS, ends, ends[1:], strict=False)}
 
 
@@ -510,12 +463,8 @@ class _Normal:
         rows: Sequence[np.ndarray],
         rests: Sequence[np.ndarray],
         prior: np.ndarray,
-        faint: np.ndarray,
     ) -> None:
-        """From weighed derivatives (W, N, P + width) and residuals (W, N) of each group, and of the prior (P,).
-
-        ``faint`` (width,) is the information about each entry of a start before the readings.
-        """
+        """From weighed derivatives (W, N, P + width) and residuals (W, N) of each group, and of the prior (P,)."""
         count = len(prior)
         self.rows = [np.split(jacobian, [count], axis=-1) for jacobian in rows]
         """Derivatives by values and by starts, of each group."""
@@ -531,7 +480,8 @@ class _Normal:
             blocks.append(of_starts.mT @ of_starts)
             rights.append((of_starts.mT @ rest[..., None])[..., 0])
         self.sides = np.concatenate(sides)
-        self.blocks = np.concatenate(blocks) + np.diag(faint)
+        self.blocks = np.concatenate(blocks)
+        self.blocks = self.blocks + np.eye(self.blocks.shape[-1]) / _FAINT**2
         self.rights = np.concatenate(rights)
 
     def solved(self, damping: float, at_least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -705,7 +655,7 @@ class _Solver:
             jacobian *= (np.isfinite(residual) * weights)[..., None]
             rows.append(jacobian.reshape(len(path), -1, jacobian.shape[-1]))
             rests.append(np.nan_to_num(residual * weights).reshape(len(path), -1))
-        return _Normal(rows, rests, -self._from_prior(self.values), problem.faint)
+        return _Normal(rows, rests, -self._from_prior(self.values))
 
     def _estimate_noise(self, normal: _Normal) -> float:
         """Set standard deviations to those of the residuals, and return the largest relative change.

@@ -33,7 +33,6 @@ _BOUNDS = {
     "attitude": (1e6, "rad"),
     "velocity": (1e6, "m/s"),
     "spin": (1e4, "rad/s"),
-    "wheel speed": (1e6, "rad/s"),
 }
 """Largest readings, far above those of any laboratory; a heading of 1e6 rad still has nine digits of an angle."""
 
@@ -72,8 +71,6 @@ class FlightLog:
     """(M, d), m/s, in W."""
     spin: np.ndarray
     """(M,) or (M, 3), rad/s, in the body frame B."""
-    wheel_speeds: np.ndarray | None = None
-    """(M, W), rad/s: speed of each reaction wheel about its axis, relative to the body; None: not measured."""
     notes: tuple[str, ...] = ()
     """Sentences of its reader: units, frames and clocks as it took them, and what it left out."""
     steady_times: np.ndarray | None = None
@@ -162,14 +159,6 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
         name: getattr(log, name)[inside]
         for name in ("times", "position", "attitude", "velocity", "spin")
     }
-    speeds = log.wheel_speeds
-    if speeds is None:
-        speeds = np.full((len(log.times), craft.wheel_count), np.nan)
-    if speeds.shape != (len(log.times), craft.wheel_count):
-        raise ConfigError(
-            f"{what} has speeds of {speeds.shape[1]} wheels, but {craft.name!r} has {craft.wheel_count}."
-        )
-    parts["wheel_speeds"] = speeds[inside]
     _check_readings(what, parts)
     _check_rates(what, parts)
     result = replace(log, **parts)
@@ -344,8 +333,8 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     """Log of a CSV file whose first line names its columns.
 
     ``time`` (s) is needed, the pose (`POSE_COLUMNS`), and ``u0`` to ``u<C-1>``, the commands from this row on; the
-    velocities (`RATE_COLUMNS`) and the speeds of wheels, ``s0`` and so on (rad/s), may be missing. An empty cell is
-    a value that was not measured, or the last command; an empty line counts as none. The file that
+    velocities (`RATE_COLUMNS`) may be missing. An empty cell is a value that was not measured, or the last command;
+    an empty line counts as none. The file that
     `rans.flight.Flight.to_csv` writes is such a file: units in parentheses and underscores are left out, and ``t``
     and ``w`` are ``time`` and ``spin``. Columns of other names are not read.
 
@@ -360,7 +349,6 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     # The header names the columns, in any order.
     header = tuple(_spelled(cell) for cell in table.header)
     inputs = [f"u{k}" for k in range(craft.command_count)]
-    wheels = [f"s{k}" for k in range(craft.wheel_count)]
     d = craft.dimension
     needed = ["time", *POSE_COLUMNS[d], *inputs]
     units = {
@@ -368,15 +356,14 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
         **dict.fromkeys(POSE_COLUMNS[d][:d], ("m",)),
         **dict.fromkeys(POSE_COLUMNS[d][d:], ("rad",) if d == 2 else ()),
         **dict.fromkeys(RATE_COLUMNS[d][:d], ("m/s",)),
-        **dict.fromkeys((*RATE_COLUMNS[d][d:], *wheels), ("rad/s",)),
+        **dict.fromkeys(RATE_COLUMNS[d][d:], ("rad/s",)),
         **dict.fromkeys(inputs, ()),
     }
     places = replace(table, header=header).columns(units)
     if missing := [name for name in needed if name not in places]:
         raise ConfigError(
             f"{what} has no {', '.join(missing)} among its columns, {brief(', '.join(table.header))}; "
-            f"{craft.name} has the commands {inputs[0]} to {inputs[-1]}"
-            f"{f' and wheels of the speeds {wheels[0]} to {wheels[-1]}' if wheels else ''}."
+            f"{craft.name} has the commands {inputs[0]} to {inputs[-1]}."
         )
     if more := [name for name in header if re.fullmatch(r"u\d+", name) and name not in inputs]:
         raise ConfigError(
@@ -400,12 +387,9 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     # Lines with a command, and lines with a reading.
     pose = columns(POSE_COLUMNS[d])
     rates = columns(RATE_COLUMNS[d])
-    speeds = columns(wheels) if wheels else None
     commands = columns(inputs)
     has_command = ~np.isnan(commands).any(axis=1)
     measured = ~np.isnan(pose).all(axis=1) | ~np.isnan(rates).all(axis=1)
-    if speeds is not None:
-        measured |= ~np.isnan(speeds).all(axis=1)
     given = np.flatnonzero(has_command)
     taken = np.flatnonzero(measured)
     early = {"command": unstamped(time[given]), "reading": unstamped(time[taken])}
@@ -427,6 +411,5 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
         pose[taken, 2] if d == 2 else pose[taken, 3:],
         rates[taken, :d],
         rates[taken, 2] if d == 2 else rates[taken, 3:],
-        None if speeds is None else speeds[taken],
         tuple(notes),
     )

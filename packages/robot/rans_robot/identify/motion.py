@@ -38,110 +38,6 @@ class Physics(NamedTuple):
     """(K,), s from a command until the force begins to change."""
     rise: np.ndarray
     """(K,), s of the linear change of the force."""
-    wheel_torques: tuple[np.ndarray, ...] = ()
-    """(K,) of each reaction wheel, N m: torque of the motor at full command."""
-    wheel_inertias: tuple[np.ndarray, ...] = ()
-    """(K,) of each, kg m^2 about its axis."""
-
-
-@dataclass(frozen=True)
-class Motors:
-    """Commands of the motors of reaction wheels."""
-
-    times: np.ndarray
-    """(T,), s: instants of commands, which motors follow at once."""
-    commands: np.ndarray
-    """(T, W): shares of full torque that were commanded."""
-    period: float
-    """Control period, s."""
-    limits: np.ndarray
-    """(W,), N m s: largest momenta, at which motors give no more torque."""
-    measured: np.ndarray
-    """(W,), whether the log has speeds of a wheel: then the state at the start of a window says how far it is from
-    its largest momentum; otherwise it began the log at rest."""
-
-    @classmethod
-    def of(cls, craft: Spacecraft, log: FlightLog) -> Motors:
-        """Commands of a log's wheels (M, W), their limits, and which wheels' speeds were read."""
-        count = craft.wheel_count
-        measured = np.zeros(count, dtype=bool)
-        if log.wheel_speeds is not None:
-            measured = np.asarray(np.isfinite(log.wheel_speeds).any(axis=0))
-        commands = log.commands[:, craft.thruster_count :][:, :count]
-        limits = np.array([wheel.max_momentum for wheel in craft.wheels])
-        return cls(log.command_times, commands, log.period, limits, measured)
-
-    def momenta(self, t: np.ndarray, torques: np.ndarray, first: np.ndarray) -> np.ndarray:
-        """Momenta of wheels about their axes at times (K, S), from those at the first time: (K, S, W), N m s.
-
-        Args:
-            t: s, ascending.
-            torques: (K, W), N m at full command.
-            first: (K, W), N m s.
-        """
-        result = self._run(t[:, 0], first, torques, np.arange(len(t)), t)
-        if not self.measured.all():
-            from_rest = self.from_rest(t, torques)
-            gained = first[:, None] + from_rest - from_rest[:, :1]
-            result = np.where(self.measured, result, gained)
-        return result
-
-    def from_rest(self, t: np.ndarray, torques: np.ndarray) -> np.ndarray:
-        """Momenta at times (K, S) of wheels that rest at the first command: (K, S, W), N m s."""
-        # Few of the K are different: each parameter is changed in all windows at once.
-        full, which = np.unique(torques, axis=0, return_inverse=True)
-        begin = np.full(len(full), self.times[0])
-        return self._run(begin, np.zeros_like(full), full, which.reshape(-1), t)
-
-    def _run(
-        self,
-        begin: np.ndarray,
-        first: np.ndarray,
-        torques: np.ndarray,
-        row: np.ndarray,
-        t: np.ndarray,
-    ) -> np.ndarray:
-        """Momenta (K, S, W) at times (K, S), each row of which is one (K,) of R runs.
-
-        A motor gives less where the momentum would leave its limit by the end of the control period, and takes back
-        what is beyond it, so that a start which the fit moves across the limit changes the motion smoothly.
-
-        Args:
-            begin: (R,), s, the beginnings of the runs.
-            first: (R, W), N m s, momenta then.
-            torques: (R, W), N m at full command.
-            row: (K,), number of the run.
-            t: (K, S), s.
-        """
-        before = np.clip(np.searchsorted(self.times, begin, side="right") - 1, 0, None)
-        periods = np.searchsorted(self.times, t, side="right") - 1 - before[row][:, None]
-        periods = np.clip(periods, 0, None)
-        # The commands that are held from the beginning on, from when, and how long.
-        index = np.minimum(before[:, None] + np.arange(periods.max() + 1), len(self.times) - 1)
-        since = self.times[index]
-        since[:, 0] = np.maximum(begin, since[:, 0])
-        ends = np.append(self.times[1:], self.times[-1] + self.period)[index]
-        left = self.period - np.mod(since - self.times[index], self.period)
-        left = np.maximum(np.minimum(left, ends - since), 1e-9)
-        given = np.empty((*index.shape, len(self.limits)))
-        momenta = np.empty_like(given)
-        momenta[:, 0] = first
-        for k in range(index.shape[1]):
-            least = (-self.limits - momenta[:, k]) / left[:, k, None]
-            largest = (self.limits - momenta[:, k]) / left[:, k, None]
-            given[:, k] = np.clip(self.commands[index[:, k]] * torques, least, largest)
-            if k + 1 < index.shape[1]:
-                gained = given[:, k] * (ends - since)[:, k, None]
-                momenta[:, k + 1] = self._within(momenta[:, k], gained)
-        at = row[:, None], periods
-        lasting = np.maximum(t - since[at], 0.0)[..., None]
-        return self._within(momenta[at], given[at] * lasting)
-
-    def _within(self, momenta: np.ndarray, gained: np.ndarray) -> np.ndarray:
-        """Sum of momenta and gains up to a limit that lies between, as a command may be held for many periods."""
-        low = np.minimum(momenta, -self.limits)
-        high = np.maximum(momenta, self.limits)
-        return np.clip(momenta + gained, low, high)
 
 
 @dataclass(frozen=True)
@@ -156,8 +52,6 @@ class Thrust:
     """(E, n): integral of that, s^2."""
     shares: np.ndarray
     """(E, n): shares of full force from each instant on."""
-    motors: Motors
-    """Commands of the motors of wheels."""
 
     @classmethod
     def of(cls, craft: Spacecraft, log: FlightLog) -> Thrust:
@@ -165,14 +59,13 @@ class Thrust:
 
         The integrals are exact for steps of thrust, so that they can be shifted by any delay without a grid.
         """
-        count = craft.thruster_count
         times = []
         shares = []
         periods = np.diff(log.command_times, append=log.command_times[-1] + log.period)
         periods = np.minimum(periods, log.period * 1.5)  # a pulse is a share of the control period
         for time, command, period in zip(log.command_times, log.commands, periods, strict=True):
             gone = 0.0
-            for part, levels in craft.actuators.pulses(tuple(map(float, command[:count]))):
+            for part, levels in craft.actuators.pulses(tuple(map(float, command))):
                 if part <= 0.0:
                     continue
                 times.append(time + gone)
@@ -185,7 +78,7 @@ class Thrust:
         second = np.zeros_like(u)
         first[1:] = np.cumsum(u[:-1] * steps, axis=0)
         second[1:] = np.cumsum(first[:-1] * steps + 0.5 * u[:-1] * steps**2, axis=0)
-        return cls(t, first, second, u, Motors.of(craft, log))
+        return cls(t, first, second, u)
 
     def _integrals(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """First and second integral of the shares at times t of any shape (s): (..., n) each, s and s^2.
@@ -216,11 +109,12 @@ def check_identifiable(craft: Spacecraft) -> None:
     """Refuse craft whose motion this module does not predict.
 
     Raises:
-        ConfigError: the craft has no thruster, burns propellant, has a mass that moves in it, or effectors of
-            other kinds.
+        ConfigError: the craft has no thruster, reaction wheels, burns propellant, has a mass that moves in it, or
+            effectors of other kinds.
     """
     reasons = {
         "has no thruster": not craft.thrusters,
+        "has reaction wheels": bool(craft.wheels),
         "burns propellant": craft.propellant is not None,
         "has a mass that moves in it": not craft.is_rigid,
         "has effectors of other kinds": bool(craft.further_effectors),
@@ -228,8 +122,8 @@ def check_identifiable(craft: Spacecraft) -> None:
     for reason, holds in reasons.items():
         if holds:
             raise ConfigError(
-                f"{craft.name!r} {reason}, and only rigid spacecraft with thrusters of constant mass, and perhaps "
-                "reaction wheels, can be identified from a log."
+                f"{craft.name!r} {reason}, and only rigid spacecraft of constant mass that thrusters alone move "
+                "can be identified from a log."
             )
 
 
@@ -265,15 +159,15 @@ def predicted(
     times: np.ndarray,
     longest: float = STEP,
 ) -> np.ndarray:
-    """States at the readings of K windows of M readings each: columns (K, M, 6 + W or 13 + W).
+    """States at the readings of K windows of M readings each: columns (K, M, 6 or 13).
 
-    They are x, y, heading, vx, vy, spin, or p, quaternion, v, w, and the speeds of wheels.
+    They are x, y, heading, vx, vy, spin, or p, quaternion, v, w.
 
     Args:
         craft: spacecraft as designed.
         thrusts: forces that were commanded.
         physics: parameters.
-        start: (K, 6 + W or 13 + W), states at the beginnings of the windows.
+        start: (K, 6 or 13), states at the beginnings of the windows.
         begin: (K,), s, the beginnings.
         times: (K, M), s, times of the readings, ascending.
         longest: s, longest step of the grid.
@@ -289,20 +183,8 @@ def predicted(
     gain = np.stack([np.broadcast_to(g, len(times)) for g in physics.body.gain], axis=-1)
     fractions = np.diff(delivered, axis=1) / step[..., None] * gain[:, None]
     wrenches = fractions @ craft.wrenches
-
-    # A wheel's momentum is inertia (speed + turn rate about its axis), which the motor alone changes.
-    momenta = np.zeros((*grid.shape, craft.wheel_count))
-    if craft.wheels:
-        axes = np.array([wheel.axis for wheel in craft.wheels])
-        spin = start[:, 5:6] * axes[:, 2] if craft.dimension == 2 else start[:, 10:13] @ axes.T
-        first = _stacked(physics.wheel_inertias) * (start[:, -craft.wheel_count :] + spin)
-        momenta = thrusts.motors.momenta(grid, _stacked(physics.wheel_torques), first)
-    if craft.dimension == 2:
-        path = _planar(craft, physics, start, wrenches, step, momenta)
-    else:
-        path = _spatial(craft, physics, start, wrenches, step, momenta)
-
-    return path[:, np.cumsum(counts)]
+    move = _planar if craft.dimension == 2 else _spatial
+    return move(craft, physics, start, wrenches, step)[:, np.cumsum(counts)]
 
 
 def _planar(
@@ -311,9 +193,8 @@ def _planar(
     start: np.ndarray,
     wrench: np.ndarray,
     step: np.ndarray,
-    momenta: np.ndarray,
 ) -> np.ndarray:
-    """States (K, S + 1, 6 + W) in the plane, as cumulative sums with the heading at the middle of each step.
+    """States (K, S + 1, 6) in the plane, as cumulative sums with the heading at the middle of each step.
 
     They are some hundred times as fast as the engine's steps, one after the other; the error of a step is of third
     order in its turn, 1e-6 of the thrust at 1 rad/s.
@@ -322,12 +203,8 @@ def _planar(
     x, y = (np.asarray(c)[:, None] for c in physics.body.centre)
     push = physics.disturbance
     torque = wrench[..., 2] - (x * force[..., 1] - y * force[..., 0])
-    axes = [wheel.axis[2] for wheel in craft.wheels]
-    for k, axis in enumerate(axes):
-        torque = torque - axis * np.diff(momenta[..., k], axis=1) / step
-    rate = (torque + np.asarray(push.torque)[:, None]) / np.asarray(physics.body.inertia[0])[
-        :, None
-    ]
+    torque = torque + np.asarray(push.torque)[:, None]
+    rate = torque / np.asarray(physics.body.inertia[0])[:, None]
     # Spin, heading, then velocity and position, each a sum of the one before.
     h = step
     spin = _summed(start[:, 5], rate * h)
@@ -346,11 +223,7 @@ def _planar(
         position = _summed(start[:, j], velocity[:, :-1] * h + 0.5 * acceleration * h**2)
         columns.append((position, velocity))
     (x, vx), (y, vy) = columns
-    speeds = [
-        momenta[..., k] / np.asarray(physics.wheel_inertias[k])[:, None] - axis * spin
-        for k, axis in enumerate(axes)
-    ]
-    return np.stack([x, y, heading, vx, vy, spin, *speeds], axis=-1)
+    return np.stack([x, y, heading, vx, vy, spin], axis=-1)
 
 
 def _summed(start: np.ndarray, changes: np.ndarray) -> np.ndarray:
@@ -366,9 +239,8 @@ def _spatial(
     start: np.ndarray,
     wrench: np.ndarray,
     step: np.ndarray,
-    momenta: np.ndarray,
 ) -> np.ndarray:
-    """States (K, S + 1, 13 + W) by the midpoint rule, of starts (K, 13 + W) and wrenches (K, S, 6) in B."""
+    """States (K, S + 1, 13) by the midpoint rule, of starts (K, 13) and wrenches (K, S, 6) in B."""
     body = physics.body
     force = wrench[..., :3]
     torque = wrench[..., 3:] - np.cross(_stacked(body.centre)[:, None], force)
@@ -378,24 +250,14 @@ def _spatial(
     )
     push = _stacked(physics.disturbance.force.columns()) / craft.mass
     twist = _stacked(physics.disturbance.torque.columns())
-
-    axes = np.array([wheel.axis for wheel in craft.wheels]).reshape(-1, 3)
-    stored = momenta @ axes
-    torque = torque - np.diff(stored, axis=1) / step[..., None]
-
-    constant = start[:, :13], inertia, np.linalg.inv(inertia), push, twist
-    middle = 0.5 * (stored[:, :-1] + stored[:, 1:])
-    acting = step, force / craft.mass, torque, stored[:, :-1], middle
+    constant = start, inertia, np.linalg.inv(inertia), push, twist
+    acting = step, force / craft.mass, torque
     parts = [slice(None)]
     if len(start) <= _FEW_WINDOWS:
         parts = [slice(k, k + 1) for k in range(len(start))]
-    path = np.concatenate(
+    return np.concatenate(
         [_midpoints([x[part] for x in constant], [x[part] for x in acting]) for part in parts]
     )
-    if not craft.wheels:
-        return path
-    speeds = momenta / _stacked(physics.wheel_inertias)[:, None] - path[..., 10:] @ axes.T
-    return np.concatenate([path, speeds], axis=-1)
 
 
 def _midpoints(constant: Sequence[np.ndarray], acting: Sequence[np.ndarray]) -> np.ndarray:
@@ -405,8 +267,7 @@ def _midpoints(constant: Sequence[np.ndarray], acting: Sequence[np.ndarray]) -> 
 
     Args:
         constant: start (K, 13), inertia and its inverse (K, 3, 3), acceleration (K, 3) and torque (K, 3) in W.
-        acting: length of each step (K, S), s, and what acts in it (K, S, 3): thrust per mass and torque in B, and
-            the momentum of wheels at its beginning and in its middle, in B.
+        acting: length of each step (K, S), s, and what acts in it (K, S, 3): thrust per mass and torque in B.
     """
     columns, inertia, inverse, push, twist = (_fields(x) for x in constant)
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia
@@ -415,15 +276,12 @@ def _midpoints(constant: Sequence[np.ndarray], acting: Sequence[np.ndarray]) -> 
     x, y, z, *q, vx, vy, vz, wx, wy, wz = columns
 
     # Numbers and no vectors: a step of a hundred operations would make forty objects, which cost more than it.
-    def rate(w: Any, q: Any, torque: Any, wheels: Any) -> tuple[Any, Any, Any]:
-        """Angular acceleration in B, rad/s^2: Euler's equations, with the momentum of wheels.
-
-        Tuples of (K,) arrays.
-        """
+    def rate(w: Any, q: Any, torque: Any) -> tuple[Any, Any, Any]:
+        """Angular acceleration in B, rad/s^2: Euler's equations. Tuples of (K,) arrays."""
         a, b, c = w
-        hx = xx * a + xy * b + xz * c + wheels[0]
-        hy = xy * a + yy * b + yz * c + wheels[1]
-        hz = xz * a + yz * b + zz * c + wheels[2]
+        hx = xx * a + xy * b + xz * c
+        hy = xy * a + yy * b + yz * c
+        hz = xz * a + yz * b + zz * c
         ox, oy, oz = _turned((q[0], -q[1], -q[2], -q[3]), twist_x, twist_y, twist_z)
         tx = torque[0] + ox - (b * hz - c * hy)
         ty = torque[1] + oy - (c * hx - a * hz)
@@ -436,16 +294,16 @@ def _midpoints(constant: Sequence[np.ndarray], acting: Sequence[np.ndarray]) -> 
 
     # Euler's equations at the beginning and in the middle of each step.
     path = [columns]
-    for h, force, torque, before, between in zip(*(_fields(x) for x in acting), strict=True):
+    for h, force, torque in zip(*(_fields(x) for x in acting), strict=True):
         half, quarter = 0.5 * h, 0.25 * h
-        ax, ay, az = rate((wx, wy, wz), q, torque, before)
+        ax, ay, az = rate((wx, wy, wz), q, torque)
         mx, my, mz = wx + half * ax, wy + half * ay, wz + half * az
         middle = _after(q, quarter * (wx + mx), quarter * (wy + my), quarter * (wz + mz))
         ax, ay, az = _turned(middle, *force)
         ax, ay, az = ax + push_x, ay + push_y, az + push_z
         x, y, z = x + h * (vx + half * ax), y + h * (vy + half * ay), z + h * (vz + half * az)
         vx, vy, vz = vx + h * ax, vy + h * ay, vz + h * az
-        ax, ay, az = rate((mx, my, mz), middle, torque, between)
+        ax, ay, az = rate((mx, my, mz), middle, torque)
         wx, wy, wz = wx + h * ax, wy + h * ay, wz + h * az
         q = _after(q, h * mx, h * my, h * mz)
         path.append([x, y, z, *q, vx, vy, vz, wx, wy, wz])
@@ -499,10 +357,3 @@ def quaternion_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Hamilton product of quaternions (..., 4), scalar first."""
     q = Quat(*np.moveaxis(a, -1, 0)).times(Quat(*np.moveaxis(b, -1, 0)))
     return np.stack([q.w, q.x, q.y, q.z], axis=-1)
-
-
-def rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Vectors (..., 3) turned by unit quaternions (..., 4)."""
-    axis = quaternion[..., 1:]
-    across = 2.0 * np.cross(axis, vector)
-    return vector + quaternion[..., :1] * across + np.cross(axis, across)

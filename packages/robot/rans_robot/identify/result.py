@@ -37,20 +37,9 @@ _PERFECT = 1e-5
 """Noise (SI) below which nothing is left to explain: ten times the least that a fit assumes."""
 _LARGEST_ANGLE = 0.5
 """rad: noise of an attitude, above which it is none; angles that say nothing have 1.8 rad."""
-_AT_LIMIT = 0.99
-"""Part of a wheel's largest speed from which it counts as at its limit."""
-_LARGEST_FACTOR = 4.0
-"""Times the inertia of the file, and its inverse, beyond which the speeds of a wheel were in other units: a
-revolution a minute is 0.105 rad/s, and an estimate from a catalogue is off by a half."""
 SPREAD = 1.96
 """Standard deviations of a two-sided interval of 95 %."""
-UNITS = {
-    "position": "m",
-    "attitude": "rad",
-    "velocity": "m/s",
-    "spin": "rad/s",
-    "wheel speed": "rad/s",
-}
+UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "spin": "rad/s"}
 
 
 @dataclass(frozen=True)
@@ -104,7 +93,6 @@ class Identification:
 
     def __post_init__(self) -> None:
         """Refuse a fit whose residuals are no noise of a sensor."""
-        self._check_wheels()
         wrong = [channel for channel in self.channels() if not channel.is_explained]
         if wrong:
             names = ", ".join(
@@ -139,17 +127,8 @@ class Identification:
         offset = [self.fit.value(f"centre {axis}") for axis in "xyz"[: craft.dimension]]
         centre = np.array(craft.centre_of_mass)
         centre[: craft.dimension] += offset
-        wheels = tuple(
-            replace(
-                wheel,
-                max_torque=self.fit.value(f"motor of wheel {k}"),
-                inertia=self.fit.value(f"rotor of wheel {k}"),
-            )
-            for k, wheel in enumerate(craft.wheels)
-        )
         return replace(
             craft,
-            wheels=wheels,
             name=f"{craft.name}-identified",
             thrusters=thrusters,
             inertia=tuple(map(tuple, tensor)),  # pyrefly: ignore[bad-argument-type]
@@ -192,7 +171,7 @@ class Identification:
         turns = ("z",) if craft.dimension == 2 else axes
         noise = self.fit.noise
         position, attitude, velocity, spin = (
-            SensorConditions(noise=round(noise.get(name, 0.0), 6)) for name in CHANNELS[:4]
+            SensorConditions(noise=round(noise.get(name, 0.0), 6)) for name in CHANNELS
         )
         return Conditions(
             body=BodyConditions(
@@ -269,18 +248,6 @@ class Identification:
             result.append(Channel(name, _rms(before), _rms(after), correlation, bound, explained))
         return result
 
-    def _check_wheels(self) -> None:
-        """Refuse (`ConfigError`) wheels whose rotors say that their speeds are in other units."""
-        for k, wheel in enumerate(self.fit.craft.wheels):
-            factor = self.fit.value(f"rotor of wheel {k}") / wheel.inertia
-            if 1.0 / _LARGEST_FACTOR < factor < _LARGEST_FACTOR:
-                continue
-            raise ConfigError(
-                f"wheel {k} of {self.fit.craft.name!r} turns it as if it had {factor:.3g} times the inertia of the "
-                f"file, and {1.0 / _LARGEST_FACTOR:g} to {_LARGEST_FACTOR:g} times are believed. "
-                "The usual cause is speeds in revolutions a minute or in degrees/s."
-            )
-
     def notes(self) -> list[str]:
         """Sentences on what the logs do not determine, and whether the intervals can be believed.
 
@@ -295,34 +262,14 @@ class Identification:
             "The mean delay has in it what lies between the clocks of commands and readings, such as an offset, or "
             "readings that are late."
         )
-        result += [
-            f"Wheel {k} came to its largest momentum, so that its motor and inertia are in proportion to that of "
-            f"the file, {craft.wheels[k].max_momentum:g} N m s."
-            for k in self._wheels_at_limit()
-        ]
         # What the logs leave open, then whether intervals can be believed.
         silent = [row.name for row in self.rows() if not row.is_identifiable]
         if "latency" in silent and self.delay_deviation < 0.05:
             silent.remove("latency")
-        rotors = [name for name in silent if name.startswith("rotor")]
-        motors = [name for name in silent if name.startswith("motor")]
-        is_measured = "wheel speed" in self.fit.noise
-        if not is_measured:
-            silent = [name for name in silent if name not in rotors]
         if silent:
             result.append(
                 f"The logs do not determine: {', '.join(silent)}. Their intervals are those assumed before; fire "
                 "thrusters that the flight did not fire, one at a time and in both directions."
-            )
-        if motors:
-            result.append(
-                "Wheels that turn a craft determine motors only in proportion to the moments of inertia; thrusters "
-                "that turn it determine both."
-            )
-        if rotors and not is_measured:
-            result.append(
-                "No log has the speeds of the wheels, which alone determine the inertia of their rotors: a CSV "
-                "file has them in the columns s0, s1, ... (rad/s), a bag on the topic joint_states."
             )
         coloured = [channel for channel in self.channels() if not channel.is_white]
         if coloured:
@@ -332,16 +279,6 @@ class Identification:
                 "smooths the readings, and intervals are too narrow."
             )
         return [*result, *(note for log in self.fit.logs for note in log.notes)]
-
-    def _wheels_at_limit(self) -> list[int]:
-        """Numbers of the wheels whose measured speeds came to the largest."""
-        result = []
-        for k, wheel in enumerate(self.fit.craft.wheels):
-            largest = wheel.max_momentum / self.fit.value(f"rotor of wheel {k}")
-            speeds = [log.wheel_speeds for log in self.fit.logs if log.wheel_speeds is not None]
-            if any(np.any(np.abs(rows[:, k]) > _AT_LIMIT * largest) for rows in speeds):
-                result.append(k)
-        return result
 
     def write(self, folder: str | Path) -> Path:
         """Write spacecraft.toml, conditions.toml and identified.json, and return the folder.

@@ -19,13 +19,12 @@ from rans.model.spacecraft import Spacecraft
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of readings: m, rad, m/s, rad/s and rad/s of wheels."""
+    """Standard deviations of readings: m, rad, m/s and rad/s."""
 
     position: float = 0.005
     attitude: float = 0.008
     velocity: float = 0.01
     spin: float = 0.008
-    wheel: float = 0.1
 
 
 def flown_log(
@@ -41,12 +40,12 @@ def flown_log(
     force: tuple[float, float, float] = (0.0, 0.0, 0.0),
     torque: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> FlightLog:
-    """Log of a craft that begins at rest, with on/off thrusters and reaction wheels.
+    """Log of a craft that begins at rest, with on/off thrusters.
 
     Args:
         craft: the true one; its centre of mass is that of its file.
         commands: (T, C), the first at 0 s.
-        period: s, or when each command was given, (T,), s; wheels need an even one.
+        period: s, or when each command was given, (T,), s.
         times: (M,), s, when readings are taken.
         random: of their noise.
         noise: of the readings.
@@ -60,47 +59,34 @@ def flown_log(
     pushes = np.array([np.multiply(t.direction, t.force) for t in craft.thrusters])
     turns = np.cross(arms, pushes)
     inertia = np.array(craft.inertia)
-    axes = np.array([wheel.axis for wheel in craft.wheels]).reshape(-1, 3)
-    about = np.array([wheel.inertia for wheel in craft.wheels])
-    full = np.array([wheel.max_torque for wheel in craft.wheels])
-    limits = np.array([wheel.max_momentum for wheel in craft.wheels])
     given = np.asarray(period)
     if given.ndim == 0:
         given = np.arange(len(commands)) * given
     # Shares of full thrust at the ends of their ramps, between which they are linear; a step has a ramp of 1 ns.
     ramp = max(rise, 1e-9)
     knots = np.ravel(np.column_stack([given + latency, given + latency + ramp]))
-    before = np.vstack([np.zeros(count), commands[:-1, :count]])
-    levels = np.stack([before, commands[:, :count]], axis=1).reshape(-1, count)
+    before = np.vstack([np.zeros(count), commands[:-1]])
+    levels = np.stack([before, commands], axis=1).reshape(-1, count)
     if ramp > np.diff(given).min():
         raise ValueError("ramps longer than a period would overlap")
 
-    def rate(
-        t: float, y: np.ndarray, t0: float, s0: np.ndarray, slope: np.ndarray, g: np.ndarray
-    ) -> np.ndarray:
+    def rate(t: float, y: np.ndarray, t0: float, s0: np.ndarray, slope: np.ndarray) -> np.ndarray:
         turned = Rotation.from_quat(y[6:10])
-        w, momenta = y[10:13], y[13:]
+        w = y[10:]
         opening = s0 + slope * (t - t0)
         acceleration = (turned.apply(opening @ pushes) + force) / craft.mass
-        outside = opening @ turns + turned.inv().apply(torque) - g @ axes
-        spin = np.linalg.solve(inertia, outside - np.cross(w, inertia @ w + momenta @ axes))
+        outside = opening @ turns + turned.inv().apply(torque)
+        spin = np.linalg.solve(inertia, outside - np.cross(w, inertia @ w))
         x, v = y[6:9], y[9]
         quaternion = 0.5 * np.append(v * w + np.cross(x, w), -x @ w)
-        return np.concatenate([y[3:6], acceleration, quaternion, spin, g])
+        return np.concatenate([y[3:6], acceleration, quaternion, spin])
 
-    state = np.concatenate([np.zeros(9), [1.0], np.zeros(3 + len(about))])
+    state = np.concatenate([np.zeros(9), [1.0], np.zeros(3)])
     end = float(times[-1])
     edges = np.unique(np.concatenate([given, knots, [0.0, end]]))
     edges = edges[(edges >= 0.0) & (edges <= end)]
-    motors = np.zeros(len(about))
     rows = []
     for begin, stop in itertools.pairwise(edges):
-        if begin in given and len(about):
-            # A motor gives less where its wheel would leave its largest momentum within the period.
-            wanted = commands[int(np.flatnonzero(given == begin)[0]), count:] * full
-            motors = np.clip(
-                wanted, (-limits - state[13:]) / period, (limits - state[13:]) / period
-            )
         shares = np.stack(
             [
                 [np.interp(t, knots, levels[:, j], left=0.0) for j in range(count)]
@@ -115,7 +101,7 @@ def flown_log(
             state,
             "DOP853",
             np.append(inside, stop),
-            args=(begin, shares[0], slope, motors),
+            args=(begin, shares[0], slope),
             rtol=1e-9,
             atol=1e-11,
         ).y
@@ -129,7 +115,6 @@ def flown_log(
         return values + random.normal(0.0, deviation, values.shape)
 
     turned = Rotation.from_quat(y[6:10].T)
-    speeds = y[13:].T / about - y[10:13].T @ axes.T if len(about) else None
     if craft.dimension == 2:
         attitude = shaken(np.unwrap(turned.as_rotvec()[:, 2]), noise.attitude)
         spin = shaken(y[12], noise.spin)
@@ -147,5 +132,4 @@ def flown_log(
         attitude,
         shaken(y[3 : 3 + d].T, noise.velocity),
         spin,
-        None if speeds is None else shaken(speeds, noise.wheel),
     )

@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from rans_robot.identify.fit import WINDOW, fit, parameters_of, physics_of
-from rans_robot.identify.log import FlightLog, read_csv
+from rans_robot.identify.log import FlightLog
 from rans_robot.identify.motion import Thrust, predicted, windows_of
-from rans_robot.identify.result import Identification
 
 from campaigns.identification import hidden_flights
-from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.randomization.conditions_file import load_conditions
-from rans.scenario import scenarios
-from rans.tasks import GoToPose
-from tests.support.played import Played
 
 PLATFORM = load_spacecraft("floating-platform")
 
 
-@pytest.mark.parametrize("name", ["floating-platform", "free-flyer", "cubesat-6u", "afrl-12kg"])
+@pytest.mark.parametrize("name", ["floating-platform", "free-flyer", "afrl-12kg"])
 def test_every_quantity_has_a_prior(name: str) -> None:
     """Also where all thrusters push through the centre of mass, as those of afrl-12kg: 0.5 of 1 N at 0.2 m."""
-    parameters = {one.name: one for one in parameters_of(load_spacecraft(name))}
+    craft = replace(load_spacecraft(name), wheels=())
+    parameters = {one.name: one for one in parameters_of(craft)}
     assert all(one.prior > 0.0 for one in parameters.values())
     if name == "afrl-12kg":
         assert parameters["torque x"].prior == pytest.approx(0.1)
@@ -151,114 +145,6 @@ def test_a_lever_of_the_wrong_sign_is_seen_in_the_residuals() -> None:
     assert found.noise["attitude"] > 0.03
     # What the model does not explain keeps the windows short.
     assert found.window == WINDOW
-
-
-@pytest.fixture(scope="module")
-def wheeled() -> tuple[FlightLog, np.ndarray]:
-    (log,), (values,) = hidden_flights(load_spacecraft("pingu"), 1, 8.0, 0.2, seed=5)
-    return log, values
-
-
-@pytest.mark.slow
-def test_wheels_in_space_are_predicted_as_the_engine_moves_them() -> None:
-    """From rest, over 8 s, with wheels that are not all at right angles; the engine has equations of its own.
-
-    Readings have noise of 0.1 rad/s for wheels and 0.0087 rad/s for spin. Without the momentum of the wheels in
-    Euler's equations the first becomes 0.15 rad/s.
-    """
-    wheel = load_spacecraft("pingu").wheels[0]
-    axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.6, 0.8))
-    craft = replace(
-        load_spacecraft("free-flyer"), wheels=tuple(replace(wheel, axis=axis) for axis in axes)
-    )
-    (log,), (values,) = hidden_flights(craft, 1, 8.0, 0.2, seed=5)
-    assert log.wheel_speeds is not None
-    start = np.zeros((1, 16))
-    start[0, :7] = [*log.position[0], *log.attitude[0]]
-    path = predicted(
-        craft,
-        Thrust.of(craft, log),
-        physics_of(craft, values[None]),
-        start,
-        log.times[:1],
-        log.times[None],
-    )[0]
-    assert np.ptp(log.wheel_speeds, axis=0).min() > 50.0
-    assert np.std(path[:, 13:] - log.wheel_speeds, axis=0).max() < 0.13
-    assert np.std(path[:, 10:13] - log.spin, axis=0).max() < 0.013
-
-
-@pytest.mark.slow
-def test_a_wheel_is_found_from_its_speeds(wheeled: tuple[FlightLog, np.ndarray]) -> None:
-    log, values = wheeled
-    found = fit(load_spacecraft("pingu"), [log])
-    error = found.values - values
-    # Eight seconds tell the common scale of torques to 5 %, and the wheel's own acceleration to 1 %.
-    assert np.abs(error[-2:]) / values[-2:] == pytest.approx(0.0, abs=0.15)
-    assert found.values[-1] / found.values[-2] == pytest.approx(values[-1] / values[-2], rel=0.01)
-    assert (
-        np.sum(error @ np.linalg.solve(found.covariance, error)) < 42.3
-    )  # of 18 squares in 999 of 1,000
-    unmeasured = fit(load_spacecraft("pingu"), [replace(log, wheel_speeds=None)])
-    assert unmeasured.is_identifiable()[-2:].tolist() == [True, False]
-    assert "joint_states" in " ".join(Identification(unmeasured).notes())
-
-
-@pytest.mark.slow
-def test_wheels_whose_speeds_are_not_measured_begin_windows_as_their_motors_turned_them(
-    tmp_path: Path,
-) -> None:
-    """The craft is the data sheet's, and readings have no noise: its predictions are the engine's.
-
-    With wheels at rest at the start of each window, the missing momentum turns the craft by up to 0.08 rad in 5 s.
-    """
-    craft = load_spacecraft("cubesat-6u")
-    random = np.random.default_rng(0)
-
-    wheels = random.uniform(-1.0, 1.0, (100, 1, craft.wheel_count))
-    shaken = np.dstack([random.integers(0, 2, (100, 1, craft.thruster_count)), wheels])
-    task = GoToPose()
-    flight = fly(
-        craft, task, Played(shaken), scenarios(task, craft, 1, 1), Timing(episode_steps=100)
-    )
-    log = read_csv(flight.to_csv(tmp_path / "flight.csv"), craft)
-    found = fit(craft, [log], WINDOW)
-    (nominal,) = found.nominal_residuals
-    assert np.abs(nominal[:, 3:6]).max() < 1e-3
-    assert found.values == pytest.approx([p.nominal for p in found.parameters], rel=0.1, abs=1e-3)
-
-
-def test_a_motor_turns_wheel_and_craft_as_worked_by_hand() -> None:
-    """Half of the torque for 0.5 s: the craft gains -T t / J, and the wheel T t / I + T t / J relative to it."""
-    craft = load_spacecraft("pingu")
-    commands = np.zeros((5, 9))
-    commands[1, 8] = 0.5
-    log = log_of(commands)
-    values = np.array([one.nominal for one in parameters_of(craft)])[None]
-    path = predicted(
-        craft,
-        Thrust.of(craft, log),
-        physics_of(craft, values),
-        np.zeros((1, 7)),
-        np.zeros(1),
-        log.times[None],
-    )[0]
-    gained = 0.5 * craft.wheels[0].max_torque * 0.5
-    after = np.array([0.0, 0.0, 1.0, 1.0, 1.0])
-    spin = -gained / craft.inertia[2][2]
-    assert path[:, 5] == pytest.approx(spin * after, abs=1e-9)
-    assert path[:, 6] == pytest.approx((gained / craft.wheels[0].inertia - spin) * after, abs=1e-6)
-    # 0.7 N m s is its largest momentum: after 7 s of full torque the motor gives none.
-    commands = np.zeros((20, 9))
-    commands[:, 8] = 1.0
-    motors = Thrust.of(craft, log_of(commands)).motors
-    for full, momenta in (
-        (0.1, [0.5, 0.7, 0.7]),
-        (0.2, [0.7, 0.7, 0.7]),
-        (0.05, [0.25, 0.35, 0.45]),
-    ):
-        spun = motors.from_rest(np.array([[5.0, 7.0, 9.0]]), np.array([[full]]))
-        assert spun[0, :, 0] == pytest.approx(momenta)
 
 
 def test_readings_between_kinks_are_exact() -> None:

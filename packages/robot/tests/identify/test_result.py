@@ -126,17 +126,6 @@ def test_a_thruster_that_never_fired_is_said_not_to_be_identifiable(flight: Flig
     assert "force of thruster 7" in " ".join(found.notes())
 
 
-def test_speeds_of_wheels_are_columns_of_a_csv_file(tmp_path: Path) -> None:
-    craft = load_spacecraft("pingu")
-    file = tmp_path / "log.csv"
-    names = ["time", "x", "y", "heading", *(f"u{k}" for k in range(9)), "s0"]
-    rows = [[0.2 * k, *[0.0] * 12, 1.5 * k] for k in range(30)]
-    np.savetxt(file, rows, delimiter=",", header=",".join(names), comments="")
-    speeds = read_csv(file, craft).wheel_speeds
-    assert speeds is not None
-    assert speeds[:, 0] == pytest.approx(1.5 * np.arange(30))
-
-
 @pytest.mark.parametrize("name", ["floating-platform", "free-flyer"])
 def test_the_table_of_a_flight_is_a_log(name: str, tmp_path: Path) -> None:
     craft = load_spacecraft(name)
