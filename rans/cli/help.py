@@ -16,7 +16,7 @@ from rans.cli.commands import BUILT_IN, Command
 from rans.cli.options import EVERYWHERE, is_in_help, option_name, texts_of
 
 START = {
-    "rans init mine.toml": "your spacecraft, from its data sheet",
+    "rans init mine.toml": "a file for your spacecraft's numbers",
     "rans compare mine.toml": "agents, controllers, bounds",
     "rans train go-to-pose --spacecraft mine.toml": "an agent of its own",
 }

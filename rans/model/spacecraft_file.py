@@ -92,7 +92,7 @@ SPACECRAFT = Registry(
         ".xacro": "xacro is a macro language; `xacro {name} > {stem}` writes the URDF that `rans init` reads",
         **dict.fromkeys(
             (".sdf", ".usd", ".usda", ".usdc", ".yaml", ".yml", ".json"),
-            "it is not read; `rans init {stem}.toml` asks for the numbers of a spacecraft",
+            "it is not read; `rans init {stem}.toml` writes a file for the numbers of a spacecraft",
         ),
     },
 )

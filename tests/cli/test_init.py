@@ -1,9 +1,7 @@
-"""``rans init``: asked, in a batch, and interrupted."""
+"""``rans init``: a template, values of options, and files of other software."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,9 +9,8 @@ import numpy as np
 import pytest
 
 from rans.cli import main
-from rans.cli.init import _ask_inertia
 from rans.evaluation.fly.choice import Choice
-from rans.model.actuators import OnOff, Pulsed, Wheel
+from rans.model.actuators import OnOff, Wheel
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.processes import wait_until
 
@@ -25,26 +22,7 @@ SQUARE = [
     "0, -0.2; 0, 2; 1",
     "0, 0.2; 0, -2; 1",
 ]
-asked: list[str] = []
-"""Questions since `typed`."""
 BOX = "--set dimension=2 --set mass=12 --set size=0.4,0.4"
-
-
-def typed(monkeypatch: pytest.MonkeyPatch, *lines: str | type[BaseException]) -> Iterator[object]:
-    """Somebody at a terminal who types these lines, or ends with an interrupt."""
-    answers = iter(lines)
-    asked.clear()
-
-    def answer(question: str) -> str:
-        asked.append(question)
-        line = next(answers)
-        if isinstance(line, str):
-            return line
-        raise line
-
-    monkeypatch.setattr("builtins.input", answer)
-    monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
-    return answers
 
 
 @pytest.fixture(autouse=True)
@@ -107,6 +85,17 @@ def test_a_batch_writes_a_file_that_reads_back(capsys: pytest.CaptureFixture[str
     assert Path("mine.svg").exists()
 
 
+@pytest.mark.parametrize(
+    ("options", "template"), [("", "floating-platform"), ("--set dimension=3", "free-flyer")]
+)
+def test_without_values_a_template_is_written(
+    options: str, template: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert batch(*options.split()) == 0
+    assert load_spacecraft("mine.toml") == replace(load_spacecraft(template), name="mine")
+    assert f"is that of {template}: write your own" in capsys.readouterr().out.replace("\n", " ")
+
+
 def test_from_a_spacecraft_everything_else_stays() -> None:
     assert batch("--from", "atmos", "--set", "mass=16", "--set", "name=our atmos") == 0
     craft, start = load_spacecraft("mine.toml"), load_spacecraft("atmos")
@@ -127,58 +116,6 @@ def test_everything_a_file_can_hold_is_written(name: str) -> None:
     assert replace(craft, thrusters=start.thrusters) == start  # directions are normalized once more
 
 
-def test_asked_one_thing_after_the_other(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    left = typed(
-        monkeypatch,
-        "",  # the name: the file's
-        "4",  # no dimension
-        "2",
-        "twelve",  # no number
-        "-3",  # no mass
-        "12",
-        "0",  # no inertia
-        "box",
-        "0.4 -0.4",  # no sides
-        "0.4 0.4",
-        "",  # the centre of mass: the origin
-        "pulsed",
-        "0",  # no counts
-        "49.5",
-        "50",
-        "60",  # more than there are
-        "2",
-        "0.2, 0.1",  # a thruster without direction and force
-        "0.2, 0.1; 1, 0; -1.5",  # no force
-        *SQUARE,
-        "",
-        "1, 0, 0; 0.1; 0.7; 0.001",  # no axis in the plane
-        "0, 0, 1; 0; 0.7; 0.001",  # no torque
-        "0, 0, 1; 0.1; 0.7; 0.001",
-        "",
-    )
-    assert batch() == 0
-    assert list(left) == []
-    craft = load_spacecraft("mine.toml")
-    assert craft.actuators == Pulsed(50, 2)
-    assert "Into how many steps do valves divide a control period of 0.1 s [100]: " in asked
-    assert (len(craft.thrusters), len(craft.wheels)) == (6, 1)
-    said = capsys.readouterr().out
-    for part in (
-        "type 2 (plane) or 3 (space), got '4'",
-        "got 'twelve'",
-        "between semicolons",
-        "got -3.",
-    ):
-        assert part in said
-
-
-def test_moments_of_no_rigid_body_are_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    typed(monkeypatch, "1 1 5", "1 1 2")
-    assert _ask_inertia(3, None) == {"inertia": (1.0, 1.0, 2.0)}
-
-
 @pytest.mark.filterwarnings("ignore:.*cannot push and turn")
 def test_a_training_of_what_cannot_be_steered_is_not_suggested(
     capsys: pytest.CaptureFixture[str],
@@ -188,15 +125,6 @@ def test_a_training_of_what_cannot_be_steered_is_not_suggested(
     assert "rans list mine.toml" in said
     assert "rans train" not in said
     assert "may be dead" not in said
-
-
-@pytest.mark.parametrize(("end", "code"), [(KeyboardInterrupt, 130), (EOFError, 2)])
-def test_an_interrupt_writes_nothing(
-    end: type[BaseException], code: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    typed(monkeypatch, "mine", "2", "12", end)
-    assert batch() == code
-    assert list(Path().iterdir()) == []
 
 
 def test_files_that_exist_are_kept(capsys: pytest.CaptureFixture[str]) -> None:
@@ -239,21 +167,7 @@ def robot() -> Path:
     return file
 
 
-def test_what_a_robots_file_does_not_say_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot()
-    # The name, the plane, on-off, six forces.
-    left = typed(monkeypatch, "mine", "2", "", "1.5", "", "", "", "", "2")
-    assert batch("--from", "robot.urdf") == 0
-    assert list(left) == []
-    craft = load_spacecraft("mine.toml")
-    assert (craft.mass, craft.inertia[2][2], craft.radius) == (8.0, 0.3, 0.2449)
-    assert [thruster.force for thruster in craft.thrusters] == [1.5] * 5 + [2.0]
-    assert craft.thrusters[1].position == (0.2, 0.1, 0.0)
-    assert craft.thrusters[1].direction == (-1.0, 0.0, 0.0)
-    assert "from robot.urdf, its 7 links as one body" in Path("mine.toml").read_text()
-
-
-def test_without_a_terminal_the_missing_option_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_a_robots_file_does_not_say_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     robot()
     assert batch("--from", "robot.urdf") == 2
     assert "set dimension to 2 or 3" in capsys.readouterr().err
