@@ -9,30 +9,24 @@ import re
 import shlex
 import signal
 import time
-import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import UseAppendAction, arg
 
 from rans.api.training import as_it_comes, config_of, ready_trainer, run_training, train
-from rans.choices import LoggerName
 from rans.cli import STARTED
 from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import whole_number
 from rans.errors import (
     ConfigError,
-    MissingPackage,
-    RansError,
-    RansWarning,
     brief,
-    is_installed,
     meant_file,
 )
-from rans.files import command_line, first_line, inside, write_text
+from rans.files import command_line, inside
 from rans.model.spacecraft_file import effector_kind, load_spacecraft
 from rans.randomization.conditions_file import load_conditions
 from rans.registry import typed
@@ -54,14 +48,12 @@ _GENTLE = 30.0
     without=("ppo", "algorithm", "guard", "plain", "progress", "report"),
     defaults={"task": None},
     task=word("[TASK]", str | None),
-    log=Annotated[tuple[Literal["terms", *get_args(LoggerName)], ...], arg(metavar="NAME...")],  # pyrefly: ignore[invalid-literal]
 )
 class Train(Options):
     """Train an agent until it has solved its task, by imitation of any craft where that flies it, or by --rl.
 
-    The run folder has the config, metrics, checkpoints, TensorBoard events, the learning curve and the agent,
+    The run folder has the config, metrics, checkpoints, TensorBoard events and the agent,
     agent.safetensors. Ctrl-C stops early and keeps everything. --gpus all trains on every GPU of this machine.
-    --log terms prints the return of each reward term.
     """
 
     group = "Train"
@@ -94,7 +86,7 @@ class Train(Options):
         if self.resume is None:
             config = self.begun()
             return ready_trainer(config, load_spacecraft(config.spacecraft), self.output)
-        total = self._total
+        total = self.total_timesteps
         run_folder = RunFolder(self.resume)
         config = run_folder.config()
         config = replace(config, plain="plain=true" in self.set or config.plain)
@@ -116,20 +108,6 @@ class Train(Options):
                 run_folder.extend(config, command_line())
         return trainer
 
-    @property
-    def _total(self) -> int | None:
-        """Number of steps to which a resumed training goes on; None: that of its config."""
-        for change in self.set:
-            key, _, text = change.partition("=")
-            if key == "total_timesteps":
-                try:
-                    return whole_number(text)
-                except (ValueError, ArithmeticError):
-                    raise ConfigError(
-                        f"--set: total_timesteps must be a whole number, such as 1e6, got {brief(text)}."
-                    ) from None
-        return self.total_timesteps
-
     def _check(self) -> None:
         """Reject (`ConfigError`) what is wrong with the arguments alone, before torch is imported."""
         from rans.fast.learn.config import check_task
@@ -141,7 +119,7 @@ class Train(Options):
                 raise ConfigError(
                     f"{self.resume} is not a run folder: there is nothing of that name{near}."
                 )
-            rest = tuple(x for x in self.set if x.partition("=")[0] not in _RESUMED)
+            rest = tuple(change for change in self.set if not change.startswith("plain="))
             own = replace(self, resume=None, total_timesteps=None, log=(), set=rest)
             if own != Train():
                 raise ConfigError(
@@ -203,7 +181,7 @@ class Train(Options):
         compile_in_this_process()
         from rans.fast.learn.loggers import require_loggers
 
-        require_loggers(self._elsewhere)
+        require_loggers(self.log)
         with doing("preparing the training", in_log=False):
             trainer = self._trainer()
         if not trainer.processes.is_first:
@@ -212,45 +190,27 @@ class Train(Options):
             return stop.code
         return self._shown(trainer)
 
-    @property
-    def _elsewhere(self) -> list[LoggerName]:
-        """Where figures of the training go, beside the screen."""
-        return [name for name in self.log if name != "terms"]
-
     def _shown(self, trainer: Trainer) -> int:
-        """Train, and make what follows: summary, learning curve, comparison with rivals, page."""
+        """Train, and make what follows: summary and page."""
         begun_at = trainer.steps
         if trainer.imitates and trainer.steps == 0:
             Terminal().say(
                 f"This training imitates {trainer.imitates}, and ends as soon as that solves the task. "
                 "Reinforcement learning from random weights: add --rl."
             )
-        showing = TrainingProgress(trainer.config.total_timesteps, "terms" in self.log)
+        showing = TrainingProgress(trainer.config.total_timesteps)
         with showing as progress, StopGently() as stop:
-            run_training(trainer, self._elsewhere, [progress.show], stop)
-        # Result: curve, summary, and a warning where the training left the nominal craft out.
+            run_training(trainer, self.log, [progress.show], stop)
+        # Result: summary, and a warning where the training left the nominal craft out.
         Terminal().say(_summary(trainer, begun_at, stop.requested, time.monotonic() - STARTED))
-        rows = trainer.run.metrics()
-        if len(rows) > 1 and is_installed("matplotlib"):
-            with _beside_the_agent("its learning curve"):
-                from rans.show.curve import curve
-
-                write_text(trainer.run.path / "learning_curve.svg", curve(rows))
         if not stop.requested and trainer.steps > begun_at and (hole := _nominal_hole(trainer)):
             Terminal().say(hole)
         if stop.requested:
             if trainer.ended:
                 Terminal().suggest(*self._next(trainer))
             return stop.code
-        if trainer.steps > begun_at and _is_compared(trainer):
-            with _beside_the_agent("a comparison with others"):
-                _compare(trainer)
         # No page has the safety filter.
-        page = None
-        if not trainer.config.guard:
-            with _beside_the_agent("the page of its flights"):
-                page = _live_page(trainer.run.path)
-        if page is not None:
+        if not trainer.config.guard and (page := _live_page(trainer.run.path)):
             Terminal().say(f"Open {page} in a browser to see it fly.")
         Terminal().suggest(*self._next(trainer))
         return 0
@@ -278,24 +238,6 @@ class Train(Options):
             better = shlex.join([*words, "--quality", "good"])
             commands.append(f"{better}   # a better agent, in minutes")
         return commands
-
-
-@contextlib.contextmanager
-def _beside_the_agent(what: str) -> Iterator[None]:
-    """Context of what is made after a training: an error of another library does not end the command.
-
-    The agent is written by then, and what follows in the command may still be made.
-    """
-    try:
-        yield
-    except MissingPackage as error:
-        Terminal().say(f"The agent is complete, but {what} is left out. {error}")
-    except RansError:
-        raise
-    except Exception as error:
-        Terminal().say(
-            f"The agent is complete, but {what} could not be made: {type(error).__name__}: {first_line(error)}."
-        )
 
 
 def _is_setting(config: TrainConfig, change: str) -> bool:
@@ -369,65 +311,6 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     return text
 
 
-_COMPARED = 64
-"""Flights of each contestant after a training."""
-_MUCH = 1_000_000
-"""Steps from which a training that has not solved its task is compared all the same."""
-_RIVALS = "lqr", "switching"
-
-
-def _is_compared(trainer: Trainer) -> bool:
-    """Whether the agent for any craft could replace a training, and this one has come far enough to be compared."""
-    from rans.policy.timing import flies_to_a_pose
-
-    config = trainer.config
-    if not trainer.solved and trainer.steps < _MUCH:
-        return False
-    is_nominal = not config.guard and config.conditions.or_none is None
-    return is_nominal and flies_to_a_pose(config.settings, trainer.engine.craft)
-
-
-def _compare(trainer: Trainer) -> None:
-    """Fly agent, any craft and `_RIVALS` from the same new starts, and say who dominates whom among them."""
-    from rans.evaluation.compare.entrants import contest_of, enlisted
-    from rans.evaluation.compare.run import Comparison
-    from rans.evaluation.measure.statistics import figure
-    from rans.pretrained import FOR_ANY_CRAFT
-    from rans.scenario import TRAINED_SEED
-    from rans.show.tables.comparison_tables import no_better, scoreboard, verdict
-
-    path = str(trainer.run.path)
-    agent = FOR_ANY_CRAFT[trainer.engine.craft.dimension]
-    own = inside(trainer.run.path, "spacecraft.toml")
-    with doing("flying others from the same starts", in_log=False), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RansWarning)  # evaluations of the agents say them
-        comparison = Comparison(contest_of(path, _COMPARED, TRAINED_SEED))
-        flying = enlisted([path], comparison.contest)
-        with contextlib.suppress(ConfigError):  # what any craft cannot fly
-            names = [f"{agent}{value}@{own}" for value in ("", "#0", "#0.5")]
-            flying |= enlisted(names, comparison.contest)
-        comparison.fly(flying, _RIVALS, 0, workers=1)
-    columns = {
-        "solved, %": "solved",
-        "settling time, s": "time, s",
-        "impulse of the episode, N s": "impulse, N s",
-    }
-    rows = [
-        (name, *(figure(scores[key].value) for key in columns))
-        for name, scores in scoreboard(comparison).items()
-    ]
-    console = Terminal()
-    if who := no_better(comparison, agent):
-        craft_name = shlex.quote(trainer.config.spacecraft)
-        console.say(
-            f"This agent is neither quicker nor cheaper than {who}, which needs no training: rans evaluate "
-            f"{who}@{craft_name}"
-        )
-    console.show(f"{_COMPARED} new starts", ("", *columns.values()), rows)
-    for sentence in verdict(comparison):
-        console.say(sentence)
-
-
 def _live_page(path: Path) -> Path | None:
     """The page in which the agent flies, in its run folder; None: no page computes its policy or its task."""
     from rans.evaluation.fly.agent import load_policy
@@ -478,8 +361,6 @@ def _nominal_hole(trainer: Trainer) -> str:
     )
 
 
-_RESUMED = ("plain", "total_timesteps")
-"""Entries that --set changes of a training that is resumed."""
 _COUNT = re.compile(r"[0-9][0-9_.]*[kMG]?")
 """A count as people write it, such as 1M or 1_000_000, which JSON does not have."""
 

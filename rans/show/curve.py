@@ -52,11 +52,3 @@ def learning_charts(rows: Rows) -> Iterator[Chart]:
         ],
         "Return by term while training.",
     )
-
-
-def curve(rows: Rows) -> str:
-    """`learning_charts` as the text of an SVG file."""
-    from rans.show.figures.chart_figure import charts_figure
-    from rans.show.figures.svg import svg
-
-    return svg(charts_figure([*learning_charts(rows)]))

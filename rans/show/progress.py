@@ -35,9 +35,9 @@ class NowAndThen:
 
 
 class TrainingProgress(Progress):
-    """Shows rows of metrics on standard error; the total is the budget of steps, terms are the reward's."""
+    """Shows rows of metrics on standard error; the total is the budget of steps."""
 
-    def __init__(self, total: int, terms: bool = False) -> None:
+    def __init__(self, total: int) -> None:
         console = Terminal(stderr=True)
         super().__init__(
             BarColumn(bar_width=_BAR),
@@ -49,7 +49,6 @@ class TrainingProgress(Progress):
         self._bar = self.add_task("compiling and warming up ...", total=total)
         self._total = total
         self._plain = NowAndThen()
-        self._terms = terms
 
     def show(self, row: dict[str, Any]) -> None:
         """Show the newest row of metrics, as a live line or, without a terminal, now and then as text."""
@@ -57,10 +56,6 @@ class TrainingProgress(Progress):
         self.update(self._bar, completed=row["steps"], description=text)
         if self.disable:
             self._plain.say(f"training: {text}", surely=row["steps"] >= self._total)
-        if self._terms and not self.disable:
-            self.console.print(describe_terms(row))
-        elif self._terms:
-            self._plain.say(describe_terms(row), surely=True)
 
 
 def describe(row: dict[str, Any], total: int) -> str:
@@ -75,16 +70,6 @@ def describe(row: dict[str, Any], total: int) -> str:
     left = timedelta(seconds=round(max(total - row["steps"], 0) / max(rate, 1)))
     text = f"{row['steps'] / 1e6:.2f} M steps, solved {row['success']:.1%}, {reward}{speed}"
     return f"{text}, {left} left" if terms else text
-
-
-def describe_terms(row: dict[str, Any]) -> str:
-    """The return by term."""
-    terms = " ".join(
-        f"{key.removeprefix('return/')} {value:.0f}"
-        for key, value in row.items()
-        if key.startswith("return/")
-    )
-    return f"return of {row['steps'] / 1e6:.2f} M steps: {terms}"
 
 
 _REFRESH = 0.25

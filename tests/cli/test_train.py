@@ -14,9 +14,7 @@ import torch
 from torch import Tensor
 
 from rans.cli import main, train
-from rans.cli.train import StopGently, Train, _beside_the_agent, compile_in_this_process
-from rans.errors import ConfigError
-from rans.evaluation.compare import entrants
+from rans.cli.train import StopGently, Train, compile_in_this_process
 from rans.fast.learn import any_craft
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder, read_config
@@ -131,7 +129,7 @@ def test_a_config_trains_the_spacecraft_that_it_was_used_with(refused: Any) -> N
 @pytest.mark.usefixtures("undrawn")
 def test_resume_goes_on(capsys: pytest.CaptureFixture[str], refused: Any) -> None:
     assert main([*tiny(), "--set", "total_timesteps=512", "--output", "run"]) == 0
-    assert main(["train", "--resume", "run", "--set", "total_timesteps=1.024e3"]) == 0
+    assert main(["train", "--resume", "run", "--total-timesteps", "1.024e3"]) == 0
     assert "Done after 1,024 steps" in capsys.readouterr().out
     assert main(["train", "--resume", "run"]) == 0
     assert "Nothing was left to train: run has 1,024 steps" in capsys.readouterr().out
@@ -140,7 +138,7 @@ def test_resume_goes_on(capsys: pytest.CaptureFixture[str], refused: Any) -> Non
     config = json.loads(Path("run/config.json").read_text())
     assert config["total_timesteps"] == 1024
     assert len(config["about"]["continued"]) == 1
-    said = refused("train --resume run --set total_timesteps=1k")
+    said = refused("train --resume run --total-timesteps 1k")
     assert "run has 1,024 steps already" in said
 
 
@@ -222,7 +220,7 @@ def test_a_signal_stops_it_gently() -> None:
     assert out.startswith("Stopped after ")
     run = Path("run with space")
     left = {file.name for file in run.iterdir()}
-    assert {"agent.safetensors", "learning_curve.svg", "checkpoint.safetensors"} <= left
+    assert {"agent.safetensors", "checkpoint.safetensors"} <= left
     match = re.search(r"Continue with: rans (.*)\n", out)
     assert match is not None
     assert shlex.split(match[1]) == ["train", "--resume", "run with space"]
@@ -339,21 +337,6 @@ def test_whatever_is_set_is_learnt_from_nothing() -> None:
         assert Train(**options).begun().begin_from is None, changed
 
 
-def test_a_training_is_compared_with_what_flies_without_one(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """An agent of 8,192 steps spends half of all thrust and never settles: the one for any craft is better."""
-    monkeypatch.setattr(train, "_MUCH", 1)
-    monkeypatch.setattr(train, "_COMPARED", 6)
-    # LQRs of other weights have no row in this table.
-    monkeypatch.setattr(entrants, "swept", None)
-    assert main(["train", "go-to-pose", "--total-timesteps", "8192", "--output", "run"]) == 0
-    printed = capsys.readouterr().out
-    said = " ".join(printed.split())
-    assert "neither quicker nor cheaper than any-craft-2d#0.4, which needs no training" in said
-    assert said.index("neither quicker") < said.index("6 new starts") < said.index("Take any-craft")
-
-
 def test_the_device_that_is_asked_for_trains(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever there is; also with the config of a run on another one."""
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
@@ -362,13 +345,3 @@ def test_the_device_that_is_asked_for_trains(monkeypatch: pytest.MonkeyPatch) ->
     Path("config.json").write_text(json.dumps(to_table(Train("go-to-pose").resolved())))
     assert Train("config.json").resolved().device == "cpu"
     assert Train("config.json", device="cuda").resolved().device == "cuda"
-
-
-def test_what_follows_a_training_does_not_end_it(capsys: pytest.CaptureFixture[str]) -> None:
-    """The agent is written by then; a disk that is full is still said as such."""
-    with _beside_the_agent("its learning curve"):
-        raise ValueError("Key backend: 'x' is not a valid value")
-    said = " ".join(capsys.readouterr().out.split())
-    assert "The agent is complete, but its learning curve could not be made: ValueError" in said
-    with pytest.raises(ConfigError, match="full"), _beside_the_agent("its learning curve"):
-        raise ConfigError("the disk is full.")

@@ -249,22 +249,6 @@ def _figures(entry: Entry) -> str:
     return f"{entry.name} ({np.median(_times(entry)):.3g} s, {entry.thrust.mean():.3g} N s)"
 
 
-def no_better(comparison: Comparison, agent: str) -> str:
-    """Name of a contestant of an agent than which the first one is neither quicker nor cheaper; "" without one."""
-    if comparison.contest.episodes < _FEWEST:
-        return ""
-    first, *others = comparison.entries
-    bootstrap = Bootstrap(comparison.contest.episodes)
-    for one in others:
-        signs = (
-            _sign(bootstrap.difference(_times(first), _times(one))),
-            _sign(bootstrap.difference(first.thrust, one.thrust)),
-        )
-        if agent in one.name and np.isfinite(_times(one)).all() and min(signs) >= 0:
-            return one.name
-    return ""
-
-
 _FEWEST = 6
 """Fewest starts whose differences show a sign at 95 %: where either sign is as likely, n of them all have the same
 one with a probability of 2^(1-n), which is 6.3 % of five and 3.1 % of six."""
