@@ -11,7 +11,6 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.progress import Stages, unseen_stages
 from rans.randomization.conditions import Conditions
-from rans.registry import Registry
 from validation.study.checks import NO_THRUSTERS, Check, Curve, Skipped, Study
 from validation.study.closed_loop import closed_loop_checks
 from validation.study.conditions import condition_checks
@@ -90,14 +89,6 @@ LAYERS: dict[str, Layer] = {
 """Everything that is quick, from the smallest part to the whole: the first layer to fail says where to
 look."""
 
-FURTHER: Registry[Layer] = Registry(
-    kind="layer of a validation",
-    group="rans.validation_layers",
-    built_in={},
-    checked=lambda layer: layer,
-)
-"""Layers that installed packages add."""
-
 FULL_LAYERS: dict[str, Layer] = LAYERS | {
     "optimal": lambda s: optimal_checks(s.craft, s.seed),
     "closed-loop": lambda s: closed_loop_checks(s.craft, s.seed, 2 * s.flights),
@@ -107,7 +98,6 @@ FULL_LAYERS: dict[str, Layer] = LAYERS | {
     "step": _of_thrusters(
         "default over 50 Hz Euler", lambda s: discretisation_checks(s.craft, s.seed, s.flights)
     ),
-    **{name: lambda s, name=name: FURTHER[name](s) for name in FURTHER},
 }
 """With what takes longer: optimisation, compilation, feedback, and step sizes for the figures."""
 
