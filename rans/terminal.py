@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from copy import copy
 from dataclasses import replace
 from datetime import timedelta
-from textwrap import fill, wrap
+from textwrap import wrap
 from typing import Any, ClassVar, NoReturn
 
 import rich.table
@@ -44,8 +44,6 @@ _LONGEST = 20_000
 
 _FRAME = 3
 """Number of characters between two columns of a table."""
-_HEADING = 12
-"""Width at which a heading is broken between words, if its column is not wider."""
 
 
 _NEEDS = {
@@ -124,69 +122,19 @@ class Terminal(Console):
         shorter: Iterable[Sequence[Any]] | None = None,
         caption: str = "",
     ) -> None:
-        """Print a table of many columns.
-
-        If it is too wide, its headings are broken and its cells are replaced by ``shorter``, with ``caption``
-        below. If it is still too wide, it is divided into several tables, which all have the first column.
-
-        Args:
-            title: title of the table.
-            columns: headings.
-            rows: cells of each row; None is printed as "-".
-            shorter: shorter cells of each row; None: there are none.
-            caption: sentence below a table with shorter cells.
-        """
-        # Shorter cells and broken headings, where the table does not fit.
-        texts = _texts(rows)
-        note = ""
-        if len(_fitting(columns, texts, self.width)) > 1:
-            texts, note = (texts, "") if shorter is None else (_texts(shorter), caption)
-            columns = [
-                columns[0],
-                *(
-                    fill(
-                        name,
-                        max(_HEADING, *(len(row[k]) for row in texts), 0),
-                        break_long_words=False,
-                        break_on_hyphens=False,
-                    )
-                    for k, name in enumerate(columns[1:], 1)
-                ),
-            ]
-        # As many tables as it takes.
-        groups = _fitting(columns, texts, self.width)
-        for number, some in enumerate(groups):
-            cells = [[row[0], *(row[k] for k in some)] for row in texts]
-            self.table(
-                Table([columns[0], *(columns[k] for k in some)], cells, "" if number else title)
-            )
-        if note:
-            self.say(note)
+        """Print a table; where it is too wide, with ``shorter`` cells, if there are some, and a caption below."""
+        table = Table(columns, [tuple(row) for row in rows], title)
+        unbounded = self.options.update(max_width=_LONGEST)
+        if (
+            shorter is not None
+            and self.measure(rendered(table), options=unbounded).maximum > self.width
+        ):
+            table = replace(table, rows=[tuple(row) for row in shorter], note=caption)
+        self.table(table)
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Text without control characters; all texts of tables and sentences pass through this method."""
         return super().render_str(legible(text, _LONGEST), **options)
-
-
-def _texts(rows: Iterable[Sequence[Any]]) -> list[list[str]]:
-    return [["-" if cell is None else str(cell) for cell in row] for row in rows]
-
-
-def _fitting(columns: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> list[list[int]]:
-    """Indices of the columns after the first, in groups that fit beside it, at least one in each."""
-    first, *widths = (
-        _FRAME + max(len(line) for cell in column for line in (cell.splitlines() or [""]))
-        for column in zip(columns, *rows, strict=True)
-    )
-    groups: list[list[int]] = [[]]
-    left = width - first - 1
-    for number, needed in enumerate(widths, 1):
-        if groups[-1] and needed > left:
-            groups.append([])
-            left = width - first - 1
-        groups[-1].append(number)
-        left -= needed
-    return groups
 
 
 class _Titled(rich.table.Table):
@@ -354,60 +302,30 @@ _LINE_EVERY = 10.0
 """Time between two lines of a stage in a log, s."""
 
 
-_SILENT = 180.0
-"""Longest time without a line of a stage that goes on in a log, s."""
-
-
 def _in_log(name: str, total: int | None, /) -> Step:
     """A stage as lines on standard error, from some seconds after its begin on, with the time left.
 
-    Its name alone is the first line where no unit is done by then. A unit that takes long has lines without a time
-    left: what the others took says nothing of it.
+    Its name alone is the first line where no unit is done by then.
     """
     done = 0
-    begun = last = ended = time.monotonic()
+    begun = last = time.monotonic()
     of = f" of {total:,}" if total else ""
-    timers: list[threading.Timer] = []
-    is_over = False
-
-    def arm(seconds: float) -> None:
-        timers[:] = [threading.Timer(seconds, wait)]
-        timers[0].daemon = True
-        timers[0].start()
-
-    def wait() -> None:
-        """Say that the stage goes on, if it does and nothing else has said it."""
-        nonlocal last
-        if is_over or (total and done >= total):
-            return
-        now = time.monotonic()
-        if not done:
-            Terminal(stderr=True).say(f"{name} ...")
-            arm(_SILENT)
-            return
-        if now - last >= _SILENT:
-            silent = timedelta(seconds=round(now - ended))
-            Terminal(stderr=True).say(f"{name}: {done:,}{of}, {silent} without another")
-            last = now
-        arm(last + _SILENT - now)
+    waiting = threading.Timer(_LINE_EVERY, lambda: Terminal(stderr=True).say(f"{name} ..."))
+    waiting.daemon = True
+    waiting.start()
 
     def advance(count: int, /) -> None:
-        nonlocal done, last, ended
+        nonlocal done, last
+        waiting.cancel()
         done += count
-        now = ended = time.monotonic()
+        now = time.monotonic()
         if now - last >= _LINE_EVERY:
             last = now
             left = _left(now - begun, done, total)
             Terminal(stderr=True).say(", ".join(filter(None, (f"{name}: {done:,}{of}", left))))
 
-    def end() -> None:
-        """End a stage without all units, as after an error; a timer may be at work, and begin another."""
-        nonlocal is_over
-        is_over = True
-        timers[0].cancel()
-
-    arm(_LINE_EVERY)
-    weakref.finalize(advance, end)
+    # A stage may end without a unit, as after an error.
+    weakref.finalize(advance, waiting.cancel)
     return advance
 
 

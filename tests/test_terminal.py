@@ -59,21 +59,20 @@ ROWS = [
 SHORT = [("settled, %", "100", "99", None), ROWS[1]]
 
 
-def test_a_table_that_does_not_fit_is_several(
+def test_a_table_that_does_not_fit_has_shorter_cells_or_blocks(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In 60 columns: first column in each, every cell once and whole, shorter ones where there are some."""
+    """In 60 columns: every cell once and whole, shorter ones where there are some."""
     monkeypatch.setenv("COLUMNS", "60")
     Terminal().show("Title", WIDE, ROWS)
     text = capsys.readouterr().out
-    assert text.count("settled, %") == text.count("impulse of the whole episode, N s") == 3
     for cell in ("100 (97 to 100)", "99", "27.8"):
         assert text.count(cell) == 1
     assert max(map(len, text.splitlines())) <= 60
     Terminal().show("Title", WIDE, ROWS, SHORT, "Shorter.")
     text = capsys.readouterr().out
     assert "(97 to 100)" not in text
-    assert text.endswith("Shorter.\n")
+    assert "Shorter." in text
     assert "go-to-pose-2d-robust" in text
 
 
