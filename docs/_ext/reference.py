@@ -155,8 +155,6 @@ def _command(name: str) -> Iterable[str]:
 
 def _value(name: str, hint: Any) -> tuple[str, bool]:
     """What stands for an option's value, and whether it is written without the option's name."""
-    from rans.cli.help import _metavar
-
     own: tuple[Any, ...] = ()
     plain = hint
     if typing.get_origin(hint) is typing.Annotated:
@@ -168,7 +166,8 @@ def _value(name: str, hint: Any) -> tuple[str, bool]:
         return named, positional
     if plain is bool:
         return "", positional
-    return _metavar(name, plain) or "VALUE", positional
+    choices = typing.get_args(plain) if typing.get_origin(plain) is typing.Literal else ()
+    return f"{{{','.join(map(str, choices))}}}" if choices else "VALUE", positional
 
 
 def terms_page() -> str:

@@ -233,7 +233,7 @@ def _parse(arguments: list[str]) -> Any:
     if "--trust" in arguments:
         command = _parse([word for word in arguments if word != "--trust"] or ["--help"])
         return replace(command, trust=True) if hasattr(command, "trust") else command
-    from rans.cli.help import explained, overview, print_above, print_below
+    from rans.cli.help import overview, print_above, print_below
     from rans.cli.numbers import registry
 
     if arguments[0] == "help":
@@ -244,10 +244,9 @@ def _parse(arguments: list[str]) -> Any:
         raise SystemExit(0)
     if name.startswith("--tyro-"):  # completion has all commands
         commands: dict[str, Any] = {command: COMMANDS[command] for command in COMMANDS}
-        with explained(commands.values()):
-            return tyro.extras.subcommand_cli_from_dict(
-                commands, args=arguments, prog="rans", description=_ABOUT, registry=registry()
-            )
+        return tyro.extras.subcommand_cli_from_dict(
+            commands, args=arguments, prog="rans", description=_ABOUT, registry=registry()
+        )
     if name not in COMMANDS:
         raise ConfigError(
             f"there is no command {brief(name)}{meant(name.removeprefix('--'), COMMANDS)}; commands are "
@@ -258,14 +257,14 @@ def _parse(arguments: list[str]) -> Any:
     if asks_help:
         print_above(command)
     try:
-        with explained([command], words):
-            return tyro.cli(
-                command,
-                args=words,
-                prog=f"rans {name}",
-                description="",
-                registry=registry(),
-            )
+        return tyro.cli(
+            command,
+            args=words,
+            prog=f"rans {name}",
+            description="",
+            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
+            registry=registry(),
+        )
     finally:
         if asks_help:
             print_below(command)

@@ -25,6 +25,7 @@ from typing import (
     get_type_hints,
 )
 
+from typing_extensions import Doc
 from tyro.conf import Positional, arg
 
 from rans.cli.options import Trust, option_name
@@ -48,6 +49,14 @@ _FORMS = {
     OwnZones: "Write the centre and the radius of each, such as 1.5,0.2,0.4, in space x,y,z,r.",
 }
 """How a terminal has values for which Python has objects; printed with the first option of its type."""
+
+
+_HINT = arg(
+    help_behavior_hint=lambda value: (
+        "" if value in ("", "None", "False", "inf") else f"(default: {value})"
+    )
+)
+"""Help names a default only where it says more than the text."""
 
 
 class Options:
@@ -139,9 +148,12 @@ def command_of(
             value = (defaults or {}).get(name, parameter.default)
             if parameter.kind is not parameter.VAR_POSITIONAL and value is not parameter.empty:
                 setattr(described, name, _written(value, made[name]))
-        described.texts = _terminal_texts(made, texts)  # pyrefly: ignore[missing-attribute]
+        shown = _terminal_texts(made, texts)
+        described.texts = shown  # pyrefly: ignore[missing-attribute]
+        made = {name: Annotated[kind, Doc(shown[name])] for name, kind in made.items()}
         described.function = staticmethod(function)  # pyrefly: ignore[missing-attribute]
-        described.__annotations__ = _required_first(made | own, described)
+        annotations = {name: Annotated[kind, _HINT] for name, kind in (made | own).items()}
+        described.__annotations__ = _required_first(annotations, described)
         return dataclass(frozen=True)(described)  # pyrefly: ignore[bad-return]
 
     return decorate

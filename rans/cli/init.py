@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.api.drafting import AUTHORITY_COLUMNS, check_free, check_target, init_spacecraft
-from rans.cli.door import Options, argument_texts, command_of
+from rans.cli.door import Options, command_of
 from rans.errors import ConfigError, brief, is_installed, meant
 from rans.model.spacecraft_draft import numbers_of_text
 from rans.model.spacecraft_file import USUAL
@@ -58,6 +58,10 @@ class Init(Options):
     file: Annotated[Path, Positional, arg(metavar="FILE.toml")]
     """File to write."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
+    """A value of the data sheet, as in `--set mass=12` or `--set size=0.4,0.4`; may be repeated. Keys: name, dimension
+    (2: the plane, 3: space), mass (kg), inertia (kg m^2, about the centre of mass) or size (sides of a uniform box,
+    m), centre_of_mass and radius (m), actuators (on-off, pulsed or throttle), counts, least and most of these, and
+    thrust_sharing (none, or split: the open thrusters share the supply of one)."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
@@ -142,11 +146,3 @@ class Init(Options):
             *([f"rans validate {file} --quick"] if steerable else []),
             *(training(craft, str(self.file)) if steerable else []),
         )
-
-
-_MEANINGS = argument_texts(init_spacecraft)
-Init.texts["set"] = (
-    "A value of the data sheet, as in `--set mass=12` or `--set size=0.4,0.4`; may be repeated. Keys: "
-    + ", ".join(f"{key} ({text.rstrip('.')})" for key, text in _MEANINGS.items() if key in KINDS)
-    + "."
-)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, get_origin
 
+from tyro.conf import Suppress
+
 from rans.display import meanings
 from rans.executors import FORMS
 
@@ -14,9 +16,9 @@ class _Everywhere:
     """Annotation of a command's field whose option every command takes, so that its help is in one place."""
 
 
-Trust = Annotated[bool, _Everywhere()]
+Trust = Suppress[Annotated[bool, _Everywhere()]]
 """Type of the field that is true with --trust."""
-ExecutorText = Annotated[str, _Everywhere()]
+ExecutorText = Suppress[Annotated[str, _Everywhere()]]
 """Type of the field with the text of --executor, of a command that hands it to another program."""
 EVERYWHERE = {
     "--trust": "Allow code: open and run what files name, which are the module of a task (MODULE:NAME), the "
