@@ -79,7 +79,7 @@ def says_that_it_loads(words: list[str]) -> Iterator[None]:
     """Context with a line on the terminal, as "rans train: loading ...", until anything else is printed.
 
     Torch and the other libraries of a command take seconds to import. Nothing is printed in a pipe or log,
-    nor for help and versions, JSON, and processes that another command started (`rans.cli.gpus`).
+    nor for help and versions, JSON, and processes of torchrun.
 
     Args:
         words: that follow ``rans``.
@@ -90,7 +90,7 @@ def says_that_it_loads(words: list[str]) -> Iterator[None]:
         or not (words[0].isascii() and words[0].isalpha())
         or words[0] in ("help", "version")
         or not {"-h", "--help", "--json"}.isdisjoint(words)
-        or "RANS_SENTENCES" in os.environ
+        or "WORLD_SIZE" in os.environ
     ):
         yield
         return
@@ -192,7 +192,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
             _in_a_moment()
             return
         if frame.f_code.co_filename.startswith("<frozen importlib"):
-            if "RANS_SENTENCES" not in os.environ:  # one of several processes (`rans.cli.gpus`)
+            if "WORLD_SIZE" not in os.environ:  # one of several processes of torchrun
                 os.write(2, b"\nrans: interrupted.\n")
             by = _ended_by[0] if _ended_by else signal.SIGINT
             signal.signal(by, signal.SIG_DFL)

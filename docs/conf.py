@@ -48,7 +48,7 @@ exclude_patterns = [
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 default_role = "py:obj"  # `name` in a docstring is a link where the name is documented
 nitpicky = False
-smartquotes_action = "qe"  # quotes and ellipses: dashes of options such as --gpus stay two
+smartquotes_action = "qe"  # quotes and ellipses: dashes of options such as --full stay two
 highlight_language = "text"
 suppress_warnings = ["config.cache"]
 

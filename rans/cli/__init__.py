@@ -15,7 +15,6 @@ from dataclasses import replace
 from typing import Any
 
 from rans.cli.commands import COMMANDS, divides_work
-from rans.cli.gpus import leave_sentence, on_gpus, without_gpus
 from rans.errors import (
     EXTRAS,
     ConfigError,
@@ -63,8 +62,7 @@ def main(arguments: list[str] | None = None) -> int:
             return code
     # Mistakes of the user, then what is missing, interrupts and limits of the machine: a sentence each.
     except RansError as error:
-        sentence = f"rans: {error}"
-        return 2 if leave_sentence(sentence) else _end(sentence, 2)
+        return _end(f"rans: {error}", 2)
     except ModuleNotFoundError as error:
         module = (error.name or "").partition(".")[0]
         if module not in EXTRAS:
@@ -72,8 +70,7 @@ def main(arguments: list[str] | None = None) -> int:
         return _end(f"rans: {MissingPackage(module)}", 2)
     except KeyboardInterrupt:
         written = "what was written is kept" if has_written() else "nothing was written"
-        sentence = f"\nrans: interrupted; {written}."
-        return 130 if leave_sentence(sentence, is_interrupt=True) else _end(sentence, 130)
+        return _end(f"\nrans: interrupted; {written}.", 130)
     except BrokenPipeError:
         # Python would flush once more at exit and report an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -137,7 +134,7 @@ def check_count(option: str, value: int | None) -> None:
 
 
 def _run(arguments: list[str]) -> int:
-    """Read the arguments, run the command here, on GPUs or on an executor, and return its exit code."""
+    """Read the arguments, run the command here or on an executor, and return its exit code."""
     if arguments in (["--version"], ["-V"], ["-v"], ["version"]):
         from rans.files import package_version
 
@@ -151,10 +148,6 @@ def _run(arguments: list[str]) -> int:
     _warn_of_repeated_options(arguments)
     # Options that every command has are taken off before its own run.
     command = _parse(arguments or ["--help"])
-    # Options of the machines on which the command runs.
-    arguments, gpus = without_gpus(arguments)
-    if gpus is not None:
-        return on_gpus(arguments, gpus)
     arguments, executor = without_executor(arguments)
     if executor is not None and hasattr(command, "executor"):
         command = replace(command, executor=executor)
@@ -229,7 +222,7 @@ def _parse(arguments: list[str]) -> Any:
     """Parse the arguments and import only the module of the command: ``rans train`` does not load Drake."""
     import tyro
 
-    arguments = without_gpus(without_executor(arguments)[0])[0] or ["--help"]
+    arguments = without_executor(arguments)[0] or ["--help"]
     if "--trust" in arguments:
         command = _parse([word for word in arguments if word != "--trust"] or ["--help"])
         return replace(command, trust=True) if hasattr(command, "trust") else command

@@ -58,10 +58,10 @@ class Init(Options):
     file: Annotated[Path, Positional, arg(metavar="FILE.toml")]
     """File to write."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
-    """A value of the data sheet, as in `--set mass=12` or `--set size=0.4,0.4`; may be repeated. Keys: name, dimension
-    (2: the plane, 3: space), mass (kg), inertia (kg m^2, about the centre of mass) or size (sides of a uniform box,
-    m), centre_of_mass and radius (m), actuators (on-off, pulsed or throttle), counts, least and most of these, and
-    thrust_sharing (none, or split: the open thrusters share the supply of one)."""
+    """A value of the data sheet, as in `--set mass=12` or `--set size=0.4,0.4`; may be repeated. Keys: name,
+    dimension (2: the plane, 3: space), mass (kg), inertia (kg m^2, about the centre of mass) or size (sides of a
+    uniform box, m), centre_of_mass and radius (m), actuators (on-off, pulsed or throttle), their counts, least and
+    most, and thrust_sharing (none, or split: the open thrusters share the supply of one)."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""

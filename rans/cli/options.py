@@ -25,7 +25,6 @@ EVERYWHERE = {
     "agent.py of an export, and pickles of sb3:. Only if you know their authors.",
     "--executor": f"Run flights, bounds, trajectories and proofs on other machines: {FORMS}. Results are those of "
     "this machine.",
-    "--gpus": "Train, sweep or assure in one process a GPU of this machine: all, or a number.",
 }
 """Options of every command with their help."""
 

@@ -38,7 +38,7 @@ class Sweep(Options):
 
     The folder has sweep.json, metrics.jsonl, the run folders of all agents in members/, and that of the
     best one as best/. Ctrl-C stops early and keeps the results. --executor trains on other machines, which must see
-    the folder, and --gpus all divides the members among GPUs.
+    the folder.
     """
 
     group = "Train"
@@ -46,7 +46,6 @@ class Sweep(Options):
     examples = (
         "rans sweep go-to-pose --seeds 8",
         "rans sweep go-to-pose --set learning_rate=1e-3,3e-4 --set gamma=0.98,0.99",
-        "rans sweep go-to-pose --seeds 64 --gpus all",
     )
 
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE,VALUE")] = ()

@@ -53,7 +53,7 @@ class Train(Options):
     """Train an agent until it has solved its task, by imitation of any craft where that flies it, or by --rl.
 
     The run folder has the config, metrics, checkpoints, TensorBoard events and the agent,
-    agent.safetensors. Ctrl-C stops early and keeps everything. --gpus all trains on every GPU of this machine.
+    agent.safetensors. Ctrl-C stops early and keeps everything.
     """
 
     group = "Train"
@@ -64,7 +64,6 @@ class Train(Options):
         "rans train go-to-pose --spacecraft mine.toml --conditions lab --quality good",
         "rans train go-to-pose --set thrust_weight=0.1 --set learning_rate=5e-4",
         "rans train --resume runs/first",
-        "rans train go-to-pose --gpus all --output runs/eight",
     )
 
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()

@@ -442,7 +442,7 @@ def _check(engine: Engine, network: Network) -> None:
     policy = network.architecture
     if engine.processes.size > 1 or policy.memory or policy.backbone != "dense":
         raise ConfigError(
-            "the algorithm 'value' trains one dense network without a memory in one process: leave out --gpus, "
+            "the algorithm 'value' trains one dense network without a memory in one process: leave out torchrun, "
             "ppo.memory, ppo.filters and ppo.backbone."
         )
 
