@@ -208,6 +208,8 @@ class Dossier:
     def _other(self, source: Source, file: Path) -> str:
         """Why a file is no evidence of this agent; "": it is."""
         about = _about(file)
+        if about.get("is_partial"):
+            return f"{file.name} is of an interrupted command"
         recorded = _mapping(about.get("hashes"))
         if files := _mapping(about.get("agent")):
             # A certificate, which has no canonical spacecraft.
@@ -371,6 +373,8 @@ def _again(dossier: Dossier, words: Sequence[str], place: Path) -> list[Row]:
     """
     name = ContestantName.parse(dossier.name)
     copied = [Path(word) for word in (name.craft, *words[2:]) if word.endswith(".toml")]
+    if name.policy_file:
+        copied.append(name.policy_file)
     if name.kind == "run folder":
         results = [*(source.files for source in SOURCES), "*.html", dossier.file.name]
         copied += [

@@ -39,6 +39,8 @@ class Agent:
         """What flights of the craft decided about an agent for any craft, in a line; empty: nothing."""
         self._craft = craft
         """Spacecraft whose commands the agent gives; None: all of its commands are from 0 to 1."""
+        self._as_designed = self
+        """The agent as it was loaded, whatever conditions it expects."""
         self._memory: torch.Tensor | None = None
 
     def __repr__(self) -> str:
@@ -46,15 +48,17 @@ class Agent:
 
     def expecting(self, conditions: Conditions | None) -> Agent:
         """The agent for conditions: where thrusters fail, pulses that count on every thruster hold no pose."""
-        architecture = self.network.architecture
+        designed = self._as_designed
+        architecture = designed.network.architecture
         if conditions is None or not conditions.has_faults or not architecture.frugality.hold:
-            return self
+            return designed
         numbers = tuple(architecture.frugality._replace(hold=0.0))
         network = Network(
-            replace(architecture, frugal=numbers), self.network.tensors, at=self.network.at
+            replace(architecture, frugal=numbers), designed.network.tensors, at=designed.network.at
         )
         agent = Agent(network, self.name, self._craft)
         agent.remark = self.remark
+        agent._as_designed = designed
         return agent
 
     def reset(self, count: int) -> None:

@@ -424,7 +424,13 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
 
 
 def _gaps(comparison: Mapping[str, Any]) -> Iterator[Fact]:
-    """How many times the certified least the first contestant takes, by question."""
+    """How many times the certified least the first contestant takes, by question; of a mission, what it spends."""
+    if mission := comparison.get("per_start", {}).get("mission"):
+        for name, estimates in [*comparison["estimates"].items()][:1]:
+            ratio, *_ = estimates[f"{mission['spending']} over the bound"]
+            text = f"{number(ratio):.3f} times the certified least"
+            text += f", mean of the first {counted(len(mission['lower']), 'start')} that succeed"
+            yield Fact(f"gap of {name}: {mission['spending']}", text, "limits")
     certified = comparison.get("certified", {})
     for question, ratios in certified.get("gaps", {}).items():
         for name, each in [*ratios.items()][:1]:

@@ -136,6 +136,7 @@ class StressReport:
         return {
             "title": self.title(),
             "text": TEXT,
+            "is_partial": self.is_partial,
             "scope": {"sentence": asked.asked, "rows": [*rows, *contents]},
             "seed": contest.seed,
             "contestants": {

@@ -18,7 +18,8 @@ from rans.evaluation.measure.metrics import impulses
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions import Conditions
 from rans.show.figures.mission_figures import margins_over_time
-from rans.show.tables.comparison_tables import differences, outcome, scoreboard
+from rans.show.pages.report import comparison_section
+from rans.show.tables.comparison_tables import differences, outcome, scoreboard, to_json
 from rans.tasks import GoToPose
 from tests.support.comparisons import points
 
@@ -135,6 +136,8 @@ def test_a_mission_that_ends_is_scored_by_its_success(entry: Entry) -> None:
     assert row["impulse of successes, N s"].value == pytest.approx(impulses(flight).mean())
     assert row["impulse over the bound"].value == pytest.approx(2.0)
     assert row["impulse over the bound, worst"].value == pytest.approx(2.0)
+    (*_, gap) = comparison_section(to_json(comparison, "")).summary
+    assert (gap.what, gap.value[:3]) == ("gap of mission: impulse", "2.0")
     row = board["wild"]
     assert row["mission won, %"].value == 50.0
     assert row["limit broken, %"].value == 50.0
