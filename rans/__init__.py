@@ -55,7 +55,6 @@ if TYPE_CHECKING:
     from rans.fast.envs.single import SpacecraftEnv as SpacecraftEnv
     from rans.fast.envs.vector import SpacecraftVectorEnv as SpacecraftVectorEnv
     from rans.fast.learn.config import PPOSettings as PPOSettings
-    from rans.fast.learn.front import PPO as PPO
     from rans.model.spacecraft import Spacecraft as Spacecraft
     from rans.model.spacecraft import Thruster as Thruster
     from rans.model.timing import Timing as Timing

@@ -90,7 +90,6 @@ observation, _ = environment.reset(seed=0)
 assert numpy.isfinite(environment.step(environment.action_space.sample())[0]).all()
 engine = rans.Engine("floating-platform", "go-to-pose", num_envs=8)
 engine.reset(seed=0)
-rans.PPO(engine, n_steps=4).learn(32).save("trained.safetensors")
 """
     )
     code_of_exit, text = said(code, ",".join(EXTRAS), folder=tmp_path)

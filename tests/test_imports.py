@@ -436,7 +436,7 @@ LEFT_ALONE = {
         "rans_missions.control",
         "rans.evaluation.measure",
     ),
-    "import rans; rans.Engine; rans.PPO": (
+    "import rans; rans.Engine; import rans.fast.learn.ppo": (
         "rans.optimal",
         "rans.reference",
         "rans.evaluation",

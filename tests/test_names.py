@@ -86,7 +86,7 @@ def test_toml_has_the_name_as_text(name: str) -> None:
 
 @each
 def test_python_has_the_name_as_text(name: str, tmp_path: Path) -> None:
-    saved = SavedPolicy(shipped("go-to-pose-2d")[0], {}, 0, {}, 0.0)
+    saved = SavedPolicy(shipped("go-to-pose-2d")[0], 0)
     codes = []
     for title in ("agent", name):
         write_agent(tmp_path, "numpy", saved, PPOSettings(), title)
@@ -113,7 +113,7 @@ def contract_of(name: str) -> str:
 @each
 def test_c_has_the_name_as_text(name: str, tmp_path: Path) -> None:
     """As the title, and as names of columns and commands."""
-    saved = SavedPolicy(shipped("go-to-pose-2d")[0], {}, 0, {}, 0.0)
+    saved = SavedPolicy(shipped("go-to-pose-2d")[0], 0)
     write_agent(tmp_path, "c", saved, PPOSettings(), name, contract_of(name))
     assert strangers_code(tmp_path / "agent.c") == []
 
@@ -125,7 +125,7 @@ def test_an_fmu_has_the_name_as_text(name: str, tmp_path: Path) -> None:
     fmpy = pytest.importorskip("fmpy")
     if name in REFUSED:
         return
-    saved = SavedPolicy(shipped("go-to-pose-2d")[0], {}, 0, {}, 0.0)
+    saved = SavedPolicy(shipped("go-to-pose-2d")[0], 0)
     write_agent(tmp_path, "fmu", saved, PPOSettings(), name, contract_of(name))
     about = fmpy.read_model_description(str(tmp_path / "agent.fmu"))
     assert (about.modelName, about.description) == (name, name)

@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 from rans_missions.ccsds import read_opm
 
-import rans
 from rans.evaluation.compare.optima import flights
 from rans.evaluation.fly.exported import read_contract
 from rans.evaluation.fly.tuned import Tuned
@@ -34,6 +33,7 @@ from rans.pretrained import pretrained_folder
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenario
 from rans.tasks import GoToPose
+from tests.support import exports
 from tests.support.graphs import model_of, step
 from tests.support.processes import ROOT
 from tests.support.reader_questions import (
@@ -153,8 +153,7 @@ def sb3(name: str) -> Any:
     """A policy that RANS wrote, beside which a file lies, flown without trust."""
 
     def plant(folder: Path) -> Callable[[], object]:
-        environment = rans.SB3VecEnv(rans.Engine(CRAFT, GoToPose(), num_envs=2))
-        rans.PPO(environment, n_steps=2, batch_size=2).save(folder / "policy.zip")
+        exports.written(folder, exports.shipped("go-to-pose-2d")[0], "sb3")
         (folder / name).write_bytes(b"of another library")
         return lambda: user_policy(f"sb3:{folder / 'policy.zip'}", CRAFT, GoToPose())
 

@@ -71,7 +71,7 @@ API = {
         "Circumnavigation PassiveApproach Pilot"
     ),
     "Flights": "Timing fly passive_safety write_ccsds read_opm relative_state trust_files run_on",
-    "Engine and learner": "Engine PPO PPOSettings SB3VecEnv SpacecraftEnv SpacecraftVectorEnv",
+    "Engine and learner": "Engine PPOSettings SB3VecEnv SpacecraftEnv SpacecraftVectorEnv",
     "Errors": "RansError ConfigError RansWarning",
 }
 """Public names by what they are for; `check_api` compares them with `dir(rans)`."""

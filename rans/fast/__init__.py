@@ -13,16 +13,14 @@ if TYPE_CHECKING:
     from rans.fast.envs.sb3 import SB3VecEnv
     from rans.fast.envs.single import SpacecraftEnv
     from rans.fast.envs.vector import SpacecraftVectorEnv
-    from rans.fast.learn.front import PPO
     from rans.fast.stepping.step import Step
 
-__all__ = ["Engine", "PPO", "SB3VecEnv", "SpacecraftEnv", "SpacecraftVectorEnv", "Step"]
+__all__ = ["Engine", "SB3VecEnv", "SpacecraftEnv", "SpacecraftVectorEnv", "Step"]
 
 _MODULES = {
     "Engine": "engine",
     "Step": "stepping.step",
     "SpacecraftEnv": "envs.single",
-    "PPO": "learn.front",
     "SB3VecEnv": "envs.sb3",
     "SpacecraftVectorEnv": "envs.vector",
 }

@@ -198,8 +198,6 @@ def write_policy(
     tensors: Mapping[str, Tensor],
     settings: PPOSettings,
     steps: int,
-    adam: dict[Any, Any] | None = None,
-    rate: float | None = None,
 ) -> None:
     """Write an agent as an archive that both Stable-Baselines3 and RANS open and continue to train.
 
@@ -209,15 +207,13 @@ def write_policy(
         tensors: weights as returned by `Network.weights`.
         settings: hyper-parameters of the training.
         steps: environment steps of the training.
-        adam: state as returned by `rans.fast.learn.policy_file.moments`; None: Adam starts anew.
-        rate: step size of Adam; None: the learning rate of the settings.
 
     Raises:
         ConfigError: the file cannot be written.
     """
     observation_space, commanded = policy_spaces(architecture)
     kwargs = policy_kwargs(architecture)
-    rate = rate or settings.learning_rate
+    rate = settings.learning_rate
     policy = AgentPolicy(
         observation_space, commanded, lambda _: rate, **kwargs, optimizer_class=_Written
     )
@@ -228,8 +224,6 @@ def write_policy(
             path.copy_(tensors[name])
     # What SB3 reads, beside the file that RANS reads.
     optimizer = policy.optimizer.state_dict()
-    if adam:
-        optimizer["state"] = adam
     data = {
         "policy_class": AgentPolicy,
         "policy_kwargs": kwargs,
@@ -241,7 +235,7 @@ def write_policy(
         **{name: getattr(settings, name) for name in _SHARED},
     }
 
-    agent = agent_bytes(architecture, tensors, settings, steps, adam or {}, rate)
+    agent = agent_bytes(architecture, tensors, steps)
 
     def write(draft: Path) -> None:
         """Write SB3's archive into a draft, and the agent's file beside it in the same archive."""

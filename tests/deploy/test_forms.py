@@ -344,9 +344,7 @@ def test_the_file_says_what_it_is(tmp_path: Path) -> None:
     """For runtimes and viewers: names, types, free rows, and the contract."""
     onnx = pytest.importorskip("onnx")
     network, _ = shipped("go-to-pose-2d-robust")
-    write_agent(
-        tmp_path, "onnx", SavedPolicy(network, {}, 0, {}, 0.0), PPOSettings(), "it", '{"format": 1}'
-    )
+    write_agent(tmp_path, "onnx", SavedPolicy(network, 0), PPOSettings(), "it", '{"format": 1}')
     model = onnx.load(tmp_path / "agent.onnx")
     assert {x.key: x.value for x in model.metadata_props} == {
         "what": "it",

@@ -24,6 +24,7 @@ from rans.optimal.trajectory.allocation import check_relaxation
 from rans.reference.plant import Plant
 from tests.support.effector_flights import untrained_policy
 from tests.support.torquer import TURNED, TURNED_IN_SPACE, Torquer
+from tests.support.training import learner_on
 
 
 def test_gymnasium_knows_its_command() -> None:
@@ -36,8 +37,7 @@ def test_gymnasium_knows_its_command() -> None:
 
 def test_an_agent_trains_and_flies_with_it() -> None:
     engine = rans.Engine(TURNED, "go-to-pose", 16)
-    model = rans.PPO(engine, n_steps=8)
-    model.learn(256)
+    learner_on(engine, n_steps=8).learn()
     policy = untrained_policy(TURNED)
     setup = Setup(TURNED, rans.GoToPose(), Timing(episode_steps=20))
     ways = [Flights(policy, setup, plain=plain).fly(0, 64, 1) for plain in (True, False)]

@@ -18,6 +18,7 @@ import rans
 from rans.episode import Setup
 from rans.fast.engine import Engine
 from rans.fast.flights import Flights
+from rans.fast.learn.beginning import statistics
 from rans.fast.learn.config import MemorySettings
 from rans.model.fields import Field, leaves
 from rans.model.timing import Timing
@@ -26,6 +27,7 @@ from rans.tasks import GoToPose, MultiTask, Task
 from rans.tasks.rewards import Transition
 from tests.support.draws import FLYER, PLATFORM
 from tests.support.switching import SwitchingGoToPose
+from tests.support.training import learner_on
 
 SHORT = Timing(episode_steps=40)
 SHORTEST = Timing(episode_steps=5)
@@ -146,19 +148,18 @@ def test_two_episodes_equal_the_fast_ones_but_for_rounding(
 )
 def test_iterations_of_ppo_equal_the_fast_ones_but_for_rounding(settings: dict[str, Any]) -> None:
     plain, fast = (
-        rans.PPO(Engine(PLATFORM, "go-to-pose", 64, plain=plain), n_steps=16, **settings)
+        learner_on(Engine(PLATFORM, "go-to-pose", 64, plain=plain), n_steps=16, **settings)
         for plain in (True, False)
     )
     begun = {name: x.detach().clone() for name, x in plain.network.tensors.items()}
-    assert plain.learner.backend is None
+    assert plain.backend is None
     for _ in range(3):
-        plain.learn(1024)
-        fast.learn(1024)
-        assert plain.log.keys() == fast.log.keys()
-        for name, value in fast.log.items():
+        logs = [statistics(one.learn().tolist(), one, 1024) for one in (plain, fast)]
+        assert logs[0].keys() == logs[1].keys()
+        for name, value in logs[1].items():
             if name == "train/entropy_loss":
                 continue  # which autograd's way does not compute, because it has no weight
-            assert plain.log[name] == pytest.approx(value, rel=2e-3, abs=2e-4), name
+            assert logs[0][name] == pytest.approx(value, rel=2e-3, abs=2e-4), name
     for name, value in fast.network.tensors.items():
         torch.testing.assert_close(plain.network.tensors[name], value, rtol=0, atol=2e-4)
     moved = [(begun[name] - x).abs().max().item() for name, x in plain.network.tensors.items()]
@@ -167,8 +168,8 @@ def test_iterations_of_ppo_equal_the_fast_ones_but_for_rounding(settings: dict[s
 
 def test_a_learner_may_be_plain_on_an_engine_that_is_not() -> None:
     engine = Engine(PLATFORM, "go-to-pose", 8)
-    assert rans.PPO(engine, plain=True, n_steps=16).learner.backend is None
-    assert rans.PPO(engine, n_steps=16).learner.backend is not None
+    assert learner_on(engine, plain=True, n_steps=16).backend is None
+    assert learner_on(engine, n_steps=16).backend is not None
 
 
 def test_flights_equal_the_fast_ones_but_for_rounding() -> None:
@@ -204,10 +205,10 @@ def test_a_step_touches_few_files() -> None:
 
 def test_an_iteration_touches_few_files_beside_those_of_its_steps() -> None:
     engine = Engine(PLATFORM, "go-to-pose", 16, SHORTEST, plain=True)
-    model = rans.PPO(engine, n_steps=4)
-    model.learn(64)
+    learner = learner_on(engine, n_steps=4)
+    learner.learn()
     steps = touched(lambda: [engine.step(torch.zeros(16, 8)) for _ in range(6)])
-    found = touched(lambda: model.learn(64)).keys() - steps.keys()
+    found = touched(learner.learn).keys() - steps.keys()
     assert len(found) <= LEARNER_FILES, sorted(found)
 
 

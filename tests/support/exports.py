@@ -48,7 +48,7 @@ def remembering() -> tuple[Network, Setup, np.ndarray]:
 def written(folder: Path, network: Network, *forms: Form, title: str = "agent") -> Path:
     """The folder with the network in these forms."""
     for form in forms:
-        write_agent(folder, form, SavedPolicy(network, {}, 0, {}, 0.0), PPOSettings(), title)
+        write_agent(folder, form, SavedPolicy(network, 0), PPOSettings(), title)
     return folder
 
 

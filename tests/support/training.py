@@ -91,6 +91,13 @@ def tiny_learner(
     return begin(engine, chosen, seed)
 
 
+def learner_on(engine: Engine, plain: bool | None = None, **settings: Any) -> PPOLearner:
+    """PPO on an engine, with default settings but for these, and four minibatches a rollout."""
+    steps = settings.get("n_steps", PPOSettings.n_steps)
+    sizes = {"n_envs": engine.num_envs, "batch_size": max(1, engine.num_envs // 4) * steps}
+    return begin(engine, PPOSettings(**sizes | settings), 0, plain)
+
+
 def tiny_trainer(path: Path, config: TrainConfig = CONFIG) -> Trainer:
     """A trainer in a new run folder."""
     run = RunFolder(path)
@@ -273,8 +280,6 @@ def archived(run: Path) -> Path:
         network.weights(),
         folder.config().ppo,
         saved.steps,
-        saved.adam,
-        saved.rate,
     )
     folder.trained_file.unlink()
     return file

@@ -1,6 +1,6 @@
 """Agent files: weights as safetensors with their description as JSON in the header; reading one runs no code.
 
-A training stores its agent in ``agent.safetensors``, an exported agent has that file without critic and optimizer.
+A training stores its agent in ``agent.safetensors``, an exported agent has that file without its critic.
 The ``policy.zip`` of an export for Stable-Baselines3 holds it beside pickled files, which RANS does not read
 (docs/decisions/security.md). Files of every release must stay readable (`tests/test_pretrained.py`): new keys have
 defaults.
@@ -12,7 +12,7 @@ import math
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,8 +23,7 @@ from torch import Tensor
 from rans.archives import content, opened
 from rans.errors import ConfigError, NonFiniteState, RansError, brief
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
-from rans.fast.learn.config import PPOSettings, without_kinds
-from rans.files import first_line, plain, read_bytes, replace_file
+from rans.files import first_line, plain, read_bytes
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.allocated import holds
 from rans.policy.architecture import EXTRACTOR, Architecture
@@ -33,7 +32,6 @@ from rans.policy.frugality import AS_TRAINED
 from rans.policy.heads import HEADS
 from rans.policy.network import Network
 from rans.policy.symmetry import Symmetries
-from rans.structure import structure
 from rans.tasks.observation_terms import Block, Layout, ObservationTerm
 
 AGENT = "agent.safetensors"
@@ -60,67 +58,24 @@ class SavedPolicy(NamedTuple):
 
     network: Network
     """Network, on the CPU."""
-    settings: dict[str, Any]
-    """Fields of `PPOSettings`; empty without a critic."""
     steps: int
     """Environment steps of the training."""
-    adam: dict[Any, Any]
-    """Moments of Adam (`rans.fast.learn.policy_file.moments`)."""
-    rate: float
-    """Step size of Adam."""
     has_critic: bool = True
     """Whether the file has the critic; without it that of the network is zero, and training cannot continue."""
 
 
-def save_agent(
-    file: Path,
-    architecture: Architecture,
-    tensors: Mapping[str, Tensor],
-    settings: PPOSettings,
-    steps: int,
-    adam: dict[Any, Any] | None = None,
-    rate: float | None = None,
-) -> None:
-    """Write an agent with its critic and optimizer, from which training can continue.
+def agent_bytes(architecture: Architecture, tensors: Mapping[str, Tensor], steps: int) -> bytes:
+    """Content of an ``agent.safetensors`` with its critic, as trainings write it.
+
+    Keys stay, since later versions read older files, which have the optimizer and its settings too.
 
     Args:
-        file: ``agent.safetensors`` to write.
         architecture: architecture of the network.
         tensors: weights and statistics of the network (`Network.weights`).
-        settings: hyper-parameters of the training.
         steps: environment steps of the training.
-        adam: state as returned by `rans.fast.learn.policy_file.moments`; None: Adam starts anew.
-        rate: step size of Adam; None: the learning rate of the settings.
-
-    Raises:
-        ConfigError: the file cannot be written.
-    """
-    rate = rate or settings.learning_rate
-    agent = agent_bytes(architecture, tensors, settings, steps, adam or {}, rate)
-    replace_file(file, lambda draft: draft.write_bytes(agent))
-
-
-def agent_bytes(
-    architecture: Architecture,
-    tensors: Mapping[str, Tensor],
-    settings: PPOSettings,
-    steps: int,
-    adam: dict[Any, Any],
-    rate: float,
-) -> bytes:
-    """Content of an ``agent.safetensors`` with critic and optimizer; arguments are those of `save_agent`.
-
-    Keys stay, since later versions read older files.
     """
     return pack_tensors(
-        {
-            "architecture": _table(architecture),
-            "weights": dict(tensors),
-            "settings": asdict(settings),
-            "steps": steps,
-            "adam": adam,
-            "rate": rate,
-        }
+        {"architecture": _table(architecture), "weights": dict(tensors), "steps": steps}
     )
 
 
@@ -130,7 +85,7 @@ def actor_bytes(
     steps: int,
     at: Mapping[float, Mapping[str, Tensor]] | None = None,
 ) -> bytes:
-    """Content of an ``agent.safetensors``: the actor without critic and optimizer.
+    """Content of an ``agent.safetensors``: the actor without its critic.
 
     Keys stay, since later versions read older files; proofs read them without this module.
 
@@ -234,12 +189,8 @@ def _read(table: dict[str, Any]) -> SavedPolicy:
         network = _network(architecture, weights, False)
         if "at" in table:
             network.at = _further(architecture, table["at"])
-        return SavedPolicy(network, {}, steps, {}, 0.0, has_critic=False)
-    adam = {int(number): moments for number, moments in table["adam"].items()}
-    rate = float(table["rate"])
-    return SavedPolicy(
-        _network(architecture, weights), _settings(table["settings"]), steps, adam, rate
-    )
+        return SavedPolicy(network, steps, has_critic=False)
+    return SavedPolicy(_network(architecture, weights), steps)
 
 
 def _further(
@@ -257,12 +208,6 @@ def _further(
     return {
         value: _network(architecture, weights, False).tensors for value, weights in further.items()
     }
-
-
-def _settings(table: dict[str, Any]) -> dict[str, Any]:
-    """Entries of `PPOSettings`, checked; missing ones have their defaults."""
-    settings = structure(without_kinds(table), PPOSettings, "settings")
-    return {field.name: getattr(settings, field.name) for field in fields(settings)}
 
 
 def _network(

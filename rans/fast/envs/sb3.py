@@ -30,8 +30,8 @@ class SB3VecEnv(VecEnv):
     Return and length of every ended episode are in its info as "episode", so that SB3 logs ``rollout/ep_rew_mean``
     without a monitor. With ``render_mode="rgb_array"`` SB3's VecVideoRecorder films it.
 
-    SB3 needs NumPy arrays and one dict per environment and step, which costs more than the simulation; `rans.PPO`
-    accepts the same object and avoids both.
+    SB3 needs NumPy arrays and one dict per environment and step, which costs more than the simulation; `rans.train`
+    avoids both.
     """
 
     @settled

@@ -202,7 +202,7 @@ _EXPLORATION = ExplorationSettings()
 
 @dataclass(frozen=True)
 class PPOSettings:
-    """Hyper-parameters of `rans.PPO`, by their names in SB3.
+    """Hyper-parameters of PPO, by their names in SB3.
 
     Raises:
         ConfigError: a hyper-parameter is out of its range.

@@ -1,18 +1,13 @@
-"""Reading and writing of a learner, so that its training can continue."""
+"""The weights of an agent as the beginning of another training."""
 
 from __future__ import annotations
 
 import shlex
-from pathlib import Path
-from typing import Any
 
 import torch
 
 from rans.errors import ConfigError
-from rans.fast.agent_files.agent import SavedPolicy, read_policy, save_agent
-from rans.fast.learn.adam import Adam
-from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.learner import Learner
+from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.policy.architecture import EXTRACTOR
 from rans.policy.network import Network
@@ -20,56 +15,6 @@ from rans.pretrained import agent_path, missing_agents, pretrained_names
 
 _SETTLED = 1e12
 """Number of observations assigned to loaded statistics, so that training does not change them."""
-
-
-def write_learner(file: Path, learner: Learner, settings: PPOSettings, steps: int) -> None:
-    """Write the agent of a learner and its Adam moments after ``steps`` environment steps.
-
-    A file whose name ends in ``.zip`` is one that Stable-Baselines3 opens too (`rans.fast.policy.write_policy`,
-    which needs that package); any other is an ``agent.safetensors`` (`save_agent`).
-    """
-    network = learner.network
-    adam = learner.adam
-    if file.suffix == ".zip":
-        from rans.fast.policy import write_policy as write
-    else:
-        write = save_agent
-    write(
-        file,
-        network.architecture,
-        network.weights(),
-        settings,
-        steps,
-        moments(adam),
-        float(adam.rate),
-    )
-
-
-@torch.no_grad()
-def adopt(learner: Learner, saved: SavedPolicy) -> None:
-    """Load weights and Adam moments into a learner; RuntimeError or KeyError if the network is another one."""
-    for name, tensor in learner.network.tensors.items():
-        tensor.copy_(saved.network.tensors[name])
-    load_moments(learner.adam, saved.adam, saved.rate)
-
-
-def moments(adam: Adam) -> dict[Any, Any]:
-    """Adam moments in the form of torch's Adam state."""
-    steps = adam.steps.detach().cpu().float()
-    first, second = ([x.detach().cpu().clone() for x in tensors] for tensors in adam.moments)
-    return {
-        index: {"step": steps.clone(), "exp_avg": a, "exp_avg_sq": b}
-        for index, (a, b) in enumerate(zip(first, second, strict=True))
-    }
-
-
-def load_moments(adam: Adam, saved: dict[Any, Any], rate: float) -> None:
-    """Load Adam moments from `moments`; without any, they stay zero."""
-    adam.rate.fill_(rate)
-    for parameter, moments_of in saved.items():
-        for memory, name in zip(adam.moments, ("exp_avg", "exp_avg_sq"), strict=True):
-            memory[parameter].copy_(moments_of[name])
-        adam.steps.copy_(moments_of["step"])
 
 
 @torch.no_grad()

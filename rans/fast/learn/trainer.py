@@ -24,6 +24,7 @@ from rans.errors import (
     installing,
     is_installed,
 )
+from rans.fast.agent_files.agent import agent_bytes
 from rans.fast.agent_files.tensors import pack_tensors
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
@@ -34,7 +35,7 @@ from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.graph import as_written, calls_until_recorded
 from rans.fast.learn.learners import LEARNERS, own_settings
 from rans.fast.learn.loggers import Events
-from rans.fast.learn.policy_file import begin_from, write_learner
+from rans.fast.learn.policy_file import begin_from
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
 from rans.fast.stepping.step import field_dtype
@@ -382,7 +383,9 @@ class Trainer:
         state = self._checkpoint()
         if self.processes.is_first:
             self.run.save_checkpoint(state)
-            write_learner(self.run.trained_file, self.learner, self.config.ppo, self.steps)
+            network = self.learner.network
+            content = agent_bytes(network.architecture, network.weights(), self.steps)
+            replace_file(self.run.trained_file, lambda draft: draft.write_bytes(content))
 
     def _checkpoint(self) -> dict[str, Any]:
         """What a training needs to go on as if it had not stopped; `_restore` reads the same keys."""

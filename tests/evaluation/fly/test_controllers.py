@@ -15,7 +15,6 @@ from gymnasium.spaces import Box, MultiBinary, MultiDiscrete
 from stable_baselines3 import A2C, PPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-import rans
 from rans.episode import Setup
 from rans.errors import ConfigError, MissingPackage
 from rans.evaluation.fly.contestant_name import ContestantName
@@ -29,8 +28,10 @@ from rans.evaluation.fly.user_policy import user_policy
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.policy.predict import predict
 from rans.registry import typed
 from rans.tasks import GoToPose, Task
+from tests.support.exports import shipped, written
 from tests.support.strangers import trapped_weights
 
 HERE = "tests.evaluation.fly.test_controllers"
@@ -187,11 +188,10 @@ def test_nobody_is_advised_to_unpickle_weights(tmp_path: Path) -> None:
 
 
 def test_agent_of_rans_train_is_such_a_file(tmp_path: Path) -> None:
-    engine = rans.Engine(CRAFT, rans.GoToPose(), num_envs=2)
-    model = rans.PPO(rans.SB3VecEnv(engine), n_steps=2, batch_size=2, seed=5)
-    model.save(tmp_path / "policy.zip")
+    network, _ = shipped("go-to-pose-2d")
+    written(tmp_path, network, "sb3")
     policy = user_policy(f"sb3:{tmp_path / 'policy.zip'}", CRAFT, GoToPose())
-    expected, _ = model.predict(OBSERVATIONS, deterministic=True)
+    expected, _ = predict(network, OBSERVATIONS)
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), expected)
 
 

@@ -22,6 +22,7 @@ from rans.fast.envs.discrete import DiscreteThrusters
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
+from tests.support.exports import shipped, written
 
 CRAFT = load_spacecraft("floating-platform")
 THROTTLED = load_spacecraft(str(Path("examples/trainers/throttled-platform.toml")))
@@ -172,8 +173,7 @@ def test_statistics_of_another_policy_are_refused(folder: Path, tmp_path: Path) 
 
 def test_without_trust_no_pickle_beside_a_model_is_opened(tmp_path: Path) -> None:
     """Also of an agent that RANS wrote, which alone needs no trust."""
-    engine = rans.Engine(CRAFT, GoToPose(), num_envs=2)
-    rans.PPO(rans.SB3VecEnv(engine), n_steps=2, batch_size=2).save(tmp_path / "policy.zip")
+    written(tmp_path, shipped("go-to-pose-2d")[0], "sb3")
     user_policy(f"sb3:{tmp_path / 'policy.zip'}", CRAFT, GoToPose())
     (tmp_path / "vecnormalize.pkl").write_bytes(b"whatever")
     with pytest.raises(ConfigError, match=r"is a pickle: .*--trust; if it is another policy's"):

@@ -127,7 +127,7 @@ def test_what_flies_is_kept_of_an_agent_and_no_more(name: str, tmp_path: Path) -
     file = tmp_path / AGENT
     file.write_bytes(actor_bytes(given, whole.weights(), 128))
     saved = read_policy(file)
-    assert (saved.has_critic, saved.steps, saved.adam) == (False, 128, {})
+    assert (saved.has_critic, saved.steps) == (False, 128)
     assert file.stat().st_size < 4 * sum(x.numel() for x in tensors.values())
     rows = torch.randn(50, given.layout.width, generator=torch.Generator().manual_seed(1))
     memory = whole.initial_state(50)
@@ -354,7 +354,6 @@ def test_a_table_that_somebody_changed(
             lambda t: t["weights"].update({"value_net.bias": torch.zeros(3)}),
             "not those of the network",
         ),
-        (lambda t: t["settings"].update(gamma="high"), "gamma"),
         (
             lambda t: (
                 [t["weights"].pop(f"value_net.{part}") for part in ("weight", "bias")]

@@ -41,6 +41,7 @@ from rans.show.pages.playground import _Traced, interactive_world, playground
 from tests.support.browser import opened, served
 from tests.support.interactive_flight import InteractiveFlight
 from tests.support.processes import PATIENCE
+from tests.support.training import learner_on
 
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="needs Node.js to run JavaScript")
@@ -65,7 +66,9 @@ def run_of(name: str) -> LoadedRun:
     if name == OF_ONE_CRAFT:
         run = run_of("any-craft-2d@floating-platform-shared")
         engine = Engine(run.craft, run.task, 4, run.timing)
-        learner = rans.PPO(engine, backbone="allocated", symmetric=False, memory=MemorySettings(2))
+        learner = learner_on(
+            engine, backbone="allocated", symmetric=False, memory=MemorySettings(2)
+        )
         return run._replace(controller=Agent(learner.network, name, run.craft))
     (run,) = flyers((name if "@" in name else f"pretrained:{name}",), None, False)
     return run
