@@ -14,7 +14,7 @@ from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.cli.next_commands import after
 from rans.cli.options import Trust
-from rans.errors import is_installed
+from rans.errors import ConfigError, is_installed
 from rans.files import (
     command_line,
     distinct,
@@ -25,7 +25,7 @@ from rans.files import (
     write_json,
 )
 from rans.registry import Registry
-from rans.terminal import Terminal, doing, progress, stages
+from rans.terminal import Terminal, doing
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 
 _KEPT = 2**16
 """Largest number of flights whose trajectories are stored."""
-_LISTED = 1000
-"""Largest number of failed flights that a file lists."""
 
 FLIGHT_FILES: Registry[Callable[[Flight, Path], str]] = Registry(
     kind="form of flights",
@@ -55,8 +53,7 @@ class Evaluate(Options):
     Writes evaluation.json and .html, episodes.npz, evaluation.svg and episode.svg into the run folder, or for
     other contestants into runs/evaluations/. With a protocol the names end in it, such as evaluation-paper.json;
     under your own conditions, in a digest of these. --engine both flies in both engines, and exits with 1 if they
-    disagree. More than 65,536 flights of an agent are judged while they fly: a million take about a second on a
-    GPU and one or two minutes on two cores. They have a shorter table, written to evaluation-many.json.
+    disagree.
     """
 
     group = "Judge"
@@ -87,6 +84,11 @@ class Evaluate(Options):
         from rans.evaluation.fly.contestants import judged_separately
 
         check_count("--episodes", self.episodes)
+        if self.episodes > _KEPT:
+            raise ConfigError(
+                f"rans evaluate stores every flight, of {_KEPT:,} at most, got {self.episodes:,}: "
+                "rans assure judges more while they fly."
+            )
         passed = [replace(self, agent=name).judge() for name in judged_separately(self.agent)]
         return 0 if all(passed) else 1
 
@@ -104,10 +106,7 @@ class Evaluate(Options):
             Terminal().say(remark)
         ready_folder(name.output_folder)
         self._file(run)  # reject a symbolic link before the flights
-        if self._many(run):
-            self._judge_many(run)
-            return True
-        # Few enough to keep: fly, measure, print, write.
+        # Fly, measure, print, write.
         flights = self._fly(run)
         measured = {name: measure(flight) for name, flight in flights.items()}
         console = Terminal(room=ROOM)
@@ -132,56 +131,6 @@ class Evaluate(Options):
         page = file.with_suffix(".html")
         Terminal().say(f"Written to {page}, {file.name}{written}.")
         return passed
-
-    def _many(self, run: LoadedRun) -> bool:
-        """Whether there are too many flights to store, and their metrics can be computed without that."""
-        from rans.evaluation.fly.agent import Agent
-
-        return (
-            self.episodes > _KEPT
-            and self.engine == "fast"
-            and not self.trajectories
-            and not (self.start or self.goal or self.zones)
-            and isinstance(run.controller, Agent)
-        )
-
-    def _judge_many(self, run: LoadedRun) -> None:
-        """Print and write the statistics of flights that are too many to be stored (`_KEPT`), from one kernel."""
-        from rans.evaluation.fly.evidence import about
-        from rans.evaluation.measure.aggregate import ROOM
-        from rans.evaluation.measure.many import measure_many
-        from rans.fast.device import torch_device
-        from rans.fast.flights import Flights
-        from rans.verdict import Failure
-
-        # Flights are judged as they fly; none is stored.
-        device = torch_device()
-        flights = Flights(run.network, run.judged, device, listed=_LISTED)
-        with progress() as bars:
-            step = stages(bars)("fast engine", self.episodes)
-            statistics = flights.fly(0, self.episodes, self.seed, step)
-        metrics = measure_many(statistics, run.controller.name, run.judged)
-        console = Terminal(room=ROOM)
-        if run.conditions is not None:
-            console.print(f"Conditions: {self._named_conditions(run.conditions)}.")
-        console.table(metrics.table(console.width, self.full))
-        # Of failed flights the file has numbers and kinds, with which `rans view` shows them.
-        listed = [
-            {"episode": int(number), "failure": Failure(kind).name}
-            for number, kind in zip(statistics.numbers, statistics.kinds, strict=True)
-        ]
-        folder, suffix = self._output(run)
-        file = folder / f"evaluation-many{suffix}.json"
-        write_json(
-            file,
-            {
-                "many": metrics.to_json(),
-                "failures": listed,
-                "conditions": self._conditions(run),
-                "about": about(str(self.agent), run.judged, "rans.evaluate"),
-            },
-        )
-        Terminal().say(f"Written to {file}.")
 
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
         """Flights from the same starts, by the engine that computed them; "fast" comes first."""
