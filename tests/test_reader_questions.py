@@ -33,7 +33,6 @@ from rans.pretrained import pretrained_folder
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenario
 from rans.tasks import GoToPose
-from tests.support import exports
 from tests.support.graphs import model_of, step
 from tests.support.processes import ROOT
 from tests.support.reader_questions import (
@@ -149,15 +148,10 @@ def network(width: int = 10, memory: bool = False) -> Any:
     return plant
 
 
-def sb3(name: str) -> Any:
-    """A policy that RANS wrote, beside which a file lies, flown without trust."""
-
-    def plant(folder: Path) -> Callable[[], object]:
-        exports.written(folder, exports.shipped("go-to-pose-2d")[0], "sb3")
-        (folder / name).write_bytes(b"of another library")
-        return lambda: user_policy(f"sb3:{folder / 'policy.zip'}", CRAFT, GoToPose())
-
-    return plant
+def pickled(folder: Path) -> Callable[[], object]:
+    """A policy of Stable-Baselines3, flown without trust."""
+    (folder / "policy.zip").write_bytes(b"of another library")
+    return lambda: user_policy(f"sb3:{folder / 'policy.zip'}", CRAFT, GoToPose())
 
 
 def tuned(**changed: object) -> Any:
@@ -298,9 +292,9 @@ ANSWERS: Answers = {
         "frames": "a network names none; docs/comparison.md says what it must observe",
         "times": "a network has none",
         "order": "spaces are compared (tests/evaluation/fly/test_controllers.py)",
-        "dropped": Answer(sb3("vecnormalize.pkl"), "has the scales of its observations"),
+        "dropped": "statistics beside it are applied (tests/evaluation/fly/test_normalized_policies.py)",
         "sizes": "archives are bounded (tests/test_archives.py)",
-        "evidence": "memories are kept (tests/evaluation/fly/test_foreign_policy.py)",
+        "evidence": Answer(pickled, "is a pickle"),
     },
     "Tuned.read": {
         "units": "settings of a controller have those of its fields",

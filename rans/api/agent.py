@@ -283,7 +283,7 @@ def load_agent(
         task: task of a policy that does not name one: a name or a `Task`; others refuse another than theirs.
         spacecraft: spacecraft of such a policy, or of an agent for any craft: a name, a TOML file or a
             `Spacecraft`; None: the floating platform, or the agent's own.
-        trust: whether ``sb3:`` files that RANS did not write may be opened; they are pickles, which can run code.
+        trust: whether ``sb3:`` files may be opened, which are pickles, which can run code.
 
     Raises:
         ConfigError: there is no such agent, its files are damaged, a policy does not fit task and spacecraft, or

@@ -217,7 +217,7 @@ def compare(
         period: control period, s, of controllers and of any-craft with a spacecraft; by default the first
             contestant's.
         full: whether to compare from more starts, in minutes, with the largest return of the task's reward too.
-        trust: whether ``sb3:`` files that RANS did not write may be opened; they are pickles, which can run code.
+        trust: whether ``sb3:`` files may be opened, which are pickles, which can run code.
         output: folder of the results; by default that of the first contestant, and in Python none is written.
         workers: number of processes; by default one per processor.
         show: function that is called with the comparison before slow contestants fly (its ``waiting``), and at the

@@ -111,7 +111,7 @@ def test_exported_programs_command_in_the_ranges(untrained: Any, tmp_path: Path)
     craft, network = untrained
     seen = np.random.default_rng(0).normal(size=(5, 8, network.architecture.layout.width))
     seen = seen.astype(np.float32)
-    saved = SavedPolicy(network, {}, 0, {}, 0.0)
+    saved = SavedPolicy(network, 0)
     write_agent(tmp_path, "numpy", saved, PPOSettings(), "title", craft=craft)
     module = module_of(tmp_path / "agent.py")
     pairs = golden(network, seen, craft)

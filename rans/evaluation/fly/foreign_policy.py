@@ -20,12 +20,13 @@ import pickle
 import re
 import warnings
 from collections.abc import Callable, Iterator
+from itertools import zip_longest
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from rans.effectors.commands import action_space, allowed, of_outputs
+from rans.effectors.commands import action_space, allowed
 from rans.errors import ConfigError, RansWarning, brief, is_installed, require
 from rans.files import first_line, read_bytes
 from rans.model.spacecraft import Spacecraft
@@ -202,7 +203,10 @@ def of_sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> ForeignPoli
 
     _check_file(name)
     if not trust:
-        return _ours(Path(name), craft, task)
+        raise ConfigError(
+            f"sb3:{name} is a pickle: opening it runs whatever code is in it. If you know who made it, add "
+            "--trust; what rans export writes flies by the name of its folder."
+        )
     try:
         data, parameters, _ = load_from_zip_file(name, device="cpu")
         assert data is not None  # every SB3 file has data
@@ -285,32 +289,6 @@ def _warn_of_scales(who: str, last: Any, craft: Spacecraft) -> None:
         )
 
 
-def _ours(file: Path, craft: Spacecraft, task: Task) -> ForeignPolicy:
-    """Policy of an agent file that RANS wrote, which holds no pickle and is read without trust."""
-    from rans.fast.agent_files.agent import is_agent, read_policy
-    from rans.policy.predict import policy_spaces, predict
-
-    if not is_agent(file):
-        raise ConfigError(
-            f"sb3:{file} is a pickle: opening it runs whatever code is in it. If you know who "
-            "made it, add --trust."
-        )
-    if statistics := _statistics_file(file):
-        raise ConfigError(
-            f"{statistics}, beside {file.name}, has the scales of its observations (VecNormalize) and is a pickle: "
-            "opening it runs whatever code is in it. If you know who made it, add --trust; if it is another "
-            "policy's, move it away."
-        )
-    network = read_policy(file).network
-    _check_spaces(str(file), *policy_spaces(network.architecture), craft, task)
-
-    def decide(observation: np.ndarray, memory: Any, starts: np.ndarray) -> Decision:
-        commands, after = predict(network, observation, memory, starts)
-        return np.stack(of_outputs(craft, tuple(commands.T)), axis=1), after
-
-    return decide
-
-
 def _check_spaces(
     name: str, observation_space: Any, expected: Any, craft: Spacecraft, task: Task
 ) -> None:
@@ -346,30 +324,11 @@ def _check_spaces(
 # ONNX
 
 
-class _Port(NamedTuple):
-    """A state that a network takes and gives."""
-
-    name: str
-    shape: tuple[int, ...]
-    """Shape for one episode; its axis of episodes has length 1."""
-    axis: int
-    """Axis of episodes."""
-
-    def zeros(self, count: int) -> np.ndarray:
-        """State of so many episodes that begin."""
-        return np.zeros((*self.shape[: self.axis], count, *self.shape[self.axis + 1 :]), np.float32)
-
-    def rows(self, state: np.ndarray, row: int) -> np.ndarray:
-        """State of one episode."""
-        return np.take(state, [row], axis=self.axis)
-
-
 def of_onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
     """Policy of an ONNX network, whose first input is the observation and whose first output is the command.
 
-    Its states are the inputs after the first: (N, m), or (layers, N, m) as layers of torch have them. Outputs of
-    the same names give them again, or else those after the first or the last ones, in the same order. The name is
-    that of a file; of unknown shapes the first run decides.
+    Its states are the inputs after the first, (N, m) each, and the outputs after the command give them again in the
+    same order. The name is that of a file; of unknown shapes the first run decides.
     """
     onnxruntime = require("onnxruntime")
     _check_file(name)
@@ -419,65 +378,31 @@ class OnnxPolicy:
         self._is_checked = False
         inputs: list[Any] = session.get_inputs()
         first, states = inputs[0], inputs[1:]
+        command, *givens = session.get_outputs()[: len(inputs)]
         self._observation = first.name
         self._types = {one.name: _NUMBERS.get(one.type, np.float32) for one in inputs}
         self._is_single = bool(first.shape[:1] == [1])
-        givens = self._givens(states)
-        self._asked_for: list[str] = [
-            session.get_outputs()[0].name,
-            *(one.name for one in givens),
-        ]
-        self._ports: list[_Port] = [self._port(*pair) for pair in zip(states, givens, strict=True)]
+        self._asked_for: list[str] = [command.name, *(one.name for one in givens)]
+        self._widths: dict[str, int] = {
+            taken.name: self._width(taken, given) for taken, given in zip_longest(states, givens)
+        }
+        """Numbers of each state, by the name of its input."""
         if not states:
             self._check_layers()
 
-    def _givens(self, states: list[Any]) -> list[Any]:
-        """Outputs that give the states again, one for each state that the network takes.
-
-        Their names say it, as h_in and h_out of RSL-RL. Else they follow the command in the order of the inputs, or
-        are the last ones: rl_games has a deviation and a value between (https://github.com/Denys88/rl_games/issues/316,
-        whose inputs out_state.1 and hidden_state.1 are its outputs 3 and 4).
-        """
-        outputs = self._session.get_outputs()[1:]
-        if len(outputs) < len(states):
+    def _width(self, taken: Any, given: Any) -> int:
+        """Numbers of a state, which is given as it is taken; one row at a time sets `_is_single`."""
+        shapes = [list(port.shape) for port in (taken, given) if port is not None]
+        rows, width = shapes[0] if len(shapes[0]) == 2 else (0, 0)
+        is_whole = isinstance(width, int) and 0 < width <= _LARGEST_STATE
+        if rows == 0 or not is_whole or len(shapes) < 2 or shapes[1][1:] != [width]:
+            after = "no output" if given is None else f"{shapes[1]} given as {given.name}"
             raise ConfigError(
-                f"{self._file} must have one input, the observation, and after it the states that it also gives "
-                f"after its command, in the same order, got the inputs {', '.join(x.name for x in states)} and "
-                f"{len(outputs)} such outputs."
+                f"the state {taken.name} of {self._file} must be (N, m), and given back in the same shape after "
+                f"the command, in the order of the inputs, got {shapes[0]} taken and {after}."
             )
-        named: dict[str, list[Any]] = {}
-        for output in outputs:
-            named.setdefault(_stem(output.name), []).append(output)
-        stems = [_stem(state.name) for state in states]
-        if len(set(stems)) == len(stems) and all(len(named.get(stem, ())) == 1 for stem in stems):
-            return [named[stem][0] for stem in stems]
-        first = outputs[: len(states)]
-        last = outputs[len(outputs) - len(states) :]
-        fits = [all(map(_fits, states, row)) for row in (first, last)]
-        if all(fits) and first != last:
-            raise ConfigError(
-                f"{self._file} gives {', '.join(x.name for x in outputs)} after its command, of which the first "
-                f"{len(states)} and the last {len(states)} may be its states: name each state alike as it is taken "
-                "and as it is given, such as h_in and h_out."
-            )
-        return last if fits[1] else first
-
-    def _port(self, taken: Any, given: Any) -> _Port:
-        """A state with its N at axis 0 or 1, of equal shape in and out; one row at a time sets `_is_single`."""
-        shape = list(taken.shape)
-        # The axis of episodes is the first of (N, m) and the second of (layers, N, m).
-        axis = len(shape) - 2
-        sizes = [size for k, size in enumerate(shape) if k != axis]
-        whole = all(isinstance(size, int) and 0 < size <= _LARGEST_STATE for size in sizes)
-        if axis not in (0, 1) or not whole or not _fits(taken, given) or shape[axis] == 0:
-            raise ConfigError(
-                f"the state {taken.name} of {self._file} must be (N, m) or (layers, N, m), and given back in the "
-                f"same shape, got {shape} taken and {list(given.shape)} given as {given.name}."
-            )
-        self._is_single |= bool(shape[axis] == 1)
-        return _Port(
-            taken.name, tuple(1 if k == axis else size for k, size in enumerate(shape)), axis
-        )
+        self._is_single |= rows == 1
+        return width
 
     def _check_layers(self) -> None:
         """Refuse (`ConfigError`) a network without states that has a recurrent layer."""
@@ -500,17 +425,17 @@ class OnnxPolicy:
         The first call with several rows checks that rows do not depend on one another, and remembers that it has.
         """
         count = len(observation)
-        states = [port.zeros(count) for port in self._ports]
+        states = [np.zeros((count, width), np.float32) for width in self._widths.values()]
         if memory is not None:
             states = [
-                np.where(_along(starts, port), zeros, state)
-                for port, zeros, state in zip(self._ports, states, memory, strict=True)
+                np.where(starts[:, None], zeros, state)
+                for zeros, state in zip(states, memory, strict=True)
             ]
         command, *after = self._run(observation, states)
         if not self._is_checked and count > 1:
             self._check(observation, states, command)
             self._is_checked = True
-        return command, tuple(after) if self._ports else None
+        return command, tuple(after) if states else None
 
     def _check(
         self, observation: np.ndarray, states: list[np.ndarray], command: np.ndarray
@@ -539,11 +464,11 @@ class OnnxPolicy:
         self, observation: np.ndarray, states: list[np.ndarray], row: int
     ) -> list[np.ndarray]:
         """Command for one observation, and the states after it."""
-        own = [port.rows(state, row) for port, state in zip(self._ports, states, strict=True)]
+        own = [state[row : row + 1] for state in states]
         return self._asked(observation[row : row + 1], own)
 
     def _asked(self, observation: np.ndarray, states: list[np.ndarray]) -> list[np.ndarray]:
-        named = {port.name: state for port, state in zip(self._ports, states, strict=True)}
+        named = dict(zip(self._widths, states, strict=True))
         named[self._observation] = observation
         taken = {name: x.astype(self._types[name], copy=False) for name, x in named.items()}
         return self._session.run(self._asked_for, taken)
@@ -556,41 +481,15 @@ class OnnxPolicy:
         if not self._is_single:
             return self._asked(observation, states)
         rows = [self._of_row(observation, states, k) for k in range(len(observation))]
-        axes = [0, *(port.axis for port in self._ports)]
         return [
-            np.concatenate([np.atleast_1d(row[k]) for row in rows], axis=axis)
-            for k, axis in enumerate(axes)
+            np.concatenate([np.atleast_1d(x) for x in column]) for column in zip(*rows, strict=True)
         ]
 
 
 _LARGEST_STATE = 2**16
-"""Numbers along an axis of a state; layers in control have some hundred."""
-_SIDE = re.compile(r"([ _.](in|out|after|next|new)|[ _.]?\d+)+$")
-"""End of a state's name by which what is taken and what is given differ."""
+"""Numbers of a state; layers in control have some hundred."""
 _LARGEST_NETWORK = 2**26
 """Bytes of a network whose layers are looked through; networks in control have less than a thousandth of it."""
-
-
-def _fits(taken: Any, given: Any) -> bool:
-    """Whether an output may be the state that is taken, by its shape; the axis of episodes has any length."""
-    before, after = list(taken.shape), list(given.shape)
-    return len(before) == len(after) and all(
-        not isinstance(a, int) or not isinstance(b, int) or a == b
-        for k, (a, b) in enumerate(zip(before, after, strict=True))
-        if k != len(before) - 2
-    )
-
-
-def _stem(name: str) -> str:
-    """Name of a state without what says whether it is taken or given: h of h_in and h_out, s of s and s.1."""
-    return _SIDE.sub("", name)
-
-
-def _along(starts: np.ndarray, port: _Port) -> np.ndarray:
-    """Where an episode begins, along the axis of episodes of a state."""
-    sizes = [1] * len(port.shape)
-    sizes[port.axis] = len(starts)
-    return np.reshape(starts, sizes)
 
 
 def of_python(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:

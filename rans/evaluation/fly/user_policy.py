@@ -121,8 +121,7 @@ def _whole(error: BaseException) -> str:
 def user_policy(spec: str, craft: Spacecraft, task: Task, trust: bool = False) -> UserPolicy:
     """Load the policy that ``sb3:FILE.zip``, ``onnx:FILE`` or ``python:MODULE:FUNCTION`` names.
 
-    Loading a module runs its code. So does an SB3 file that RANS did not write, because it is a pickle; it is
-    opened only with ``trust``.
+    Loading a module runs its code. So does an SB3 file, because it is a pickle; it is opened only with ``trust``.
 
     Raises:
         ConfigError: the policy cannot be loaded, or has other observations or actions than task and craft.

@@ -150,16 +150,6 @@ def policy_of(content: bytes, where: Path) -> SavedPolicy:
         return _read(unpack_tensors(content, where))
 
 
-def is_agent(file: Path) -> bool:
-    """Whether a file is a ``policy.zip`` of RANS.
-
-    Raises:
-        ConfigError: the file is damaged.
-    """
-    with _checked(file) as archive:
-        return AGENT in archive.namelist()
-
-
 @contextmanager
 def _checked(file: Path) -> Iterator[zipfile.ZipFile]:
     """Context with a checked archive; any damage is a `ConfigError`."""

@@ -54,7 +54,7 @@ class Algorithm(ABC):
 
 
 class PPOAlgorithm(Algorithm):
-    """Proximal policy optimization (`rans.PPO`)."""
+    """Proximal policy optimization (`rans.fast.learn.ppo`)."""
 
     @classmethod
     def making(cls, config: TrainConfig, craft: Spacecraft, own: Any) -> Making[Any]:

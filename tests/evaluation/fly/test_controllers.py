@@ -28,10 +28,8 @@ from rans.evaluation.fly.user_policy import user_policy
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.policy.predict import predict
 from rans.registry import typed
 from rans.tasks import GoToPose, Task
-from tests.support.exports import shipped, written
 from tests.support.strangers import trapped_weights
 
 HERE = "tests.evaluation.fly.test_controllers"
@@ -187,14 +185,6 @@ def test_nobody_is_advised_to_unpickle_weights(tmp_path: Path) -> None:
     assert not (tmp_path / "ran").exists()
 
 
-def test_agent_of_rans_train_is_such_a_file(tmp_path: Path) -> None:
-    network, _ = shipped("go-to-pose-2d")
-    written(tmp_path, network, "sb3")
-    policy = user_policy(f"sb3:{tmp_path / 'policy.zip'}", CRAFT, GoToPose())
-    expected, _ = predict(network, OBSERVATIONS)
-    np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), expected)
-
-
 @pytest.mark.parametrize(
     ("space", "width", "sentence"),
     [
@@ -225,7 +215,7 @@ def test_sb3_file_for_something_else(
         ("python:tests.support.policies", "must name a module and a function"),
         ("python:", "there is no policy 'python:'; known are sb3:"),
         ("sb3:/no/such.zip", "there is no file /no/such.zip"),
-        (f"sb3:{__file__}", r"test_controllers\.py is damaged: File is not a zip file"),
+        (f"sb3:{__file__}", r"is a pickle: .*--trust"),
     ],
 )
 def test_what_cannot_be_loaded(spec: str, sentence: str) -> None:

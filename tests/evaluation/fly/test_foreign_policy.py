@@ -183,95 +183,15 @@ def test_wrappers_that_would_not_be_flown(environment: Any, sentence: str) -> No
 UNITS = 3
 
 
-class Layered(torch.nn.Module):
-    """Layers of torch; with ``between``, a deviation and a value stand before the states."""
-
-    def __init__(self, kind: str, between: bool) -> None:
-        super().__init__()
-        self.layers = getattr(torch.nn, kind)(10, UNITS, num_layers=2)
-        self.last = torch.nn.Linear(UNITS, 8)
-        self.between = between
-
-    def forward(self, obs: torch.Tensor, *states: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        """Commands, and the states after them."""
-        out, after = self.layers(obs[None], states[0] if len(states) == 1 else states)
-        mean = self.last(out[0])
-        further = (0.0 * mean, mean.sum(dim=1, keepdim=True)) if self.between else ()
-        return (mean > 0.0).float(), *further, *((after,) if len(states) == 1 else after)
-
-
-@pytest.mark.parametrize(
-    ("kind", "names", "between"),
-    [
-        ("LSTM", ["h_in", "c_in"], False),
-        ("GRU", ["h_in"], False),
-        ("LSTM", ["out_state.1", "hidden_state.1"], True),
-        ("GRU", ["out_state.1"], True),
-    ],
-)
-@pytest.mark.parametrize("any_count", [False, True])
-def test_exports_of_torch_fly_as_torch_does(
-    tmp_path: Path, kind: str, names: list[str], between: bool, any_count: bool
-) -> None:
-    """The layouts of RSL-RL and Isaac Lab, and of rl_games; for a batch of one, and for any number of rows."""
-    torch.manual_seed(3)
-    network = Layered(kind, between).eval()
-    torch.nn.init.normal_(network.last.weight, std=3.0)
-    for name, weights in network.layers.named_parameters():
-        if name.startswith("weight_hh"):  # what is remembered
-            torch.nn.init.normal_(weights, std=3.0)
-    file = tmp_path / "recurrent.onnx"
-    zeros = torch.zeros(2, 1, UNITS)
-    after = [f"{name} after" for name in names]
-    further = ["sigma", "value"] if between else []
-    axes = {"obs": {0: "n"}, **{name: {1: "n"} for name in [*names, *after]}}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # torch recommends its other exporter
-        torch.onnx.export(
-            network,
-            (torch.zeros(1, 10), *[zeros] * len(names)),
-            str(file),
-            dynamo=False,
-            opset_version=17,
-            input_names=["obs", *names],
-            output_names=["mu", *further, *after],
-            dynamic_axes=axes if any_count else None,
-        )
-    policy = user_policy(f"onnx:{file}", CRAFT, TASK)
-    policy.reset(6)
-    states = [torch.zeros(2, 6, UNITS)] * len(names)
-    differs = False
-    for step in STEPS:
-        observation = torch.as_tensor(np.asarray(step), dtype=torch.float32)
-        with torch.no_grad():
-            forgets = network(observation, *(0.0 * state for state in states))[0]
-            command, *rest = network(observation, *states)
-        states = rest[-len(names) :]
-        differs |= not torch.equal(command, forgets)
-        np.testing.assert_array_equal(policy.act(None, None, step), command.numpy())
-    assert differs  # or the states would not matter
-
-
-def counting(file: Path, taken: list[str], given: list[str], sources: list[int]) -> Path:
-    """A network of states (N, 8) that counts in the first and leaves the second, whose sum is the command.
-
-    Each output after the command gives the first state plus one (0), the second (1), or zeros (2).
-    """
-
-    values = ["counted", taken[1], "nothing"]
+def counting(file: Path, given: list[str], rows: Any = ("N", 8)) -> Path:
+    """A network of states h and c that counts in h and leaves c; their sum is the command, given in this order."""
     nodes = [
-        node("Add", " ".join(taken), "actions"),
-        node("Add", f"{taken[0]} one", "counted"),
-        node("Mul", f"{taken[0]} zero", "nothing"),
-        *(
-            node("Identity", values[source], name)
-            for source, name in zip(sources, given, strict=True)
-        ),
+        node("Add", "h c", "actions"),
+        node("Add", "h one", "h_out"),
+        node("Mul", "c one", "c_out"),
     ]
-    rows = ("N", 8)
-    inputs = {"obs": ("N", 10)} | dict.fromkeys(taken, rows)
-    outputs = dict.fromkeys(("actions", *given), rows)
-    file.write_bytes(model_of(nodes, inputs, outputs, one=1.0, zero=0.0))
+    inputs = {"obs": (rows[0], 10), "h": rows, "c": rows}
+    file.write_bytes(model_of(nodes, inputs, dict.fromkeys(["actions", *given], rows), one=1.0))
     return file
 
 
@@ -299,36 +219,29 @@ def test_observations_of_another_shape_are_refused(tmp_path: Path, shape: Any) -
         user_policy(f"onnx:{file}", CRAFT, TASK)
 
 
-@pytest.mark.parametrize(
-    ("taken", "given", "sources"),
-    [
-        (["h_in", "c_in"], ["h_out", "c_out"], [0, 1]),
-        (["h_in", "c_in"], ["c_out", "h_out"], [1, 0]),
-        (["h_in", "c_in"], ["value", "h_out", "c_out"], [2, 0, 1]),
-        (["out_state.1", "hidden_state.1"], ["value", "out_state", "hidden_state"], [2, 0, 1]),
-        (["a", "b"], ["x", "y"], [0, 1]),
-    ],
-)
-def test_states_are_what_their_names_say(
-    tmp_path: Path, taken: list[str], given: list[str], sources: list[int]
-) -> None:
-    """Numbers of one shape, so that shapes say nothing: the command counts control periods."""
+@pytest.mark.parametrize("rows", [("N", 8), (1, 8)])
+def test_states_are_given_as_they_are_taken(tmp_path: Path, rows: Any) -> None:
+    """The command counts the control periods of each episode; a batch of one is asked row by row."""
     session = onnxruntime.InferenceSession(
-        str(counting(tmp_path / "counting.onnx", taken, given, sources)),
+        str(counting(tmp_path / "counting.onnx", ["h_out", "c_out"], rows)),
         providers=["CPUExecutionProvider"],
     )
     policy = OnnxPolicy(session)
     memory = None
     observation = np.zeros((3, 10), np.float32)
-    for period in range(3):
-        command, memory = policy(observation, memory, np.full(3, period == 0))
-        np.testing.assert_array_equal(command, np.full((3, 8), float(period)))
+    for period in range(4):
+        begins = np.array([period == 0, period in (0, 2), period == 0])
+        command, memory = policy(observation, memory, begins)
+        counts = [period, period % 2, period]
+        np.testing.assert_array_equal(command, np.outer(counts, np.ones(8)))
 
 
-def test_outputs_that_may_be_states_or_not_are_refused(tmp_path: Path) -> None:
-    """Two names of states, and three outputs of their shape with other names."""
-    file = counting(tmp_path / "counting.onnx", ["a", "b"], ["x", "y", "z"], [2, 0, 1])
-    with pytest.raises(ConfigError, match="first 2 and the last 2 may be its states"):
+@pytest.mark.parametrize(
+    ("given", "rows"), [(["h_out"], ("N", 8)), (["h_out", "c_out"], (2, "N", 8))]
+)
+def test_states_of_another_form_are_refused(tmp_path: Path, given: list[str], rows: Any) -> None:
+    file = counting(tmp_path / "counting.onnx", given, rows)
+    with pytest.raises(ConfigError, match=r"state [ch] of .* must be \(N, m\)|takes observations"):
         user_policy(f"onnx:{file}", CRAFT, TASK)
 
 

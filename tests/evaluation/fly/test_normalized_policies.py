@@ -22,7 +22,6 @@ from rans.fast.envs.discrete import DiscreteThrusters
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
-from tests.support.exports import shipped, written
 
 CRAFT = load_spacecraft("floating-platform")
 THROTTLED = load_spacecraft(str(Path("examples/trainers/throttled-platform.toml")))
@@ -169,12 +168,3 @@ def test_statistics_of_another_policy_are_refused(folder: Path, tmp_path: Path) 
     VecNormalize(other).save(str(tmp_path / "vecnormalize.pkl"))
     with pytest.raises(ConfigError, match=r"has \(10,\): it is another policy's"):
         user_policy(f"sb3:{tmp_path / 'model.zip'}", CRAFT, GoToPose(), trust=True)
-
-
-def test_without_trust_no_pickle_beside_a_model_is_opened(tmp_path: Path) -> None:
-    """Also of an agent that RANS wrote, which alone needs no trust."""
-    written(tmp_path, shipped("go-to-pose-2d")[0], "sb3")
-    user_policy(f"sb3:{tmp_path / 'policy.zip'}", CRAFT, GoToPose())
-    (tmp_path / "vecnormalize.pkl").write_bytes(b"whatever")
-    with pytest.raises(ConfigError, match=r"is a pickle: .*--trust; if it is another policy's"):
-        user_policy(f"sb3:{tmp_path / 'policy.zip'}", CRAFT, GoToPose())
