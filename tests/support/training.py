@@ -94,7 +94,8 @@ def tiny_learner(
 def learner_on(engine: Engine, plain: bool | None = None, **settings: Any) -> PPOLearner:
     """PPO on an engine, with default settings but for these, and four minibatches a rollout."""
     steps = settings.get("n_steps", PPOSettings.n_steps)
-    sizes = {"n_envs": engine.num_envs, "batch_size": max(1, engine.num_envs // 4) * steps}
+    sizes: dict[str, Any] = {"n_envs": engine.num_envs}
+    sizes["batch_size"] = max(1, engine.num_envs // 4) * steps
     return begin(engine, PPOSettings(**sizes | settings), 0, plain)
 
 

@@ -8,7 +8,6 @@ from torch import Tensor
 
 from rans.fast.distributed import ALONE
 from rans.fast.learn.adam import EPSILON, Adam
-from rans.fast.learn.policy_file import moments
 from rans.policy.architecture import Architecture
 from rans.policy.network import Network
 from rans.tasks import GoToPose
@@ -49,7 +48,7 @@ def test_steps_are_those_of_torchs_adam(bound: float, is_clipped: bool) -> None:
             # Four steps of at most 1e-2 in float64, with the operations in another order.
             torch.testing.assert_close(x, y, rtol=0, atol=1e-14)
     kept = theirs.state_dict()["state"]
-    for place, memory in moments(adam).items():
-        assert memory["step"] == kept[place]["step"] == 4
-        for name in ("exp_avg", "exp_avg_sq"):
-            torch.testing.assert_close(memory[name], kept[place][name], rtol=1e-12, atol=1e-16)
+    assert adam.steps == 4
+    for name, moments in zip(("exp_avg", "exp_avg_sq"), adam.moments, strict=True):
+        for place, memory in enumerate(moments):
+            torch.testing.assert_close(memory, kept[place][name], rtol=1e-12, atol=1e-16)
