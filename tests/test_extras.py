@@ -110,7 +110,7 @@ EVERY = (
     "sweep go-to-pose --seeds 2",
     "stress go-to-pose-2d lqr --output stress",
     "assure go-to-pose-2d --output assured",
-    "follow track-velocity-2d lemniscate --episodes 1",
+    "follow track-velocity-2d --episodes 1",
     "faults own.toml",
     "improve dock mission --episodes 1 --rounds 1 --output dock.csv",
     "prove network.onnx --problem problem.toml",

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from rans.randomization.faults import FaultSet
     from rans_assurance.assure.assurance import Assurance
     from rans_assurance.follow.follow import Following
-    from rans_assurance.follow.paths import Path as FollowedPath
     from rans_assurance.stress.report import StressReport
 
 STRESSED = ("lab", "roboran", "orbit", "harsh")
@@ -241,7 +240,6 @@ def assure(
 
 def follow(
     agent: object,
-    path: str | FollowedPath = "circle",
     *,
     speed: float = 0.25,
     look_ahead: float = 0.25,
@@ -249,34 +247,31 @@ def follow(
     seed: int = EVALUATION_SEED,
     engine: EngineName = "fast",
 ) -> Following:
-    """Fly an agent that tracks velocities along a path, with the paper's look-ahead planner.
+    """Fly an agent that tracks velocities around a circle of 1.5 m, with the paper's look-ahead planner.
 
-    >>> found = rans.follow("track-velocity-2d", "circle", episodes=2)
-    >>> found.planner.path.name
-    'circle'
+    >>> found = rans.follow("track-velocity-2d", episodes=2)
+    >>> found.quantities()[0].name
+    'cross-track RMS'
 
     Args:
         agent: run folder of an agent for track-velocity, pretrained:NAME, or CONTROLLER:track-velocity-2d or -3d,
             with @SPACECRAFT if you like.
-        path: circle, spiral, square, lemniscate or helix (in space); in Python also a path of points, m
-            (``rans_assurance.follow.paths.Path.through``).
-        speed: speed along the path, m/s.
-        look_ahead: look-ahead radius, m: the commanded velocity points to the farthest point of the path
+        speed: speed along the circle, m/s.
+        look_ahead: look-ahead distance, m: the commanded velocity points to the farthest point of the circle
             within it.
-        episodes: number of flights; each starts at rest near the first point of the path, with another attitude.
+        episodes: number of flights; each starts at rest near the first point of the circle, with another attitude.
         seed: random seed of the starts.
         engine: what computes the motion, "fast" or "drake".
 
     Raises:
-        ConfigError: the agent is for another task, or there is no such path.
+        ConfigError: the agent is for another task, or a number is out of its range.
     """
     from rans.evaluation.fly.contestants import in_protocol
-    from rans_assurance.follow.follow import fly_path as follow_path
-    from rans_assurance.follow.paths import LookAhead, find_path
+    from rans_assurance.follow.follow import LookAhead, fly_circle
 
-    planner = LookAhead(find_path(path) if isinstance(path, str) else path, speed, look_ahead)
+    planner = LookAhead(speed, look_ahead)
     run = in_protocol(agent, "own")
-    return follow_path(
+    return fly_circle(
         run.craft,
         run.task,
         run.controller,

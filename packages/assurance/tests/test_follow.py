@@ -1,4 +1,4 @@
-"""Flights along a path: measured by hand on made-up motion, and flown by a simple tracker."""
+"""Flights around a circle: the planner's picks worked out by hand, made-up motion, and a simple tracker."""
 
 from __future__ import annotations
 
@@ -8,20 +8,140 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_assurance.follow.follow import START_SPREAD, fly_path
-from rans_assurance.follow.paths import LookAhead, circle, helix
+from hypothesis import given
+from hypothesis import strategies as st
+from rans_assurance.follow.follow import (
+    RADIUS,
+    START_SPREAD,
+    Following,
+    LookAhead,
+    Progress,
+    fly_circle,
+)
 
 from rans.files import plain
+from rans.flight import Flight
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TrackVelocity
 
-from .path_flights import FLYER, LINE, PLATFORM, Tracker, by_hand, flown
+PLATFORM = load_spacecraft("floating-platform")
+FLYER = load_spacecraft("free-flyer")
 
 
-def test_the_approach_does_not_count() -> None:
-    """A flight that is still in it is judged by its last instant."""
-    expected = [[0, 0], [1, 0], [1, 0], [1, 0], [1, 0], [0, 1]]
-    np.testing.assert_array_equal(by_hand().measured, np.array(expected, dtype=bool))
+class Tracker:
+    """Opens all nozzles that push along the velocity still to gain; they come in pairs that do not turn.
+
+    A pair changes the velocity by 2 * 1 N * 0.2 s / 5.32 kg = 0.075 m/s: it is opened from half of that.
+    """
+
+    name = "pairs"
+
+    def __init__(self, craft: Spacecraft) -> None:
+        self.directions = np.array([t.direction for t in craft.thrusters])
+
+    def reset(self, count: int) -> None: ...
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        gain = np.stack((goal.v - state.v).columns(), axis=1)
+        axes = [state.attitude.rotate(type(state.p)(*unit)) for unit in np.eye(gain.shape[1])]
+        body = np.stack([(gain * np.stack(a.columns(), axis=1)).sum(axis=1) for a in axes], axis=1)
+        return (body @ self.directions[:, : body.shape[1]].T > 0.0376).astype(float)
+
+
+def flown(planner: LookAhead, craft: Spacecraft = PLATFORM, **options: Any) -> Following:
+    return fly_circle(
+        craft, TrackVelocity(), Tracker(craft), planner, Timing(), seed=5, count=4, **options
+    )
+
+
+def by_hand() -> Following:
+    """Two flights with a look-ahead of 0.15 m: 0.4 rad of approach, then a lap.
+
+    One takes a quarter of the lap a period, 3 cm and then 4 cm outside. The other never leaves the approach.
+    """
+    quarter = 0.5 * math.pi
+    angles = np.array([[0.0, *(0.4 + quarter * np.arange(5)), 6.7], [0.0, *[0.1] * 6]]).T
+    outside = np.array([[0.9, 0.03, 0.03, 0.04, 0.04, 0.9, 0.9], [*[0.9] * 5, -0.2, 0.9]]).T
+    speed = np.array([[9.0, 9.0, 0.5, 0.5, 0.3, 0.3, 9.0], [*[9.0] * 6, 0.8]]).T
+    zero = np.zeros((7, 2))
+    away = RADIUS + outside
+    place = Vec2(away * np.cos(angles), away * np.sin(angles))
+    states = PlanarState(place, Heading(zero), Vec2(speed, zero), zero)
+    goals = PlanarState(
+        Vec2(zero, zero), Heading(zero), Vec2(zero + 0.4, zero), zero, Progress(angles)
+    )
+    thrusters = np.zeros((6, 2, 8))
+    thrusters[1:3, 0, :4] = 1.0
+    timing = Timing(control_period=0.5, episode_steps=6)
+    flight = Flight(PLATFORM, TrackVelocity(), timing, states, goals, thrusters, "by hand")
+    return Following(LookAhead(speed=0.4, distance=0.15), flight)
+
+
+def planned(place: tuple[float, ...], progress: float, **options: float) -> tuple[Any, ...]:
+    """New progress, target and command of a single flight."""
+    planner = LookAhead(**options)
+    moved, target, command = planner.plan(np.array([place]), np.array([progress]))
+    return float(moved[0]), float(target[0]), command[0]
+
+
+def test_the_farthest_point_within_the_distance() -> None:
+    """The chord of 0.25 m from a point of the circle spans 2 asin(0.125 / 1.5), in the second lap too."""
+    span = 2.0 * math.asin(0.125 / 1.5)
+    for angle in (0.5 * math.pi, math.tau + 0.2):
+        place = (1.5 * math.cos(angle), 1.5 * math.sin(angle))
+        progress, target, command = planned(place, angle - 0.1)
+        assert progress == pytest.approx(angle)
+        assert target == pytest.approx(angle + span)
+        along = angle + 0.5 * math.pi + 0.5 * span
+        assert command == pytest.approx([0.25 * math.cos(along), 0.25 * math.sin(along)])
+
+
+def test_the_closest_point_if_none_is_within_the_distance() -> None:
+    progress, target, command = planned((2.0, 0.0, 1.0), 0.0, speed=0.5)
+    assert (progress, target) == (0.0, 0.0)
+    assert command == pytest.approx(0.5 * np.array([-0.5, 0.0, -1.0]) / math.hypot(0.5, 1.0))
+
+
+def test_a_point_that_obeys_exactly_follows_the_circle() -> None:
+    """It settles where its command is a tangent: radius^2 + 0.25^2 = 1.5^2, 2.1 cm inside the path."""
+    planner = LookAhead()
+    period = 0.01
+    position = np.array([(1.4, -0.1)])
+    progress = np.zeros(1)
+    for _ in range(round(30.0 / period)):
+        progress, _, command = planner.plan(position, progress)
+        position = position + period * command
+    error = planner.cross_track(position, progress)
+    assert error == pytest.approx([1.5 - math.sqrt(1.5**2 - 0.25**2)], abs=3e-4)
+    # 1.479 m are flown while the path goes on by 1.5 m; the start takes a few centimetres
+    assert progress[0] * RADIUS == pytest.approx(30.0 * 0.25 * 1.5 / 1.479, rel=0.02)
+
+
+@given(st.integers(0, 2**31), st.floats(0.02, 1.5), st.sampled_from([2, 3]))
+def test_progress_never_goes_back_nor_jumps(seed: int, distance: float, dimension: int) -> None:
+    """Wherever it is blown to: progress grows by a window at most, and the command keeps its length."""
+    planner = LookAhead(0.3, distance)
+    position = np.random.default_rng(seed).normal(0.0, 1.5, (3, dimension))
+    before = np.array([0.0, 3.0, planner.end - 0.01])
+    after, target, command = planner.plan(position, before)
+    assert ((after >= before) & (after <= before + planner.window)).all()
+    assert ((target >= after) & (target <= after + planner.window)).all()
+    lengths = np.linalg.norm(command, axis=1)
+    assert lengths == pytest.approx(np.where(after < planner.end, 0.3, 0.0))
+
+
+def test_the_distance_is_from_the_part_near_the_flight() -> None:
+    """Half a lap away it is from the end of that part, 0.25 m along: by the law of cosines."""
+    planner = LookAhead()
+    place = np.array([(1.6, 0.0, 0.0), (1.5, 0.0, -0.2)])
+    assert planner.cross_track(place, np.array([0.1, math.tau])) == pytest.approx([0.1, 0.2])
+    off = math.pi - 0.25 / 1.5
+    far = math.sqrt(1.6**2 + 1.5**2 - 2.0 * 1.6 * 1.5 * math.cos(off))
+    assert planner.cross_track(place[:1], np.array([math.pi])) == pytest.approx([far])
 
 
 @pytest.mark.parametrize(
@@ -29,17 +149,15 @@ def test_the_approach_does_not_count() -> None:
     [
         ("cross-track RMS", 100 * math.sqrt((2 * 0.03**2 + 2 * 0.04**2) / 4), 20.0),
         ("cross-track maximum", 4.0, 20.0),
-        (
-            "velocity error",
-            10.0,
-            40.0,
-        ),  # 0.5, 0.5, 0.3, 0.3 m/s at the ends of the periods; at last 0.8
+        # 0.5, 0.5, 0.3, 0.3 m/s at the ends of the periods; at last 0.8
+        ("velocity error", 10.0, 40.0),
         ("speed error", 10.0, 40.0),
         ("duration", 2.5, math.inf),
         ("duty", 25.0, 0.0),  # half of the thrusters in two of four periods
     ],
 )
 def test_quantities_by_hand(name: str, first: float, second: float) -> None:
+    """The approach does not count; a flight that is still in it is judged by its last instant."""
     values = {quantity.name: quantity.values for quantity in by_hand().quantities()}
     assert values[name] == pytest.approx([first, second], abs=1e-12)
 
@@ -56,47 +174,28 @@ def test_a_table_says_never_and_json_too() -> None:
     assert cells == ["20 cm", "20 cm", "40 cm/s", "40 cm/s", "never", "25 %"]
 
 
-def test_a_simple_tracker_follows_the_circle() -> None:
-    """A perfect one is 2.1 cm inside; with pulses of 7.5 cm/s it should stay within three times that."""
-    following = flown(LookAhead(circle()))
+@pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
+def test_a_simple_tracker_follows_the_circle(craft: Spacecraft) -> None:
+    """A perfect one is 2.1 cm inside; with pulses of 7.5 cm/s it should stay within three times that.
+
+    Flights start near the first point, at rest, each in its own place and attitude.
+    """
+    following = flown(LookAhead(), craft)
     values = {quantity.name: quantity.values for quantity in following.quantities()}
     assert (values["cross-track RMS"] < 6.0).all()
     assert (values["cross-track RMS"] > 0.1).all()
     # 1 m of approach and 9.42 m of lap at 0.25 m/s: 41.7 s, and some for the start and for detours
     assert ((values["duration"] > 38.0) & (values["duration"] < 50.0)).all()
-    # never faster than commanded by more than a pulse
-    assert np.linalg.norm(following.velocities, axis=2).max() < 0.25 + 0.15
-
-
-def test_a_simple_tracker_follows_a_planar_and_a_spatial_path_in_space() -> None:
-    for path in (circle(0.75), helix(0.75, 0.3, 1.0)):
-        following = flown(LookAhead(path), FLYER, count=3)
-        values = {quantity.name: quantity.values for quantity in following.quantities()}
-        assert np.isfinite(values["duration"]).all()
-        # a perfect one is (0.25 m)^2 / (2 * 0.75 m) = 4.2 cm inside; three times that
-        assert (values["cross-track RMS"] < 12.6).all()
-
-
-def test_starts_are_near_the_first_point_and_different() -> None:
-    following = flown(LookAhead(LINE), count=32)
-    offset = np.linalg.norm(following.positions[0] - LINE.points[0], axis=1)
-    assert offset.max() <= START_SPREAD
-    assert len(np.unique(offset)) == len(np.unique(following.flight.states.attitude.angle[0])) == 32
+    # never faster than commanded by more than a pulse along each axis
+    pulse = 0.075 * math.sqrt(craft.dimension)
+    assert np.linalg.norm(following.velocities, axis=2).max() < 0.25 + 1.5 * pulse
+    offset = following.positions[0] - np.array([RADIUS, 0.0, 0.0])[: craft.dimension]
+    assert np.linalg.norm(offset, axis=1).max() <= START_SPREAD
+    assert len(np.unique(offset[:, 0])) == 4
     assert not following.velocities[0].any()
-    again = flown(LookAhead(LINE), count=32)
-    np.testing.assert_array_equal(following.positions, again.positions)
 
 
-def test_it_rests_at_the_end_of_an_open_path() -> None:
-    following = flown(LookAhead(LINE))
-    arrived = following.progress >= LINE.last
-    assert arrived[-1].all()
-    assert not following.commands[arrived].any()
-    # what a pair cannot undo: 0.0376 m/s along each of two axes
-    assert np.linalg.norm(following.velocities[-1], axis=1).max() < 0.0376 * math.sqrt(2) + 1e-9
-
-
-def test_the_tracker_sees_the_command_as_its_goal() -> None:
+def test_the_tracker_sees_the_command_as_its_goal_and_rests_at_the_end() -> None:
     seen: list[np.ndarray] = []
 
     class Watching(Tracker):
@@ -104,40 +203,31 @@ def test_the_tracker_sees_the_command_as_its_goal() -> None:
             seen.append(observation)
             return super().act(state, goal, observation)
 
-    task = TrackVelocity()
-    following = fly_path(PLATFORM, task, Watching(PLATFORM), LookAhead(LINE), Timing(), 5, 2)
+    tracker = Watching(PLATFORM)
+    following = fly_circle(PLATFORM, TrackVelocity(), tracker, LookAhead(), Timing(), 5, 2)
     wanted = following.commands - following.velocities[:-1]
     np.testing.assert_allclose(np.stack(seen)[:, :, 6:8], wanted, atol=1e-7)  # float32
+    arrived = following.progress >= following.planner.end
+    assert arrived[-1].all()
+    assert not following.commands[arrived].any()
+    # what a pair cannot undo: 0.0376 m/s along each of two axes
+    assert np.linalg.norm(following.velocities[-1], axis=1).max() < 0.0376 * math.sqrt(2) + 1e-9
 
 
 def test_drake_follows_as_we_do() -> None:
     """The goal moves with the spacecraft, whoever moves that: same commands, ways apart by rounding."""
-    planner = LookAhead(LINE, speed=0.25, radius=0.1)
-    ours, drakes = (
-        fly_path(
-            PLATFORM,
-            TrackVelocity(),
-            Tracker(PLATFORM),
-            planner,
-            Timing(),
-            seed=5,
-            count=2,
-            engine=engine,
-        )
-        for engine in ("fast", "drake")
-    )
+    ours, drakes = (flown(LookAhead(speed=0.5), engine=engine) for engine in ("fast", "drake"))
     assert drakes.flight.engine == "drake"
-    np.testing.assert_array_equal(drakes.progress, ours.progress)
     np.testing.assert_array_equal(drakes.flight.commands, ours.flight.commands)
     # Drake's Runge-Kutta at 0.01 s: 1e-12 m in 25 s (`rans.reference.plant`)
     np.testing.assert_allclose(drakes.positions, ours.positions, rtol=0, atol=1e-10)
     assert np.ptp(drakes.flight.goals.v.x, axis=0).min() > 0.01  # the command did change
 
 
-@pytest.mark.parametrize(("look_ahead", "arrives"), [(0.1, True), (0.45, False)])
+@pytest.mark.parametrize(("look_ahead", "arrives"), [(0.3, True), (1.35, False)])
 def test_a_lap_that_is_cut_is_none(look_ahead: float, arrives: bool) -> None:
-    """By hand: around a circle of 0.5 m at sqrt(0.5^2 - L^2), 0.98 and 0.44 of its radius."""
-    following = flown(LookAhead(circle(0.5), radius=look_ahead), count=4)
+    """By hand: around a circle of 1.5 m at sqrt(1.5^2 - L^2), 0.98 and 0.44 of its radius."""
+    following = flown(LookAhead(distance=look_ahead))
     assert following.progress.max() >= following.planner.end  # the planner counts both as done
     assert np.isfinite(following.durations).all() == arrives
     assert np.isfinite(following.durations).any() == arrives

@@ -1,4 +1,4 @@
-"""Flights along a path by a velocity tracker with the look-ahead planner, and their tracking errors.
+"""Flights around the paper's circle by a velocity tracker with its look-ahead planner, and their tracking errors.
 
 Errors are measured after the approach alone, (T, N) by step and flight; quantities are those of the paper.
 """
@@ -27,18 +27,108 @@ from rans.extend import (
     Table,
     Task,
     Timing,
+    positive,
 )
-from rans_assurance.follow.paths import SPACING, LookAhead
 
+RADIUS = 1.5
+"""m: radius of the circle, about the origin and counter-clockwise from (1.5, 0), as in the original system."""
 START_SPREAD = 0.2
-"""Largest distance of a start from the path's first point, m."""
+"""Largest distance of a start from the circle's first point, m."""
 _LEAST_WAY = 0.75
-"""Way of a flight, as a share of the way along the path, below which it has cut across. A tracker without error
+"""Way of a flight, as a share of the way along the circle, below which it has cut across. A tracker without error
 flies around a circle of radius R at sqrt(R^2 - L^2) for the look-ahead L: 0.99 R for the paper's, 0.75 R for
 L = 0.66 R."""
 _PATIENCE = 1.5
 _GRACE = 10.0
 """Factor on the duration of a flight at full speed, and seconds added to it: the time that a flight has."""
+
+
+@dataclass(frozen=True)
+class LookAhead:
+    """The paper's planner (section 4.2): fly towards the farthest point of the circle within a distance.
+
+    Where no point is that near it is the closest one. Progress is the angle (rad) along the circle that a flight
+    has come to: it moves on to the closest point within a window beyond it, and never goes back, so that a flight
+    that is blown across the circle takes no short cut.
+
+    Raises:
+        ConfigError: the speed is not a finite number > 0, or the distance not one up to the circle's radius.
+    """
+
+    speed: float = 0.25
+    """Length of the velocity command, m/s (paper: 0.25)."""
+    distance: float = 0.25
+    """Look-ahead distance, m (paper: 0.25)."""
+
+    def __post_init__(self) -> None:
+        positive("speed", self.speed)
+        positive("look_ahead", self.distance)
+        if self.distance > RADIUS:
+            raise ConfigError(
+                f"the look-ahead must be at most {RADIUS:g} m, the radius of the circle, got {self.distance:g}: "
+                "the craft would cut across it."
+            )
+
+    @property
+    def window(self) -> float:
+        """Angle beyond the progress that is searched, rad: one and a half distances, at most half of the circle."""
+        return min(1.5 * self.distance / RADIUS, math.pi)
+
+    @property
+    def approach(self) -> float:
+        """Angle that is passed before errors count, rad: four distances, at most half of the circle.
+
+        A perfect follower's distance from a straight path falls to 1/e over one distance, so that 2 % of the
+        start's are left.
+        """
+        return min(4.0 * self.distance / RADIUS, math.pi)
+
+    @property
+    def end(self) -> float:
+        """Progress at the end of a flight, rad: the approach and a lap."""
+        return math.tau + self.approach
+
+    def plan(self, position: np.ndarray, progress: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Plan a period: the new progress (N,) and the target's angle (N,), rad, and the command (N, d), m/s.
+
+        Positions are (N, d), m, from progresses (N,). The command is zero at the end.
+        """
+        ahead = _ahead(position, progress, 0.5 * self.window)
+        closest = progress + np.clip(ahead, 0.0, self.window)
+        # Points at an angle up to ``reach`` from the craft are within the distance; nan: none is.
+        aside = np.linalg.norm(position[:, :2], axis=1)
+        squares = RADIUS**2 + (position * position).sum(axis=1) - self.distance**2
+        with np.errstate(invalid="ignore", divide="ignore"):
+            reach = np.arccos(np.maximum(squares / (2.0 * RADIUS * aside), -1.0))
+        farthest = np.minimum(progress + ahead + reach, closest + self.window)
+        first = progress + ahead - reach
+        is_near = (farthest >= closest) & (first <= closest + self.window)
+        target = np.where(is_near, farthest, closest)
+        way = _points(target, position.shape[1]) - position
+        # A target at the position itself has no direction.
+        length = np.maximum(np.linalg.norm(way, axis=1), 1e-9)
+        speed = np.where(closest < self.end, self.speed, 0.0)
+        return closest, target, way * (speed / length)[:, None]
+
+    def cross_track(self, position: np.ndarray, progress: np.ndarray) -> np.ndarray:
+        """Distance (N,) m of positions (N, d) from the part of the circle within the look-ahead of progresses."""
+        reach = self.distance / RADIUS
+        nearest = progress + np.clip(_ahead(position, progress, 0.0), -reach, reach)
+        return np.linalg.norm(position - _points(nearest, position.shape[1]), axis=1)
+
+
+def _points(angle: np.ndarray, dimension: int) -> np.ndarray:
+    """Points (N, d) of the circle at angles (N,), m; in space z is 0."""
+    points = np.zeros((len(angle), dimension))
+    points[:, 0] = RADIUS * np.cos(angle)
+    points[:, 1] = RADIUS * np.sin(angle)
+    return points
+
+
+def _ahead(position: np.ndarray, progress: np.ndarray, middle: float) -> np.ndarray:
+    """Angles (N,) from progresses (N,) to positions (N, d), within half a turn of a middle one, rad."""
+    angle = np.arctan2(position[:, 1], position[:, 0]) - progress
+    return np.mod(angle - middle + math.pi, math.tau) - math.pi + middle
 
 
 def _tracker(method: str) -> Any:
@@ -50,8 +140,8 @@ def _tracker(method: str) -> Any:
 class Progress:
     """What a goal of `Guided` notes."""
 
-    point: Any
-    """(N,) number of the path's point that each flight has come to."""
+    angle: Any
+    """(N,) angle along the circle that each flight has come to, rad."""
 
 
 @dataclass(frozen=True)
@@ -76,26 +166,27 @@ class Guided(Task):
         return self.task.drift
 
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start at rest near the path's first point, and the first command."""
-        first: Any = type(random.origin())(*self.planner.path.points[0])
+        """Start at rest near the circle's first point, and the first command."""
+        origin: Any = random.origin()
+        first = replace(origin, x=origin.x + RADIUS)
         offset = random.direction().scale(random.uniform(0.0, START_SPREAD))
         start: Any = random.at_rest(first + offset, random.attitude())
         goal: Any = random.at_rest(random.origin(), random.no_rotation())
-        begun = replace(goal, notes=Progress(np.zeros(len(start.p.x), dtype=int)))
+        begun = replace(goal, notes=Progress(np.zeros(len(start.p.x))))
         return start, self.remember(begun, start)
 
     def remember(self, goal: Any, state: State) -> Any:
         """The planner's command at the position of the spacecraft."""
         position = np.stack(state.p.columns(), axis=1)
-        progress, _, command = self.planner.plan(position, goal.notes.point.astype(int))
+        progress, _, command = self.planner.plan(position, goal.notes.angle)
         return replace(goal, v=type(goal.v)(*command.T), notes=Progress(progress))
 
 
 @dataclass(frozen=True)
 class Following:
-    """N flights along a path.
+    """N flights around the circle.
 
-    Errors count from the end of the approach (`LookAhead.approach`) to the end of the path. A flight
+    Errors count from the end of the approach (`LookAhead.approach`) to the end of the lap. A flight
     that never leaves the approach is judged on its last instant.
     """
 
@@ -105,8 +196,8 @@ class Following:
 
     @property
     def progress(self) -> np.ndarray:
-        """(T, N) progress of each flight, an index of the path's points, at each command."""
-        return self.flight.goals.notes.point[:-1].astype(int)
+        """(T, N) progress of each flight at each command, rad."""
+        return self.flight.goals.notes.angle[:-1]
 
     @property
     def commands(self) -> np.ndarray:
@@ -125,13 +216,9 @@ class Following:
 
     @property
     def cross_track(self) -> np.ndarray:
-        """(T, N) distance from the path at each command, m."""
-        path = self.planner.path
-        reach = self.planner.radius
+        """(T, N) distance from the circle at each command, m."""
         instants = zip(self.positions, self.progress, strict=False)
-        return np.stack(
-            [path.cross_track(position, progress, reach) for position, progress in instants]
-        )
+        return np.stack([self.planner.cross_track(*instant) for instant in instants])
 
     @property
     def measured(self) -> np.ndarray:
@@ -142,16 +229,16 @@ class Following:
 
     @property
     def durations(self) -> np.ndarray:
-        """(N,) time from the start to the end of the path, approach included, s; infinite if never.
+        """(N,) time from the start to the end of the lap, approach included, s; infinite if never.
 
-        A flight that has cut across the path, so that its own way is much shorter, has not followed it to its end.
+        A flight that has cut across the circle, so that its own way is much shorter, has not followed it.
         """
         waited = (self.progress < self.planner.end).sum(axis=0)
         arrives = waited < len(self.progress)
         steps = np.linalg.norm(np.diff(self.positions, axis=0), axis=2)
         flown = np.cumsum(np.concatenate([0.0 * steps[:1], steps]), axis=0)
         arrival_times = flown[np.where(arrives, waited, 0), np.arange(len(waited))]
-        arrives &= arrival_times >= _LEAST_WAY * self.planner.end * SPACING - START_SPREAD
+        arrives &= arrival_times >= _LEAST_WAY * self.planner.end * RADIUS - START_SPREAD
         period = self.flight.timing.control_period
         return np.where(arrives, waited * period, np.inf)
 
@@ -167,7 +254,6 @@ class Following:
         distance = self.cross_track
         speed = np.linalg.norm(reached, axis=2)
         late = 100.0 * mean(np.linalg.norm(reached - self.commands, axis=2))
-        lap = "the approach and one lap" if self.planner.path.closed else "the path"
         # Root mean squares and means are over the measured part of each flight alone.
         root = np.sqrt(mean(distance**2))
         farthest = (distance * counts).max(axis=0)
@@ -176,28 +262,32 @@ class Following:
         return tuple(
             Sample("path", name, meaning, unit, values)
             for name, meaning, unit, values in (
-                ("cross-track RMS", "root mean square distance from the path", "cm", 100.0 * root),
-                ("cross-track maximum", "largest distance from the path", "cm", 100.0 * farthest),
+                (
+                    "cross-track RMS",
+                    "root mean square distance from the circle",
+                    "cm",
+                    100.0 * root,
+                ),
+                ("cross-track maximum", "largest distance from the circle", "cm", 100.0 * farthest),
                 ("velocity error", "mean distance from the command one period later", "cm/s", late),
                 ("speed error", f"mean difference from {aim:g} m/s", "cm/s", 100.0 * off),
-                ("duration", f"time for {lap}", "s", self.durations),
+                ("duration", "time for the approach and one lap", "s", self.durations),
                 ("duty", "mean duty cycle of the thrusters", "%", duty),
             )
         )
 
     def title(self) -> str:
-        """Title in one line: tracker, path and speed."""
+        """Title in one line: tracker, path and arrivals."""
         arrived = int(np.isfinite(self.durations).sum())
-        path = self.planner.path
         return (
-            f"{self.flight.controller} along {path.name} ({path.length:.1f} m): {arrived} of "
+            f"{self.flight.controller} along circle ({math.tau * RADIUS:.1f} m): {arrived} of "
             f"{len(self.durations)} flights arrive"
         )
 
     def table(self) -> Table:
         """A row for each quantity: mean and worst of the flights.
 
-        "never" where a flight does not reach the path.
+        "never" where a flight does not reach the end.
         """
         rows = [
             (
@@ -212,7 +302,6 @@ class Following:
 
     def to_json(self) -> dict[str, Any]:
         """Data for `rans.files.write_json` (SI); the duration of a flight that never arrived is infinite."""
-        path = self.planner.path
         flight = self.flight
         rows = [
             {
@@ -227,18 +316,18 @@ class Following:
         ]
         return {
             "title": self.title(),
-            "path": path.name,
-            "length": path.length,
-            "closed": path.closed,
+            "path": "circle",
+            "length": math.tau * RADIUS,
+            "closed": True,
             "speed": self.planner.speed,
-            "look_ahead": self.planner.radius,
+            "look_ahead": self.planner.distance,
             "spacecraft": flight.craft.name,
             "control_period": flight.timing.control_period,
             "quantities": rows,
         }
 
 
-def fly_path(
+def fly_circle(
     craft: Spacecraft,
     task: Task,
     tracker: Controller,
@@ -248,23 +337,22 @@ def fly_path(
     count: int,
     engine: EngineName = "fast",
 ) -> Following:
-    """Fly along a path, in float64.
+    """Fly around the circle, in float64.
 
-    Flights start at rest with any attitude, up to `START_SPREAD` from the path's first point.
+    Flights start at rest with any attitude, up to `START_SPREAD` from the circle's first point.
 
     Args:
         craft: spacecraft.
         task: task for which the tracker was made.
         tracker: controller that tracks velocities.
-        planner: path, speed and look-ahead; a planar path also serves in space.
+        planner: speed and look-ahead.
         timing: timing with the control period; its length is replaced by the time that all flights need.
         seed: seed of the starts.
         count: number of flights.
         engine: engine that computes the motion.
 
     Raises:
-        ConfigError: the tracker does not track velocities or not such fast ones, or the path leaves the plane of a
-            planar craft.
+        ConfigError: the tracker does not track velocities or not such fast ones.
     """
     # What the tracker must be, and be able to do.
     speeds: Any = getattr(task, "target_speed", None)
@@ -282,18 +370,11 @@ def fly_path(
             f"the speed must be at most the {speeds[1]:g} m/s that {tracker.name} was trained "
             f"for, got {planner.speed:g}."
         )
-    if planner.path.dimension > craft.dimension:
-        raise ConfigError(
-            f"the path {planner.path.name} is spatial, but {craft.name} moves in a plane; "
-            "give a path of x and y only, such as the circle."
-        )
-    if planner.path.dimension < craft.dimension:
-        planner = replace(planner, path=planner.path.in_space())
-    # A time in which every flight reaches the end of the path.
-    seconds = _PATIENCE * planner.end * SPACING / planner.speed + _GRACE
+    # A time in which every flight reaches the end of the lap.
+    seconds = _PATIENCE * planner.end * RADIUS / planner.speed + _GRACE
     if (steps := math.ceil(seconds / timing.control_period)) > MOST_STEPS:
         raise ConfigError(
-            f"at {planner.speed:g} m/s the path {planner.path.name} takes {steps:,} control "
+            f"at {planner.speed:g} m/s the circle takes {steps:,} control "
             f"periods, of which a flight has at most {MOST_STEPS:,}: fly faster."
         )
     long_enough = replace(timing, episode_steps=steps)
