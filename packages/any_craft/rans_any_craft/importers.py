@@ -14,10 +14,11 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rans.extend import ConfigError, brief, counted
 from rans.model.foreign import Foreign, Nozzle
@@ -33,17 +34,6 @@ _COMMENT = re.compile(r"(<!\[CDATA\[.*?\]\]>)|<!--.*?-->", re.DOTALL)
 """A comment of XML, or text that may hold the beginning of one."""
 _PLUGIN = "SpacecraftThrusterModel"
 _MOST_LINKS = 10_000
-
-
-# files
-
-
-def urdf(text: str, name: str) -> Foreign:
-    """See `rans.model.foreign.Importer`."""
-    return _urdf(_xml(text), name)
-
-
-# rigid bodies
 
 
 @dataclass(frozen=True)
@@ -70,19 +60,6 @@ class _Link:
     inertia: np.ndarray
 
 
-def _rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Rotation matrix (3, 3) of angles (rad) about fixed x, then y, then z."""
-    cr, cp, cy = np.cos([roll, pitch, yaw])
-    sr, sp, sy = np.sin([roll, pitch, yaw])
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-
-
 def _check_body(what: str, mass: float, inertia: np.ndarray) -> None:
     """Refuse (`ConfigError`) a mass (kg) or an inertia (3, 3) (kg m^2) that no body has; both may be zero."""
     if mass < 0.0:
@@ -94,42 +71,6 @@ def _check_body(what: str, mass: float, inertia: np.ndarray) -> None:
             f"the inertia of {what} must be that of a body, no principal moment below zero or above the sum of the "
             f"others, got {low:.4g}, {middle:.4g} and {high:.4g} kg m^2."
         )
-
-
-def _lumped(
-    source: str,
-    links: Mapping[str, _Link],
-    poses: Mapping[str, _Pose],
-    forces: Mapping[str, float | None],
-    remarks: Iterable[str],
-) -> Foreign:
-    """One rigid body of all links, with the parallel-axis theorem; thrusters are links with an entry in forces.
-
-    Inertia about the common centre of mass, in the axes of the root; remarks become sentences for the user.
-    """
-    for name, link in links.items():
-        _check_body(f"the link {brief(name)}", link.mass, link.inertia)
-    mass = sum(link.mass for link in links.values())
-    if not mass > 0.0:
-        raise ConfigError("no link has a mass; is <inertial> missing?")
-    frames = {name: poses[name].then(link.inertial) for name, link in links.items()}
-    moments = [link.mass * frames[name].p for name, link in links.items()]
-    centre = np.sum(moments, axis=0) / mass
-    inertia = np.zeros((3, 3))
-    for name, link in links.items():
-        frame = frames[name]
-        arm = frame.p - centre
-        inertia += frame.R @ link.inertia @ frame.R.T
-        inertia += link.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    nozzles = tuple(
-        Nozzle(name, _triple(frames[name].p), _triple(poses[name].R[:, 2]), force)
-        for name, force in forces.items()
-    )
-    lumped = "" if len(links) == 1 else f", its {len(links)} links as one body with joints at zero"
-    tensor = _tensor(inertia) if inertia.any() else None
-    return Foreign(
-        f"{source}{lumped}", mass, tensor, _triple(centre), nozzles, remarks=tuple(remarks)
-    )
 
 
 def _tensor(inertia: np.ndarray) -> tuple[tuple[float, float, float], ...]:
@@ -244,21 +185,15 @@ def _actuator_number(text: str | None, link: str) -> int | None:
     return int(text)
 
 
-def _inertia(
-    element: ET.Element | None, read: Callable[[ET.Element, str], str | None]
-) -> np.ndarray:
-    """Tensor (3, 3), kg m^2, from ixx, ixy, ixz, iyy, iyz and izz; zeros without an element.
-
-    ``read`` gets an entry's text.
-    """
+def _inertia(element: ET.Element | None) -> np.ndarray:
+    """Tensor (3, 3), kg m^2, from ixx, ixy, ixz, iyy, iyz and izz; zeros without an element."""
     if element is None:
         return np.zeros((3, 3))
     values = {}
     for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
-        text = read(element, name)
-        # Both formats have zero as the default of products.
+        # Products are zero by default.
         usual = "0" if name[1] != name[2] else None
-        values[name] = float(_numbers(usual if text is None else text, 1, name)[0])
+        values[name] = float(_numbers(element.get(name, usual), 1, name)[0])
     xx, xy, xz, yy, yz, zz = values.values()
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
@@ -266,17 +201,25 @@ def _inertia(
 # URDF
 
 
-def _urdf(root: ET.Element, name: str) -> Foreign:
-    """Mass properties and thrusters of a URDF in the frame of its root link.
+def urdf(text: str, name: str) -> Foreign:
+    """Mass properties and thrusters of a URDF in the frame of its root link; see `rans.model.foreign.Importer`.
 
     Joints are at zero, whatever their limits are.
     """
+    root = _xml(text)
     if root.tag != "robot":
         raise ConfigError(f"a URDF's root is <robot>, got <{brief(root.tag)[1:-1]}>.")
     if any("xacro" in str(element.tag) for element in root.iter()):
         raise ConfigError(f"it is a xacro file: run `xacro {name} > robot.urdf` first.")
     # Links, and of each child the parent and the pose in its frame.
-    links = _distinct(root, "link", _urdf_link)
+    links: dict[str, _Link] = {}
+    for element in root.findall("link"):
+        own = element.get("name", "")
+        if not own or own in links:
+            raise ConfigError(f"every link needs a name of its own, got {brief(own)} again.")
+        links[own] = _link(element)
+    if not links or len(links) > _MOST_LINKS:
+        raise ConfigError(f"it must have 1 to {_MOST_LINKS:,} links, got {len(links):,}.")
     joints = {}
     for joint in root.findall("joint"):
         ends = [
@@ -291,7 +234,7 @@ def _urdf(root: ET.Element, name: str) -> Foreign:
             )
         if child in joints:
             raise ConfigError(f"the link {brief(child)} is the child of two joints.")
-        joints[child] = (parent, _urdf_origin(joint))
+        joints[child] = (parent, _origin(joint))
     roots = [link for link in links if link not in joints]
     if len(roots) != 1:
         raise ConfigError(f"it must have one root link, got {brief(roots)}.")
@@ -312,42 +255,50 @@ def _urdf(root: ET.Element, name: str) -> Foreign:
             f"its joints {brief(turning)} turn without limits: a reaction wheel is a [[wheel]] of the file"
         )
     forces = _forces(root.iterfind("gazebo/plugin"), links, remarks)
-    return _lumped(name, links, poses, forces, remarks)
-
-
-def _urdf_link(link: ET.Element) -> _Link:
-    """Mass, centre and inertia of a link of URDF; without an inertial element it weighs nothing, as URDF says."""
-    inertial = link.find("inertial")
-    if inertial is None:
-        return _Link(0.0, _AT_ORIGIN, np.zeros((3, 3)))
-    mass = inertial.find("mass")
-    value = None if mass is None else mass.get("value")
-    what = f"the mass of {brief(link.get('name'))}"
-    return _Link(
-        float(_numbers(value, 1, what)[0]),
-        _urdf_origin(inertial),
-        _inertia(inertial.find("inertia"), lambda element, entry: element.get(entry)),
+    # One rigid body of all links, with the parallel-axis theorem, in the axes of the root.
+    mass = sum(link.mass for link in links.values())
+    if not mass > 0.0:
+        raise ConfigError("no link has a mass; is <inertial> missing?")
+    frames = {own: poses[own].then(link.inertial) for own, link in links.items()}
+    centre = np.sum([link.mass * frames[own].p for own, link in links.items()], axis=0) / mass
+    inertia = np.zeros((3, 3))
+    for own, link in links.items():
+        frame = frames[own]
+        arm = frame.p - centre
+        inertia += frame.R @ link.inertia @ frame.R.T
+        inertia += link.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    nozzles = tuple(
+        Nozzle(own, _triple(frames[own].p), _triple(poses[own].R[:, 2]), force)
+        for own, force in forces.items()
+    )
+    lumped = "" if len(links) == 1 else f", its {len(links)} links as one body with joints at zero"
+    tensor = _tensor(inertia) if inertia.any() else None
+    return Foreign(
+        f"{name}{lumped}", mass, tensor, _triple(centre), nozzles, remarks=tuple(remarks)
     )
 
 
-def _urdf_origin(element: ET.Element) -> _Pose:
+def _link(link: ET.Element) -> _Link:
+    """Mass, centre and inertia of a link; without an inertial element it weighs nothing, as URDF says."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return _Link(0.0, _AT_ORIGIN, np.zeros((3, 3)))
+    weighed = inertial.find("mass")
+    what = brief(link.get("name"))
+    text = None if weighed is None else weighed.get("value")
+    mass = float(_numbers(text, 1, f"the mass of {what}")[0])
+    tensor = _inertia(inertial.find("inertia"))
+    _check_body(f"the link {what}", mass, tensor)
+    return _Link(mass, _origin(inertial), tensor)
+
+
+def _origin(element: ET.Element) -> _Pose:
+    """Pose of an element's origin; its angles are about fixed x, then y, then z, rad."""
     origin = element.find("origin")
     if origin is None:
         return _AT_ORIGIN
     what = f"an origin in {brief(element.get('name') or element.tag)}"
     zeros = "0 0 0"
-    rpy = _numbers(origin.get("rpy", zeros), 3, f"rpy of {what}")
-    return _Pose(_rpy(*rpy), _numbers(origin.get("xyz", zeros), 3, f"xyz of {what}"))
-
-
-def _distinct(root: ET.Element, tag: str, read: Callable[[ET.Element], _Link]) -> dict[str, _Link]:
-    """Elements of the root by their names, which must differ, 1 to `_MOST_LINKS` of them (else `ConfigError`)."""
-    result: dict[str, _Link] = {}
-    for element in root.findall(tag):
-        name = element.get("name", "")
-        if not name or name in result:
-            raise ConfigError(f"every {tag} needs a name of its own, got {brief(name)} again.")
-        result[name] = read(element)
-    if not result or len(result) > _MOST_LINKS:
-        raise ConfigError(f"it must have 1 to {_MOST_LINKS:,} links, got {len(result):,}.")
-    return result
+    angles = _numbers(origin.get("rpy", zeros), 3, f"rpy of {what}")
+    turned = Rotation.from_euler("xyz", angles).as_matrix()
+    return _Pose(turned, _numbers(origin.get("xyz", zeros), 3, f"xyz of {what}"))

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,13 +23,8 @@ from rans.extend import (
     Vec2,
     fly,
     load_policy,
-    map_leaves,
 )
-from rans_proof.erring_flights import LateValves, Misread, erring_body
 from rans_proof.verdicts import FILES
-
-if TYPE_CHECKING:
-    from rans.extend import EngineName
 
 _FLIGHTS = 500
 """Flights with which a certificate is compared with the agent as it flies."""
@@ -79,12 +74,10 @@ def leaving(
     flights: int,
     periods: int,
     seed: int,
-    engine: EngineName = "fast",
 ) -> tuple[int, float, float]:
     """Flights that leave the cells, and the largest distance (m) and heading error (rad) of all at their decisions.
 
-    In the fast engine they have random errors of all that the certificate allows (`rans_proof.erring_flights`);
-    in Drake all is as designed.
+    All is as designed.
 
     Args:
         run: the agent, as flights load it.
@@ -92,7 +85,6 @@ def leaving(
         flights: number of random states of random cells.
         periods: control periods of each flight.
         seed: of the states.
-        engine: what computes the motion.
     """
     random = np.random.default_rng(seed)
     period = run.timing.control_period
@@ -113,21 +105,7 @@ def leaving(
     )
     goal = PlanarState(Vec2(zero, zero), Heading(zero), Vec2(zero, zero), zero)
     timing = replace(run.timing, episode_steps=periods)
-    scenario = Scenario(start, goal)
-    if engine == "drake":
-        from rans.extend import fly_in_drake
-
-        flight = fly_in_drake(run.craft, run.task, run.controller, scenario, timing)
-        states = flight.states
-    else:
-        off = table["uncertainty"]
-        body = erring_body(run.craft, off, random, flights)
-        valves = LateValves(run.craft, period, off["opening"], off["shutting"], random)
-        pilot = Misread(run, off, random)
-        flight = fly(run.craft, run.task, pilot, scenario, timing, valves, body)
-        # Cells are of states with all that valves before still let through; at the end, they shut at once.
-        last = map_leaves(lambda x: x[-1], flight.states)
-        states = map_leaves(lambda *x: np.stack(x), *valves.coasting, last)
+    states = fly(run.craft, run.task, run.controller, Scenario(start, goal), timing).states
     p, v = states.p, states.v
     heading = (np.asarray(states.attitude.angle) + math.pi) % (2.0 * math.pi) - math.pi
     inside = parts["heading"].holds(heading, np.asarray(states.w))

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 pytest.importorskip("onnx")
 
-from rans_proof.flights import lowest_margins
 from rans_proof.network import Layer, apply, read_network
-from rans_proof.problem import HalfSpaces, Problem, problem_of, read_problem
-from rans_proof.prove import ClosedLoop, prove
+from rans_proof.problem import Problem, problem_of, read_problem
+from rans_proof.prove import prove
 
 from tests.support.clohessy_wiltshire import transition
 from tests.support.processes import ROOT
@@ -47,36 +44,6 @@ def contact(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     return before + part[:, None] * (after - before)
 
 
-def test_the_problem_states_what_contact_is(problem: Problem) -> None:
-    """At x1 = 0: 10 cm aside, 4 cm/s along, 0.5 cm/s aside; the end is beyond; 5 % of mass, 1 cm, 0.5 mm/s."""
-    assert isinstance(problem.keep, HalfSpaces)
-    assert problem.keep.every
-    wide = np.zeros(13)
-    limits = {
-        0: (-0.1, 0.1),
-        2: (-0.1, 0.1),
-        3: (-0.005, 0.005),
-        4: (None, 0.04),
-        5: (-0.005, 0.005),
-    }
-    for state, ends in limits.items():
-        for end in ends:
-            if end is not None:
-                inner, outer = wide.copy(), wide.copy()
-                inner[state], outer[state] = 0.99 * end, 1.01 * end
-                assert (
-                    problem.keep.margins(inner[None])[0]
-                    > 0.0
-                    > problem.keep.margins(outer[None])[0]
-                )
-    assert problem.end is not None
-    assert problem.end.lower[1] == 0.0
-    assert problem.lower[1] == -15.0
-    assert problem.lower[6] <= 1 / 1.05 < 1 / 0.95 <= problem.upper[6]
-    assert min(problem.upper[7:10]) >= 0.01
-    assert min(problem.upper[10:]) >= 0.0005
-
-
 def test_flights_come_to_contact(problem: Problem, network: list[Layer]) -> None:
     """Flights by the exact transition over a period, and a part of the proof below their margins."""
     second = transition(MEAN_MOTION, 1.0)
@@ -99,16 +66,6 @@ def test_flights_come_to_contact(problem: Problem, network: list[Layer]) -> None
         assert (at[:, 4] > 0.0).all()
         assert (at[:, 4] < 0.04).all()
     assert met.all()
-
-
-def test_a_part_of_the_proof(problem: Problem, network: list[Layer]) -> None:
-    """The first periods of a cell, whose margin no flight is below."""
-    short = replace(problem, steps=2, end=None)
-    low, high = np.array(problem.lower), np.array(problem.upper)
-    high[1] = low[1] + 1.0
-    margin = ClosedLoop(short, network, torch.device("cpu")).margins(low[None], high[None])[0][0]
-    start = np.random.default_rng(1).uniform(low, high, (200, 13))
-    assert 0.0 < margin <= lowest_margins(short, network, start).min()
 
 
 FALSE = {

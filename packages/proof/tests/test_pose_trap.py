@@ -48,12 +48,6 @@ def test_it_is_accepted_and_no_flight_leaves(certificate: bytes, files: dict[str
     assert turned < math.radians(5.0)
 
 
-@pytest.mark.slow
-def test_no_flight_of_drake_leaves(certificate: bytes, files: dict[str, bytes]) -> None:
-    pytest.importorskip("pydrake")
-    assert leaving(read_run(files), json.loads(certificate), 20, 30, 4, "drake")[0] == 0
-
-
 def without(table: dict[str, Any], part: str) -> None:
     """The last row's runs, which flights come to, are gone."""
     rows = table["cells"][part]

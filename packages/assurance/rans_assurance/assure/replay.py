@@ -64,24 +64,10 @@ class Replays:
 
     found: list[Replayed]
     """Replayed flights, kind by kind, the worst first."""
-    flight: Flight | None
-    """Their flights in NumPy, in this order; None if there are none."""
     tried: int = 0
     """Number of flights that were flown again in NumPy."""
     failed: int = 0
     """Number of these that failed again, in any way."""
-
-    def refuted(self, judge: Judge) -> list[int]:
-        """Numbers of flights that do not fail in an engine."""
-        return [
-            replayed.number
-            for replayed in self.found
-            if judge in replayed.again and replayed.again[judge] is None
-        ]
-
-    def judges(self) -> list[Judge]:
-        """Engines of the replays."""
-        return [*self.found[0].again] if self.found else []
 
 
 def has_drake() -> bool:
@@ -110,7 +96,7 @@ def replays(
     # All candidates fly once more in the fast engine.
     kinds = [(number, kind) for kind, some in numbers.items() for number in some[:CANDIDATES]]
     if not kinds or not worst + sample:
-        return Replays([], None)
+        return Replays([])
     flight = fly_draws(controller, setup, drawing(seed, [number for number, _ in kinds]))
     again = failure_kinds(flight)
     (excess, largest) = worst_errors(flight)
@@ -139,9 +125,7 @@ def replays(
         )
         for at, k in enumerate(chosen)
     ]
-    return Replays(
-        results, picked(flight, chosen), len(kinds), sum(result is not None for result in again)
-    )
+    return Replays(results, len(kinds), sum(result is not None for result in again))
 
 
 def drawing(seed: int, numbers: Sequence[int]) -> Draws:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -13,29 +12,18 @@ from rans_proof.problem import read_problem
 from scipy.io import savemat
 
 from tests.support.graphs import graph, step
-from tests.support.processes import ROOT
-from tests.support.scripts import module_of
 
-onnx = pytest.importorskip("onnx")
+pytest.importorskip("onnx")
 pytest.importorskip("flint")
-FOLDER = ROOT / "packages/proof/archcomp"
+
+from campaigns.archcomp import HERE, ROWS, renewed
 
 
-def script(name: str) -> ModuleType:
-    """A script, which is no module of the package."""
-    return module_of(FOLDER / f"{name}.py")
-
-
-@pytest.fixture(scope="module")
-def run() -> ModuleType:
-    return script("run")
-
-
-def test_prover_and_checker_read_every_problem(run: ModuleType) -> None:
+def test_prover_and_checker_read_every_problem() -> None:
     from rans_proof.check_problem import problem_table, statement
 
-    files = {row.problem for row in run.ROWS.values()}
-    assert set(FOLDER.glob("*.toml")) <= files
+    files = {row.problem for row in ROWS.values()}
+    assert set(HERE.glob("*.toml")) <= files
     for file in files:
         problem = read_problem(file)
         assert f"to {problem.steps * problem.period:.10g} s" in statement(
@@ -43,7 +31,7 @@ def test_prover_and_checker_read_every_problem(run: ModuleType) -> None:
         ) or (problem.keep is None)
 
 
-def test_an_old_network_means_the_same_anew(run: ModuleType) -> None:
+def test_an_old_network_means_the_same_anew() -> None:
     """Version 6 broadcasts by an attribute, and its Gemm takes four axes as one row: (x - c) W^T + b, rectified."""
     random = np.random.default_rng(0)
     shapes = {"c": (1, 1, 1, 3), "W": (4, 3), "b": (4,), "V": (1, 4), "d": (1,)}
@@ -59,14 +47,14 @@ def test_an_old_network_means_the_same_anew(run: ModuleType) -> None:
     old = graph(nodes, [1, 1, 1, 3], opset=6, **arrays)
     from rans_proof.network import apply
 
-    layers = network_of(run.renewed(old), "renewed")
+    layers = network_of(renewed(old), "renewed")
     x = random.normal(size=(20, 3))
     hidden = np.maximum((x - arrays["c"].ravel()) @ arrays["W"].T + arrays["b"], 0.0)
     np.testing.assert_allclose(apply(layers, x), hidden @ arrays["V"].T + arrays["d"], atol=1e-5)
-    assert run.renewed(run.renewed(old)) == run.renewed(old)
+    assert renewed(renewed(old)) == renewed(old)
 
 
-def test_a_matlab_network_means_the_same_in_onnx(run: ModuleType) -> None:
+def test_a_matlab_network_means_the_same_in_onnx() -> None:
     """Layers of a MATLAB file against their formula: ReLU, then a hyperbolic tangent, in double precision."""
     random = np.random.default_rng(0)
     weights, biases = np.empty((1, 2), object), np.empty((1, 2), object)
@@ -76,7 +64,7 @@ def test_a_matlab_network_means_the_same_in_onnx(run: ModuleType) -> None:
     savemat(file, {"W": weights, "b": biases, "act_fcns": np.array(["relu", "tanh"])})
     from rans_proof.network import apply
 
-    layers = network_of(run.renewed(file.getvalue()), "matlab")
+    layers = network_of(renewed(file.getvalue()), "matlab")
     x = random.normal(size=(20, 3))
     hidden = np.maximum(x @ weights[0, 0].T + biases[0, 0].ravel(), 0.0)
     expected = np.tanh(hidden @ weights[0, 1].T + biases[0, 1].ravel())
@@ -85,7 +73,7 @@ def test_a_matlab_network_means_the_same_in_onnx(run: ModuleType) -> None:
 
 def test_balancing_is_one_problem_in_two_parts() -> None:
     """Flights of the first part end among the starts of the second one, and 8 and 10 s are what is asked."""
-    early, late = (read_problem(FOLDER / f"balancing-{part}.toml") for part in ("early", "late"))
+    early, late = (read_problem(HERE / f"balancing-{part}.toml") for part in ("early", "late"))
     assert early.end is not None
     assert (early.end.lower, early.end.upper) == (late.lower, late.upper)
     assert (early.earliest or early.steps) == early.steps
@@ -101,6 +89,6 @@ def test_half_planes_of_navigation_are_outside_of_its_square() -> None:
     states = np.random.default_rng(0).uniform(0.0, 3.0, (20_000, 4))
     is_outside = ((states[:, :2] < 1.0) | (states[:, :2] > 2.0)).any(axis=1)
     for name in ("nav-point", "nav-set"):
-        keep = read_problem(FOLDER / f"{name}.toml").keep
+        keep = read_problem(HERE / f"{name}.toml").keep
         assert keep is not None
         assert np.array_equal(keep.margins(states) > 0.0, is_outside)

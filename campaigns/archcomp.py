@@ -1,6 +1,6 @@
 """Decide ARCH-COMP's problems of neural networks in control, from the organisers' own files.
 
-`python packages/proof/archcomp/run.py FOLDER` needs a folder with the networks, such as a clone of
+`python -m campaigns.archcomp FOLDER` needs a folder with the networks, such as a clone of
 https://github.com/verivital/ARCH-COMP2025; files are known by their SHA-256, wherever they are in it. Names of
 problems after it choose some. Results, certificates and flights are written below `archcomp-results`. A proof takes
 one core, and its check all.
@@ -29,8 +29,9 @@ from scipy.io import loadmat
 from rans.extend import Terminal, Workers
 from rans.processes import nothing
 
-HERE = Path(__file__).parent
-EXAMPLES = HERE.parents[2] / "examples" / "proofs"
+ROOT = Path(__file__).parents[1]
+HERE = ROOT / "packages" / "proof" / "archcomp"
+EXAMPLES = ROOT / "examples" / "proofs"
 
 
 class Row(NamedTuple):
