@@ -88,8 +88,14 @@ class Flown:
         return gains, shut.tolist()
 
 
-@pytest.mark.parametrize("name", ["floating-platform", "floating-platform-shared"])
-@pytest.mark.parametrize(("gain", "lost"), [(1.0, None), (1.0, 5), (0.5, 0), (2.0, 3)])
+@pytest.mark.parametrize(
+    ("name", "gain", "lost"),
+    [
+        ("floating-platform", 1.0, None),
+        ("floating-platform", 2.0, 3),
+        ("floating-platform-shared", 0.5, 0),
+    ],
+)
 def test_a_lost_thruster_is_shut(name: str, gain: float, lost: int | None) -> None:
     _, shut = Flown(name, gain, lost, noise=0.003).after(60)
     assert shut == [float(k == lost) for k in range(8)]
@@ -103,7 +109,7 @@ def test_a_weak_thruster_that_the_craft_needs_stays_in_use(part: float, shut: fl
     assert flown.after(60)[1] == [0.0, 0.0, 0.0, shut, 0.0, 0.0, 0.0, 0.0]
 
 
-@pytest.mark.parametrize("gain", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("gain", [0.5, 2.0])
 def test_gains_of_another_mass(gain: float) -> None:
     gains, shut = Flown("floating-platform", gain, None).after(40)
     assert gains == pytest.approx([gain, gain], rel=0.1)
@@ -156,8 +162,7 @@ def test_an_estimated_craft_gets_the_columns_of_its_file() -> None:
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param("floating-platform-shared", marks=pytest.mark.slow), "spheres", "cubesat-6u"],
+    "name", [pytest.param("floating-platform-shared", marks=pytest.mark.slow), "cubesat-6u"]
 )
 def test_machine_code_estimates_the_same(name: str) -> None:
     pytest.importorskip("llvmlite")
@@ -225,37 +230,20 @@ def test_a_cubesat_flies_without_a_thruster_that_no_file_leaves_out() -> None:
     assert {row.name: row for row in measure(flight).rows}["solved"].value > 50.0
 
 
-def solved(spec: str, thruster: int) -> float:
-    """Part of flights of floating-platform-shared that settle with a dead thruster."""
-    run = contestant(spec)
-    faults = FaultConditions(kinds=("dead",), thrusters=(thruster,))
-    run = run._replace(conditions=Conditions(faults=faults))
-    flight = fly_episodes(run.controller, run.judged, 5, 16, workers=1)
-    return {row.name: row for row in measure(flight).rows}["solved"].value
-
-
-@pytest.mark.slow
-def test_a_dead_thruster_that_no_file_states() -> None:
-    assert solved("any-craft-2d@floating-platform-shared", 2) < 90.0
-    assert solved("adaptive:any-craft-2d@floating-platform-shared", 2) > 94.0
-
-
 @pytest.mark.parametrize("spec", ["adaptive:lqr:go-to-pose-2d", "adaptive:go-to-pose-2d"])
 def test_others_do_not_adapt(spec: str) -> None:
     with pytest.raises(ConfigError, match="adaptive:any-craft-2d"):
         contestant(spec)
 
 
-@pytest.mark.parametrize("filling", [(0.2,), (0.2, 0.2, 0.0), (0.2, 0.2, -0.2)])
-def test_files_whose_wheels_fill_up_otherwise_are_refused(
-    tmp_path: Path, filling: tuple[float, ...]
-) -> None:
+def test_files_whose_wheels_fill_up_otherwise_are_refused(tmp_path: Path) -> None:
     plain = network("cubesat-6u")
-    damaged = replace(plain.architecture, filling=filling)
     file = tmp_path / "agent.safetensors"
-    file.write_bytes(actor_bytes(damaged, plain.weights(), 0))
-    with pytest.raises(ConfigError, match="filling"):
-        read_policy(file)
+    for filling in ((0.2,), (0.2, 0.2, 0.0)):
+        damaged = replace(plain.architecture, filling=filling)
+        file.write_bytes(actor_bytes(damaged, plain.weights(), 0))
+        with pytest.raises(ConfigError, match="filling"):
+            read_policy(file)
 
 
 def test_a_lost_thruster_takes_nothing_of_the_supply() -> None:

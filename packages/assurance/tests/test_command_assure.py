@@ -44,14 +44,6 @@ def test_python_flies_the_conditions_that_it_names() -> None:
     assert bounds["any"]["failures"] == named.campaign.bound().events > 0
 
 
-def test_conditions_of_one_name_have_files_apart() -> None:
-    Path("lab.toml").write_text("[body]\nmass = 1.2\n")
-    for given in ("lab", "lab.toml"):
-        assert main(f"assure {AGENT} --conditions {given} --episodes 8".split()) == 0
-    written = Path("runs/evaluations/pretrained-go-to-pose-2d").glob("assurance*.json")
-    assert len(list(written)) == 2
-
-
 @pytest.mark.slow
 def test_numbers_a_page_and_commands_that_show_failures_again(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -90,19 +90,3 @@ def test_interrupted_it_writes_what_was_flown(
     printed = capsys.readouterr()
     assert "0.025 or more, not finished" in " ".join(printed.out.split())
     assert "what was written is kept" in printed.err
-
-
-@pytest.mark.parametrize(
-    ("typed", "sentence"),
-    [
-        ("", "name at least one contestant"),
-        ("runs/nobody", "runs/nobody"),
-        (f"{FIRST} --episodes 0", "--episodes must be >= 1 and < 2^31, got 0"),
-        (f"{FIRST} lqrr", "there is no run folder 'lqrr'"),
-        (f"{FIRST} lqr:go-to-pose-3d", "for the spacecraft free-flyer"),
-        (f"{FIRST} --only rain", "there is no effect named 'rain'"),
-        ("pretrained:multi-task-2d", "pick one, as in pretrained:multi-task-2d#"),
-    ],
-)
-def test_mistakes_end_in_a_sentence(typed: str, sentence: str, refused: Any) -> None:
-    assert sentence in refused(f"stress {typed}")

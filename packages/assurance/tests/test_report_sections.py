@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -164,10 +163,3 @@ def test_an_assurance_passes_if_what_was_wanted_is_shown(tmp_path: Path) -> None
         ).findings
         assert line.passed is passed
         assert line.text.startswith(said)
-
-
-def test_an_assurance_alone_says_its_bound_in_one_tile(tmp_path: Path) -> None:
-    (tmp_path / "assurance.json").write_text(json.dumps(ASSURANCE))
-    tiles = report_from_run(tmp_path).tiles
-    bound = f"{ASSURANCE['bounds']['any']['at most']:.3g}"
-    assert [tile.value for tile in tiles].count(bound) == 1

@@ -45,6 +45,7 @@ def test_the_agent_is_near_its_bound_and_not_below(bounds: MissionBounds) -> Non
     assert f"({over[0]:.3f})" in rows[0][2]
 
 
+@pytest.mark.slow
 def test_a_dead_engine_takes_more() -> None:
     """On a short way."""
     short = 300.0, 300.0

@@ -89,7 +89,9 @@ def test_zones_that_are_not_in_the_way_cost_nothing() -> None:
     assert least_to_stay(CRAFT[2], TASK, one, TIMING) == pytest.approx(free, rel=1e-9)
 
 
-@pytest.mark.parametrize(("dimension", "episode"), [(2, 0), (3, 1)])
+@pytest.mark.parametrize(
+    ("dimension", "episode"), [(2, 0), pytest.param(3, 1, marks=pytest.mark.slow)]
+)
 def test_no_change_of_velocity_passes_below_the_bound(
     dimension: Literal[2, 3], episode: int
 ) -> None:
