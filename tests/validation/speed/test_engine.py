@@ -1,9 +1,6 @@
 from __future__ import annotations
 
-from functools import partial
-
 import pytest
-import torch
 
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import GoToPose
@@ -41,19 +38,3 @@ def test_a_rate_counts_every_environment_of_every_step(craft: Spacecraft, moved:
     assert found.note.endswith("not compiled")
     assert "256 environments" in found.name
     assert engine_rate(PLATFORM, GoToPose(), 2, Timed("cpu"), compiled=False).bound is None
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*torch.jit.script_method:DeprecationWarning")  # torch's own
-def test_compiling_is_warm_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of which tracing is enough here."""
-    monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))
-    torch.compiler.reset()
-    clock = Clock("cpu", repeats=2, seconds=0.01)
-    m = engine_rate(PLATFORM, GoToPose(), 64, clock, bandwidth=27.0)
-    assert m.value is not None
-    assert m.bound == pytest.approx(1e3 * 27.0 / 135)  # 27 GB/s, 135 bytes a step
-    assert m.warm_up > 100 * 64 / (
-        1e6 * m.value
-    )  # one step of 64 takes microseconds, tracing it seconds
-    assert "not compiled" not in m.note

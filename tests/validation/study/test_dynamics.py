@@ -15,7 +15,6 @@ from validation.study.checks import Check
 from validation.study.dynamics import (
     disturbance_checks,
     thruster_checks,
-    wrench_checks,
 )
 
 PLANE = nasty_planar()
@@ -39,16 +38,6 @@ def test_the_worst_thruster_is_named(craft: Spacecraft, monkeypatch: pytest.Monk
     force, torque = thruster_checks(craft)
     assert (force.value, force.worst, force.unit) == (pytest.approx(1.0), "thruster 2", "N")
     assert (torque.value, torque.worst, torque.unit) == (pytest.approx(0.5), "thruster 3", "N m")
-
-
-@both
-def test_the_worst_command_is_named(craft: Spacecraft, monkeypatch: pytest.MonkeyPatch) -> None:
-    error = np.zeros((7, 3 if craft is PLANE else 6))
-    error[5, -1] = -0.25
-    judge(monkeypatch, "wrenches", error)
-    force, torque = wrench_checks(craft, 1, 7)
-    assert force.passed
-    assert (torque.value, torque.worst) == (pytest.approx(0.25), "command 5")
 
 
 @both
