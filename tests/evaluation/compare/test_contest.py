@@ -78,12 +78,6 @@ def test_who_was_in_the_goal_set_once_need_not_stay() -> None:
     assert entry.staying.tolist() == [3.0, math.inf]
 
 
-def test_who_never_arrives_is_infinitely_late() -> None:
-    entry = entry_of(flight_of(np.full((4, 2), 1.0), 0.0))
-    assert entry.arrival.tolist() == entry.arrival_thrust.tolist() == [math.inf] * 2
-    assert entry.thrust.tolist() == [0.0] * 2
-
-
 def test_amounts_are_of_their_event() -> None:
     """Arrives at 1.5 s, settles at 3 s: arrival at rest is never measured by a bound of settling."""
     distance = np.array([[1.0, 0.5, 0.2, 0.04, 0.06, 0.2, 0.04, 0.03]]).T

@@ -13,7 +13,7 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.evaluation.compare import run
-from rans.evaluation.compare.entrants import contest_of, enlisted
+from rans.evaluation.compare.entrants import enlisted
 from rans.evaluation.compare.run import Comparison
 from rans.files import plain
 from rans.flight import fly
@@ -26,7 +26,6 @@ from rans.show.pages.report import comparison_section
 from rans.show.tables.comparison_tables import (
     RETURN,
     best_returns,
-    differences,
     gaps,
     outcome,
     relaxed_rows,
@@ -116,17 +115,6 @@ def test_all_who_cannot_take_part_are_told_before_anybody_flies() -> None:
 
 
 @pytest.mark.slow
-def test_who_never_arrives_counts(comparison: Comparison) -> None:
-    idle = scoreboard(comparison)[IDLE]
-    lqr = scoreboard(comparison)["LQR"]
-    assert idle["first in the goal set, s"].value == idle["settling time, s"].value == math.inf
-    assert (idle["solved, %"].value, idle["impulse of the episode, N s"].value) == (0.0, 0.0)
-    assert idle["position error, cm"].value > 79.0  # the starts are 0.8 to 0.9 m away
-    assert lqr["solved, %"].value == 100.0
-    assert differences(comparison)[IDLE]["first in the goal set, s"].value == math.inf
-
-
-@pytest.mark.slow
 def test_nobody_beats_a_certified_bound(comparison: Comparison) -> None:
     assert comparison.certified_starts() == [0, 1]
     assert comparison.impossible() == []
@@ -209,22 +197,6 @@ def test_files_for_others(comparison: Comparison) -> None:
     html = page(comparison).html()
     assert html.count("<figure") == 2  # the chart, and the craft
     assert "http" not in html.replace("http://www.w3.org", "")
-
-
-@pytest.mark.parametrize(
-    "spec",
-    [
-        pytest.param("lqr:go-to-position-3d", marks=pytest.mark.slow),
-        "lqr:track-velocity-2d",
-    ],
-)
-def test_tasks_without_certificate_say_so(spec: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
-    found = Comparison(replace(contest_of(spec, 2), timing=Timing(episode_steps=20)))
-    found.fly(enlisted([spec], found.contest), ["optimal"], certified=2, workers=1)
-    assert found.failures == []
-    assert len(found.notes) == 1
-    assert "certificate exists" in found.notes[0]
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -71,10 +71,6 @@ def test_only_a_policys_own_file_is_its_file(tmp_path: Path) -> None:
     assert ContestantName.parse("python:mine:act").policy_file is None
 
 
-def test_a_name_in_a_sentence_is_its_text() -> None:
-    assert f"{ContestantName.parse('lqr:go-to-pose-2d@atmos')}" == "lqr:go-to-pose-2d@atmos"
-
-
 def test_an_agent_that_adapts_has_files_of_its_own() -> None:
     name = ContestantName.parse("adaptive:any-craft-2d@atmos")
     assert (name.kind, name.name, name.craft, name.adapts) == (

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import rans.pretrained
-from rans.episode import Setup
 from rans.errors import ConfigError, RansWarning
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import (
@@ -18,9 +17,8 @@ from rans.evaluation.fly.contestants import (
 from rans.evaluation.fly.protocols import fitting_protocols
 from rans.fast.agent_files.agent import actor_bytes, read_policy
 from rans.model.spacecraft_file import load_spacecraft, to_toml
-from rans.model.timing import Timing
 from rans.scenario import scenarios
-from rans.tasks import GoToPose, GoToPosition, TrackVelocity
+from rans.tasks import GoToPose, TrackVelocity
 from rans.tasks.multi_task import MultiTask
 from tests.support.training import CONFIG, tiny_trainer
 
@@ -43,17 +41,6 @@ def multi(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return untrained(tmp_path_factory.mktemp("runs") / "all", task="multi-task", settings=tasks)
 
 
-def test_a_run_folder_is_itself(run: Path) -> None:
-    loaded = contestant(str(run))
-    assert (loaded.controller.name, loaded.craft.name, loaded.task, loaded.timing) == (
-        "poser",
-        "floating-platform",
-        CONFIG.settings,
-        CONFIG.timing,
-    )
-    assert ContestantName.parse(str(run)).output_folder == run
-
-
 def test_a_policy_of_others_is_told_its_period_on_the_craft_of_a_file(tmp_path: Path) -> None:
     """A craft of a file that turns quickly is commanded every 0.1 s, in environments of its task every 0.2 s."""
     (tmp_path / "mine.toml").write_text(to_toml(load_spacecraft("floating-platform")))
@@ -63,14 +50,6 @@ def test_a_policy_of_others_is_told_its_period_on_the_craft_of_a_file(tmp_path: 
     assert found.timing.control_period == 0.1
     assert contestant(f"{named}{tmp_path}/mine.toml", period=0.3).timing.control_period == 0.3
     assert contestant(f"{named}floating-platform").timing.control_period == 0.2
-
-
-@pytest.mark.parametrize("spec", ["lqr", "rans.optimal.control.lqr:LQR"])
-def test_after_somebody_a_controller_needs_no_task(spec: str) -> None:
-    first = Setup(load_spacecraft("free-flyer"), GoToPosition(), Timing(0.1))
-    found = contestant(spec, default_setup=first)
-    assert (found.controller.name, *found[1:]) == ("LQR", *first)
-    assert ContestantName.parse(spec).controller == spec
 
 
 def test_an_agent_that_comes_with_rans(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -123,13 +123,6 @@ def test_intervals_of_times_that_never_come(
     assert texts[2] == limits
 
 
-def test_equal_flights_have_equal_intervals() -> None:
-    flight = two_episodes()
-    assert measure(flight) == measure(flight)
-    with pytest.raises(KeyError):
-        measure(flight)["spin error"]
-
-
 def test_every_metric_of_every_episode(tmp_path: Path) -> None:
     flight = two_episodes()
     file = tmp_path / "episodes.npz"

@@ -4,19 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rans.episode import Setup
-from rans.evaluation.fly.agent import load_policy
-from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.agreement import compare_engines
-from rans.model.fields import leaves, map_leaves
-from rans.reference.flight import fly_in_drake
-from rans.scenario import scenarios
+from rans.model.fields import map_leaves
 from tests.support.evaluation_flights import TrackNothing, flight_of, many_episodes
 
 
@@ -77,25 +71,3 @@ def test_bounds_of_the_others(task: Any, bound: dict[str, Any], share: float) ->
     still: dict[str, Any] = {"distance": np.ones((11, 1)), "error_degrees": 0.0, "task": task}
     flown: dict[str, Any] = still | {name: share * np.array(value) for name, value in bound.items()}
     assert compare_engines(flight_of(**still), flight_of(**flown)).passed is (share < 1.0)
-
-
-def test_another_process_flies_what_this_one_would(
-    trained: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """In two shares; the network's sums depend on the batch in the last bits only."""
-    monkeypatch.setattr("rans.evaluation.fly.episodes._SHARE", 8)
-    counted: list[int] = []
-    loaded = load_policy(trained)
-    agent = loaded.controller
-    craft = loaded.craft
-    task = loaded.task
-    timing = loaded.timing
-    task = task.for_evaluation()
-    together = fly_episodes(agent, Setup(craft, task, timing), 5, 11, "drake", 1, counted.append)
-    alone = fly_in_drake(craft, task, agent, scenarios(task, craft, 5, 11), timing)
-    assert sorted(counted) == [3, 8]
-    assert 0.1 < together.commands.mean() < 0.9
-    assert np.array_equal(together.commands, alone.commands)
-    for ours, theirs in zip(leaves(together.states), leaves(alone.states), strict=True):
-        assert ours == pytest.approx(theirs, abs=1e-9)  # rounding of bodies integrated together
-    assert together.engine == "drake"
