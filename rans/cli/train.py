@@ -338,7 +338,7 @@ def _nominal_hole(trainer: Trainer) -> str:
     from rans.evaluation.fly.agent import load_policy
     from rans.evaluation.fly.episodes import fly_episodes
     from rans.evaluation.measure.metrics import solved
-    from rans.evaluation.stress.outcome import WANTED
+    from rans.evaluation.measure.statistics import WANTED
     from rans.randomization.conditions import Conditions
     from rans.scenario import SELECTION_SEED
 

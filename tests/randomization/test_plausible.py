@@ -10,11 +10,11 @@ from typing import Any
 
 import gymnasium
 import pytest
+from rans_assurance.stress.effects import applicable_effects
 from rans_robot.functions import twin
 
 import rans
 from rans.errors import ConfigError
-from rans.evaluation.stress.effects import applicable_effects
 from rans.fast.engine import Engine
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.model.timing import Timing

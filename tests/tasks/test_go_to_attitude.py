@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
+from rans_assurance.stress.effects import applicable_effects
 
-from rans.evaluation.stress.effects import applicable_effects
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft

@@ -12,11 +12,11 @@ from rans_assurance.assure.bounds import plan
 from rans_assurance.assure.campaign import Campaign
 from rans_assurance.sections.assurance import assurance_section
 from rans_assurance.sections.stress import stress_section
+from rans_assurance.stress.effects import Level
+from rans_assurance.stress.outcome import StressOutcome
 from rans_assurance.stress.report import StressReport
 
 from rans.api.pages import flyers
-from rans.evaluation.stress.effects import Level
-from rans.evaluation.stress.outcome import StressOutcome
 from rans.files import plain
 from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
 from tests.support.evaluation_flights import two_episodes

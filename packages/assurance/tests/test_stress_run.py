@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rans_assurance.stress.run as run
+from rans_assurance.stress.outcome import StressOutcome
 from rans_assurance.stress.run import prepared
 from rans_missions.tasks import Dock
 
@@ -17,7 +18,6 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.measure.metrics import solved
-from rans.evaluation.stress.outcome import StressOutcome
 from rans.randomization.conditions_file import load_conditions
 from tests.support.stress_runs import FIRST, small
 

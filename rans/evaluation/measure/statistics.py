@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from rans.errors import counted
+
 RESAMPLES = 1000
 """Number of bootstrap resamples: 25 of them lie beyond each end of a 95 % interval."""
 
@@ -19,6 +21,12 @@ _TAILS = (0.025, 0.975)
 """Quantiles between which 95 % lie."""
 NORMAL_95 = 1.959964
 """97.5 % quantile of the standard normal distribution."""
+
+WANTED = 0.99
+"""Share of solved episodes from which an effect counts as tolerated, and a task as solved."""
+
+_FEWEST = math.ceil(NORMAL_95**2 * WANTED / (1.0 - WANTED))
+"""Fewest episodes that show it: with n of n solved, Wilson's lower end is n / (n + z^2)."""
 
 
 @dataclass(frozen=True)
@@ -126,3 +134,21 @@ def _interval(value: float, draws: np.ndarray) -> Estimate:
     # "inverted_cdf" takes an order statistic: interpolating between two infinities gives NaN.
     low, high = np.quantile(draws, _TAILS, method="inverted_cdf")
     return Estimate(value, float(low), float(high))
+
+
+def wanted(count: int) -> str:
+    """What is asked of a number of episodes: 99 %, which are all of them where one alone is more than 1 %."""
+    if (count - 1) / count < WANTED:
+        return f"all of {counted(count, 'episode')}"
+    return f"at least {100.0 * WANTED:g} % of the episodes"
+
+
+def too_few(count: int) -> str:
+    """Sentence that a number of episodes, even if all are solved, does not show 99 %; "" if it can."""
+    if count >= _FEWEST:
+        return ""
+    low = math.floor(1000.0 * share(np.ones(count)).low) / 10.0
+    return (
+        f"{counted(count, 'episode')} cannot show {100.0 * WANTED:g} %: with all solved, the share is at least "
+        f"{low:g} % at 95 % confidence; at least {_FEWEST} are needed."
+    )

@@ -14,8 +14,7 @@ from typing import Any
 
 from rans.errors import ConfigError, Late, brief, counted, meant_file
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
-from rans.evaluation.measure.statistics import figure, interval, quantity
-from rans.evaluation.stress.outcome import WANTED, too_few
+from rans.evaluation.measure.statistics import WANTED, figure, interval, quantity, too_few
 from rans.files import (
     environment,
     folders_with,

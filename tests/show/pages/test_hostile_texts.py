@@ -15,14 +15,14 @@ import pytest
 from rans_assurance.assure.assurance import Assurance
 from rans_assurance.assure.bounds import plan
 from rans_assurance.assure.campaign import Campaign
+from rans_assurance.stress.effects import Level
+from rans_assurance.stress.outcome import StressOutcome
 from rans_assurance.stress.report import StressReport
 
 import rans
 from rans.api.pages import flyers
 from rans.errors import RansError
 from rans.evaluation.measure.aggregate import measure
-from rans.evaluation.stress.effects import Level
-from rans.evaluation.stress.outcome import StressOutcome
 from rans.files import write_json
 from rans.flight import Flight
 from rans.model.spacecraft_file import load_spacecraft

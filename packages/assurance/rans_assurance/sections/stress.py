@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from rans.evaluation.stress.outcome import WANTED, wanted
+from rans.evaluation.measure.statistics import WANTED, wanted
 from rans.extend import Fact, Finding, Section, Table
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.page import Picture, Tile

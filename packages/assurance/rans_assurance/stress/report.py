@@ -9,8 +9,7 @@ from typing import Any
 
 from rans.evaluation.fly.contestants import view_command
 from rans.evaluation.fly.evidence import about
-from rans.evaluation.stress.effects import Effect, Level
-from rans.evaluation.stress.outcome import WANTED, too_few
+from rans.evaluation.measure.statistics import WANTED, too_few
 from rans.extend import (
     QUANTITIES,
     Section,
@@ -22,6 +21,7 @@ from rans.extend import (
 )
 from rans_assurance.scope import conditions_texts, scope
 from rans_assurance.sections.stress import stress_section
+from rans_assurance.stress.effects import Effect, Level
 from rans_assurance.stress.run import Stress
 
 TEXT = (

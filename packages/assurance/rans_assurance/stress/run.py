@@ -15,14 +15,6 @@ from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.tuned import tuned
 from rans.evaluation.measure.statistics import Estimate
-from rans.evaluation.stress.effects import Effect, Level, applicable_effects, failure_levels
-from rans.evaluation.stress.outcome import (
-    BreakEven,
-    Limit,
-    StressOutcome,
-    break_even,
-    holds_to,
-)
 from rans.extend import (
     Conditions,
     ConfigError,
@@ -36,6 +28,14 @@ from rans.extend import (
 )
 from rans.flight import informed
 from rans.progress import Stages, unseen_stages
+from rans_assurance.stress.effects import Effect, Level, applicable_effects, failure_levels
+from rans_assurance.stress.outcome import (
+    BreakEven,
+    Limit,
+    StressOutcome,
+    break_even,
+    holds_to,
+)
 
 _PERFECT = Level("perfect", None, Conditions())
 _SHARE = 1024

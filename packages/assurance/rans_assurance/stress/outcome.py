@@ -2,41 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from rans.errors import counted
 from rans.evaluation.measure.metrics import worst_errors
-from rans.evaluation.measure.statistics import NORMAL_95, Estimate, share
-from rans.flight import Flight
-
-WANTED = 0.99
-"""Share of solved episodes from which an effect counts as tolerated, and a task as solved."""
-
-_FEWEST = math.ceil(NORMAL_95**2 * WANTED / (1.0 - WANTED))
-"""Fewest episodes that show it: with n of n solved, Wilson's lower end is n / (n + z^2)."""
-
-
-def wanted(count: int) -> str:
-    """What is asked of a number of episodes: 99 %, which are all of them where one alone is more than 1 %."""
-    if (count - 1) / count < WANTED:
-        return f"all of {counted(count, 'episode')}"
-    return f"at least {100.0 * WANTED:g} % of the episodes"
-
-
-def too_few(count: int) -> str:
-    """Sentence that a number of episodes, even if all are solved, does not show 99 %; "" if it can."""
-    if count >= _FEWEST:
-        return ""
-    low = math.floor(1000.0 * share(np.ones(count)).low) / 10.0
-    return (
-        f"{counted(count, 'episode')} cannot show {100.0 * WANTED:g} %: with all solved, the share is at least "
-        f"{low:g} % at 95 % confidence; at least {_FEWEST} are needed."
-    )
+from rans.evaluation.measure.statistics import WANTED, Estimate, share
+from rans.extend import Flight
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.extend import Conditions, ConfigError, Spacecraft, Timing
 from rans.files import distinct
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.randomization.conditions import (
-    Conditions,
     FaultConditions,
     SensorConditions,
     SensorsConditions,

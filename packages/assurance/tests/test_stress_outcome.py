@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_assurance.stress.outcome import BreakEven, StressOutcome, break_even, holds_to
 
 from rans.evaluation.measure.metrics import solved
 from rans.evaluation.measure.statistics import Estimate
-from rans.evaluation.stress.outcome import BreakEven, StressOutcome, break_even, holds_to
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from rans_assurance.stress.effects import Effect, Level, applicable_effects, failure_levels
 
 from rans.evaluation.fly.user_policy import UserPolicy
-from rans.evaluation.stress.effects import Effect, Level, applicable_effects, failure_levels
 from rans.flight import fly
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft

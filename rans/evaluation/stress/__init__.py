@@ -1,1 +1,0 @@
-"""Robustness: success of contestants against the size of every disturbance and fault."""
