@@ -12,7 +12,6 @@ sets them. docs/decisions/learners.md says how the values of the presets were ch
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -678,42 +677,6 @@ def _multiplied(steps: Any, factor: int) -> Any:
 
 # Changes of entries by their names, for options and keyword arguments.
 
-OTHERS_NAMES = {
-    "lr": "ppo.learning_rate",
-    "alpha": "ppo.learning_rate",
-    "batch": "ppo.batch_size",
-    "envs": "ppo.n_envs",
-    "environments": "ppo.n_envs",
-    "rollout_steps": "ppo.n_steps",
-    "horizon": "ppo.n_steps",
-    "update_epochs": "ppo.n_epochs",
-    "discount": "ppo.gamma",
-    "gae": "ppo.gae_lambda",
-    "lmbda": "ppo.gae_lambda",
-    "hidden": "ppo.layers",
-    "network": "ppo.layers",
-    "steps": "total_timesteps",
-    "num_timesteps": "total_timesteps",
-    "n_timesteps": "total_timesteps",
-    "num_envs": "ppo.n_envs",
-    "num_steps": "ppo.n_steps",
-    "horizon_length": "ppo.n_steps",
-    "minibatch_size": "ppo.batch_size",
-    "mini_epochs": "ppo.n_epochs",
-    "num_epochs": "ppo.n_epochs",
-    "epochs": "ppo.n_epochs",
-    "lam": "ppo.gae_lambda",
-    "net_arch": "ppo.layers",
-    "hidden_sizes": "ppo.layers",
-    "total_steps": "total_timesteps",
-    "timesteps": "total_timesteps",
-    "max_episode_steps": "timing.episode_steps",
-    "dt": "timing.control_period",
-}
-"""Names of entries in SB3, CleanRL, rl_games, rsl_rl and Gymnasium, for suggestions."""
-_NEAR = 0.7
-"""Similarity from which a name is suggested."""
-
 
 def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
     """Change one entry of a config table.
@@ -760,8 +723,9 @@ def entry_named(table: Mapping[str, Any], name: str) -> str:
             f"several entries of the config are called {brief(name)}: choose one of {', '.join(result)}."
         )
     if not result:
+        near = meant(name, [*names, *(entry.rpartition(".")[2] for entry in names)])
         raise ConfigError(
-            f"the config has no {brief(name)}{_suggestion(name, names)}; `rans list TASK`, "
+            f"the config has no {brief(name)}{near}; `rans list TASK`, "
             "`rans list TRAINING` and the config.json of any run show its entries."
         )
     return result[0]
@@ -774,27 +738,6 @@ def _typed(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return type(value)(map(_typed, value))
     return typed(value)
-
-
-def _suggestion(name: str, entries: list[str]) -> str:
-    """Suggestion of a similar entry, by its name in other libraries or by its spelling; else an empty text.
-
-    Only words of the message depend on it.
-    """
-    last = name.rpartition(".")[2].lower()
-    if (synonym := OTHERS_NAMES.get(last)) in entries:
-        return f" (did you mean {synonym}?)"
-    if len(name) > 100:
-        return ""
-
-    def likeness(entry: str) -> float:
-        alike = difflib.SequenceMatcher(None, name, entry).ratio()
-        return max(
-            alike, difflib.SequenceMatcher(None, last, entry.rpartition(".")[2]).ratio() - 1e-3
-        )
-
-    best = max(entries, key=likeness)
-    return f" (did you mean {best}?)" if likeness(best) >= _NEAR else ""
 
 
 def _names(table: Mapping[str, Any], above: str = "") -> Iterator[str]:
