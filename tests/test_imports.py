@@ -469,9 +469,10 @@ from rans.fast.learn import any_craft
 from rans.fast.learn.trainer import Trainer
 
 def train(trainer, *_):
-    any_craft._ROUNDS = any_craft._OWN_ROUNDS = any_craft._PERIODS = any_craft._UPDATES[2] = 1
-    learner = trainer.learner
-    any_craft.imitate(trainer.engine, learner.network, learner.adam, trainer._teacher, trainer.config.ppo)
+    any_craft._ROUNDS = any_craft._OWN_ROUNDS = any_craft._UPDATES = 1
+    any_craft._SECONDS = 0.2
+    given = trainer.learner.network, trainer.learner.adam, trainer._teacher, trainer.config.ppo
+    any_craft.imitate(trainer.engine, *given, lambda: True)
     trainer.save()
     raise KeyboardInterrupt
 

@@ -478,7 +478,7 @@ def from_any_craft(config: TrainConfig, craft: Spacecraft) -> TrainConfig:
     config is as it was.
     """
     from rans.evaluation.fly.agent import load_policy
-    from rans.evaluation.fly.choice import chosen
+    from rans.evaluation.fly.choice import VALUES, chosen
     from rans.policy.timing import flies_to_a_pose
     from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder
 
@@ -496,7 +496,10 @@ def from_any_craft(config: TrainConfig, craft: Spacecraft) -> TrainConfig:
     if craft.thrust_sharing == "split" and not craft.is_continuous:
         # Valves that are chosen one by one take each other's thrust.
         ppo = replace(ppo, backbone="allocated")
-    return replace(config, ppo=ppo, begin_from=f"pretrained:{agent}#{choice.value:g}")
+    # Networks without allocation imitate the agent at this one value, or as it was trained.
+    if ppo.backbone == "allocated" or choice.value == VALUES[0]:
+        agent += f"#{choice.value:g}"
+    return replace(config, ppo=ppo, begin_from=f"pretrained:{agent}")
 
 
 _IMITATING_ENVS, _IMITATING_STEPS = 256, 32

@@ -34,36 +34,25 @@ from rans.policy.heads import Patterns
 from rans.policy.network import Network
 from rans.pretrained import agent_path
 
-_ROUNDS = 12
-"""Rounds of flying and learning; in the first the agent for any craft flies alone, in the last hardly."""
+_ROUNDS = 8
+"""Rounds of flying and learning in which the agent for any craft flies too: alone in the first, hardly in the
+last."""
+_UPDATES = 120
+_BATCH = 512
+_RATE = 6e-3
+_SECONDS = 6.4
+"""Gradient steps after a round, on labels of all rounds, labels and step size of a gradient step, and length of a
+round, s. The step size falls to a tenth in the last round that the expert flies, too. At a step size of 2e-3 and
+with 1,024 labels an imitation needs 28 rounds instead of 12; with rounds of 3.2 s, which are shorter than a flight,
+a craft that is commanded every 0.1 s was not imitated in 32 rounds."""
 _OWN_ROUNDS = 4
-"""Rounds after them in which the network flies alone. Values are learnt from its own flights of so many last
-rounds: actor and critic share layers, so that a critic that is wrong where PPO begins spoils the commands, too."""
-_PERIODS = 64
-"""Control periods of a round."""
-_UPDATES = {2: 80, 3: 400}
-"""Gradient steps after a round, on labels of all rounds, by dimension. After 80 in space
-half the commands of 16 thrusters are met exactly, and PPO then loses the attitude within a million steps."""
-_BATCH = 4096
-"""Labels of a gradient step."""
-_SHORT_ROUNDS = 8
-_SHORT_UPDATES = 120
-_SHORT_BATCH = 512
-_SHORT_RATE = 6e-3
-_SHORT_SECONDS = 6.4
-"""Rounds, gradient steps after a round, labels and first step size of a gradient step, and length of a round, s, of
-an imitation that may be all of a training. It takes a fifth of the time of the longer one. At a step size of 2e-3
-and with 1,024 labels it needs 28 rounds instead of 12; with rounds of 3.2 s, which are shorter than a flight, a
-craft that is commanded every 0.1 s was not imitated in 32 rounds."""
-_JUDGED = 4
-"""Rounds in which the network flies alone until it is judged, which takes as long as three rounds."""
+"""Values are learnt from the network's own flights of so many last rounds: actor and critic share layers, so that a
+critic that is wrong where PPO goes on spoils the commands, too. After as many rounds the network is judged, which
+takes as long as three of them."""
 _MOST_ROUNDS = 32
-"""Largest number of rounds of such an imitation, which ends as soon as the task is solved."""
-_RATE = 2e-3
-"""Step size of the first round, which falls to a tenth in the last of those that the expert flies, too."""
-_CERTAINTY = {2: 0.94, 3: 0.985}
-"""Probability of a copied on/off command, by dimension: the agent must go on exploring afterwards. Of 16 thrusters
-in space a training that begins with 0.94 needs 8 % more impulse."""
+"""Largest number of rounds of an imitation, which ends as soon as the task is solved."""
+_CERTAINTY = 0.94
+"""Probability of a copied on/off command: where the task is not solved, the agent goes on exploring afterwards."""
 _DEMAND = 30.0
 """Weight of the errors of a demand, in units of the craft's authority, beside those of the values."""
 _VALUE = 0.5
@@ -158,7 +147,7 @@ def imitate(
     adam: Adam,
     expert: Network,
     settings: PPOSettings,
-    is_enough: Callable[[], bool] | None = None,
+    is_enough: Callable[[], bool],
     stop: Callable[[], bool] = lambda: False,
     report: Callable[[int, float], None] = lambda steps, loss: None,
 ) -> int:
@@ -173,39 +162,31 @@ def imitate(
         adam: of the network; afterwards it is as it was before.
         expert: network of `teacher`.
         settings: of the training that follows: discount and scale of its rewards.
-        is_enough: whether the network flies well enough: if this may be all of the training, its last rounds go on
-            until then; None: reinforcement learning goes on in any case.
+        is_enough: whether the network flies well enough, which ends the imitation.
         stop: whether to stop; called after every gradient step.
         report: called after every round with the control periods that each environment flew and the loss of the
             round's last gradient step.
     """
-    dimension = engine.craft.dimension
-    certainty = _CERTAINTY[dimension]
     generator = torch.Generator(engine.device).manual_seed(engine.num_envs)
     # The spread of continuous commands is that of what is left of their errors.
     before = {name: x.clone() for name, x in adam.state().items()}
-    mixed, updates, batch, periods = _ROUNDS, _UPDATES[dimension], _BATCH, _PERIODS
-    rate, last = _RATE, mixed + _OWN_ROUNDS
-    if is_enough is not None:
-        mixed, updates, batch = _SHORT_ROUNDS, _SHORT_UPDATES, _SHORT_BATCH
-        rate, last = _SHORT_RATE, _MOST_ROUNDS
-        periods = max(1, round(_SHORT_SECONDS / engine.timing.control_period))
-    lessons = _Lessons(engine, network, adam, certainty, batch, last)
+    periods = max(1, round(_SECONDS / engine.timing.control_period))
+    lessons = _Lessons(engine, network, adam)
     stopped = False
-    for number in range(last):
-        share = min(1.0, number / mixed)
+    for number in range(_MOST_ROUNDS):
+        share = min(1.0, number / _ROUNDS)
         lessons.add(_flown(engine, network, expert, share, settings, generator, periods))
-        adam.rate.fill_(rate * (1.0 - 0.9 * share))
-        for _ in range(updates):
+        adam.rate.fill_(_RATE * (1.0 - 0.9 * share))
+        for _ in range(_UPDATES):
             lessons.learn(generator)
             stopped = stop()
             if stopped:
                 break
-        alone = number + 1 - mixed
+        alone = number + 1 - _ROUNDS
         if stopped:
             break
         report(lessons.rounds * periods, float(lessons.loss))
-        if is_enough is not None and alone > 0 and alone % _JUDGED == 0 and is_enough():
+        if alone > 0 and alone % _OWN_ROUNDS == 0 and is_enough():
             break
     adam.load(before)
     engine.reset()
@@ -234,29 +215,16 @@ class _Lessons:
         engine: in which they fly.
         network: that learns.
         adam: of the network.
-        certainty: probability of a copied on/off command.
-        batch: labels of a gradient step.
-        most: largest number of rounds.
     """
 
-    def __init__(
-        self,
-        engine: Engine,
-        network: Network,
-        adam: Adam,
-        certainty: float,
-        batch: int,
-        most: int,
-    ) -> None:
+    def __init__(self, engine: Engine, network: Network, adam: Adam) -> None:
         self.rounds = 0
         self._network = network
         self._adam = adam
         self._processes = engine.processes
-        self._certainty = certainty
-        self._most = most
         self._labels: _Labels | None = None
         self._spread = torch.ones_like(adam.rate)
-        self._rows = torch.empty(batch, dtype=torch.int64, device=engine.device)
+        self._rows = torch.empty(_BATCH, dtype=torch.int64, device=engine.device)
         self._step = graphed(self._descend, engine.device)
         self.loss = torch.zeros((), device=engine.device)
         """Loss of the last gradient step, a scalar."""
@@ -265,7 +233,7 @@ class _Lessons:
         """Add the labels of a round; values are learnt of the last own rounds alone, as commands change."""
         count = len(new.own)
         if self._labels is None:
-            self._labels = _Labels(*(x.new_empty(self._most * count, *x.shape[1:]) for x in new))
+            self._labels = _Labels(*(x.new_empty(_MOST_ROUNDS * count, *x.shape[1:]) for x in new))
         begun = self.rounds * count
         for kept, x in zip(self._labels, new, strict=True):
             kept[begun : begun + count] = x
@@ -296,8 +264,8 @@ class _Lessons:
         else:
             likelihood = policy.log_prob(actions)
             if network.architecture.last.weights == 2:
-                likelihood = self._certainty * likelihood
-                likelihood = likelihood + (1.0 - self._certainty) * policy.log_prob(1.0 - actions)
+                likelihood = _CERTAINTY * likelihood
+                likelihood = likelihood + (1.0 - _CERTAINTY) * policy.log_prob(1.0 - actions)
         error = owned * ((output.value - returns) / self._spread).square()
         loss = (_VALUE * error - likelihood).mean()
         self.loss.copy_(loss.detach())

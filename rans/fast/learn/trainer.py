@@ -234,17 +234,16 @@ class Trainer:
         report: Callable[[dict[str, Any]], object],
         stop: Callable[[], bool],
     ) -> bool:
-        """Learn from an agent for any craft, changing network, Adam and counts; may end a training once solved.
+        """Learn from an agent for any craft until it solves the task, changing network, Adam and counts.
 
         Returns whether it came to its end, and was not stopped.
         """
         begun = time.monotonic()
-        share = self.config.solved_share
         judged: dict[str, float] = {}
 
         def is_enough() -> bool:
             judged.update(self.selection.judge())
-            return share is not None and judged["success"] >= share
+            return judged["success"] >= (self.config.solved_share or 1.0)
 
         def log(periods: int, loss: float) -> None:
             steps = periods * self.config.ppo.n_envs
@@ -257,16 +256,13 @@ class Trainer:
             self.learner.adam,
             expert,
             self.config.ppo,
-            None if share is None else is_enough,
+            is_enough,
             stop,
             log,
         )
         self.seconds += time.monotonic() - begun
         if not flown:
             return False
-        if share is None:
-            self._begun = (self.steps, self.seconds)
-            return True
         self.steps = flown * self.config.ppo.n_envs
         self._report(report, judged)
         return True

@@ -48,6 +48,7 @@ def imitate(begun: Trainer) -> Any:
         learner.adam,
         expert,
         begun.config.ppo,
+        lambda: False,
         report=lambda _, loss: losses.append(loss),
     )
     # Each round adds states that its own flights lead to, so that it need not fall.
@@ -59,8 +60,8 @@ def imitate(begun: Trainer) -> Any:
 def shorten(monkeypatch: pytest.MonkeyPatch, rounds: int, updates: int) -> None:
     monkeypatch.setattr(any_craft, "_ROUNDS", rounds)
     monkeypatch.setattr(any_craft, "_OWN_ROUNDS", 1)
-    monkeypatch.setattr(any_craft, "_UPDATES", {2: updates})
-    monkeypatch.setattr(any_craft, "_BATCH", 512)
+    monkeypatch.setattr(any_craft, "_MOST_ROUNDS", rounds + 1)
+    monkeypatch.setattr(any_craft, "_UPDATES", updates)
 
 
 @pytest.mark.parametrize(
@@ -164,7 +165,8 @@ def test_a_graph_replays_its_gradient_steps(
         learner = begun.learner.network
         expert = any_craft.teacher("pretrained:any-craft-2d", begun.engine, learner.architecture)
         assert expert is not None
-        any_craft.imitate(begun.engine, learner, begun.learner.adam, expert, begun.config.ppo)
+        adam = begun.learner.adam
+        any_craft.imitate(begun.engine, learner, adam, expert, begun.config.ppo, lambda: False)
         weights.append(learner.weights())
     for name, weight in weights[0].items():
         torch.testing.assert_close(weight, weights[1][name], rtol=1e-3, atol=1e-4)
@@ -173,7 +175,7 @@ def test_a_graph_replays_its_gradient_steps(
 def test_values_are_of_its_own_flights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The returns of the expert's flights teach nothing, and those of its own do."""
     shorten(monkeypatch, rounds=1, updates=4)
-    monkeypatch.setattr(any_craft, "_PERIODS", 8)
+    monkeypatch.setattr(any_craft, "_SECONDS", 1.6)
     flown = any_craft._flown
     values = []
     # Planted errors in the returns: none, of the expert's flights, of its own.
@@ -198,7 +200,7 @@ def test_commands_of_pulsed_thrusters_spread_as_their_errors(
 ) -> None:
     """PPO would fly at random if it began with the usual spread, a whole period of thrust."""
     shorten(monkeypatch, rounds=1, updates=80)
-    monkeypatch.setattr(any_craft, "_PERIODS", 8)
+    monkeypatch.setattr(any_craft, "_SECONDS", 1.6)
     begun = trainer(tmp_path, config(craft="freeflyer2"))
     imitate(begun)
     assert (begun.learner.network.tensors["log_std"] < -0.1).all()
@@ -211,9 +213,9 @@ def test_an_imitation_that_solves_the_task_is_all_of_a_training(
 
     Its judge is not compiled, which took most of 23 s on a GPU.
     """
-    monkeypatch.setattr(any_craft, "_SHORT_ROUNDS", 1)
-    monkeypatch.setattr(any_craft, "_SHORT_UPDATES", 1)
-    monkeypatch.setattr(any_craft, "_SHORT_SECONDS", 0.4)
+    monkeypatch.setattr(any_craft, "_ROUNDS", 1)
+    monkeypatch.setattr(any_craft, "_UPDATES", 1)
+    monkeypatch.setattr(any_craft, "_SECONDS", 0.4)
     given = config()
     begun = trainer(tmp_path / "ends", given)
     found = iter([0.98, 1.0])
@@ -232,11 +234,12 @@ def test_an_imitation_that_solves_the_task_is_all_of_a_training(
     assert begun.steps == (1 + 8) * 2 * 64
     assert [row["success"] for row in rows] == [1.0]
     # A training without an end by its task goes on by reinforcement learning.
-    long = trainer(tmp_path / "long", replace(given, solved_share=None))
-    shorten(monkeypatch, rounds=1, updates=1)
-    monkeypatch.setattr(any_craft, "_PERIODS", 2)
+    steps = (1 + 4) * 2 * 64
+    whole = replace(given, solved_share=None, total_timesteps=steps + 64 * 16)
+    long = trainer(tmp_path / "long", whole)
+    monkeypatch.setattr(long.selection, "judge", lambda: {"success": 1.0})
     long.train(lambda _: None)
-    assert long.steps == 64 * 16
+    assert [row["steps"] for row in long.rows] == [steps, steps + 64 * 16]
 
 
 class _Flown(Exception):
@@ -298,7 +301,8 @@ def test_a_training_as_it_comes_begins_from_it_where_it_flies(
         flown = choice.Choice(value, 0.2, 256, 255, 6.0, 17.0)
         monkeypatch.setattr(choice, "chosen", lambda *_, flown=flown: flown)
         begun = from_any_craft(training("go-to-pose"), platform).begin_from
-        assert begun == f"pretrained:any-craft-2d#{value:g}"
+        # Networks that choose thrusters one by one imitate one value, or the agent as it was trained.
+        assert begun == "pretrained:any-craft-2d" + "#0.4" * (value == 0.4)
     # Valves that share a supply are imitated together.
     shared = load_spacecraft("floating-platform-shared")
     backbones = [
