@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from rans_missions.judges import logs
 from rans_robot.identify.log import read_csv as read_log
 
 import rans
@@ -36,11 +35,6 @@ READERS: dict[str, tuple[Callable[[Path], object], list[str], list[str]]] = {
         ["time", *POSE, *INPUTS],
         ["0", "0", "0", "0", *["1"] * 8],
     ),
-    "JEOD": (
-        logs._rows,
-        [logs.TIME, *(name for names in logs.COLUMNS.values() for name in names)],
-        ["0"] * 14,
-    ),
 }
 """Each reader with a header and a first row that it takes."""
 
@@ -51,7 +45,7 @@ READERS: dict[str, tuple[Callable[[Path], object], list[str], list[str]]] = {
     [
         (lambda head, row: (head, [f"{row[0]},5", *row[1:]]), "decimal comma|cells instead of"),
         (lambda head, row: (head, row[:-1]), "cells instead of"),
-        (lambda head, row: ([*head, head[-1]], [*row, row[-1]]), "twice|has 2 columns"),
+        (lambda head, row: ([*head, head[-1]], [*row, row[-1]]), "twice"),
         (lambda head, row: (head, ["1" * 200_000, *row[1:]]), "field limit"),
         (lambda head, row: (head, ["one", *row[1:]]), "number"),
     ],

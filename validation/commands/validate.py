@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from rich.text import Text
-from tyro.conf import arg
 
 from rans.cli.door import Options, command_of, word
 from rans.cli.next_commands import training
@@ -35,22 +34,22 @@ class Validate(Options):
 
     full: bool = False
     """Print every check, as with `--layer`, and not one line for each layer."""
-    judges: Annotated[tuple[Path, ...] | None, arg(metavar="[FOLDER]")] = None
-    """Compare with figures that others computed instead, such as NASA's JEOD (docs/missions/judges.md), and with
-    the longer logs in a folder. The spacecraft then does not matter."""
+    judges: bool = False
+    """Compare with figures that others computed instead, such as NASA's JEOD (docs/missions/judges.md). The
+    spacecraft then does not matter."""
     output: Path | None = None
     """Folder for validation.json, of which rans report makes a page; with --judges for judges.json."""
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        if self.judges is not None:
+        if self.judges:
             return (shlex.join(["rans", "validate", self.spacecraft]),)
         return training(load_spacecraft(typed(self.spacecraft)), self.spacecraft)
 
     def run(self) -> int:
         """Print a table of layers or checks, write the report, and return 1 if a check failed."""
-        if self.judges is not None:
-            return self._judge(self.judges)
+        if self.judges:
+            return self._judge()
         console = Terminal()
         if self.output is not None:
             ready_folder(self.output)
@@ -75,14 +74,10 @@ class Validate(Options):
             console.print("Nothing could be checked here.")
         return 1 if failed or nothing else 0
 
-    def _judge(self, folders: tuple[Path, ...]) -> int:
+    def _judge(self) -> int:
         """Print how other software's logs of the same flights agree; 1 if one is beyond its bound."""
         from validation.judges.table import judged, table
 
-        if len(folders) > 1:
-            raise ConfigError(
-                f"--judges takes one folder with logs, got {len(folders)}: put a spacecraft before it."
-            )
         for option, value in (("--layer", self.layer), ("--conditions", self.conditions)):
             if value is not None:
                 raise ConfigError(
@@ -91,10 +86,8 @@ class Validate(Options):
         console = Terminal()
         if self.output is not None:
             ready_folder(self.output)
-        rows, left = judged(*folders)
+        rows = judged()
         console.table(table(rows))
-        for sentence in left:
-            console.print(Text("not flown", "yellow"), sentence)
         agreed = sum(row.passed for row in rows)
         console.print(f"{agreed} of {len(rows)} judges agree within their bounds.")
         if self.output is not None:

@@ -6,27 +6,14 @@ Every start has a row in `_searched`; times are since the start of the episode, 
 from __future__ import annotations
 
 import math
-from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from rans.extend import (
-    Conditions,
-    ConfigError,
-    Spacecraft,
-    Task,
-    Timing,
-    Vec3,
-    bounds,
-    leaves,
-    map_leaves,
-)
-from rans.randomization.conditions import largest
+from rans.extend import ConfigError, Spacecraft, Task, Timing, Vec3, leaves, map_leaves
 from rans_missions.control.afterwards import Afterwards
-from rans_missions.control.navigation_filter import NavigationFilter
 from rans_missions.control.velocity_guidance import VelocityGuidance
 from rans_missions.convex.inspecting import InspectionSearch
 from rans_missions.orbits.reach import velocity_to_reach
@@ -45,16 +32,12 @@ _HOPS = 8
 """Number of times that the search begins again: 30 lower the mean price of 12 starts by 2 %."""
 _TRIM = 0.001
 """Error of velocity that is left alone, m/s: an orbit whose speed is off by it drifts by 18 m a turn."""
-_DOUBT = 3.0
-"""Standard deviations of an estimated velocity that are left alone."""
-_ABOVE, _ABOVE_IN_DOUBT = 0.05, 1.0
-"""Height above the horizon of a point from which it counts as seen in a search, m: for rounding, and for errors."""
-_BESIDE, _BESIDE_IN_DOUBT = 0.2, 3.0
-"""Distance from the keep-out ball and from the end of the zone that a flight keeps, m: for rounding, for errors."""
+_ABOVE = 0.05
+"""Height above the horizon of a point from which it counts as seen in a search, m: for rounding."""
+_BESIDE = 0.2
+"""Distance from the keep-out ball and from the end of the zone that a flight keeps, m: for rounding."""
 _BACK = 600.0
 """Time in which a craft returns to a searched flight, s: a tenth of an orbit, nearly straight."""
-_LISTENING = 10
-"""Control periods of noisy readings that are filtered before the first search."""
 _BEHIND = 40.0
 """Distance behind the target at which a craft stays that has seen enough, m."""
 _AWAY = 1500.0
@@ -89,8 +72,8 @@ class Circumnavigation(VelocityGuidance[Inspect]):
 
     Errors of more than 1 mm/s are corrected on the way. If a flight has ended and too little was seen, the next one
     is searched. Once enough has been seen, or while no flight is found, the craft goes to a point behind the target
-    on its orbit and stays there, outside of the ball (`rans_missions.tasks.hold.Hold`). With known errors of its
-    sensors it estimates position and velocity by a Kalman filter, and begins to search after ten periods.
+    on its orbit and stays there, outside of the ball (`rans_missions.tasks.hold.Hold`). It knows
+    the state exactly, and expects no errors of sensors and thrusters.
 
     Source of the motion: W. H. Clohessy and R. S. Wiltshire, "Terminal guidance system for satellite rendezvous",
     Journal of the Aerospace Sciences 27(9), 1960.
@@ -127,7 +110,6 @@ class Circumnavigation(VelocityGuidance[Inspect]):
             )
         self._length = self._period * self._timing.episode_steps
         self._within = self._length if within is None else within
-        self._filter: NavigationFilter | None = None
         self._searched: _Searched | None = None
         self._hold = Hold(
             mean_motion=self.task.mean_motion,
@@ -137,51 +119,19 @@ class Circumnavigation(VelocityGuidance[Inspect]):
         )
         self._afterwards = Afterwards(self.craft, self._hold, self._timing)
 
-    def expecting(self, conditions: Conditions | None) -> Circumnavigation:
-        """Copy of this guidance that expects the errors of these conditions; None: a perfect world."""
-        result = copy(self)
-        result._afterwards = Afterwards(self.craft, self._hold, self._timing)
-        result._filter = None
-        if conditions is not None:
-            position = conditions.sensors.position
-            velocity = conditions.sensors.velocity
-            noise = largest(position.noise), largest(velocity.noise)
-            weakest, strongest = bounds(conditions.thrusters.thrust)
-            # The standard deviation of a uniform distribution, and that of every period.
-            inexact = math.hypot(
-                (strongest - weakest) / math.sqrt(12.0), largest(conditions.thrusters.noise)
-            )
-            if max(*noise, inexact) > 0.0:
-                result._filter = NavigationFilter(self.task.drift, 3, self._period, *noise, inexact)
-        result.reset(0)
-        return result
-
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; forgets flights and estimates."""
         super().reset(count)
         self._afterwards.reset(count)
         self._searched = None
-        if self._filter is not None:
-            self._filter.reset()
 
     def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
         """Changes of velocity (N, 3), m/s, and which rows burn; see the base.
 
-        What errors of the estimate explain is left alone. Searches when it first sees a start, and again where a
-        flight is over and too little is inspected; `_searched` remembers.
+        Searches when it first sees a start, and again where a flight is over and too little is inspected;
+        `_searched` remembers.
         """
         size = len(state.p.x)
-        # Estimate, with standard deviations of position and velocity; noisy readings are filtered for a while.
-        listens = False
-        errors: Any = 0.0
-        if self._filter is not None:
-            reading = motion_of(state)
-            mean, covariance = self._filter.read(reading)
-            variance = np.diagonal(covariance, axis1=1, axis2=2)
-            position, velocity = variance[:, :3].max(axis=1), variance[:, 3:].max(axis=1)
-            errors = np.sqrt(velocity + position / _BACK**2)
-            state = replace(state, p=Vec3(*mean[:, :3].T), v=Vec3(*mean[:, 3:].T))
-            listens = now < _LISTENING * self._period
         if self._searched is None:
             self._searched = _Searched(
                 np.zeros(size, bool),
@@ -194,22 +144,16 @@ class Circumnavigation(VelocityGuidance[Inspect]):
         searched = self._searched
         enough = np.broadcast_to(self.task.unseen(goal) < self.task.unseen_tolerance, size)
         searched.flying &= ~enough
-        for row in np.flatnonzero((now > searched.finish) & ~enough & (not listens)):
+        for row in np.flatnonzero((now > searched.finish) & ~enough):
             self._search(int(row), state, goal, now, searched)
 
-        # Burn where more is missing than errors of the estimate explain.
-        least = np.maximum(_TRIM, _DOUBT * errors)
-        change = self._change_by_search(state, searched, least)
-        leaves_now = ~searched.flying & (not listens)
-        if leaves_now.any():
+        change = self._change_by_search(state, searched)
+        if not searched.flying.all():
             away = self._change_to_leave(state)
-            away = np.where(np.linalg.norm(away, axis=0) > least, away, 0.0)
-            change = np.where(searched.flying, change, np.where(leaves_now, away, 0.0))
-        change = np.where(not listens, change, 0.0).T
-        if self._filter is not None:
-            self._filter.burn(change)
-        burns: np.ndarray = np.any(change, axis=1)
-        return change, burns
+            away = np.where(np.linalg.norm(away, axis=0) > _TRIM, away, 0.0)
+            change = np.where(searched.flying, change, away)
+        burns: np.ndarray = np.any(change, axis=0)
+        return change.T, burns
 
     def _change_to_leave(self, state: Any) -> np.ndarray:
         """(3, N) change of velocity in W, m/s, with which craft go behind the target and stay there.
@@ -220,19 +164,16 @@ class Circumnavigation(VelocityGuidance[Inspect]):
         still = Vec3(zero, zero, zero)
         behind = replace(still, y=zero - _BEHIND)
         goal = replace(state, p=behind, v=still, notes=HoldPlan(zero, zero, zero, held=zero - 1.0))
-        goal = self._afterwards.goal(state, goal, exact=self._filter is None)
+        goal = self._afterwards.goal(state, goal)
         velocity = self._hold.recommended(state, goal, self._hold.arrival(goal))
         stays = self._hold.staying(state, goal)
         velocity = map_leaves(lambda a, b: np.where(self._afterwards.stays, a, b), stays, velocity)
         return np.array(leaves(velocity - state.v))
 
-    def _change_by_search(self, state: Any, searched: _Searched, least: Any) -> np.ndarray:
+    def _change_by_search(self, state: Any, searched: _Searched) -> np.ndarray:
         """(3, N) change of velocity in W, m/s, of craft that fly what a search has found; the next period follows.
 
-        Args:
-            state: states of arrays (N,).
-            searched: what they fly.
-            least: change of velocity that returns to it from which on it is corrected, m/s.
+        An error of the velocity of more than `_TRIM` is corrected.
         """
         p, v = self.task.drift.carry(state.p, state.v, 0.5 * self._period)
         planned = searched.changes[:, 0]
@@ -240,7 +181,7 @@ class Circumnavigation(VelocityGuidance[Inspect]):
         away = motion_of(replace(state, p=p, v=v)).T - expected.T
         back = velocity_to_reach(self.task.drift, Vec3(*away[:3]), Vec3(0.0, 0.0, 0.0), _BACK)
         missing = np.array(back.columns()) - away[3:]
-        corrects = np.linalg.norm(missing, axis=0) > least
+        corrects = np.linalg.norm(missing, axis=0) > _TRIM
         searched.changes = np.roll(searched.changes, -1, axis=1)
         searched.changes[:, -1] = 0.0
         burnt = expected + np.pad(planned, ((0, 0), (3, 0)))
@@ -254,7 +195,6 @@ class Circumnavigation(VelocityGuidance[Inspect]):
         start = motion_of(state_now)
         sun = target_now.notes.sun
         inspected = np.array([bool(x) for word in self.task._known(target_now) for x in word])
-        perfect = self._filter is None
         searched.flying[row] = False
         searched.finish[row] = now + _AWAY
         for within in dict.fromkeys((self._within - now, self._length - now, self._length)):
@@ -268,8 +208,8 @@ class Circumnavigation(VelocityGuidance[Inspect]):
                 inspected,
                 within,
                 self._most,
-                _ABOVE if perfect else _ABOVE_IN_DOUBT,
-                _BESIDE if perfect else _BESIDE_IN_DOUBT,
+                _ABOVE,
+                _BESIDE,
             )
             burns = search.best(self._beginnings(search, sun), _HOPS)
             if burns is not None:

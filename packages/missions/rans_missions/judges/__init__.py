@@ -1,1 +1,1 @@
-"""NASA's JEOD as a judge of orbits: its figures, its logs, and how far ours is from both."""
+"""Judges of orbits and liquid: figures of JEOD and Basilisk, and how far ours is from them."""

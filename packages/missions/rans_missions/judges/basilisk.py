@@ -304,15 +304,6 @@ def rows(figures: dict[str, Any] | None = None) -> Iterator[Row]:
         yield Row(BASILISK, f"Basilisk {name}", case.about, file, checks, "1e-12 m by its step")
 
 
-def judged(folder: Path | None) -> tuple[list[Row], list[str]]:
-    """Rows of all cases; a judge of `validation.judges.table`.
-
-    Args:
-        folder: logs of another judge, who is then asked alone; None: there are none.
-    """
-    return ([] if folder else list(rows())), []
-
-
 if __name__ == "__main__":
     write_json(
         BASILISK_STATES, {name: theirs(case)[9::10].tolist() for name, case in cases().items()}

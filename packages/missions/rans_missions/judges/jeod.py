@@ -146,10 +146,6 @@ def _runs() -> dict[str, Run]:
 
 RUNS = _runs()
 """The runs that RANS flies, by their names in JEOD."""
-NOT_FLOWN = {
-    "3A, 3B, 4, 6B, 7A to 7D": "harmonics of gravity, Sun and Moon, an atmosphere by the hour, which RANS has not",
-}
-"""Runs that are not flown, and why."""
 
 
 class Orbit:
@@ -336,20 +332,15 @@ def body_to_inertial(logged: tuple[float, ...]) -> Rotation:
     return Rotation.from_quat([-x, -y, -z, s])
 
 
-def rows(runs: Mapping[str, tuple[Run, str]] | None = None) -> Iterator[Row]:
-    """A row for each run, with the figures that stand here or those of logs.
-
-    Args:
-        runs: runs by name, each with the file of its figures; None: those that stand here.
-    """
-    if runs is None:
-        runs = {name: (run, f"RUN_{name}/log_state_ASCII.csv") for name, run in RUNS.items()}
-    for name, (run, file) in runs.items():
+def rows(runs: Mapping[str, Run] = RUNS) -> Iterator[Row]:
+    """A row for each run, by its name."""
+    for name, run in runs.items():
         position = _DRIFT if any(run.force) else _ORBIT
         bounds = {"position": position if run.is_near else _FAR, "displacement": _DRAG}
         bounds |= {"attitude": _ATTITUDE, "spin": _SPIN}
         found = differences(run).values.items()
         checks = tuple(replace(bounds[quantity], value=value) for quantity, value in found)
+        file = f"RUN_{name}/log_state_ASCII.csv"
         yield Row(JEOD, f"JEOD {name}", run.about, file, checks, run.spread)
 
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
 from rans_missions.judges import jeod
 from rans_missions.judges.jeod import RUNS, Run, differences, rows
-from rans_missions.judges.logs import COLUMNS, TIME, logged
 from rans_missions.orbits.elliptic import EllipticOrbit
 
-from rans.errors import ConfigError
 from rans.model import dynamics
 from rans.model.fields import Quat
 
@@ -31,7 +28,7 @@ SHORT = {
 
 @pytest.mark.parametrize("name", SHORT)
 def test_the_start_of_a_run_is_that_of_jeod(name: str) -> None:
-    (row,) = rows({name: (_cut(RUNS[name], SHORT[name]), "log")})
+    (row,) = rows({name: _cut(RUNS[name], SHORT[name])})
     assert row.passed, row.differences()
     # The fields that a run has: sixteen digits of 17 rad, and the log has as many.
     found = {check.name: check.value for check in row.checks}
@@ -42,7 +39,7 @@ def test_the_start_of_a_run_is_that_of_jeod(name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
 def test_eight_hours_are_those_of_jeod(name: str) -> None:
-    (row,) = rows({name: (RUNS[name], "log")})
+    (row,) = rows({name: RUNS[name]})
     assert row.passed, row.differences()
 
 
@@ -93,58 +90,6 @@ def test_a_wrong_gradient_of_gravity_is_far_from_jeod(
         dynamics, "_gradient", lambda drift, h: [x * factor for x in true(drift, h)]
     )
     # Even a thousandth of the torque is 1e6 times the bound.
-    (row,) = rows({"10C": (_cut(RUNS["10C"], 480), "log")})
+    (row,) = rows({"10C": _cut(RUNS["10C"], 480)})
     assert not row.passed
     assert differences(_cut(RUNS["10C"], 480)).values["attitude"] > 1e-4
-
-
-def _log(folder: Path, name: str, run: Run, header: list[str] | None = None) -> Path:
-    """A log with JEOD's columns among others, as its simulation writes them."""
-    columns = [TIME, "vehicle.dyn_body.derivs.rot_accel[0] {rad/s2}"]
-    columns += [column for names in COLUMNS.values() for column in names]
-    lines = [",".join(header or columns)]
-    for time in sorted({*run.motion} & {*run.turning}):
-        values = (*run.motion[time][0], *run.motion[time][1])
-        values += (*run.turning[time][0], *run.turning[time][1])
-        lines.append(",".join([f"{time:>20}", "0", *(f"{x:>20.16g}" for x in values)]))
-    file = folder / f"RUN_{name}" / "log_state_ASCII.csv"
-    file.parent.mkdir(parents=True)
-    file.write_text("\n".join(lines) + "\n", "utf-8")
-    return file
-
-
-def test_logs_of_a_folder_are_read_with_their_start(tmp_path: Path) -> None:
-    """The figures of 9B as a log of its own and as that of 9C, whose start and force are other ones."""
-    run = RUNS["9B"]
-    _log(tmp_path / "SET_test_val", "9B", run)
-    _log(tmp_path / "SET_test_val", "9C", run)
-    _log(tmp_path / "SET_test_val", "7A", run)
-    runs, left = logged(tmp_path)
-    assert set(runs) == {"9B", "9C"}
-    assert "RUN_7A" in left[0]
-    assert runs["9B"][0].turning[1680] == RUNS["9B"].turning[1680]
-    assert differences(_cut(runs["9B"][0], 2040)).values["attitude"] < 1e-9
-    assert (runs["9C"][0].force, runs["9C"][0].torque) == ((10.0, 0.0, 0.0), 10.0)
-
-
-@pytest.mark.parametrize(
-    ("change", "complaint"),
-    [
-        (("{rad/s}", "{deg/s}"), r"ang_vel_this\[0\] \{rad/s\}"),
-        (("                1680", "                1680.5"), "1680.5"),
-        (("6.713", "nan #"), "line 3"),
-        (("                   0", "                  10"), "no row at 0 s"),
-    ],
-)
-def test_a_damaged_log_is_refused(tmp_path: Path, change: tuple[str, str], complaint: str) -> None:
-    file = _log(tmp_path, "9A", RUNS["9A"])
-    text = file.read_text("utf-8")
-    assert change[0] in text
-    file.write_text(text.replace(*change), "utf-8")
-    with pytest.raises(ConfigError, match=complaint):
-        logged(tmp_path)
-
-
-def test_a_folder_without_logs_is_refused(tmp_path: Path, refused: Any) -> None:
-    assert "RUN_X" in refused(f"validate --judges {tmp_path}")
-    refused("validate --judges --layer thrusters")
