@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 import tyro
 from rans_missions.bounds.ports import least_to_dock
-from rans_missions.bounds.transfers import judged_approaches, transfer_bounds
+from rans_missions.bounds.transfers import least_of_approaches, transfer_bounds
 from rans_missions.bounds.zones import least_to_stay
 from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.corridor import Corridor
@@ -140,15 +140,15 @@ class Missions:
         """Guidance of final approaches, and the cheapest flights found from the first starts."""
         task: Any = FinalApproach().for_evaluation()
         craft = load_spacecraft(task.spacecraft)
-        table = judged_approaches(craft, task, self.seed, self.bounded)
-        lower = of_first(table.lower, self.episodes)
+        starts = scenarios(task, craft, self.seed, self.bounded)
+        found = least_of_approaches(craft, task, starts)
+        lower = of_first(found.lower, self.episodes)
         yield from self._flown(
             "", "corridor", Setup(craft, task, task.timing), Corridor(craft, task), lower
         )
-        found = table.rows[-1]
-        won = np.isfinite(table.upper)
-        ratios = (found.impulse / table.lower)[won]
-        yield row("", found.name, won, found.violated, found.impulse, ratios)
+        both = np.isfinite(found.upper)
+        ratios = (found.upper / found.lower)[both]
+        yield row("", "cheapest found", both, found.flight.violated(), found.upper, ratios)
 
     def _flown(
         self, condition: str, who: str, setup: Setup, agent: Controller, lower: np.ndarray

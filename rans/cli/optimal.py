@@ -55,9 +55,8 @@ class Optimal(Options):
     flies.
 
     For missions on an orbit (dock, hold, rendezvous) it computes the least impulse by a deadline, with a
-    lower bound from a conic program and a flight in both engines, and compares guidance, LQR and agents with
-    it start by start. These missions and landings refuse options that they do not use and that differ from
-    their defaults.
+    lower bound from a conic program and a flight in both engines, start by start. These missions and landings
+    refuse options that they do not use and that differ from their defaults.
     """
 
     group = "Limits"
@@ -69,10 +68,6 @@ class Optimal(Options):
         "rans optimal go-to-pose --start 3 1 40deg --goal 0 0 0",
     )
 
-    contestants: Annotated[
-        tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[RUN...]")
-    ] = ()
-    """Run folders or pretrained:NAME to compare with the bound of a mission on an orbit."""
     episodes: int = 16
     """Number of starts."""
     limits: Annotated[str, tyro.conf.arg(metavar="speed=M/S,spin=RAD/S")] = ""
@@ -218,16 +213,14 @@ class Optimal(Options):
     def _refuse_unused(self) -> None:
         """Reject (`ConfigError`) options that an ordinary task does not use with the others."""
         default = {field.name: field.default for field in fields(self)}
-        missions = "are for missions on an orbit (dock, hold, rendezvous)"
-        unused = {"contestants": missions}
+        unused = {}
         if not self.certify:
             unused["certify_seconds"] = "needs --certify"
         if self.start:
             unused["episodes"] = "is for starts of a seed, and --start is one"
         for name, reason in unused.items():
             if getattr(self, name) != default[name]:
-                option = "agents" if name == "contestants" else f"--{name.replace('_', '-')}"
-                raise ConfigError(f"{option} {reason}.")
+                raise ConfigError(f"--{name.replace('_', '-')} {reason}.")
 
     def refuse_all_but(self, *used: str) -> None:
         """Reject (`ConfigError`) options that differ from their defaults and that this task does not use."""
@@ -238,8 +231,7 @@ class Optimal(Options):
             and getattr(self, field.name) != field.default
         ]
         if unused:
-            listed = [name for name in used if name != "contestants"]
-            options = ", ".join(f"--{name.replace('_', '-')}" for name in listed)
+            options = ", ".join(f"--{name.replace('_', '-')}" for name in used)
             raise ConfigError(
                 f"{', '.join(unused)} would change nothing for {self.task}, which takes {options} and --output."
             )

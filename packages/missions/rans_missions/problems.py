@@ -5,8 +5,9 @@ The core finds it by entry points; a mission without an entry here has no bound 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from rans.extend import (
     environment,
     progress,
     ready_folder,
+    scenarios,
     write_json,
 )
 from rans.files import distinct
@@ -30,57 +32,32 @@ from rans_missions.tasks.orbital import OrbitalMission
 
 if TYPE_CHECKING:
     from rans.cli.optimal import Optimal
-    from rans_missions.bounds.transfers import TransferTable
 
 
 def transfers(command: Optimal, craft: Spacecraft, task: Task) -> int:
-    """Compare contestants with the bounds of a mission on an orbit; print and write the table."""
-    from rans_missions.bounds.transfers import contestants_of, judged_transfers
+    """Print and write the least impulse of a mission on an orbit from each start; 1 if a start has no flight."""
+    from rans_missions.bounds.transfers import least_of_approaches, least_of_transfers
 
-    mission = OrbitalMission.expected(task, "transfers end in missions")
-    command.refuse_all_but("spacecraft", "horizon", "episodes", "contestants")
-    deadline = mission.deadline[1] if command.horizon is None else command.horizon
     folder = ready_folder(command.output or Path("runs") / f"optimal-{distinct(command.task)}")
-    makers = contestants_of(craft, mission, command.contestants)
-    table = command.with_progress(
-        "bounds",
-        lambda step: judged_transfers(
-            craft, mission, makers, deadline, EVALUATION_SEED, command.episodes, progress=step
-        ),
-    )
-    title = f"{command.task} with {craft.name} by {deadline:g} s, {command.episodes} starts"
-    return _reported(title, folder, table)
-
-
-def approaches(command: Optimal, craft: Spacecraft, task: Task) -> int:
-    """Compare guidance with the bounds of a final approach; print and write the table."""
-    from rans_missions.bounds.transfers import judged_approaches
-
-    approach = FinalApproach.expected(task, "approaches end at ports")
-    command.refuse_all_but("spacecraft", "episodes")
-    folder = ready_folder(command.output or Path("runs") / f"optimal-{distinct(command.task)}")
-    table = command.with_progress(
-        "bounds",
-        lambda step: judged_approaches(
-            craft, approach, EVALUATION_SEED, command.episodes, progress=step
-        ),
-    )
-    title = f"{command.task} with {craft.name}, {command.episodes} starts"
-    return _reported(title, folder, table)
-
-
-def _reported(title: str, folder: Path, table: TransferTable) -> int:
-    """Print a table of missions and write optimal.json; 1 if a start has no flight."""
-    Terminal().show(
-        title,
-        table.columns,
-        table.cells(),
-        caption="Impulse over the proven bound of the same start and deadline, of those who won.",
-    )
-    write_json(folder / "optimal.json", table.to_json())
-    lost = int((~np.isfinite(table.upper)).sum())
+    mission: Any = task
+    least: Any = least_of_approaches
+    until = ""
+    if isinstance(task, FinalApproach):
+        command.refuse_all_but("spacecraft", "episodes")
+    else:
+        command.refuse_all_but("spacecraft", "horizon", "episodes")
+        mission = OrbitalMission.expected(task, "transfers end in missions")
+        deadline = mission.deadline[1] if command.horizon is None else command.horizon
+        mission = replace(mission, deadline=(deadline, deadline))
+        least = least_of_transfers
+        until = f" by {deadline:g} s"
+    starts = scenarios(mission, craft, EVALUATION_SEED, command.episodes)
+    found = command.with_progress("bounds", lambda step: least(craft, mission, starts, step))
+    Terminal().table(found.table(f"least impulse: {command.task} with {craft.name}{until}"))
+    write_json(folder / "optimal.json", found.to_json())
+    lost = int((~np.isfinite(found.upper)).sum())
     Terminal().say(
-        f"{len(table.upper) - lost} of {len(table.upper)} solved and flown in both engines. Written to "
+        f"{len(found.upper) - lost} of {len(found.upper)} solved and flown in both engines. Written to "
         f"{folder / 'optimal.json'}."
     )
     return 1 if lost else 0
@@ -133,5 +110,5 @@ LANDING = Problem(bounded, mission_bounds, ("optimal",), landings)
 """The least propellant of a landing."""
 INSPECTION = Problem(bounded, mission_bounds, ("circumnavigation", "optimal"))
 """A lower bound of the impulse of an inspection; no optimum is known."""
-APPROACH = Problem(bounded, mission_bounds, ("corridor", "optimal"), approaches)
+APPROACH = Problem(bounded, mission_bounds, ("corridor", "optimal"), transfers)
 """The least impulse of a flight through the corridor of a port."""
