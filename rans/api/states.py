@@ -9,12 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from rans.errors import ConfigError, brief
+from rans.model.dynamics import State
+from rans.model.fields import unflatten
 from rans.scenario import Endpoints, Scenario, each
 
 _UNITS = {"deg": 1.0, "rad": math.degrees(1.0)}
+_RATES = {2: ("v.x", "v.y", "w"), 3: ("v.x", "v.y", "v.z", "w.x", "w.y", "w.z")}
+"""Names of velocities and angular velocities, by dimension, in the order of a state's values."""
 
 
 class WrittenState(NamedTuple):
@@ -51,7 +56,7 @@ def read_state(words: Sequence[str], dimension: int, option: str) -> WrittenStat
     pose = [_number(word, option, index >= dimension) for index, word in enumerate(numbers)]
     if dimension == 3 and len(pose) == 3:
         pose += [0.0, 0.0, 0.0]
-    names = ("v.x", "v.y", "w") if dimension == 2 else ("v.x", "v.y", "v.z", "w.x", "w.y", "w.z")
+    names = _RATES[dimension]
     velocities: dict[str, float] = {}
     for word in words:
         name, equals, text = word.partition("=")
@@ -93,10 +98,8 @@ class WrittenEndpoints(Endpoints):
         """Words become states of the sampled ones' kind, whose other values stay; see `Endpoints.applied`.
 
         Raises:
-            ConfigError: see `read_state`; or a file cannot be read or has other keys.
+            ConfigError: see `read_state`.
         """
-        from rans.optimal.trajectory.endpoints import endpoint
-
         example = next(each(sampled))
         dimension = len(example.start.p.columns())
         start: Any = self.start
@@ -104,10 +107,10 @@ class WrittenEndpoints(Endpoints):
         zones: Any = self.zones
         # What is no word is a state or numbers already.
         if is_written(start):
-            start = endpoint(_by_key(start, dimension, "--start"), example.start)
+            start = _stated(start, example.start, "--start")
             goal = () if goal is None else goal
         if goal == () or is_written(goal):
-            goal = endpoint(_by_key(goal, dimension, "--goal"), example.goal)
+            goal = _stated(goal, example.goal, "--goal")
         if is_written(zones):
             zones = tuple(read_zones(zones, dimension, "--zones"))
         return Endpoints(start, goal, zones).applied(sampled)
@@ -120,22 +123,25 @@ def is_written(value: object) -> bool:
     )
 
 
-def _by_key(words: Sequence[str], dimension: int, option: str) -> list[str]:
-    """Values of a state by key, as `rans.optimal.trajectory.endpoints` has them, or the name of a file."""
-    if len(words) == 1 and words[0].endswith(".toml"):
-        return list(words)
-    state = read_state(words, dimension, option)
-    values = dict(state.velocities)
-    if state.pose and dimension == 2:
-        x, y, heading = state.pose
-        values |= {"p.x": x, "p.y": y, "heading": math.radians(heading)}
-    elif state.pose:
+def _stated(words: Sequence[str], like: State, option: str) -> State:
+    """The state of the words after an option; what they leave out is zero, the rest is as in ``like``.
+
+    Raises:
+        ConfigError: see `read_state`.
+    """
+    dimension = len(like.p.columns())
+    pose, velocities = read_state(words, dimension, option)
+    pose = pose or (0.0,) * (3 if dimension == 2 else 6)
+    if dimension == 2:
+        attitude = [math.radians(pose[2])]
+    else:
         from scipy.spatial.transform import Rotation
 
-        quaternion = Rotation.from_euler("xyz", state.pose[3:], degrees=True).as_quat()
-        names = ("p.x", "p.y", "p.z", "q.x", "q.y", "q.z", "q.w")
-        values |= dict(zip(names, (*state.pose[:3], *map(float, quaternion)), strict=True))
-    return [f"{name}={value!r}" for name, value in values.items()]
+        turn = Rotation.from_euler("xyz", pose[3:], degrees=True)
+        attitude = turn.as_quat(scalar_first=True).tolist()
+    rates = [velocities.get(name, 0.0) for name in _RATES[dimension]]
+    motion = unflatten(replace(like, notes=None, stores=()), [*pose[:dimension], *attitude, *rates])
+    return replace(motion, notes=like.notes, stores=like.stores)
 
 
 def _number(word: str, option: str, is_angle: bool) -> float:

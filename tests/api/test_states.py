@@ -65,6 +65,16 @@ def test_words_and_states_are_the_same_start_and_goal() -> None:
     first, second = words.applied(sampled), states.applied(sampled)
     for a, b in zip(leaves(first), leaves(second), strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-15)
+    spatial = scenarios(GoToPose(), load_spacecraft("free-flyer"), 7, 2)
+    half = math.sqrt(0.5)
+    words = own_endpoints(("1", "2", "3", "0", "0", "90deg", "v.y=0.2", "w.z=0.1"), (), ())
+    quarter = state((1.0, 2.0, 3.0), (half, 0.0, 0.0, half), (0.0, 0.2, 0.0), (0.0, 0.0, 0.1))
+    states = own_endpoints(quarter, state((0.0, 0.0, 0.0)), ())
+    assert words is not None
+    assert states is not None
+    turned = words.applied(spatial), states.applied(spatial)
+    for a, b in zip(*map(leaves, turned), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-15)
     # Each may be words or a state, whatever the others are.
     for mixed in (
         own_endpoints(start, ("0", "0", "0"), ()),

@@ -15,12 +15,11 @@ from rans.errors import ConfigError, legible
 from rans.evaluation.measure.aggregate import save_arrays
 from rans.files import environment, inside, read_json, write_json, write_text
 from rans.flight import Flight
-from rans.model.fields import leaves, map_leaves, unflatten
+from rans.model.fields import Heading, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.optimal.trajectory.arrival import moves_goal
-from rans.optimal.trajectory.endpoints import NAMES
 from rans.optimal.trajectory.limits import PathLimits
 from rans.optimal.trajectory.objectives import Objective
 from rans.optimal.trajectory.pool import solve_all
@@ -408,7 +407,15 @@ def _check_trajectories(
 
 
 def _names(states: Any) -> list[str]:
-    return NAMES[len(leaves(states))]
+    """Names of a state's values.
+
+    Position and velocity in W (m, m/s), heading (rad) or the quaternion R_WB, and the angular velocity (rad/s, in
+    space on B).
+    """
+    if isinstance(states.attitude, Heading):
+        return ["p.x", "p.y", "heading", "v.x", "v.y", "w"]
+    vectors = [f"{name}.{axis}" for name in "pvw" for axis in "xyz"]
+    return [*vectors[:3], "q.w", "q.x", "q.y", "q.z", *vectors[3:]]
 
 
 def _multipliers(path: Trajectory) -> tuple[np.ndarray, np.ndarray]:
