@@ -226,11 +226,7 @@ def at_values(invited: Invited) -> Sequence[Invited]:
     name = ContestantName.parse(invited)
     if not name.in_full or name.frugality is not None:
         return [name]
-    before, at, craft = name.in_full.rpartition("@")
-    agent, _, asked = before.partition("#")
-    own = f",{asked}" if asked else ""
-    texts = [f"{agent}#{value:g}{own}{at}{craft}" for value in _VALUES]
-    return [*map(ContestantName.parse, texts)]
+    return [name.at(value) for value in _VALUES]
 
 
 def enlist(

@@ -201,6 +201,10 @@ class ContestantName:
         """Text with the agent for any craft, where the user's has the file of a spacecraft alone; else ""."""
         return self._at(self.frugality) if self.craft and "@" not in self.text else ""
 
+    def at(self, value: float) -> ContestantName:
+        """The agent for any craft at another value."""
+        return replace(self, text=self._at(value), frugality=value)
+
     def _at(self, value: float | None) -> str:
         """Text of the agent for any craft at another value."""
         words = [] if value is None else [f"{value:g}"]

@@ -58,7 +58,7 @@ def policy_of(policy: Any, craft: Spacecraft, task: Task) -> ForeignPolicy:
         scale = None if environment is None else environment.normalize_obs
         if scale is None:
             _warn_of_scales(who, getattr(policy, "_last_obs", None), craft)
-        return _predicting(who, policy, scale, spaces[1])
+        return _predicting(who, policy, scale)
     if not callable(policy) or isinstance(policy, type):
         raise ConfigError(
             "a policy is a Stable-Baselines3 model, a torch module or a function of observations "
@@ -69,16 +69,12 @@ def policy_of(policy: Any, craft: Spacecraft, task: Task) -> ForeignPolicy:
 
 
 def _predicting(
-    who: str, policy: Any, scale: Callable[[np.ndarray], np.ndarray] | None, space: Any
+    who: str, policy: Any, scale: Callable[[np.ndarray], np.ndarray] | None
 ) -> ForeignPolicy:
     """The policy of an object with ``predict``, whose second result is its memory.
 
-    Observations (N, width) are scaled first; the memory goes in and comes out as the object has it. Where the space
-    of its actions is that of `DiscreteThrusters`, the bits of each action are the thrusters.
+    Observations (N, width) are scaled first; the memory goes in and comes out as the object has it.
     """
-    # Of MultiBinary n is the number of thrusters, and of Discrete that of their combinations.
-    is_number = type(space).__name__ == "Discrete"
-    thrusters = np.arange(int(space.n).bit_length() - 1) if is_number else None
     try:
         parameters = inspect.signature(policy.predict).parameters
     except (TypeError, ValueError):  # a function of a compiled module
@@ -110,8 +106,6 @@ def _predicting(
             raise ConfigError(
                 f"predict of {who} returns a state and takes none: give it the arguments state and episode_start."
             )
-        if thrusters is not None:
-            commands = np.asarray(commands)[:, None] >> thrusters & 1
         return commands, after
 
     return decide
@@ -133,15 +127,10 @@ def _wrappers(environment: Any) -> Iterator[Any]:
 
 
 def _check_wrappers(who: str, policy: Any) -> None:
-    """Refuse (`ConfigError`) a model behind a wrapper that changes observations or actions.
-
-    VecNormalize and DiscreteThrusters are flown with the model.
-    """
+    """Refuse (`ConfigError`) a model behind a wrapper that changes observations or actions, but VecNormalize."""
     environment = getattr(policy, "get_env", lambda: None)()
     for wrapper in _wrappers(environment):
-        if type(wrapper).__name__ != "DiscreteThrusters" and any(
-            kind.__name__ in _CHANGING for kind in type(wrapper).__mro__
-        ):
+        if any(kind.__name__ in _CHANGING for kind in type(wrapper).__mro__):
             raise ConfigError(
                 f"{who} was trained behind {type(wrapper).__name__}, which changes observations or actions "
                 "and would not be flown: give a function of observations that does the same and asks the model."
@@ -225,7 +214,7 @@ def of_sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> ForeignPoli
     scale = _normalization(Path(name), craft, task)
     if scale is None:
         _warn_of_scales(name, data.get("_last_obs"), craft)
-    return _predicting(name, policy, scale, spaces[1])
+    return _predicting(name, policy, scale)
 
 
 def _statistics_file(file: Path) -> Path | None:
@@ -293,9 +282,7 @@ def _check_spaces(
     name: str, observation_space: Any, expected: Any, craft: Spacecraft, task: Task
 ) -> None:
     """Reject (`ConfigError`) a policy whose observation or action is of another size or kind than here."""
-    from gymnasium.spaces import Discrete, MultiBinary, MultiDiscrete
-
-    from rans.fast.envs.discrete import MOST_THRUSTERS
+    from gymnasium.spaces import MultiBinary, MultiDiscrete
 
     width = observation_width(task, craft.dimension)
     count = craft.command_count
@@ -310,8 +297,6 @@ def _check_spaces(
             f"{name} observes {observation_space.shape}, but {craft.name} has ({width},){stacked}."
         )
     accepted: list[Any] = [MultiDiscrete([2] * count), MultiBinary(count), action_space(craft)]
-    if action_space(craft) == accepted[0] and count <= MOST_THRUSTERS:
-        accepted.append(Discrete(2**count))  # DiscreteThrusters
     if expected not in accepted:
         takes = craft.actuators.allowed if not craft.wheels else allowed(craft)
         wheels = f" and {craft.wheel_count} reaction wheels" if craft.wheels else ""

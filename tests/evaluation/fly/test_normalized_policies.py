@@ -11,14 +11,13 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.wrappers import NormalizeObservation
-from stable_baselines3 import A2C, DQN, PPO, SAC, TD3
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
+from stable_baselines3 import A2C, PPO, SAC, TD3
+from stable_baselines3.common.vec_env import SubprocVecEnv, VecNormalize
 
 import rans
 from rans.errors import ConfigError
 from rans.evaluation.fly.foreign_policy import policy_of
 from rans.evaluation.fly.user_policy import user_policy
-from rans.fast.envs.discrete import DiscreteThrusters
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
@@ -85,12 +84,6 @@ OFF_POLICY = {"learning_starts": 8, "buffer_size": 1000, "seed": 0}
 WITH_SDE = ON_POLICY | {"use_sde": True}
 
 
-def environment_of(craft: Spacecraft, kind: type) -> VecEnv:
-    if kind is DQN:
-        return DummyVecEnv([lambda: DiscreteThrusters(gymnasium.make("rans/GoToPose2D-v0"))])
-    return rans.SB3VecEnv(rans.Engine(craft, GoToPose(), num_envs=4))
-
-
 @pytest.mark.parametrize(
     ("kind", "craft", "options"),
     [
@@ -100,20 +93,18 @@ def environment_of(craft: Spacecraft, kind: type) -> VecEnv:
         (A2C, THROTTLED, WITH_SDE),
         (SAC, THROTTLED, OFF_POLICY | {"use_sde": True}),
         (TD3, THROTTLED, OFF_POLICY),
-        (DQN, CRAFT, OFF_POLICY),
     ],
 )
 def test_what_an_algorithm_saves_flies_as_it_predicts(
     tmp_path: Path, kind: Any, craft: Spacecraft, options: dict[str, Any]
 ) -> None:
     """As a file and as an object; warnings are errors here."""
-    model = kind("MlpPolicy", environment_of(craft, kind), **options).learn(32)
+    environment = rans.SB3VecEnv(rans.Engine(craft, GoToPose(), num_envs=4))
+    model = kind("MlpPolicy", environment, **options).learn(32)
     model.save(tmp_path / "model.zip")
     width = model.observation_space.shape[0]
     seen = np.random.default_rng(3).normal(size=(64, width)).astype(np.float32)
     answer = model.predict(seen, deterministic=True)[0]
-    if kind is DQN:
-        answer = [[number >> k & 1 for k in range(8)] for number in answer]
     policy = user_policy(f"sb3:{tmp_path / 'model.zip'}", craft, GoToPose(), trust=True)
     np.testing.assert_array_equal(policy.act(None, None, seen), answer)
     flown = policy_of(model, craft, GoToPose())(seen, None, np.ones(64, bool))[0]
@@ -135,9 +126,8 @@ def test_scales_out_of_reach_are_noticed_by_what_the_model_saw_last(
         with pytest.warns(UserWarning, match="observations are passed to it as they are"):
             policy_of(model, CRAFT, GoToPose())
         return
-    SAC("MlpPolicy", VecNormalize(environment_of(THROTTLED, SAC)), **OFF_POLICY).learn(8).save(
-        tmp_path / "model.zip"
-    )
+    environment = VecNormalize(rans.SB3VecEnv(rans.Engine(THROTTLED, GoToPose(), num_envs=4)))
+    SAC("MlpPolicy", environment, **OFF_POLICY).learn(8).save(tmp_path / "model.zip")
     with pytest.warns(UserWarning, match="observations are passed to it as they are"):
         user_policy(f"sb3:{tmp_path / 'model.zip'}", THROTTLED, GoToPose(), trust=True)
 
