@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rans.cli.door import command_of as command_of
     from rans.cli.door import word as word
     from rans.deploy.export import evaluated as evaluated
+    from rans.deploy.program import Ports as Ports
     from rans.episode import Setup as Setup
     from rans.episode import World as World
     from rans.errors import ConfigError as ConfigError
@@ -100,6 +101,7 @@ if TYPE_CHECKING:
     from rans.model.timing import MOST_STEPS as MOST_STEPS
     from rans.model.timing import Timing as Timing
     from rans.policy.network import Network as Network
+    from rans.policy.program import Program as Program
     from rans.processes import Workers as Workers
     from rans.progress import Progress as Progress
     from rans.progress import unseen as unseen

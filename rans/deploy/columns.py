@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import is_dataclass
+from itertools import groupby
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
+from rans.errors import ConfigError
 from rans.model.dynamics import State
 from rans.model.fields import Field, Vec3, leaves
 from rans.tasks.base import Task
@@ -26,6 +29,21 @@ MARGIN = 0.1
 
 OUTLIERS = 1e-3
 """Share of the flights that a column's valid range leaves out on either side."""
+
+
+_WRITTEN = {
+    "own attitude, R_WB": "own.R{0}",
+    "v_WB, own": "own.v{0}",
+    "own angular velocity": "own.w{0}",
+    "p_WG - p_WB": "goal.p{0} - own.p{0}",
+    "p_WB - p_WG": "own.p{0} - goal.p{0}",
+    "v_WG - v_WB": "goal.v{0} - own.v{0}",
+    "w_WG - w_WB": "goal.w{0} - own.w{0}",
+    "R_WB^T R_WG": "turn{0}",
+    "v_WG, velocity": "goal.v{0}",
+    "unused": "0.0",
+}
+"""Quantities of motion by how their meaning begins, as `written_columns` has them."""
 
 
 def left_out(flights: int) -> int:
@@ -72,6 +90,38 @@ def column_meanings(task: Task, state: State, goal: State) -> list[str]:
     dimension = 3 if isinstance(state.w, Vec3) else 2
     missing = observation_width(task, dimension) - len(results)
     return [*results, *["unused"] * missing]
+
+
+def written_columns(about: Mapping[str, Any]) -> list[str]:
+    """An expression for every column of a contract's observation, in Python and C alike.
+
+    It is of ``own`` and ``goal``, each with p, v, w (three numbers, SI units; p and v in W, w in B of the
+    spacecraft) and R, the rotation matrix R_WB or R_WG, and of ``turn``, which is R_WB^T R_WG.
+
+    Raises:
+        ConfigError: a column is of something else, or several tasks are observed in the same columns.
+    """
+    columns = about["observation"]
+    if len(about["tasks"]) > 1:
+        raise ConfigError("a module in other software flies one task, and this agent has several.")
+    known = _WRITTEN | {"task flag": repr(float(about["tasks"][0]["flag"]))}
+    # The plane has x, y, the spin about z and the first column of a rotation matrix, space its first two rows.
+    planar = columns[2]["unit"] == "m/s"
+    vector = [f"[{i}]" for i in range(3)]
+    matrix = [f"[{j}][{i}]" if planar else f"[{i}][{j}]" for i in range(3) for j in range(3)]
+    places = {"-": matrix, "rad/s": vector[2 * planar :]}
+    result = []
+    for (meaning, unit), same in groupby(columns, itemgetter("meaning", "unit")):
+        written = next((known[begin] for begin in known if meaning.startswith(begin)), None)
+        if written is None:
+            raise ConfigError(
+                "messages of other software do not hold what this agent observes: "
+                f"{meaning or 'an unnamed quantity'}. Export it as numpy or c, and compute its observation."
+            )
+        result += [
+            written.format(at) for at, _ in zip(places.get(unit, vector), same, strict=False)
+        ]
+    return result
 
 
 def _quantities(state: State, goal: State) -> dict[str, Sequence[Field]]:

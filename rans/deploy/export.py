@@ -213,7 +213,7 @@ def check_alone(folder: Path, form: str, pairs: str) -> None:
         raise ConfigError(f"{folder} is the run folder of a training: export into another folder.")
     # Forms of installed packages are written into agent.FORM, or several files that end so.
     names = dict.fromkeys(name for names in _FILES.values() for name in names)
-    names |= dict.fromkeys(sorted(file.name for file in folder.glob("agent.*")))
+    names |= dict.fromkeys(sorted(file.name for file in folder.glob("agent[._]*")))
     others = [
         name
         for name in names

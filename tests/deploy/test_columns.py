@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from rans.deploy.columns import written_columns
 from rans.deploy.contract import (
     contract,
     wiring,
 )
+from rans.errors import ConfigError
 from rans.fast.learn.run_folder import RunFolder
 from rans.pretrained import pretrained_folder
 from rans.tasks.derived import observation_width
@@ -18,13 +22,17 @@ from rans.tasks.derived import observation_width
 
 def columns_and_wiring(name: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """Columns of a shipped agent's contract by name, and its states and goals with their observations."""
+    about, pairs = contract_and_wiring(name)
+    return {column["name"]: column for column in about["observation"]}, pairs
+
+
+def contract_and_wiring(name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A shipped agent's contract, and its states and goals with their observations."""
     run = RunFolder(pretrained_folder(name))
     config = run.config()
     craft = run.spacecraft()
     seen = np.zeros((1, 1, observation_width(config.settings, craft.dimension)), np.float32)
-    about = contract(name, config, craft, "", 0, seen)
-    columns = {column["name"]: column for column in about["observation"]}
-    return columns, wiring(config.settings, craft)
+    return contract(name, config, craft, "", 0, seen), wiring(config.settings, craft)
 
 
 @pytest.mark.parametrize(
@@ -54,3 +62,34 @@ def test_columns_of_the_nearest_zone_are_what_their_meaning_says() -> None:
         }
         for column, value in known.items():
             assert row[columns[column]["column"]] == pytest.approx(value, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "name", ["go-to-pose-2d", "go-to-pose-3d", "track-velocity-2d", "track-twist-3d-shared"]
+)
+def test_columns_written_for_other_software_are_the_observation(name: str) -> None:
+    about, pairs = contract_and_wiring(name)
+    written = written_columns(about)
+    for *moving, row in zip(pairs["state"], pairs["goal"], pairs["observation"], strict=True):
+        own, goal = (
+            SimpleNamespace(
+                p=one["position"],
+                v=one["velocity"],
+                w=np.resize(one["spin"], 3),
+                R=Rotation.from_quat(one["attitude"], scalar_first=True).as_matrix()
+                if np.ndim(one["attitude"])
+                else Rotation.from_rotvec([0, 0, one["attitude"]]).as_matrix(),
+            )
+            for one in moving
+        )
+        names = {"own": own, "goal": goal, "turn": own.R.T @ goal.R}
+        assert [eval(text, names) for text in written] == pytest.approx(row, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"), [("land-3d", "opposite to gravity"), ("multi-task-2d", "several")]
+)
+def test_columns_of_something_else_are_refused(name: str, reason: str) -> None:
+    about, _ = contract_and_wiring(name)
+    with pytest.raises(ConfigError, match=reason):
+        written_columns(about)

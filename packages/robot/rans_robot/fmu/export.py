@@ -12,9 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rans.deploy.c.files import write_c
-from rans.deploy.program import Ports
-from rans.extend import ConfigError
-from rans.policy.program import Program
+from rans.extend import ConfigError, Ports, Program
 from rans_robot.fmu.unit import Variable, write_unit
 
 
