@@ -57,7 +57,7 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
         conditions: domain randomization, disturbances, faults and sensors, as a name, a TOML file or an object;
             None: everything is nominal.
         guard: safety filter between actions and effectors; None: every action is executed.
-        plain: accepted as by `rans.fast.SpacecraftVectorEnv`, without effect: a single environment always
+        plain: accepted as by `rans.SpacecraftVectorEnv`, without effect: a single environment always
             evaluates its equations on plain numbers.
 
     Raises:

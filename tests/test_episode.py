@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from rans.episode import Episode, Setup, World, step
-from rans.fast import Engine
+from rans.fast.engine import Engine
 from rans.flight import fly
 from rans.model.drift import ClohessyWiltshire, Drift, step_goal
 from rans.model.dynamics import PlanarState, State

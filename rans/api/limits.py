@@ -123,8 +123,8 @@ def optimal_trajectory(
         task: task, see `rans list TASKS`.
         spacecraft: name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task,
             or floating-platform.
-        objective: what is minimized: impulse (fuel), time, squared thrust (energy), squared distance (tracking), or
-            minus the task's return (reward).
+        objective: what is minimized: impulse (fuel), time, squared thrust (energy), or minus
+            the task's return (reward).
         ending: arrive exactly, or within the task's tolerances (set); for fuel, time and energy. By default exact,
             for land set, which is what its success asks for.
         horizon: length of the trajectory, s: by default 20, for reward 25. For time it is computed. For a mission

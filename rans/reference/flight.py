@@ -166,7 +166,7 @@ class DrakeEnv(Environment):
     """`Environment` whose motion an independent judge computes.
 
     Made by ``gymnasium.make("rans/GoToPose2D-Drake-v0")``. It flies the same episodes as
-    `rans.fast.SpacecraftEnv`, observes, rewards and ends them in the same way, and needs about a
+    `rans.SpacecraftEnv`, observes, rewards and ends them in the same way, and needs about a
     millisecond a step. Its motion is as accurate as `Plant` is: ``timing.substeps`` does not concern it.
 
     Raises:

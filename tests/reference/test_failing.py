@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from rans.fast import Engine
+from rans.fast.engine import Engine
 from rans.flight import fly
 from rans.model.actuators import OnOff, Pulsed, Throttle
 from rans.model.fields import leaves

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from rans.fast import Engine
+from rans.fast.engine import Engine
 from rans.flight import Flight, fly
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft

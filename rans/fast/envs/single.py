@@ -13,7 +13,7 @@ class SpacecraftEnv(Environment):
     (10,)
 
     ``gymnasium.make("rans/GoToPose2D-v0")`` creates it. It has the same episodes as one environment of
-    `rans.fast.SpacecraftVectorEnv` and as `rans.reference.flight.DrakeEnv`. Arguments, observations and ``info``
+    `rans.SpacecraftVectorEnv` and as `rans.reference.flight.DrakeEnv`. Arguments, observations and ``info``
     are those of `rans.environment.Environment`.
     """
 

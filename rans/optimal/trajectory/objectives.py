@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from operator import index
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, cast, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 from rans.choices import ObjectiveName
 from rans.errors import ConfigError, Late, brief, fits, one_of
@@ -17,7 +16,6 @@ from rans.model.timing import MOST_STEPS
 from rans.optimal.trajectory.arrival import Ending, rounded
 from rans.scenario import scenario
 from rans.tasks.base import Task
-from rans.tasks.derived import residual
 from rans.tasks.rewards import Transition
 
 if TYPE_CHECKING:
@@ -55,7 +53,7 @@ class _GivenTime(ABC):
     """A trajectory of a given length.
 
     Raises:
-        ConfigError: a time is not positive, a weight negative, or the horizon shorter than a control period.
+        ConfigError: a time is not positive, or the horizon shorter than a control period.
     """
 
     horizon: float = 20.0
@@ -67,18 +65,11 @@ class _GivenTime(ABC):
     """Name of the cost, with its unit."""
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(cast(Any, self)):
-            name = field.name
-            value = getattr(self, field.name)
-            if name in ("horizon", "control_period") and not fits(
-                value, lambda x: 0 < x < math.inf
-            ):
+        for name in ("horizon", "control_period"):
+            value = getattr(self, name)
+            if not fits(value, lambda x: 0 < x < math.inf):
                 raise ConfigError(
                     f"{self.kind}: {name} must be a finite number > 0 s, got {brief(value)}."
-                )
-            if isinstance(value, float) and not (math.isfinite(value) and value >= 0):
-                raise ConfigError(
-                    f"{self.kind}: {name} must be finite and not negative, got {value}."
                 )
         if self.horizon < self.control_period * (1.0 - 1e-9):
             raise ConfigError(
@@ -131,28 +122,6 @@ class MinimumEnergy(_GivenTime):
     def cost(self, path: SymbolicTrajectory) -> Any:
         """The integral of the sum of the thrusters' squared forces, N^2 s."""
         return path.period * ca.dot(_forces(path.craft) ** 2, ca.sum2(path.commands**2))
-
-
-@dataclass(frozen=True)
-class QuadraticTracking(_GivenTime):
-    """Least squared distance of the task's residual from its target, and of the commands from zero.
-
-    What a linear-quadratic regulator would minimise were the motion linear. No end is prescribed.
-    """
-
-    command_weight: float = 0.1
-    """Cost of a fully open thruster, as that of 1 m, 1 m/s, or a cosine or sine that is off by 1."""
-
-    ending: ClassVar[Ending] = "free"
-    kind = "quadratic tracking"
-    measure = "cost s"
-
-    def cost(self, path: SymbolicTrajectory) -> Any:
-        """The integral of |residual - target|^2 + weight |commands|^2 over time, s."""
-        (state, goal), arguments = _symbols(path)
-        stage = ca.Function("gap", arguments, [sum(x**2 for x in residual(path.task, state, goal))])
-        far = ca.sum2(stage.map(self.intervals)(path.states, path.goals))
-        return path.period * (far + self.command_weight * ca.sumsqr(path.commands))
 
 
 @dataclass(frozen=True)
@@ -233,7 +202,7 @@ class MinimumTime:
         return self.intervals * path.period
 
 
-Objective = MinimumFuel | MinimumEnergy | QuadraticTracking | MaximumReward | MinimumTime
+Objective = MinimumFuel | MinimumEnergy | MaximumReward | MinimumTime
 
 
 def objective_of(
@@ -246,7 +215,7 @@ def objective_of(
     """The objective of this name.
 
     Args:
-        name: least impulse, time or squared thrust, least squared distance, or greatest reward.
+        name: least impulse, time or squared thrust, or greatest reward.
         horizon: length of the trajectory, s; None: 20, for reward 25; for time it follows.
         control_period: time a command is held, s; for time it follows.
         ending: arrive exactly, or within the task's tolerances; for fuel, time and energy.
@@ -255,18 +224,17 @@ def objective_of(
     Raises:
         ConfigError: there is no such objective, or it does not go with the others.
     """
-    free = {"tracking": QuadraticTracking, "reward": MaximumReward}
     one_of("objective", name, get_args(ObjectiveName))
     one_of("ending", ending, ("exact", "set"))
     if horizon is not None and name == "time":
         raise ConfigError("horizon is what the objective time looks for; leave it out.")
-    if ending == "set" and name in free:
-        raise ConfigError(f"the ending set is for fuel, time and energy; {name} ends anywhere.")
+    if ending == "set" and name == "reward":
+        raise ConfigError("the ending set is for fuel, time and energy; reward ends anywhere.")
     if name == "time":
         return MinimumTime(intervals, ending)
-    length = horizon if horizon is not None else 25.0 if name == "reward" else 20.0
-    if name in free:
-        return free[name](length, control_period)
+    if name == "reward":
+        return MaximumReward(25.0 if horizon is None else horizon, control_period)
+    length = 20.0 if horizon is None else horizon
     return (MinimumFuel if name == "fuel" else MinimumEnergy)(length, control_period, ending)
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from rans.evaluation.fly.contestants import contestant
@@ -18,7 +16,6 @@ from rans.optimal.trajectory.objectives import (
     MinimumFuel,
     MinimumTime,
     Objective,
-    QuadraticTracking,
 )
 from rans.scenario import scenario, scenarios
 from rans.tasks import (
@@ -31,7 +28,6 @@ from rans.tasks import (
 )
 from tests.support.crafts import nasty_spatial
 from tests.support.problems import (
-    FORWARD,
     PLATFORM,
     replay_error,
     solved,
@@ -51,34 +47,12 @@ def test_least_energy_along_a_body_axis_is_a_parabola_of_speed() -> None:
     assert trajectory.cost == pytest.approx(least, rel=1e-4)  # turning a little may not save more
 
 
-def test_tracking_in_a_straight_line_is_a_quadratic_programs() -> None:
-    """Along a body axis the motion is linear; the same cost by dense linear algebra, no bound active."""
-    objective = QuadraticTracking(8.0, 0.4, command_weight=40.0)
-    x0 = -0.3
-    trajectory = solved(PLATFORM, objective, planar(x=x0), planar())
-    count = objective.intervals
-    h = objective.control_period
-    ends = np.arange(1, count + 1)
-    gap = np.maximum(
-        ends[:, None] - np.arange(count), 0.5
-    )  # periods from the middle of a push to an end
-    effect = np.tril(np.ones((count, count))) * (gap - 0.5) * h * h / PLATFORM.mass
-    push = (
-        FORWARD / 4
-    )  # N along x per nozzle; four of them share a force f, each with a command f / 4 push
-    rows = np.vstack([effect, np.eye(count) * math.sqrt(40.0 * 4) / (4 * push)])
-    target = np.concatenate([np.full(count, -x0), np.zeros(count)])
-    left = rows @ np.linalg.lstsq(rows, target, rcond=None)[0] - target
-    assert trajectory.cost == pytest.approx(h * left @ left, rel=1e-4)
-
-
 EVERY_TASK = [GoToPosition(), GoToPose(), TrackVelocity(), TrackTwist(), TrackVelocityHeading()]
 EVERY_OBJECTIVE = [
     MinimumFuel(20.0, 0.5),
     MinimumTime(20),
     MinimumEnergy(20.0, 0.5),
     MinimumTime(20, "set"),
-    QuadraticTracking(12.0, 0.4),
     MaximumReward(12.0, 0.4),
 ]
 
