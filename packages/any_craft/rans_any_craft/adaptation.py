@@ -144,7 +144,9 @@ class Adaptation(NamedTuple):
         size = self.twist
         pushing = directions(size)
         earlier, latest, last, previous, *rest = rows.split(memory, self._widths())
-        beliefs, odds, remembered = rest[:4], rest[4], rest[5:]
+        beliefs = rest[:4]
+        odds = rest[4]
+        remembered = rest[5:]
         wheels = remembered[0] if remembered else None
 
         # Change of the twist over two periods, both readings in the present B; the reading between, in B as well.
@@ -153,7 +155,8 @@ class Adaptation(NamedTuple):
         variance = beliefs[2]
         first, *_ = rows.split(variance, [1] * self._hypotheses)
         moved = rows.computed(self._moved, [*now, *before, *between, first])
-        changes, latest = moved[:size], rows.joined(moved[size:])
+        changes = moved[:size]
+        latest = rows.joined(moved[size:])
 
         # What the last two commands do by each hypothesis.
         newer, older = (self._effects(rows, command) for command in (last, previous))
@@ -214,7 +217,8 @@ class Adaptation(NamedTuple):
         if len(self.effects) > self.thrusters:
             # Half of a wheel's command is no torque.
             wheels = np.arange(len(self.effects)) >= self.thrusters
-            scale, zero = rows.constant(1.0 + wheels), rows.constant(1.0 * wheels)
+            scale = rows.constant(1.0 + wheels)
+            zero = rows.constant(1.0 * wheels)
             (command,) = rows.computed(lambda u, a, b: [u * a - b], [command, scale, zero])
         if remembered:
             count = len(self.filling)
@@ -226,7 +230,9 @@ class Adaptation(NamedTuple):
     def _after(self, *numbers: Field) -> list[Field]:
         """Momenta (shares of wheels' capacities) and number of periods, of those a period before and commands."""
         count = len(self.filling)
-        momenta, periods, commands = numbers[:count], numbers[count], numbers[count + 1 :]
+        momenta = numbers[:count]
+        periods = numbers[count]
+        commands = numbers[count + 1 :]
         wheels = zip(momenta, self.filling, commands, strict=True)
         filled = [
             within(momentum + part * command, -1.0, 1.0) for momentum, part, command in wheels
@@ -338,7 +344,8 @@ def _learnt(
         beliefs: gains of velocities and of angular velocities, then their variances.
         pushing: number of velocities in a twist.
     """
-    gains, variances = beliefs[:2], beliefs[2:]
+    gains = beliefs[:2]
+    variances = beliefs[2:]
     is_first = variances[0] == 0.0
     deviations: Field = 0.0
     spread: Field = 1.0

@@ -719,7 +719,8 @@ def one_period(
     acting = torch.zeros_like(errors)
     acting[:, axes] = (1.0 - late) * twist + late * before
     # Motion: the push turns with the craft, whose spin changes evenly.
-    push, kick = acting[:, :3], acting[:, 3:]
+    push = acting[:, :3]
+    kick = acting[:, 3:]
     kick = kick + _GYRATION * torch.linalg.cross(centre, push)
     p, q, v, spin = state
     coupled = torch.linalg.cross(spin, moments * spin) / moments

@@ -77,7 +77,8 @@ class Flown:
                 opened = opened / np.maximum(opened.sum(axis=1, keepdims=True), 1.0)
             changes = self.gain * opened @ columns
             best = int(np.abs(twist + changes).sum(axis=1).argmin())
-            command, change = commands[best], changes[best]
+            command = commands[best]
+            change = changes[best]
             memory = own.next_memory(
                 rows, estimate.memory, torch.tensor(command[None], dtype=torch.float32)
             )

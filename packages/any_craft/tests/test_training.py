@@ -30,7 +30,8 @@ FEW = DemandSettings(crafts=16, steps=40)
 
 def test_a_layout_of_the_pool_does_not_depend_on_the_others() -> None:
     """Nor on the processes that draw them."""
-    long, short = draw_pool(20, 6), draw_pool(5, 6)
+    long = draw_pool(20, 6)
+    short = draw_pool(5, 6)
     for many, few in zip(long, short, strict=True):
         assert torch.equal(many[: len(few)], few)
 
@@ -65,7 +66,10 @@ def test_prices_of_a_stage_are_paid_for_thrust() -> None:
         with torch.no_grad():
             return fly(layers, batch, FEW, generator, Stage(0.0, *prices)).cost
 
-    free, once, twice, rest = cost(0.0, 0.0), cost(0.5, 0.0), cost(1.0, 0.0), cost(0.5, 3.0)
+    free = cost(0.0, 0.0)
+    once = cost(0.5, 0.0)
+    twice = cost(1.0, 0.0)
+    rest = cost(0.5, 3.0)
     # A network drawn at random may leave all thrusters of a craft shut.
     assert (once >= free).all()
     assert (once > free).float().mean() > 0.8

@@ -429,7 +429,8 @@ def _differences(
     """Rows that say something else than those of a dossier."""
     now = {(row.file, row.what): row for row in after}
     for key in dict.fromkeys((*before, *now)):
-        old, new = before.get(key), now.get(key)
+        old = before.get(key)
+        new = now.get(key)
         what = f"{key[1]} ({key[0] or 'no file'})"
         if old is None or new is None:
             yield f"{what}: the dossier {'lacks it' if old is None else 'has it'}, {where} otherwise"

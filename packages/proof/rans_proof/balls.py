@@ -136,7 +136,9 @@ def network_enclosure(
         Refused: a partial sum of the machine may be too large for a number of its precision.
     """
     count = centre.nrows()
-    gain, offset, noise = diagonal([arb(1)] * count), arb_mat(count, 1), arb_mat(count, 0)
+    gain = diagonal([arb(1)] * count)
+    offset = arb_mat(count, 1)
+    noise = arb_mat(count, 0)
     largest = [abs(c) + r for c, r in zip(centre.entries(), absolute_row_sums(spread), strict=True)]
     for layer in layers:
         weight, bias, kind, machine, sums = Layer(*layer)
@@ -147,7 +149,9 @@ def network_enclosure(
                 is_number,
                 "its network's sums may be too large for numbers of the file's precision.",
             )
-        gain, offset, noise = weight * gain, weight * offset + bias, weight * noise
+        gain = weight * gain
+        offset = weight * offset + bias
+        noise = weight * noise
         factors, shift, of_bend = machine or (0 * weight, 0 * bias, arb(0))
         off = (factors * column(largest) + shift).entries()
         if not kind:
@@ -160,7 +164,8 @@ def network_enclosure(
         lines = [parallel(m - r, m + r, kind) for m, r in zip(middles, reach, strict=True)]
         slopes, middle, half = zip(*lines, strict=True)
         half = [h + abs(s) * o + of_bend for h, s, o in zip(half, slopes, off, strict=True)]
-        gain, noise = scaled(slopes, gain), side_by_side(scaled(slopes, noise), diagonal(half))
+        gain = scaled(slopes, gain)
+        noise = side_by_side(scaled(slopes, noise), diagonal(half))
         offset = scaled(slopes, offset) + column(middle)
         # Between the lines, whose slopes are not negative, lie the answers.
         largest = [

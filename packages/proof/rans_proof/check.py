@@ -150,7 +150,8 @@ class Loop:
         taken = hull((self._inputs[0] * start[0] + self._inputs[1], self._inputs[0] * start[1]))
         low, high = (tuple(float(end(x)) for x in taken) for end in (arb.lower, arb.upper))
         self._layers = layers_of(network, low, high)
-        given, commands = self._layers[-1][0].nrows(), problem["commands"]
+        given = self._layers[-1][0].nrows()
+        commands = problem["commands"]
         need(
             given == commands,
             f"its network gives {given} numbers, and its problem has {commands} commands.",
@@ -222,7 +223,8 @@ class Loop:
 
         Infinite if the property asks nothing.
         """
-        least, at_end = math.inf, -math.inf
+        least = math.inf
+        at_end = -math.inf
         still = [arb(0)] * centre.nrows()
         for number, is_last, begin, end, sag in self._pieces(centre, spread):
             if self._keep is not None and number >= self._begins:
@@ -270,7 +272,8 @@ def _last(problem: dict[str, Any]) -> dict[str, list[float]]:
 
     The property of the end, in which such a state would otherwise have the margin 0.
     """
-    start, end = problem["start"], problem["end"]
+    start = problem["start"]
+    end = problem["end"]
     box = {"lower": list(end["lower"]), "upper": list(end["upper"])}
     for i, rate in enumerate(problem["derivative"]):
         is_inside = end["lower"][i] <= start["lower"][i] and start["upper"][i] <= end["upper"][i]

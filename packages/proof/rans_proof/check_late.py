@@ -31,13 +31,15 @@ class Late:
         twist: float,
         most: tuple[int, int],
     ) -> None:
-        self.opening, self.shutting = off["opening"], off["shutting"]
+        self.opening = off["opening"]
+        self.shutting = off["shutting"]
         both = self.opening + self.shutting
         self._aligned = max(sum(abs(a[axis]) for a in along) for axis in (0, 1)) * pull * both
         self.spin_slip = len(along) * twist * both
         """Largest change of the spin by late valves in a period, rad/s."""
         # What is let through after a decision, in any direction of the craft.
-        speed, spin = math.sqrt(2.0) * most[0] * pull, most[1] * twist
+        speed = math.sqrt(2.0) * most[0] * pull
+        spin = most[1] * twist
         self.unread = {
             "position": speed * self.shutting**2 / 2.0,
             "velocity": speed * self.shutting,

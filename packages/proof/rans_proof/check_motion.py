@@ -124,7 +124,8 @@ class Sloped:
             slopes[k] = slopes[k] + self.at * q if k in slopes else self.at * q
         return Sloped(self.at * b.at, self.over * b.over, slopes)
 
-    __radd__, __rmul__ = __add__, __mul__
+    __radd__ = __add__
+    __rmul__ = __mul__
 
     def __neg__(self) -> Sloped:
         return Sloped(-self.at, -self.over, {k: -p for k, p in self.slopes.items()})
@@ -179,7 +180,8 @@ def linear(text: str, names: Sequence[str]) -> list[Any]:
     `ctx.cap` is FLINT's global length of series, which is changed here as in all functions of this module.
     """
     ctx.cap = 1
-    zero, wide = arb_series([0]), arb_series([arb(0, 1e30)])
+    zero = arb_series([0])
+    wide = arb_series([arb(0, 1e30)])
     variables = [Sloped(zero, wide, {k: arb_series([1])}) for k in range(len(names))]
     result = variables[0].of(formula(text, names)(variables))
     row = [result.slopes[k][0] if k in result.slopes else arb(0) for k in range(len(names))]
@@ -344,7 +346,8 @@ def reduced(centre: Any, spread: Any) -> tuple[Any, Any]:
     sound: what the columns differ by from their parts along them is a box along the states. Each box widens the
     set, so that there is none before the columns are twice as many as those that stay.
     """
-    rows, columns = spread.nrows(), spread.ncols()
+    rows = spread.nrows()
+    columns = spread.ncols()
     kept = max(_KEPT, 10 * rows)
     if columns <= 2 * kept:
         return centre, spread

@@ -111,7 +111,8 @@ class PoseCertificate(NamedTuple):
 
         Numbers are printed as the certificate has them, since a rounded one would be another theorem.
         """
-        start, keep = self.table["start"], self.table["keep"]
+        start = self.table["start"]
+        keep = self.table["keep"]
         near = f"within {keep['position']!r} m and {keep['heading']!r} degrees of its goal for ever"
         begin = (
             f"from every place up to {start['position']!r} m away with a heading off by up to "
@@ -174,7 +175,8 @@ def check_pose(certificate: bytes, files: Mapping[str, bytes]) -> PoseCertificat
     table = read_pose_certificate(certificate).table
     check_digests(table["agent"], files)
     loop = Loop(table, files)
-    start, keep = table["start"], table["keep"]
+    start = table["start"]
+    keep = table["keep"]
     place, heading = (loop.cells(table["cells"][name], name) for name in ("place", "heading"))
     bounds = loop.bounds(place, heading)
     loop.check_closed(place, heading, bounds)
@@ -273,7 +275,8 @@ class Cells:
         boxes = []
         for level, may in levels.items():
             chosen = may[rows, columns]
-            row, column = rows[chosen] - self.half[0], columns[chosen] - self.half[1]
+            row = rows[chosen] - self.half[0]
+            column = columns[chosen] - self.half[1]
             # In cells, of which a column is as wide as a row moves in a period: a rate of r to r + 1 moves by a,
             # a position of c to c + 1 by its rate and a / 2. Without a push nothing is widened.
             low, high = (period * x / self.width[0] for x in push[level])
@@ -288,7 +291,8 @@ class Cells:
                 boxes += [begin, end]
         r0, r1, c0, c1 = (np.concatenate(boxes[k::4]) for k in range(4))
         # Cells in boxes, from sums of what begins and ends at their corners.
-        top, left = r0.min(), c0.min()
+        top = r0.min()
+        left = c0.min()
         corner = np.zeros((r1.max() - top + 1, c1.max() - left + 1), dtype=np.int64)
         for r, c, sign in ((r0, c0, 1), (r1, c1, 1), (r0, c1, -1), (r1, c0, -1)):
             np.add.at(corner, (r - top, c - left), sign)
@@ -381,7 +385,8 @@ class Loop:
         """
         sag = self.period**2 / 8.0 * self.factor[1]
         # Thrust along both diagonals, turned by any angle, is at most sqrt(2) of that along one.
-        pull, twist = math.sqrt(2.0) * self.most_pull * self.pull, self.most_twist * self.twist
+        pull = math.sqrt(2.0) * self.most_pull * self.pull
+        twist = self.most_twist * self.twist
         unread = self.late.unread
         return bounds._replace(
             place=bounds.place + sag * pull + unread["position"],
@@ -487,7 +492,8 @@ class Loop:
     def _columns(self, bounds: Parts) -> list[Interval]:
         """Bounds of what the network is given, with its vectors along the craft's diagonals."""
         place, speed = self._readings(bounds)
-        place, speed = math.sqrt(2.0) * bounds.place + place, math.sqrt(2.0) * bounds.speed + speed
+        place = math.sqrt(2.0) * bounds.place + place
+        speed = math.sqrt(2.0) * bounds.speed + speed
         turned = min(bounds.heading + self.off["heading"], math.pi)
         sine = math.sin(turned) if turned < math.pi / 2 else 1.0
         sizes = [speed, speed, bounds.spin + self.off["spin"], 1.0, place, place, 1.0, sine]
@@ -556,14 +562,16 @@ class Loop:
         inside = way.like()
         inside.inside[_middle(way, place)] = place.inside
         kept = Parts(*current.largest(), bounds.heading, bounds.spin)
-        levels, pulls = self.place_levels(current, kept), self._pulls(kept)
+        levels = self.place_levels(current, kept)
+        pulls = self._pulls(kept)
         for number in range(plan["periods"]):
             if not (current.inside & ~inside.inside).any():
                 return first + loose + number
             now = Parts(*current.largest(), bounds.heading, bounds.spin)
             if number % 10 == 0 or now.place > kept.place or now.speed > kept.speed:
                 kept = now
-                levels, pulls = self.place_levels(current, kept), self._pulls(kept)
+                levels = self.place_levels(current, kept)
+                pulls = self._pulls(kept)
             current = current.moved(levels, pulls, self.period)
         raise Refused(f"positions are not in their cells after {plan['periods']} periods")
 
@@ -594,7 +602,8 @@ class Loop:
         edges = (
             np.linspace(-begin.heading, begin.heading, sectors + 1) / whole.width[1] + whole.half[1]
         )
-        latest, loose = 0, 0
+        latest = 0
+        loose = 0
         widest = [0.0, 0.0]
         # Sector after sector of the first heading, until its cells are settled.
         for low, high in itertools.pairwise(edges):
@@ -618,7 +627,8 @@ class Loop:
             else:
                 raise Refused(f"headings are not in their cells after {_TURNS} periods")
             first = number if first is None else first
-            latest, loose = max(latest, first), max(loose, number - first)
+            latest = max(latest, first)
+            loose = max(loose, number - first)
         ends = heading.largest()
         return latest, loose, (max(widest[0], ends[0]), max(widest[1], ends[1]))
 
@@ -658,7 +668,8 @@ class Network:
             for row, w, b in zip(used, weight, shift, strict=True)
         ]
         head, bias = agent.head
-        self._head, self._least = head[1::2] - head[::2], bias[1::2] - bias[::2]
+        self._head = head[1::2] - head[::2]
+        self._least = bias[1::2] - bias[::2]
         # Sums of sizes, which no partial sum of a layer exceeds in any order, in single precision as it flies:
         # columns are below 9.9 after their scales, and scores of shut and of open are summed apart.
         steepest = np.full(8, 9.9)
@@ -785,7 +796,8 @@ class Network:
             key = (*self._head[thruster, on], self._least[thruster])
             groups[key] = groups.get(key, 0) + weight
         keys = [key for key, weight in groups.items() if weight]
-        opens, shuts = [], []
+        opens = []
+        shuts = []
         for key in keys:
             least = np.full(may.shape, key[-1])
             most = least.copy()
@@ -822,7 +834,8 @@ class Network:
 def _sine(low: np.ndarray, high: np.ndarray) -> Interval:
     """Bounds of the sine between angles of at most one and a half turns."""
     ends = np.sin(low), np.sin(high)
-    least, most = np.minimum(*ends), np.maximum(*ends)
+    least = np.minimum(*ends)
+    most = np.maximum(*ends)
     for turn in (-1, 0, 1):
         top = (0.5 + 2.0 * turn) * math.pi
         most = np.where((low <= top + _SLACK) & (top - _SLACK <= high), 1.0, most)

@@ -66,7 +66,8 @@ def claim_of(certificate: bytes) -> Claim:
         instants = problem["steps"] + 1
         entries("it", {"flight": table["flight"]}, {"flight": list_of(state, instants, instants)})
         return Claim(table["network"], problem, [], table["flight"])
-    rows, margins = table["cells"], table["margins"]
+    rows = table["cells"]
+    margins = table["margins"]
     kind = list_of(list_of(state, 2, 2), 1, 10_000_000)
     entries("it", {"cells": rows}, {"cells": kind})
     entries("it", {"margins": margins}, {"margins": list_of(ABOVE_ZERO, len(rows), len(rows))})
@@ -87,7 +88,8 @@ def problem_table(text: str) -> dict[str, Any]:
     needed |= {"derivative": list_of(TEXT, 1, _STATES), "commands": whole(1, _STATES)}
     optional = {"keep": TABLE, "end": TABLE, "inputs": _FORMULAS, "begins": whole(0, 9999)}
     entries("its problem", table, needed, optional)
-    steps, count = table["steps"], len(table["derivative"])
+    steps = table["steps"]
+    count = len(table["derivative"])
     need(table["commands"] <= count, "its problem has more commands than states.")
     need(table.get("begins", 0) < steps, "its property begins after the last period.")
     need({"keep", "end"} & table.keys(), "its problem asks nothing of flights.")
@@ -146,7 +148,9 @@ def statement(problem: dict[str, Any]) -> str:
     rates = [_read(rate) for rate in problem["derivative"]]
     taken = ", ".join(map(_read, problem.get("inputs", [f"x{i}" for i in range(len(rates))])))
     commands = ", ".join(f"u{i}" for i in range(problem["commands"]))
-    period, steps, begins = problem["period"], problem["steps"], problem.get("begins", 0)
+    period = problem["period"]
+    steps = problem["steps"]
+    begins = problem.get("begins", 0)
     begin, last = (f"{n * period:.10g}" for n in (begins, steps))
     held = f"rounded as its file computes, and held for {_digits(period)} s each"
     lines = [
@@ -159,7 +163,8 @@ def statement(problem: dict[str, Any]) -> str:
         lines.append(f"property, at all times from {begin} to {last} s: {_sentence(kind, limit)}")
     if "end" not in problem:
         return "\n".join(lines)
-    end, start = problem["end"], problem["start"]
+    end = problem["end"]
+    start = problem["start"]
     earliest = end.get("earliest", 0) or steps
     one_of = f" one of the control instants from {earliest * period:.10g} to"
     lines.append(f"end, at{one_of if earliest < steps else ''} {last} s: {_within(end)}")

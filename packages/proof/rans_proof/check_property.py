@@ -61,7 +61,8 @@ class Property:
         Along any unit vector d a position is no longer than it is, |p| >= d p: here along the middle of the chord.
         A velocity in the plane is at most 1 / cos(pi / K) times its longest component along K directions.
         """
-        limit, position = self._limit, self._limit["position"]
+        limit = self._limit
+        position = self._limit["position"]
         if self._kind == "stay_in":  # the farthest corner of the boxes around both ends
             hulls = [hull(state) for state in (begin, end)]
             corners = [[abs(hull[i]).upper() + sag[i] for i in position] for hull in hulls]
@@ -74,7 +75,8 @@ class Property:
         for i, value in zip(position, ahead, strict=True):
             row[i] -= slope * value / _norm(ahead)
         off = slope * _norm(sag[i] for i in position)
-        rows, base = [row], arb(limit["base"] if is_speed else -limit["radius"])
+        rows = [row]
+        base = arb(limit["base"] if is_speed else -limit["radius"])
         if is_speed:
             off += _norm(sag[i] for i in limit["velocity"])
             turns = [arb(2 * side) / _SIDES for side in range(_SIDES)]
@@ -98,7 +100,8 @@ class Property:
         values = [(row * column(x))[0, 0] + constant for row, constant in self._rows]
         if values:
             return functools.reduce(arb.min if self._is_every else arb.max, values)
-        limit, distance = self._limit, _norm(x[i] for i in self._limit["position"])
+        limit = self._limit
+        distance = _norm(x[i] for i in self._limit["position"])
         if self._kind == "speed_limit":
             speed = _norm(x[i] for i in limit["velocity"])
             return arb(limit["base"]) + arb(limit["slope"]) * distance - speed

@@ -95,7 +95,8 @@ def read_craft(content: bytes) -> Craft:
     )
     inertia = table["inertia"]
     inertia = inertia[2][2] if isinstance(inertia, list) else inertia
-    mass, inertia = float(table["mass"]), float(inertia)
+    mass = float(table["mass"])
+    inertia = float(inertia)
     need(mass > 0.0 and inertia > 0.0, "its mass or inertia is not above 0.")
     thrusters = []
     for thruster in table["thruster"]:

@@ -79,14 +79,16 @@ def worst_start(problem: Problem, layers: Sequence[Layer]) -> tuple[np.ndarray, 
     a fixed seed.
     """
     random = np.random.default_rng(0)
-    low, high = np.array(problem.lower), np.array(problem.upper)
+    low = np.array(problem.lower)
+    high = np.array(problem.upper)
     start = random.uniform(low, high, (_SAMPLES, problem.states))
     start[::2] = np.where(random.random(start[::2].shape) < 0.5, low, high)
     margins = lowest_margins(problem, layers, start)
     rounds = int(np.clip(_PERIODS // problem.steps, *_ROUNDS))
     for size in np.geomspace(0.25, 0.001, rounds):
         best = np.argsort(margins)[:_BEST]
-        start, margins = start[best], margins[best]
+        start = start[best]
+        margins = margins[best]
         if margins[0] < 0.0:
             break
         steps = size * (high - low) * random.normal(size=(10, *start.shape))

@@ -111,12 +111,14 @@ def _sine_and_cosine(x: Form) -> tuple[Form, Form]:
 
     Margins of 1e-9 turns and 1e-12 cover the rounding of torch's functions.
     """
-    sine, cosine = x.centre.sin(), x.centre.cos()
+    sine = x.centre.sin()
+    cosine = x.centre.cos()
     ends = x.centre - x.radius, x.centre + x.radius
     forms = []
     for shift, value, slope in ((0.0, sine, cosine), (0.5, cosine, -sine)):
         values = [torch.sin(end + shift * torch.pi) for end in ends]
-        lowest, highest = torch.minimum(*values) - 1e-12, torch.maximum(*values) + 1e-12
+        lowest = torch.minimum(*values) - 1e-12
+        highest = torch.maximum(*values) + 1e-12
         # A crest is at a quarter of a turn, a trough at three quarters.
         turns = [(end / torch.pi + shift) / 2.0 for end in ends]
         for place, is_crest in ((0.25, True), (0.75, False)):
@@ -151,7 +153,8 @@ def _exponential(x: Form) -> Form:
 
 
 def _root(x: Form) -> Form:
-    low, high = x.centre - x.radius, x.centre + x.radius
+    low = x.centre - x.radius
+    high = x.centre + x.radius
     low = torch.where(low > 0.0, low, torch.nan)  # of what may be negative there is none
     value = x.centre.sqrt()
     return bent(x, value, 0.5 / value, (-0.25 * low**-1.5 * (1.0 + 1e-12), -0.25 * high**-1.5))
@@ -162,7 +165,8 @@ def _inverse(x: Form) -> Form:
 
     The NaN reaches the margin of the cell, which then is not proved and is split.
     """
-    low, high = x.centre - x.radius, x.centre + x.radius
+    low = x.centre - x.radius
+    high = x.centre + x.radius
     low = torch.where((low > 0.0) | (high < 0.0), low, torch.nan)  # of what may be 0 there is none
     value = 1.0 / x.centre
     curves = [2.0 * end**-3 for end in (low, high)]
@@ -416,7 +420,9 @@ class TaylorPlant:
         )
         for _ in range(_ORDER):
             fine.extend()
-        ends, sags, rests = [], [], []
+        ends = []
+        sags = []
+        rests = []
         for k in range(n):
             terms = [form.times(h**power) for power, form in enumerate(fine.states[k])]
             last = rough.states[k][_ORDER + 1].times(h ** (_ORDER + 1))
@@ -458,7 +464,8 @@ class TaylorPlant:
             forms = []
             for box, (down, up) in zip(boxes, ways, strict=False):
                 more = room * (up - down) + 1e-9 * (box.centre.abs() + box.radius) + 1e-12
-                low, high = down - more, up + more
+                low = down - more
+                high = up + more
                 centre = box.centre + 0.5 * (low + high)
                 radius = (box.radius + 0.5 * (high - low)) * (1.0 + 1e-12)
                 forms.append(Form(centre, box.generators, radius))

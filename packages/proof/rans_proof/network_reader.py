@@ -152,7 +152,8 @@ def _chain(model: Any) -> tuple[list[Any], str, tuple[int, ...], Any]:
             shape, table, shift = _after(node.op_type, shape, position, weights, attributes)
             if table is not None:
                 before = linear or [diagonal([arb(1)] * size), arb_mat(size, 1)] * 2 + [1, 1, 0]
-                rows, tiny = sizes(table), column([arb(_TINY)] * table.nrows())
+                rows = sizes(table)
+                tiny = column([arb(_TINY)] * table.nrows())
                 linear = [table * before[0], table * before[1] + shift, rows * before[2]]
                 linear += [rows * before[3] + sizes(shift) + tiny, before[4] + size + 3]
                 # The largest product of the operation's numbers, in any order, and its sums.
@@ -190,12 +191,15 @@ def _after(
     size = math.prod(shape)
     match kind, weights:
         case "MatMul", [w] if position == 0 and w.ndim == 2 and math.prod(shape[:-1]) == 1:
-            table, shift, shape = matrix(w.T), arb_mat(w.shape[1], 1), (*shape[:-1], w.shape[1])
+            table = matrix(w.T)
+            shift = arb_mat(w.shape[1], 1)
+            shape = (*shape[:-1], w.shape[1])
         case "Gemm", [w, *bias] if position == 0 and w.ndim == 2 == len(shape) and len(bias) < 2:
             w = w if attributes.get("transB") else w.T
             bias = np.broadcast_to(bias[0] if bias else 0.0, (1, len(w)))
             table = matrix(w) * arb(attributes.get("alpha", 1.0))
-            shift, shape = matrix(bias.T) * arb(attributes.get("beta", 1.0)), (1, len(w))
+            shift = matrix(bias.T) * arb(attributes.get("beta", 1.0))
+            shape = (1, len(w))
         case "Conv", [w, *bias] if position == 0 and len(shape) > 2 and len(bias) < 2:
             # A convolution whose kernel covers all it takes, so that each output is a sum over the whole input.
             need(w.shape[1:] == shape[1:], "its network has a convolution of parts of its input.")
@@ -207,14 +211,16 @@ def _after(
             shape = (1, len(w), *[1] * (len(shape) - 2))
         case ("Add" | "Sub" | "Mul" | "Div", [c]) if kind != "Div" or position == 0:
             values = [arb(float(x)) for x in np.broadcast_to(c, shape).ravel()]
-            zeros, ones = [arb(0)] * size, [arb(1)] * size
+            zeros = [arb(0)] * size
+            ones = [arb(1)] * size
             factors, shift = {
                 "Add": (ones, values),
                 "Sub": ([-x for x in ones], values) if position else (ones, [-x for x in values]),
                 "Mul": (values, zeros),
                 "Div": ([1 / x for x in values], zeros),
             }[kind]
-            table, shift = diagonal(factors), column(shift)
+            table = diagonal(factors)
+            shift = column(shift)
         case "Flatten", []:
             return (1, size), None, None
         case "Reshape", [axes] if position == 0 and axes.dtype == np.int64 and axes.ndim == 1:
@@ -293,7 +299,8 @@ def _compare(
             np.array([[float(e.mid()) for e in r] for r in m.tolist()])
             for m in (*layer[:2], *layer.machine[:2])
         )
-        bend, of_bend = bends[layer.kind], float(layer.machine[2]) / 2
+        bend = bends[layer.kind]
+        of_bend = float(layer.machine[2]) / 2
         single = (factors @ abs(x) + constants) / math.sqrt(table.shape[1])
         deviations = np.hypot(np.sqrt(table**2 @ deviations**2), single)
         z = table @ x + shift

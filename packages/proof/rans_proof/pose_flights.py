@@ -106,7 +106,8 @@ def leaving(
     goal = PlanarState(Vec2(zero, zero), Heading(zero), Vec2(zero, zero), zero)
     timing = replace(run.timing, episode_steps=periods)
     states = fly(run.craft, run.task, run.controller, Scenario(start, goal), timing).states
-    p, v = states.p, states.v
+    p = states.p
+    v = states.v
     heading = (np.asarray(states.attitude.angle) + math.pi) % (2.0 * math.pi) - math.pi
     inside = parts["heading"].holds(heading, np.asarray(states.w))
     for sign in (-1.0, 1.0):
@@ -124,7 +125,8 @@ class _Lookup:
     def __init__(self, runs: list[list[int]], width: float, period: float) -> None:
         table = np.array(runs)
         self._half = int(np.abs(table).max()) + 2
-        self._width, self._column = width, width * period
+        self._width = width
+        self._column = width * period
         self._inside = np.zeros((2 * self._half, 2 * self._half), dtype=bool)
         for row, first, last in runs:
             self._inside[row + self._half, first + self._half : last + self._half] = True

@@ -99,7 +99,8 @@ class _Grid:
         self.period = period
         self.slip = slip
         """By how much valves that are late change a rate in a period besides."""
-        self.width, self.column = width, width * period
+        self.width = width
+        self.column = width * period
         self.rows, self.columns = math.ceil(fast / width), math.ceil(far / self.column)
         self.rate = np.arange(-self.rows, self.rows) * width
         self.place = np.arange(-self.columns, self.columns) * self.column
@@ -139,7 +140,8 @@ class _Grid:
         Raises:
             ConfigError: images leave the grid.
         """
-        whole, new = cells.copy(), cells
+        whole = cells.copy()
+        new = cells
         for _ in range(_GROWTH):
             new = self.image(new, pushes) & ~whole
             if not new.any():
@@ -212,7 +214,8 @@ def pose_trap(
     """
     asked = _Asked(run)
     period = run.timing.control_period
-    low, high = (1 - off.thrust) / (1 + off.mass), (1 + off.thrust) / (1 - off.mass)
+    low = (1 - off.thrust) / (1 + off.mass)
+    high = (1 + off.thrust) / (1 - off.mass)
     is_near = start.position < keep[0] and start.heading < keep[1]
     near = start if is_near else PoseStart(0.0, 0.0)
     # The heading by itself: what the axes demand may take thrusters from a turn.
@@ -363,7 +366,8 @@ def _check_sums(network: Network) -> None:
 
 def _filled(found: list[np.ndarray]) -> dict[int, np.ndarray]:
     """Cells of each level, among them all between the lowest and the highest that were found at a cell."""
-    low, high = np.min(found, axis=0), np.max(found, axis=0)
+    low = np.min(found, axis=0)
+    high = np.max(found, axis=0)
     return {
         level: (low <= level) & (level <= high)
         for level in range(int(low.min()), int(high.max()) + 1)

@@ -183,7 +183,8 @@ class Problem:
         if inputs is None:
             return self.lower, self.upper
         middle, half = (0.5 * np.add(sign * np.array(self.lower), self.upper) for sign in (1, -1))
-        at, reach = inputs[0] @ middle + inputs[1], np.abs(inputs[0]) @ half
+        at = inputs[0] @ middle + inputs[1]
+        reach = np.abs(inputs[0]) @ half
         return tuple((at - reach).tolist()), tuple((at + reach).tolist())
 
 

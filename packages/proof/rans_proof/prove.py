@@ -110,7 +110,8 @@ def prove(
         low, high = queue.pop()
         if len(low) > batch:
             queue.append((low[batch:], high[batch:]))
-            low, high = low[:batch], high[:batch]
+            low = low[:batch]
+            high = high[:batch]
         examined += len(low)
         if examined > _MOST_CELLS:
             raise ConfigError(
@@ -120,7 +121,9 @@ def prove(
         holds = margins > 0.0
         proved.append((low[holds], high[holds], margins[holds]))
         proved_count += int(holds.sum())
-        low, high, worth = low[~holds], high[~holds], worth[~holds]
+        low = low[~holds]
+        high = high[~holds]
+        worth = worth[~holds]
         if len(low):
             # A flight from an open cell that breaks the property ends the proof; else the cell is split.
             broken = broken_start(problem, layers, low, high)
@@ -221,7 +224,8 @@ def reduced(states: Zonotope) -> Zonotope:
     worth = part.abs().sum(dim=1) - part.abs().amax(dim=1)
     order = worth.argsort(dim=1, descending=True)[:, None, :].expand(-1, width, -1)
     ordered, part = (x.gather(2, order) for x in (states.generators, part))
-    rest, part = ordered[:, :, kept:], part[:, :, kept:].nan_to_num(0.0, 0.0, 0.0)
+    rest = ordered[:, :, kept:]
+    part = part[:, :, kept:].nan_to_num(0.0, 0.0, 0.0)
     axes = torch.linalg.eigh(part @ part.mT)[1]
     eye = torch.eye(width, dtype=axes.dtype, device=axes.device).expand_as(axes)
     volumes = [((x.mT @ part).abs().sum(dim=2) + _FLAT).log().sum(dim=1) for x in (axes, eye)]
@@ -308,14 +312,17 @@ class ClosedLoop:
         margins = torch.full_like(centre[:, 0], -torch.inf)
         least = torch.full_like(margins, torch.inf)
         at_end = torch.full_like(margins, -torch.inf)
-        end, earliest = self.problem.end, self.problem.earliest or self.problem.steps
+        end = self.problem.end
+        earliest = self.problem.earliest or self.problem.steps
         cells = torch.arange(len(margins), device=self.device)
         for number in range(self.problem.steps):
             planes = enclose(self._layers, states)
             # A network that may give no number is lost at once.
             holds = planes.error.isfinite().all(dim=1)
             if not bool(holds.all()):
-                cells, least, at_end = cells[holds], least[holds], at_end[holds]
+                cells = cells[holds]
+                least = least[holds]
+                at_end = at_end[holds]
                 states = Zonotope(*(x[holds] for x in states))
                 planes = Planes(*(x[holds] for x in planes))
             if not len(cells):
@@ -332,7 +339,9 @@ class ClosedLoop:
             holds = (least > 0.0) & states.size.isfinite().all(dim=1)
             if not bool(holds.all()):
                 margins[cells[~holds]] = torch.where(least > 0.0, -torch.inf, least)[~holds]
-                cells, least, at_end = cells[holds], least[holds], at_end[holds]
+                cells = cells[holds]
+                least = least[holds]
+                at_end = at_end[holds]
                 states = Zonotope(*(x[holds] for x in states))
             if not len(cells):
                 break
@@ -399,7 +408,8 @@ class ClosedLoop:
         In any direction d, |p| >= d p; and |v| <= max over e of e v / cos(pi / K) for K directions e. The sum of
         both is linear, so that over the chord of the piece it is largest at an end.
         """
-        position, velocity = list(keep.position), list(keep.velocity)
+        position = list(keep.position)
+        velocity = list(keep.velocity)
         ends = (piece.begin, piece.end)
         functions = torch.zeros(
             (len(ahead), _DIRECTIONS, self.problem.states), dtype=torch.float64, device=self.device

@@ -108,7 +108,8 @@ def parallel_lines(low: Tensor, high: Tensor, activation: str) -> tuple[Tensor, 
         slope = ((high.relu() - low.relu()) / (high - low).clamp(min=1e-9)).clamp(0.0, 1.0)
         places = (low, high, torch.zeros_like(low).clamp(min=low, max=high))
         corners = torch.stack([z.relu() - slope * z for z in places])
-        lowest, highest = corners.amin(dim=0), corners.amax(dim=0)
+        lowest = corners.amin(dim=0)
+        highest = corners.amax(dim=0)
         rounding = 4.0 * _ULPS * _UNIT * torch.maximum(low.abs(), high.abs())
         return slope, 0.5 * (highest + lowest), 0.5 * (highest - lowest) + rounding
     scale = 1.0 if activation == "tanh" else 0.5  # sigmoid(z) = 1/2 + tanh(z / 2) / 2
@@ -163,7 +164,8 @@ def enclose(layers: Sequence[TorchLayer], states: Zonotope) -> Planes:
         middle = _rows(gain, states.centre) + offset
         spread = (states.generators.mT @ gain).abs().sum(dim=1)
         spread = spread + _rows(gain.abs(), states.box) + error
-        low, high = middle - spread, middle + spread
+        low = middle - spread
+        high = middle + spread
         slope, shift, half = parallel_lines(low, high, activation)
         bend = 0.0 if machine is None or activation == "relu" else _ULPS * machine.unit
         half = half + slope * wrong + bend

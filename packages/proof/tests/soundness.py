@@ -139,10 +139,8 @@ class Checker:
         box = states.generators[:, count:]
         if box.any():
             balls = [self._arb(c, r) for c, r in zip(states.centre, np.diag(box), strict=True)]
-            centre, spread = (
-                self.balls.column(balls),
-                self.balls.matrix(states.generators[:, :count]),
-            )
+            centre = self.balls.column(balls)
+            spread = self.balls.matrix(states.generators[:, :count])
         pieces = motion(
             *(centre, spread),
             self.balls.matrix(gain),
@@ -370,7 +368,8 @@ def lines(bounds: Bounds) -> None:
         middles = np.concatenate((random.normal(size=25), 8.0 * random.normal(size=10)))
         widths = 10.0 ** random.uniform(-2.0, 1.2, len(middles))
         for middle, width in zip(middles, widths, strict=True):
-            low, high = middle - width, middle + width
+            low = middle - width
+            high = middle + width
             slope, offset, error = bounds.lines(low, high, kind)
             z = np.linspace(low, high, 2001)
             y = BENDS[kind](z)
@@ -701,7 +700,8 @@ def flights(bounds: Bounds) -> None:
     for (keep, (name, limit, steps)), has_end in itertools.product(FLIGHTS.items(), (False, True)):
         rates, commands, period = PLANTS[name]
         network = random_layers((2, 3, commands), steps, "tanh", 0.7)
-        low, high = np.array([0.9, 0.1]), np.array([1.0, 0.15])
+        low = np.array([0.9, 0.1])
+        high = np.array([1.0, 0.15])
         x = Set(0.5 * (low + high), np.diag(0.5 * (high - low))).corners(60, random)
         least = np.inf
         for _ in range(steps):
@@ -744,7 +744,8 @@ def bends(bounds: Bounds) -> None:
     signs = np.array(list(itertools.product(np.linspace(-1.0, 1.0, 9), repeat=2)))
     for text, times in BENT.items():
         for width in (0.001, 0.1, 0.3):
-            centre, radius = random.uniform(-1.2, 1.2, 2), width * random.uniform(0.5, 1.0, 2)
+            centre = random.uniform(-1.2, 1.2, 2)
+            radius = width * random.uniform(0.5, 1.0, 2)
             low, high = bounds.bent(text, centre, radius, signs)
             x = centre + signs * radius
             true = eval(text, _FUNCTIONS, {"x0": x[:, 0], "x1": x[:, 1]})
@@ -789,7 +790,8 @@ def reductions(bounds: Bounds) -> None:
     turn = np.array([[np.cos(0.05), -np.sin(0.05)], [np.sin(0.05), np.cos(0.05)]])
     loop = 0.98 * shear @ turn @ np.linalg.inv(shear)
     states = Set(np.zeros(2), np.zeros((2, 2)))
-    exact, power = np.zeros(2), np.eye(2)
+    exact = np.zeros(2)
+    power = np.eye(2)
     for _ in range(300):
         generators = np.concatenate((loop @ states.generators, np.eye(2)), axis=1)
         states = bounds.reduced(Set(states.centre, generators))
@@ -801,18 +803,18 @@ def reductions(bounds: Bounds) -> None:
 def options(bounds: Bounds) -> None:
     """Numbers that a network takes, the time at which a property begins, and the earliest time of an end."""
     random = np.random.default_rng(9)
-    name, limit, steps, begins, earliest = (
-        "a pendulum",
-        {"lower": [-9.0, 0.3], "upper": [9.0, 9.0]},
-        5,
-        2,
-        3,
-    )
+    name = "a pendulum"
+    limit = {"lower": [-9.0, 0.3], "upper": [9.0, 9.0]}
+    steps = 5
+    begins = 2
+    earliest = 3
     rates, commands, period = PLANTS[name]
     network = random_layers((3, 3, commands), 3, "tanh", 0.7)
-    low, high = np.array([0.95, 0.1]), np.array([1.0, 0.12])
+    low = np.array([0.95, 0.1])
+    high = np.array([1.0, 0.12])
     start = Set(0.5 * (low + high), np.diag(0.5 * (high - low))).corners(60, random)
-    x, least = start, np.full(len(start), np.inf)
+    x = start
+    least = np.full(len(start), np.inf)
     instants = []
     for number in range(steps):
         taken = np.column_stack(
@@ -880,7 +882,8 @@ def halves(bounds: Checker) -> None:
     rates, commands, period = PLANTS["a line"]
     hidden = Layer(np.array([[0.5, 6.0], [-4.0, 1.0]]), np.array([0.0, 0.5]), "tanh")
     network = [hidden, Layer(np.array([[3.0, 2.0]]), np.zeros(1), "tanh")]
-    low, high = np.array([-1.0, 0.0]), np.array([1.0, 1.5])
+    low = np.array([-1.0, 0.0])
+    high = np.array([1.0, 1.5])
     x = Set(0.5 * (low + high), np.diag(0.5 * (high - low))).corners(300, random)
     path = motion(rates, x, answers(network, x), period, 16)[..., 1]
     for sign, extreme in ((1.0, float(path.max())), (-1.0, -float(path.min()))):
@@ -963,7 +966,8 @@ def refutations(bounds: Checker) -> None:
         states.append(states[-1] + 0.1 * WEIGHT.astype(float) @ states[-1])
     flight = np.array(states)
     low = flight.min(axis=0)
-    far, slow = np.linalg.norm(flight, axis=1), np.abs(flight[:, 1])
+    far = np.linalg.norm(flight, axis=1)
+    slow = np.abs(flight[:, 1])
 
     def limits(by: float) -> list[tuple[str, str]]:
         """Properties that the flight breaks by a number, or keeps by a negative one, and its end's box."""
@@ -1047,7 +1051,8 @@ def proofs(bounds: Prover) -> None:
     rates, commands, period = PLANTS["a line"]
     hidden = Layer(np.array([[0.5, 6.0], [-4.0, 1.0]]), np.array([0.0, 0.5]), "tanh")
     network = [hidden, Layer(np.array([[3.0, 2.0]]), np.zeros(1), "tanh")]
-    low, high = np.array([-1.0, 0.0]), np.array([1.0, 1.5])
+    low = np.array([-1.0, 0.0])
+    high = np.array([1.0, 1.5])
     # A limit that some cells keep as a whole, and the others in parts only.
     x = Set(0.5 * (low + high), np.diag(0.5 * (high - low))).corners(300, random)
     path = motion(rates, x, answers(network, x), period, 16)

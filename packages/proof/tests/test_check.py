@@ -68,7 +68,8 @@ def test_a_state_that_never_changes_needs_no_margin_at_the_end(
         .replace("9.0]\n[end", "9.0, 9.0]\n[end")
         + "[end]\nlower = [-0.5, -0.1, -0.01]\nupper = [0.5, 0.1, 0.01]\n"
     ).replace("upper = [9.0, 9.0]", "upper = [9.0, 9.0, 9.0]")
-    layers, content = read_network(network), network.read_bytes()
+    layers = read_network(network)
+    content = network.read_bytes()
     proof = prove(problem_of(text), layers)
     assert proof.is_whole
     write_certificate(proof, content, tmp_path / "push.json")
@@ -158,7 +159,8 @@ def test_a_flight_that_refutes_is_flown_again(
     """A limit that the fastest starts break at once; another start, network or flight is refused."""
     pytest.importorskip("flint")
     network = certificate[0]
-    problem, file = tmp_path / "false.toml", tmp_path / "flight.json"
+    problem = tmp_path / "false.toml"
+    file = tmp_path / "flight.json"
     problem.write_text(DOCKING.replace("base = 0.2", "base = -0.1"))
     assert main(f"prove {network} --problem {problem} --output {file}".split()) == 1
     assert capsys.readouterr().out.startswith("False: ")
@@ -190,7 +192,8 @@ def test_a_flight_that_refutes_may_differ_by_rounding(
     network = written(
         [sums, Layer(np.array([[0.5, -0.5]]), np.zeros(1), "tanh")], tmp_path / "net.onnx"
     )
-    lower, upper = "lower = [-1.0, -0.2]\nupper", "upper = [1.0, 0.2]"
+    lower = "lower = [-1.0, -0.2]\nupper"
+    upper = "upper = [1.0, 0.2]"
     fast = SETTLING.replace(lower, "lower = [1.0, 0.2]\nupper").replace(upper, "upper = [1.1, 0.3]")
     assert fast.count("0.2]") == 1
     proof = prove(problem_of(fast), read_network(network))

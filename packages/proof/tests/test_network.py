@@ -133,7 +133,8 @@ def planes_of_prover(module: Any, content: bytes) -> Planes:
     loop = ClosedLoop(problem_of(_ANY), layers, torch.device("cpu"))
 
     def planes(state: np.ndarray) -> tuple[np.ndarray, ...]:
-        centre, radius = torch.tensor(state, dtype=torch.float64)[None], torch.zeros((1, 2, 2))
+        centre = torch.tensor(state, dtype=torch.float64)[None]
+        radius = torch.zeros((1, 2, 2))
         return tuple(
             x[0].numpy()
             for x in enclose(loop._layers, Zonotope(centre, radius.double(), 0 * centre))
@@ -195,7 +196,8 @@ def test_planes_hold_what_single_precision_answers(reader: str, kind: str) -> No
     (answers,) = session.run(None, {"x": states})
     excess = {}
     for reading in (module, exact):
-        off, errors = [], []
+        off = []
+        errors = []
         planes = PLANES[reader](reading, content)
         for state, answer in zip(states.astype(float), answers, strict=True):
             gain, offset, error = planes(state)

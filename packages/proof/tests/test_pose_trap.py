@@ -236,7 +236,8 @@ def violations(
     place, heading = (loop.cells(table["cells"][name], name) for name in ("place", "heading"))
     bounds = loop.bounds(place, heading)
     # States of pairs of single cells, and the other position somewhere in its set, more often at its rim.
-    pairs, states = 150, 200
+    pairs = 150
+    states = 200
     count = pairs * states
 
     def drawn(cells: Any, number: int, repeats: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -273,7 +274,8 @@ def violations(
 
     # Bounds of thrust and of what a craft sees, where they are wide.
     broken = []
-    low, high = (1 - off["thrust"]) / (1 + off["mass"]), (1 + off["thrust"]) / (1 - off["mass"])
+    low = (1 - off["thrust"]) / (1 + off["mass"])
+    high = (1 + off["thrust"]) / (1 - off["mass"])
     for angle in (0.0, 0.5):
         pushes = loop._pulls(module.Parts(0.1, 0.1, angle, 0.0))
         seen = loop._seen((np.array(-0.3), np.array(0.7)), 1.0, angle)
@@ -359,7 +361,8 @@ def violations(
         farthest = np.maximum(
             farthest, (np.abs(position @ DIAGONALS.T).max(), np.abs(heading_now).max())
         )
-    position, heading_now = position - most * speed, heading_now - most * rate
+    position = position - most * speed
+    heading_now = heading_now - most * rate
     parts = (
         (
             "place",
@@ -397,7 +400,8 @@ def violations(
 
 
 def turned(vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     return np.stack(
         (c * vectors[:, 0] - s * vectors[:, 1], s * vectors[:, 0] + c * vectors[:, 1]), axis=1
     )
@@ -485,7 +489,8 @@ def late_errors(module: ModuleType) -> list[str]:
     Motion along one axis, and about the third, is exact: thrust from a late beginning to a late end.
     """
     along = [(1, 0), (-1, 0), (0, 1), (0, -1), (-1, 0), (1, 0), (0, -1), (0, 1)]
-    pull, twist = 0.2, 1.6
+    pull = 0.2
+    twist = 1.6
     errors = []
     for opening, shutting in ((0.001, 0.001), (0.002, 0.0), (0.0, 0.002)):
         off = {"mass": 0.01, "position": 0.003, "spin": 0.004}

@@ -81,7 +81,8 @@ def test_prover_and_checker_keep_a_set_narrow_for_120_periods() -> None:
 
     problem = read_problem(HOLD.with_suffix(".toml"))
     network = read_network(HOLD.with_suffix(".onnx"))
-    low, high = [0.0, -200.0, 0.0, -0.1, -0.1, -0.1], [37.5, -140.0, 37.5, 0.1, 0.1, 0.1]
+    low = [0.0, -200.0, 0.0, -0.1, -0.1, -0.1]
+    high = [37.5, -140.0, 37.5, 0.1, 0.1, 0.1]
     loop = ClosedLoop(problem, network, torch.device("cpu"))
     margins, _ = loop.margins(np.array([low]), np.array([high]))
     checker = Loop(problem_table(problem.text), HOLD.with_suffix(".onnx").read_bytes())
@@ -103,7 +104,8 @@ def test_a_flight_that_leaves_the_range_of_numbers_breaks_its_property() -> None
         "[start]\nlower = [0.1]\nupper = [2.0]\n[keep.within]\nlower = [-1e6]\nupper = [1e6]\n"
     )
     still = [Layer(np.zeros((1, 1)), np.zeros(1), "linear")]
-    low, high = np.array([[0.1], [1.9], [0.1]]), np.array([[0.1], [2.1], [0.3]])
+    low = np.array([[0.1], [1.9], [0.1]])
+    high = np.array([[0.1], [2.1], [0.3]])
     start = broken_start(problem, still, low, high)
     assert start is not None
     assert start[0] == 2.0
@@ -159,7 +161,8 @@ def test_the_free_flyers_states_move_as_a_rigid_body() -> None:
         return Rotation.from_mrp(vector / 4.0)
 
     def world(_: float, y: np.ndarray) -> np.ndarray:
-        attitude, spin = Rotation.from_quat(y[6:10] / np.linalg.norm(y[6:10])), y[10:]
+        attitude = Rotation.from_quat(y[6:10] / np.linalg.norm(y[6:10]))
+        spin = y[10:]
         force = attitude.apply(0.263 * x[12] * u[:3])
         q = y[6:10]
         change = 0.5 * np.array(

@@ -94,7 +94,8 @@ class Excited:
             c, s = row[:2]
             parts = -row[6:8], np.array([[c, -s], [s, c]]), row[2:4], row[4:5]
         else:
-            x, y = row[:3], row[3:6]
+            x = row[:3]
+            y = row[3:6]
             parts = -row[13:16], np.array([x, y, np.cross(x, y)]), row[6:9], row[9:12]
         return self._excitation.choose(*parts).astype(np.float32)
 

@@ -319,7 +319,8 @@ def _dated(
             )
             times[topic] = arrived
             continue
-        by_bag, by_stamps = int(np.ptp(arrived)), int(np.ptp(stamps))
+        by_bag = int(np.ptp(arrived))
+        by_stamps = int(np.ptp(stamps))
         if abs(by_bag - by_stamps) > max(_SET, _RATE * by_bag):
             raise ConfigError(
                 f"the bag {source}: {name} covers {by_stamps * 1e-9:.4g} s by its time stamps and "

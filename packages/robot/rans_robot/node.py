@@ -388,7 +388,8 @@ class Inbox:
     def refill(self) -> list[str]:
         """Allow for the messages of another control period, and return what was dropped, in sentences."""
         self._room = dict(self._most)
-        dropped, self._dropped = self._dropped, set()
+        dropped = self._dropped
+        self._dropped = set()
         return sorted(dropped)
 
 

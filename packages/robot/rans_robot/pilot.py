@@ -367,7 +367,8 @@ class MessagePilot:
         # Without a state, or after a fault, all valves are shut.
         self._began = now if self._began is None else self._began
         shut = np.zeros(self.craft.command_count)
-        troubles, self._troubles = self._troubles, {}
+        troubles = self._troubles
+        self._troubles = {}
         if self._fault:
             return Decision(shut, self._fault, over=True)
         unfit = self._unfit(now, self._began)

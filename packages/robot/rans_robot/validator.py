@@ -140,7 +140,8 @@ def description(data: bytes) -> Description:
 def announced(data: bytes) -> tuple[str, list[str]]:
     """Agent and topics of its commands in a message of `rans_robot.pilot.AGENT_TOPIC`, or a `ValueError`."""
     table = _table(data)
-    agent, topics = table.get("agent"), table.get("topics")
+    agent = table.get("agent")
+    topics = table.get("topics")
     if not isinstance(agent, str) or not isinstance(topics, list):
         raise ValueError(
             f"agent must be a text and topics a list, got {brief(agent)} and {brief(topics)}"

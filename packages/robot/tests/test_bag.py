@@ -68,20 +68,6 @@ def test_the_official_decoder_reads_every_message(tmp_path: Path) -> None:
     assert sorted(kinds) == sorted(row.kind for row in rows)
 
 
-def test_rosbags_reads_every_message(tmp_path: Path) -> None:
-    """Its bag reader too goes by the definitions in the bag."""
-    from rosbags.highlevel import AnyReader
-
-    file, rows = written(tmp_path)
-    index_bag(file)
-    with AnyReader([file]) as reader:
-        kinds = []
-        for connection, _, data in reader.messages():
-            kinds.append(connection.msgtype)
-            checked(connection.msgtype, reader.deserialize(data, connection.msgtype))
-    assert sorted(kinds) == sorted(row.kind for row in rows)
-
-
 def test_an_indexed_bag_is_sought_in_and_has_the_same_messages(tmp_path: Path) -> None:
     from mcap.reader import SeekingReader
 

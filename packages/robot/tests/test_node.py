@@ -34,7 +34,6 @@ from rans_robot.pilot import (
     Plan,
     craft_hash,
     export_for_flight,
-    motion_of,
 )
 from rans_robot.twin import VALVES_TOPIC, Craft, TwinPlan, run_twin
 
@@ -317,21 +316,6 @@ def test_a_bag_that_was_changed_does_not_come_out(agent: Path, tmp_path: Path) -
     assert replay_bag(bag).first_difference is not None
 
 
-def test_mcaps_own_reader_opens_a_bag(agent: Path, tmp_path: Path) -> None:
-    from mcap.reader import make_reader
-
-    bag = tmp_path / "flight.mcap"
-    flown(Wire(), agent, bag, 5)
-    with bag.open("rb") as stream:
-        reader = make_reader(stream)
-        summary = reader.get_summary()
-        assert summary is not None
-        names = {schema.name for schema in summary.schemas.values()}
-        assert {"geometry_msgs/msg/PoseStamped", FLOATS} <= names
-        count = sum(1 for _ in reader.iter_messages())
-    assert count == len(list(bag_entries(bag)))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("killed", ["node", "twin", "nobody"])
 def test_a_kill_of_either_side_shuts_the_valves(
@@ -415,10 +399,3 @@ def test_one_sentence_for_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> No
         open_bus("udp", 500)
     with pytest.raises(ConfigError, match="has 12 thrusters and no wheel"):
         interface("px4", 16, 16)
-
-
-def test_states_and_motions_are_the_same() -> None:
-    """Of a state in space."""
-    twin = Craft(TwinPlan(load_spacecraft("free-flyer"), 0.2, start=(1.0, 2.0, 3.0)))
-    assert twin.motion.position == pytest.approx([1.0, 2.0, 3.0])
-    assert motion_of(twin._now.state).attitude == pytest.approx([1.0, 0.0, 0.0, 0.0])

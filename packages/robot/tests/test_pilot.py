@@ -514,7 +514,8 @@ def test_a_second_node_refuses(quick: Path, monkeypatch: pytest.MonkeyPatch) -> 
     """The first is heard of; a node of another robot is none of its business."""
     monkeypatch.setattr("rans_robot.node._ANNOUNCED", 0.1)
     done = threading.Event()
-    first, second = Robot(), Robot()
+    first = Robot()
+    second = Robot()
     said: list[str] = []
     reports: list[Report] = []
 

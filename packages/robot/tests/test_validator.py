@@ -343,7 +343,8 @@ def about_velocity(name: str) -> bool:
 )
 def test_what_is_refused_changes_nothing(robot: RobotName, bad: str, agent: Path) -> None:
     """As the first message or later, a flight with it goes as one without it; the note has topic and value."""
-    with_it, without = pilot(agent, robot), pilot(agent, robot)
+    with_it = pilot(agent, robot)
+    without = pilot(agent, robot)
     notes = []
     for k in range(30):
         now = NOW + k * SECOND // 50

@@ -1,1 +1,1 @@
-"""Paths, and agents that follow them."""
+"""Agents that follow a circle."""

@@ -190,7 +190,8 @@ def physics_of(craft: Spacecraft, values: np.ndarray) -> Physics:
     else:
         push = Wrench(Vec3(*force), Vec3(*(next(columns) for _ in range(3))))
     body = Body(craft.mass, inertia, centre, gain, (0.0,) * count)
-    latency, rise = next(columns), next(columns)
+    latency = next(columns)
+    rise = next(columns)
     return Physics(body, push, latency, rise)
 
 

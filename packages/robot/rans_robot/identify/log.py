@@ -208,7 +208,8 @@ def _check_readings(what: str, parts: dict[str, np.ndarray]) -> None:
     """Refuse (`ConfigError`) readings (N, ...) beyond all measure, wrong quaternions, and logs without poses."""
     _check_bounds(what, parts)
     times = parts["times"]
-    position, attitude = parts["position"], parts["attitude"]
+    position = parts["position"]
+    attitude = parts["attitude"]
     has_pose = ~np.isnan(position).any(axis=1)
     has_pose &= ~np.isnan(attitude.reshape(len(times), -1)).any(axis=1)
     if not has_pose.any():
@@ -279,7 +280,8 @@ def _check_rates(what: str, parts: dict[str, np.ndarray]) -> None:
         both = np.isfinite(expected) & np.isfinite(changed) & (step[:, None] <= _LONGEST_STEP)
         if both.sum() < 2 * _FEWEST_STEPS:
             continue
-        expected, changed = expected[both], changed[both]
+        expected = expected[both]
+        changed = changed[both]
         large = np.abs(expected) >= np.median(np.abs(expected))
         large &= expected != 0.0
         if large.sum() < _FEWEST_STEPS:
@@ -296,7 +298,8 @@ def _check_rates(what: str, parts: dict[str, np.ndarray]) -> None:
 
 def _turns(attitude: np.ndarray) -> np.ndarray:
     """Small rotations (M - 1, 3), rad, in the body, between successive quaternions (M, 4)."""
-    w, v = attitude[:, :1], attitude[:, 1:]
+    w = attitude[:, :1]
+    v = attitude[:, 1:]
     scalar = w[:-1] * w[1:] + np.sum(v[:-1] * v[1:], axis=1, keepdims=True)
     vector = w[:-1] * v[1:] - w[1:] * v[:-1] - np.cross(v[:-1], v[1:])
     return 2.0 * vector * np.where(scalar < 0.0, -1.0, 1.0)

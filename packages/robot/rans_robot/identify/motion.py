@@ -295,16 +295,27 @@ def _midpoints(constant: Sequence[np.ndarray], acting: Sequence[np.ndarray]) -> 
     # Euler's equations at the beginning and in the middle of each step.
     path = [columns]
     for h, force, torque in zip(*(_fields(x) for x in acting), strict=True):
-        half, quarter = 0.5 * h, 0.25 * h
+        half = 0.5 * h
+        quarter = 0.25 * h
         ax, ay, az = rate((wx, wy, wz), q, torque)
-        mx, my, mz = wx + half * ax, wy + half * ay, wz + half * az
+        mx = wx + half * ax
+        my = wy + half * ay
+        mz = wz + half * az
         middle = _after(q, quarter * (wx + mx), quarter * (wy + my), quarter * (wz + mz))
         ax, ay, az = _turned(middle, *force)
-        ax, ay, az = ax + push_x, ay + push_y, az + push_z
-        x, y, z = x + h * (vx + half * ax), y + h * (vy + half * ay), z + h * (vz + half * az)
-        vx, vy, vz = vx + h * ax, vy + h * ay, vz + h * az
+        ax = ax + push_x
+        ay = ay + push_y
+        az = az + push_z
+        x = x + h * (vx + half * ax)
+        y = y + h * (vy + half * ay)
+        z = z + h * (vz + half * az)
+        vx = vx + h * ax
+        vy = vy + h * ay
+        vz = vz + h * az
         ax, ay, az = rate((mx, my, mz), middle, torque)
-        wx, wy, wz = wx + h * ax, wy + h * ay, wz + h * az
+        wx = wx + h * ax
+        wy = wy + h * ay
+        wz = wz + h * az
         q = _after(q, h * mx, h * my, h * mz)
         path.append([x, y, z, *q, vx, vy, vz, wx, wy, wz])
     return np.moveaxis(np.array(path).reshape(len(path), 13, -1), -1, 0)
@@ -313,7 +324,9 @@ def _midpoints(constant: Sequence[np.ndarray], acting: Sequence[np.ndarray]) -> 
 def _turned(q: Any, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
     """Entries of a vector (x, y, z) that a unit quaternion q (w first) turns; arrays of any one shape."""
     w, a, b, c = q
-    cx, cy, cz = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
+    cx = 2.0 * (b * z - c * y)
+    cy = 2.0 * (c * x - a * z)
+    cz = 2.0 * (a * y - b * x)
     return (
         x + w * cx + b * cz - c * cy,
         y + w * cy + c * cx - a * cz,
@@ -330,8 +343,11 @@ def _after(q: Any, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any, Any]:
     cosine = 1.0 - squared * (0.125 - squared / 384.0)
     factor = 0.5 - squared * (1.0 / 48.0 - squared / 3840.0)
     scale = (cosine * cosine + factor * factor * squared) ** -0.5
-    cosine, factor = cosine * scale, factor * scale
-    x, y, z = factor * x, factor * y, factor * z
+    cosine = cosine * scale
+    factor = factor * scale
+    x = factor * x
+    y = factor * y
+    z = factor * z
     w, a, b, c = q
     return (
         w * cosine - a * x - b * y - c * z,

@@ -117,7 +117,8 @@ def test_the_agent_acts_once_a_period_whatever_the_steps(folder: Path, unit: Any
     """A step within a period changes nothing, and a restart begins anew."""
     pairs = json.loads((folder / "golden.json").read_text("utf-8"))
     rows = np.array(pairs["observation"], np.float32)
-    first, commands = rows[0], pairs["command"]
+    first = rows[0]
+    commands = pairs["command"]
     other = rows[[command != commands[0] for command in commands].index(True)]
     begun = stepped(unit, first, 0.0, 0.05)
     for k in (1, 2, 3):

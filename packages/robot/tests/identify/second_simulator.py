@@ -77,7 +77,8 @@ def flown_log(
         acceleration = (turned.apply(opening @ pushes) + force) / craft.mass
         outside = opening @ turns + turned.inv().apply(torque)
         spin = np.linalg.solve(inertia, outside - np.cross(w, inertia @ w))
-        x, v = y[6:9], y[9]
+        x = y[6:9]
+        v = y[9]
         quaternion = 0.5 * np.append(v * w + np.cross(x, w), -x @ w)
         return np.concatenate([y[3:6], acceleration, quaternion, spin])
 

@@ -96,8 +96,10 @@ def turning(heading: float = 1.0, spin: float = 1.0, position: float = 1.0) -> l
     rows = []
     for k in range(80):
         t = 0.2 * k
-        x, h = 0.3 * np.sin(0.9 * t), 2.0 * np.sin(0.7 * t)
-        vx, w = 0.27 * np.cos(0.9 * t), 1.4 * np.cos(0.7 * t)
+        x = 0.3 * np.sin(0.9 * t)
+        h = 2.0 * np.sin(0.7 * t)
+        vx = 0.27 * np.cos(0.9 * t)
+        w = 1.4 * np.cos(0.7 * t)
         values = (position * x, 0.0, heading * h, vx, 0.0, spin * w)
         noisy = ",".join(f"{value + random.normal(0.0, 0.005):.6f}" for value in values)
         rows.append(f"{t:.3f},{noisy}{',0' * 8}")

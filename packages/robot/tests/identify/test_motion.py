@@ -38,7 +38,8 @@ def test_a_delayed_ramp_delivers_what_is_worked_by_hand() -> None:
     commands = np.zeros((6, 8))
     commands[1:, 3] = 1.0
     thrust = Thrust.of(PLATFORM, log_of(commands))
-    late, ramp = np.array([0.1]), np.array([0.2])
+    late = np.array([0.1])
+    ramp = np.array([0.2])
     at = thrust.delivered(np.array([[0.55, 0.6, 0.7, 0.8, 2.0]]), late, ramp)[0, :, 3]
     assert at == pytest.approx([0.0, 0.0, 0.025, 0.1, 1.3], abs=1e-12)
     assert thrust.delivered(np.array([[2.0]]), late, ramp)[0, 0, 0] == 0.0
