@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.episodes import fly_draws as fly_draws
     from rans.evaluation.fly.protocols import fitting_protocols as fitting_protocols
     from rans.evaluation.measure.metrics import Sample as Sample
-    from rans.evaluation.measure.metrics import impulses as impulses
     from rans.fast.device import torch_device as torch_device
     from rans.fast.engine import Engine as Engine
     from rans.fast.learn.adam import Adam as Adam
@@ -110,7 +109,6 @@ if TYPE_CHECKING:
     from rans.randomization.conditions import bounds as bounds
     from rans.randomization.conditions_file import conditions_text as conditions_text
     from rans.reference.flight import DrakeMover as DrakeMover
-    from rans.reference.flight import fly_in_drake as fly_in_drake
     from rans.registry import are_files_trusted as are_files_trusted
     from rans.scenario import EVALUATION_SEED as EVALUATION_SEED
     from rans.scenario import Scenario as Scenario
@@ -126,7 +124,6 @@ if TYPE_CHECKING:
     from rans.tasks import TASKS as TASKS
     from rans.tasks.base import SingleTask as SingleTask
     from rans.tasks.base import Task as Task
-    from rans.tasks.base import observation as observation
     from rans.tasks.go_to_pose import GoToPose as GoToPose
     from rans.tasks.observation_terms import Dimension as Dimension
     from rans.tasks.observation_terms import Information as Information

@@ -45,7 +45,6 @@ from rans.extend import (
     is_finite,
     load_policy,
     map_leaves,
-    observation,
     positive,
     read_json,
     read_text,
@@ -58,6 +57,7 @@ from rans.files import plain
 from rans.model.spacecraft_file import read_spacecraft
 from rans.safety_filters import safety_filter
 from rans.structure import LARGEST_TOML
+from rans.tasks.base import observation
 from rans_robot.excitation import EXCITATION, Excited
 from rans_robot.frames import Motion, heading_of, quaternion_of
 from rans_robot.interfaces import (

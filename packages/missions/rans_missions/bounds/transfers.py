@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.measure.metrics import won
+from rans.evaluation.measure.metrics import impulses, won
 from rans.extend import (
     Flight,
     Progress,
@@ -20,10 +20,9 @@ from rans.extend import (
     Table,
     Task,
     fly,
-    fly_in_drake,
-    impulses,
     unseen,
 )
+from rans.reference.flight import fly_in_drake
 from rans.scenario import each
 from rans_missions.convex.approach import PortMeeting, flight_to_port, least_to_approach
 from rans_missions.convex.holding import flight_that_holds, least_to_hold

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rans.evaluation.measure.metrics import won
-from rans.extend import Flight, impulses
+from rans.evaluation.measure.metrics import impulses, won
+from rans.extend import Flight
 
 COPIES = 256
 """Changed copies of the flights of each start in a round: a step of one flight takes as long as that of some

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rans.extend import Flight, Scenario, Setup, Task, fly, impulses, last_fifth, map_leaves
+from rans.evaluation.measure.metrics import impulses
+from rans.extend import Flight, Scenario, Setup, Task, fly, last_fifth, map_leaves
 from rans.model.coordinates import coordinates
 from rans_missions.improve.following import MANNERS, Following
 from rans_missions.improve.judging import COPIES, Best, judged
