@@ -5,12 +5,13 @@ Fields (N,): each craft is judged alone; safe means that a manoeuvre from there 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
+import numpy as np
+
 from rans.episode import Command
-from rans.extend import Field, World, where
+from rans.extend import Field, World, leaves, map_leaves
 from rans_missions.guard.ahead import SLACK, Ahead
 from rans_missions.guard.coasting import Coasting, periods_of
 from rans_missions.guard.expected import PERIODS, Reserve
@@ -21,20 +22,7 @@ from rans_missions.guard.manoeuvres import (
     manoeuvres,
     slowest_change,
 )
-from rans_missions.guard.rows import (
-    batched,
-    copied,
-    count,
-    is_array,
-    lesser,
-    like,
-    repeated,
-    row_indices,
-    stacked,
-    taken,
-    truths,
-    where_true,
-)
+from rans_missions.guard.rows import count, is_array, on_numpy, repeated, taken
 
 _FEW = 2
 """Number of manoeuvres that are tried after commands near the desired one."""
@@ -89,30 +77,30 @@ class FlownBackup:
         before: tuple[Command, ...] = (),
     ) -> tuple[Command, Field]:
         """Safe command in place of the desired one, and whether it differs; see `rans.episode.Guard.admitted`."""
-        (state, goal, command), single = batched((state, goal, tuple(command)))
-        size = count((state, command))
-        command = tuple(x if is_array(x) else like(state, size, x) for x in command)
+        given: Any = next((x for x in leaves((state, goal, command)) if is_array(x)), None)
+        state, goal, command, before = on_numpy((state, goal, tuple(command), before))
+        if given is None:
+            state, goal, before = map_leaves(lambda x: np.array([x]), (state, goal, before))
+        size = count((state, command)) if given is not None else 1
+        command = tuple(np.array(np.broadcast_to(x, size)) for x in command)
         search = _Search.of(self, world)
         state, goal = search.ahead.delayed(state, goal, before, self.delay)
-        refused = where_true(~search.passes(state, goal, command, search.ways))
-        changed = truths(state, size)
-        admitted = tuple(copied(x) for x in command)
+        refused = np.flatnonzero(~search.passes(state, goal, command, search.ways))
+        changed = np.zeros(size, bool)
         if len(refused):
             instead = search.instead(*taken((state, goal, command), refused))
-            for x, new in zip(admitted, instead, strict=True):
+            for x, new in zip(command, instead, strict=True):
                 changed[refused] |= x[refused] != new
                 x[refused] = new
-        if single:
-            return tuple(float(x[0]) for x in admitted), bool(changed[0])
-        return admitted, changed
-
-    def passes(self, world: World, state: Any, goal: Any, command: Command) -> Field:
-        """Whether commands (N,) of arrays or tensors pass unchanged, without a delay, (N,)."""
-        search = _Search.of(self, world)
-        return search.passes(state, goal, command, search.ways)
+        if given is None:
+            return tuple(float(x[0]) for x in command), bool(changed[0])
+        if isinstance(given, np.ndarray):
+            return command, changed
+        # Of torch, on the device of the fields.
+        return tuple(given.new_tensor(x) for x in command), given.new_tensor(changed) > 0
 
     def safe(self, world: World, state: Any, goal: Any) -> Field:
-        """Whether states (N,) of arrays or tensors are safe: the filter can keep all margins from there, (N,)."""
+        """Whether states (N,) of arrays are safe: the filter can keep all margins from there, (N,)."""
         search = _Search.of(self, world)
         return search.safe(state, goal, search.ways)
 
@@ -166,13 +154,13 @@ class _Search:
     def coasts(self, state: Any, goal: Any) -> Field:
         """Whether the craft may coast from these states, (N,); one that brakes does not rely on it."""
         if self.brakes:
-            return truths(state, count(state))
+            return np.zeros(count(state), bool)
         return self.coasting.safe(state, goal)
 
     def safe(self, state: Any, goal: Any, library: tuple[Manoeuvre, ...]) -> Field:
         """Whether the craft may coast from these states, or reach such a state by one of these manoeuvres."""
         safe = self.coasts(state, goal)
-        left = where_true(~safe)
+        left = np.flatnonzero(~safe)
         if len(left):
             safe[left] = self._escapes(taken(state, left), taken(goal, left), library)
         return safe
@@ -183,8 +171,8 @@ class _Search:
         The first is tried alone.
         """
         size = count(state)
-        escaped = truths(state, size)
-        left = row_indices(state, size)
+        escaped = np.zeros(size, bool)
+        left = np.arange(size)
         # The first manoeuvre succeeds from most states; for the rest all others are predicted at once.
         for some in (library[:1], library[1:]):
             if some and len(left):
@@ -199,16 +187,16 @@ class _Search:
         Rows that have left or lost are dropped on the way; the order of manoeuvres is that of the library.
         """
         size = count(state)
-        manoeuvre = repeated(state, library, size)
-        again = stacked([row_indices(state, size)] * len(library))
+        manoeuvre = repeated(library, size)
+        again = np.tile(np.arange(size), len(library))
         state = taken(state, again)
         goal = taken(goal, again)
-        escaped = truths(state, len(again))
-        rows = row_indices(state, len(again))
+        escaped = np.zeros(len(again), bool)
+        rows = np.arange(len(again))
         for _ in range(self.periods):
             arrival = self._manoeuvred(manoeuvre, state, goal)
             escaped[rows[arrival.free]] = True
-            going = where_true(arrival.kept & ~arrival.free)
+            going = np.flatnonzero(arrival.kept & ~arrival.free)
             if not len(going):
                 break
             rows = rows[going]
@@ -246,7 +234,7 @@ class _Search:
         """
         arrival = self.held(state, goal, command)
         passed = arrival.free
-        left = where_true(arrival.kept & ~arrival.free)
+        left = np.flatnonzero(arrival.kept & ~arrival.free)
         if len(left):
             passed[left] = self._escapes(
                 taken(arrival.state, left), taken(arrival.goal, left), library
@@ -260,19 +248,19 @@ class _Search:
         """
         size = count(state)
         first = self.command(self.ways[0], state, goal)
-        admitted = [copied(x) for x in first]
-        open_ = row_indices(state, size)
+        admitted = [np.array(x) for x in first]
+        open_ = np.arange(size)
 
         # Commands near the desired one, all at once; the first that passes.
         near = self._near(command, first)
         if near:
-            again = stacked([open_] * len(near))
-            tried = tuple(stacked(list(column)) for column in zip(*near, strict=True))
+            again = np.tile(open_, len(near))
+            tried = tuple(map(np.concatenate, zip(*near, strict=True)))
             good = self.passes(taken(state, again), taken(goal, again), tried, self.ways[:_FEW])
             good = good.reshape(len(near), size)
-            replaced = truths(state, size)
+            replaced = np.zeros(size, bool)
             for neighbour, passed in zip(near, good, strict=True):
-                new = where_true(passed & ~replaced)
+                new = np.flatnonzero(passed & ~replaced)
                 for x, y in zip(admitted, neighbour, strict=True):
                     x[new] = y[new]
                 replaced = replaced | passed
@@ -301,9 +289,9 @@ class _Search:
             return open_
         states, goals = taken(state, open_), taken(goal, open_)
         works = self.leaves_by(self.ways, states, goals)
-        done = truths(states, len(open_))
+        done = np.zeros(len(open_), bool)
         for manoeuvre, work in zip(self.ways, works, strict=True):
-            rows = where_true(work & ~done)
+            rows = np.flatnonzero(work & ~done)
             done = done | work
             if len(rows):
                 tried = self.command(manoeuvre, taken(states, rows), taken(goals, rows))
@@ -317,27 +305,27 @@ class _Search:
             return braking_command(self.world, state, goal)
         size = count(state)
         kept = self.coasting.least(state, goal)
-        result = tuple(like(state, size) for _ in self.world.craft.commands)
-        again = stacked([row_indices(state, size)] * len(self.ways))
-        manoeuvre = repeated(state, self.ways, size)
+        result = tuple(np.zeros(size) for _ in self.world.craft.commands)
+        again = np.tile(np.arange(size), len(self.ways))
+        manoeuvre = repeated(self.ways, size)
         state, goal = taken((state, goal), again)
         first = self.command(manoeuvre, state, goal)
         command = first
-        least = like(state, len(again), math.inf)
+        least = np.full(len(again), np.inf)
         most = -least
         for _ in range(self.periods):
             arrival = self.ahead.fly(state, goal, command)
             state, goal = arrival.state, arrival.goal
-            least = lesser(least, arrival.least)
-            then = lesser(least, self.coasting.least(state, goal))
-            most = where(then > most, then, most)
+            least = np.minimum(least, arrival.least)
+            then = np.minimum(least, self.coasting.least(state, goal))
+            most = np.maximum(then, most)
             command = self.command(manoeuvre, state, goal)
         rows = most.reshape(len(self.ways), size)
         commands = [x.reshape(len(self.ways), size) for x in first]
         for k in range(len(self.ways)):
             better = rows[k] > kept
-            kept = where(better, rows[k], kept)
-            result = tuple(where(better, x[k], y) for x, y in zip(commands, result, strict=True))
+            kept = np.where(better, rows[k], kept)
+            result = tuple(np.where(better, x[k], y) for x, y in zip(commands, result, strict=True))
         return result
 
     def _near(self, command: Command, first: Command) -> list[Command]:

@@ -6,10 +6,12 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from rans.extend import Ball, Field, absolute, at_least, map_leaves
 from rans.model.drift import FREE
 from rans_missions.guard.ahead import Ahead
-from rans_missions.guard.rows import grid, is_array, least_row, lesser, like
+from rans_missions.guard.rows import count, is_array
 
 _CHUNK = 2**22
 """Largest number of instants times spacecraft that are evaluated at once."""
@@ -34,7 +36,7 @@ class Coasting:
     """Number of control periods that are evaluated if the result is not for all times."""
 
     def safe(self, state: Any, goal: Any) -> Field:
-        """Whether coasting from states (N,) with goals (N,) of arrays or tensors is safe, (N,) bool."""
+        """Whether coasting from states (N,) with goals (N,) of arrays is safe, (N,) bool."""
         return self.least(state, goal) >= self.slack
 
     def least(self, state: Any, goal: Any) -> Field:
@@ -48,7 +50,7 @@ class Coasting:
         result = None
         for ball in balls:
             margin = _closest(ball, state)
-            result = margin if result is None else lesser(result, margin)
+            result = margin if result is None else np.minimum(result, margin)
         assert result is not None
         return result - max((reserve for _, reserve in self.ahead.reserve), default=0.0)
 
@@ -74,20 +76,20 @@ class Coasting:
         samples.
         """
         period = self.ahead.world.timing.control_period
-        size = len(next(x for x in (*state.p.columns(), *state.v.columns()) if is_array(x)))
+        size = count(state)
         chunk = max(4, _CHUNK // size)
-        result = like(state, size, math.inf)
+        result = np.full(size, np.inf)
         # Consecutive chunks share two instants, so that every instant has a second difference.
         for begin in range(0, self.horizon, chunk):
             last = min(self.horizon, begin + chunk + 2)
-            times = grid(state, [k * period for k in range(begin, last + 1)])
+            times = period * np.arange(begin, last + 1)[:, None]
             for margin in self._margins(state, goal, times):
                 margin = margin + 0.0 * times
                 bend = absolute(margin[2:] - 2.0 * margin[1:-1] + margin[:-2])
                 sag = 0.5 * bend
                 # The ends use the second difference of their neighbours.
                 for part in (margin[1:-1], margin[:-2], margin[2:]):
-                    result = lesser(result, least_row(part - sag))
+                    result = np.minimum(result, (part - sag).min(axis=0))
             if last == self.horizon:
                 break
         return result
