@@ -25,7 +25,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
@@ -46,9 +46,9 @@ _SPEED = _LENGTH / _TIME
 _ACCELERATION = _LENGTH / _TIME**2
 _ROUNDS = 6
 """Linearisations of the upper bound at most; two or three suffice."""
-_FLOORS = ((10.0, 10.0), (2.0, 2.0), (2.0, 0.0))
-"""Periods of the programs that bound flight times before they are solved, and how many times at once, s: some
-milliseconds each, and sharp enough that few times remain."""
+_FLOORS = (15.0, 5.0, 2.0)
+"""Periods of the programs that bound flight times before they are solved, s: some milliseconds each, and sharp
+enough that few times remain."""
 _MOST_APART = 12
 """Engines that are throttled one by one: their choices of least and largest throttles are 2 to this power."""
 _SETTLED = 1e-5
@@ -172,8 +172,6 @@ class Descent:
     """Distance from the site in which it may end, m; 0: at the site."""
     velocity_tolerance: float = 0.0
     """Speed with which it may end, m/s; 0: at rest."""
-    speed: float | None = None
-    """Largest speed, m/s; None: any."""
     turning: float | None = None
     """Largest angular acceleration across its thrust of a full craft that starts upright and at rest, rad/s^2.
 
@@ -305,10 +303,9 @@ def best_landing(
 ) -> Landing | None:
     """Landing with the least propellant of all flight times that are whole periods; None: see `landing`.
 
-    The propellant need not have one minimum over the flight time, and no time is left out: branch and bound.
-    Programs with long periods, in which the thrust may vary in any way, bound all landings of ten seconds of flight
-    times at once, then of two, then those of one time (`_floor`). The time with the least bound is solved, until a
-    solution is not above the bounds of all other times.
+    The propellant need not have one minimum over the flight time, and no time is left out. Programs with long
+    periods, in which the thrust may vary in any way, bound the landings of each time (`_floor`), and then sharper
+    ones. The time with the least bound is solved, until a solution is not above the bounds of all other times.
 
     As a bound (side = "bound") it is one for accelerations that are held for this period. One for a longer hold is
     none for a shorter, which can do more: for the mission, take its own control period.
@@ -328,38 +325,27 @@ def best_landing(
     first = max(1, math.ceil(times[0] / period - 1e-9))
     last = int(times[1] / period + 1e-9)
 
-    def parts(level: int, first: int, last: int) -> Iterator[tuple[int, int]]:
-        """Flight times from first to last, in periods, as a level has them together."""
-        length = _FLOORS[level][1] if level < len(_FLOORS) else 0.0
-        together = max(1, round(length / period))
-        while first <= last:
-            end = min(last, -(-first // together) * together)
-            yield first, end
-            first = end + 1
-
-    # Flight times that are still open: their bound, how sharp it is, the first and the last.
-    # Ranges of flight times by their least bound; a range is refined level by level.
-    waiting = [(0.0, 0, *part) for part in parts(0, first, last)]
+    # Flight times that are still open, in periods: their bound, and how sharp it is.
+    waiting = [(0.0, 0, count) for count in range(first, last + 1)]
     solutions: dict[int, Landing] = {}
     while waiting:
-        least, level, first, last = heapq.heappop(waiting)
+        least, level, count = heapq.heappop(waiting)
         if level > len(_FLOORS):
-            return solutions[first]
+            return solutions[count]
         if level == len(_FLOORS):
-            result = landing(lander, descent, start, first * period, period, side)
+            result = landing(lander, descent, start, count * period, period, side)
             if result is None:
                 continue
-            solutions[first] = result
+            solutions[count] = result
             floor = result.propellant
         else:
-            merged = max(1, round(_FLOORS[level][0] / period))
+            merged = max(1, round(_FLOORS[level] / period))
             try:
-                floor = _floor(lander, descent, start, (first, last), period, merged)
+                floor = _floor(lander, descent, start, count, period, merged)
             except SolverFailed:
                 floor = least  # the next level asks again
         if math.isfinite(floor):
-            for part in parts(level + 1, first, last):
-                heapq.heappush(waiting, (max(least, floor), level + 1, *part))
+            heapq.heappush(waiting, (max(least, floor), level + 1, count))
     return None
 
 
@@ -367,34 +353,29 @@ def _floor(
     lander: Lander,
     descent: Descent,
     start: tuple[np.ndarray, np.ndarray],
-    counts: tuple[int, int],
+    count: int,
     period: float,
     merged: int,
 ) -> float:
     """Lower bound of all landings whose flight has so many periods, kg; infinite: there is none.
 
     As many periods as `merged` become one, between whose ends the thrust may vary in any way, with the limits at
-    its ends alone. The first is shorter where they do not divide the flight. Of several
-    flight times, not more than `merged`, all but the last begin later in the first of these periods.
+    its ends alone. The first is shorter where they do not divide the flight.
 
     Args:
         lander: what lands.
         descent: what is asked for.
         start: position, m, and velocity, m/s.
-        counts: first and last flight time, in periods.
+        count: flight time, in periods.
         period: s.
         merged: how many become one.
 
     Raises:
         SolverFailed: see `landing`.
     """
-    first, last = counts
-    if last > first:
-        last = -(-last // merged) * merged
-    whole, rest = divmod(last, merged)
+    whole, rest = divmod(count, merged)
     lengths = period * np.array([rest] * (rest > 0) + [merged] * whole)
-    late = (last - first) * period
-    problem = _Problem(lander, descent, start, lengths, varies=True, late=late)
+    problem = _Problem(lander, descent, start, lengths, varies=True)
     answer = problem.answer(problem.heaviest, "bound")
     return math.inf if answer is None else problem.needed(answer)
 
@@ -409,8 +390,6 @@ class _Problem:
     Where the thrust varies in a period of length h, at times s in it, there are two of these groups: means of
     (1 - s / h) u and of (s / h) u. Their sum changes the velocity, the first alone the position. Means of cones
     are in these cones, and the mass is between those of both ends, so that nothing that can be flown is left out.
-
-    Flights may begin later, up to a time in the first period: they fall before, without thrust, towards the start.
     """
 
     def __init__(
@@ -420,7 +399,6 @@ class _Problem:
         start: tuple[np.ndarray, np.ndarray],
         lengths: np.ndarray,
         varies: bool = False,
-        late: float = 0.0,
     ) -> None:
         count = len(lengths)
         self.lander = lander
@@ -429,21 +407,17 @@ class _Problem:
         self.lengths = lengths
         self.groups = 2 if varies else 1
         self.start = start
-        self.late = late
         self.knots = 7 * (count + 1)
         self.width = 5 if lander.corners else 4
         self.controls = self.groups * count
         self.size = self.knots + self.width * self.controls
         dry = lander.mass - lander.propellant
         self.times = np.concatenate([[0.0], np.cumsum(lengths)])
-        elapsed = self.times
         full = lander.mass
-        lightest = full - lander.largest_thrust / lander.exhaust_speed * elapsed
+        lightest = full - lander.largest_thrust / lander.exhaust_speed * self.times
         # ln m of craft that burn as much, and as little, as they can.
         self.lightest = np.log(np.maximum(lightest, dry))
-        heaviest = full - lander.least_thrust / lander.exhaust_speed * np.maximum(
-            elapsed - late, 0.0
-        )
+        heaviest = full - lander.least_thrust / lander.exhaust_speed * self.times
         self.heaviest = np.log(np.maximum(heaviest, dry))
         self.middle = 0.5 * (self.lightest + self.heaviest)
         self.equations = self._dynamics()
@@ -496,7 +470,7 @@ class _Problem:
             push = max(
                 push, *(abs(a) * sigma + abs(force) / _ACCELERATION * inverse for a, force in sizes)
             )
-        time = (self.times[-1] + self.late) / _TIME
+        time = self.times[-1] / _TIME
         faster = self.groups * push + self.descent.gravity / _ACCELERATION
         v = float(np.linalg.norm(self.start[1])) / _SPEED + time * faster
         p = float(np.linalg.norm(self.start[0])) / _LENGTH + 2.0 * time * v
@@ -561,16 +535,8 @@ class _Problem:
         fallen = np.concatenate([0.5 * g, np.zeros(4)]), np.concatenate([np.zeros(3), g, [0.0]])
         falling = np.outer(steps**2, fallen[0]) + np.outer(steps, fallen[1])
         p, v = self.start
-        begin = np.eye(7)
-        if self.late:
-            # The time d of falling before the start is read from the vertical velocity: it was v - d g.
-            begin[:2, 5] = v[:2] / _SPEED / -g[2]
-        exact = [0, 1, 3, 4, 6] if self.late else [*range(7)]
-        at = np.concatenate([p / _LENGTH, v / _SPEED, [0.0]])
-        at[:2] += begin[:2, 5] * at[5]
-        rows = [motion, sparse.csc_matrix((begin[exact]), shape=(len(exact), 7))]
-        rows[1] = _selected(rows[1], 0, self.size)
-        values = [falling.ravel(), at[exact]]
+        rows = [motion, _selected(sparse.eye(7), 0, self.size)]
+        values = [falling.ravel(), np.concatenate([p / _LENGTH, v / _SPEED, [0.0]])]
         for tolerance, offset in (
             (self.descent.position_tolerance, 0),
             (self.descent.velocity_tolerance, 3),
@@ -605,15 +571,12 @@ class _Problem:
             about = [(self._z(knot), slope * scale / len(knots)) for knot in knots]
             add(-constant * scale, *entries, *about)
 
-        self._bound_of_beginning(add)
         tilts = self._tilts()
         for k, (under, over) in enumerate(self._inverse_masses(log_mass, side)):
-            # Engines may be off in a part of this period.
-            is_late = self.late > 0.0 and k == 0
             for group in range(self.groups):
                 # The flow is between those of the least and of the largest thrust.
                 sigma = self._sigma(k, group)
-                bounded(0.0 if is_late else self.lander.least_thrust, under, (sigma, -1.0))
+                bounded(self.lander.least_thrust, under, (sigma, -1.0))
                 bounded(-self.lander.largest_thrust, over, (sigma, 1.0))
                 # The thrust is tilted by a bounded angle: with engines throttled together its vertical part is not
                 # below sigma times the cosine; else lines bound its size and its vertical part by the flow.
@@ -627,39 +590,13 @@ class _Problem:
                 for variable, sign, lines in ((sigma + 1, 1.0, sizes), (vertical, -1.0, heights)):
                     for slope, force in lines:
                         line = over if force > 0.0 else under
-                        off = max(force, 0.0) if is_late else force
-                        bounded(-off, line, (variable, sign), (sigma, -slope))
+                        bounded(-force, line, (variable, sign), (sigma, -slope))
         # No more propellant than there is.
         dry = math.log((self.lander.mass - self.lander.propellant) / self.lander.mass)
         add(-dry, (self._z(n), -1.0))
         row, column, value = zip(*rows, strict=True)
         matrix = sparse.csc_matrix((value, (row, column)), shape=(len(right), self.size))
         return matrix, np.array(right), 1
-
-    def _bound_of_beginning(self, add: Callable[..., None]) -> None:
-        """Rows of the height and the vertical velocity at the first knot, of flights that begin later.
-
-        With d the time until they begin and e its square, the velocity is v + d g and the height h - d v - e g / 2,
-        g > 0 downwards. The squares of times up to `late` are between two tangents and a chord.
-        """
-        if not self.late:
-            return
-        p, v = self.start[0][2] / _LENGTH, self.start[1][2] / _SPEED
-        g = self.descent.gravity / _ACCELERATION
-        late = self.late / _TIME
-
-        def below(bound: float, of_time: float, of_square: float) -> None:
-            """of_time d + of_square e <= bound, over height (2) and vertical velocity (5)."""
-            # d = (velocity - v) / g, and e = 2 (p - height - d v) / g.
-            height = -2.0 * of_square / g
-            speed = (of_time - 2.0 * of_square * v / g) / g
-            add(bound - 2.0 * of_square * p / g + speed * v, (2, height), (5, speed))
-
-        below(0.0, -1.0, 0.0)
-        below(late, 1.0, 0.0)
-        below(0.0, -late, 1.0)
-        below(0.0, 0.0, -1.0)
-        below(late**2, 2.0 * late, -1.0)
 
     def _inverse_masses(self, log_mass: np.ndarray, side: Side) -> Iterator[tuple[Line, Line]]:
         """Two lines for 1 / m in each period, over the mean of z at some knots.
@@ -698,7 +635,7 @@ class _Problem:
         return np.minimum(limit, 0.5 * self.descent.turning * growth * self.times[1:] ** 2)
 
     def _fixed_cones(self) -> list[tuple[Any, np.ndarray, int]]:
-        """Second-order cones b - A x: of the acceleration, the glide slope, the speed and where it ends.
+        """Second-order cones b - A x: of the acceleration, the glide slope and where it ends.
 
         With widths.
         """
@@ -726,13 +663,6 @@ class _Problem:
         )
         rim = np.tile([descent.margin / _LENGTH, 0.0, 0.0], n)
         cones.append((glide.tocsc(), rim, 3))
-        if descent.speed is not None:
-            fast = np.zeros((4, 7))
-            fast[1:, 3:6] = -np.eye(3)
-            speeds = sparse.hstack(
-                [sparse.kron(later, fast), sparse.csc_matrix((4 * n, self.width * self.controls))]
-            )
-            cones.append((speeds.tocsc(), np.tile([descent.speed / _SPEED, 0.0, 0.0, 0.0], n), 4))
         for tolerance, unit, offset in (
             (descent.position_tolerance, _LENGTH, 0),
             (descent.velocity_tolerance, _SPEED, 3),
