@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.deploy.c.compressed import Packed, smallest
+from rans.deploy.c.compressed import smallest
 from rans.deploy.c.memory import Scratch, last_uses
 from rans.deploy.c.search import searches
 from rans.deploy.c.text import literal, rows_of, table_name, variable
@@ -50,11 +50,7 @@ class Printer:
         self._lines: list[str] = []
         self._scores = searches(program)
         self._packable = packable(program, {offset for _, offset in self._scores.whole.values()})
-        self._constants = dict(program.constants)
-        self._halves = {
-            product.inputs[1]: self._split_table(product.inputs[1])
-            for product, _ in self._scores.whole.values()
-        }
+        self._constants = program.constants
         self._loop = _Loop()
         self._scratch = Scratch()
         self._uses = Counter(
@@ -269,29 +265,6 @@ class Printer:
                     "onnx or numpy."
                 )
 
-    def _split_table(self, name: str) -> list[str]:
-        """Names of tables of its first rows and of the others, if they are smaller than it; else its own.
-
-        Prices of effectors are one of two numbers, and slopes before them are not. Adds the halves to the
-        constants.
-        """
-        table = self._constants[name]
-        if name not in self._packable:
-            return [name]
-
-        def size(part: np.ndarray) -> int:
-            packed = Packed.of(part)
-            return part.nbytes if packed is None else packed.bytes
-
-        sizes = {row: size(table[:row]) + size(table[row:]) for row in range(1, len(table))}
-        row = min(sizes, key=lambda row: sizes[row])
-        if sizes[row] >= size(table):
-            return [name]
-        halves = [f"{name}_first", f"{name}_others"]
-        self._constants |= dict(zip(halves, (table[:row], table[row:]), strict=True))
-        self._packable |= {*halves}
-        return halves
-
     def _product(self, step: Step) -> str:
         """Entry i of a row (1, k) times a table (k, n), as one C expression.
 
@@ -299,11 +272,12 @@ class Printer:
         """
         row, table = step.inputs
         a = self._value(row)
-        tables = [self._value(name) for name in self._halves.get(table, [table])]
-        entries = [b.entry(str(k), "i") for b in tables for k in range(b.shape[0])]
+        b = self._value(table)
         return " + ".join(
-            f"{a.text}[{k}] * {entry}" if a.is_array else f"{a.text} * {entry}"
-            for k, entry in enumerate(entries)
+            f"{a.text}[{k}] * {b.entry(str(k), 'i')}"
+            if a.is_array
+            else f"{a.text} * {b.entry(str(k), 'i')}"
+            for k in range(b.shape[0])
         )
 
     def _split(self, step: Step, widths: Sequence[int]) -> None:
