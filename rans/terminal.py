@@ -129,7 +129,8 @@ class Terminal(Console):
             shorter is not None
             and self.measure(rendered(table), options=unbounded).maximum > self.width
         ):
-            table = replace(table, rows=[tuple(row) for row in shorter], note=caption)
+            short = [tuple(row) for row in shorter]
+            table = replace(table, rows=short, note=caption, whole=columns[1:])
         self.table(table)
 
     def render_str(self, text: str, **options: Any) -> Text:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from rans.evaluation.compare.contest import Contest
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.fly.contestant_name import ContestantName
-    from rans.evaluation.measure.statistics import Estimate
 
 
 @command_of(
@@ -103,39 +102,34 @@ def _show(comparison: Comparison, full: bool) -> None:
     """Print the scores so far, or at the end those and all else; without ``full`` only the most important ones."""
     from rans.show.tables import comparison_tables as tables
 
-    if comparison.waiting:
-        _show_so_far(comparison)
-        return
-    console = Terminal()
-    if not (comparison.entries or comparison.failures):
+    so_far = bool(comparison.waiting)
+    console = Terminal(stderr=so_far)
+    if not (so_far or comparison.entries or comparison.failures):
         console.say("Interrupted before the first contestant had flown: there is no comparison.")
         return
-    # Tables: scores, optima, multiples of bounds, and the bound of a mission.
-    board = tables.scoreboard(comparison)
     for sentence in tables.verdict(comparison):
         console.say(sentence)
-    if board:
-        _show_scores(console, comparison.contest.title(), board, _keys(board, full))
-    if comparison.relaxed:
-        console.show(
-            "Relaxed optima: medians",
-            ("objective", "solved", *tables.RELAXED),
-            tables.relaxed_medians(comparison),
+    if comparison.entries:
+        _show_scores(console, comparison, tables.score_table(comparison, full and not so_far))
+    if so_far:
+        said = {"optimal": "certified bounds", "mpc": "MPC"}
+        more = ", ".join(said.get(name, name) for name in comparison.waiting)
+        console.print(
+            f"Still to come: {more}. Ctrl-C ends here and writes what there is.", soft_wrap=True
         )
-    if some := tables.bounds_so_far(comparison):
-        console.show("Certified bounds so far", ("event", "start", "at least, s or N s"), some)
-    if full and (ratios := tables.gaps(comparison)):
+        return
+    # Relaxed optima, multiples of bounds, and the bound of a mission.
+    further = [tables.relaxed_table(comparison)]
+    if full:
         starts = counted(len(comparison.certified_starts()), "start")
-        console.show(
-            f"Median multiple of the bound of the same event, {starts}",
-            ("event", *tables.gap_names(ratios)),
-            tables.gap_rows(ratios),
-        )
-    if full and comparison.mission is not None:
-        console.show(
-            f"Over the certified least {comparison.mission.spending}, start by start",
-            *comparison.mission.table(comparison.entries),
-        )
+        title = f"Median multiple of the bound of the same event, {starts}"
+        further.append(tables.gap_table(tables.gaps(comparison), title))
+    if full and (mission := comparison.mission) is not None:
+        title = f"Over the certified least {mission.spending}, start by start"
+        further.append(Table(*mission.table(comparison.entries), title))
+    for table in further:
+        if table.rows:
+            console.table(table)
     for sentence in (*comparison.notes, *comparison.failures):
         console.say(sentence)
     if comparison.files:
@@ -143,49 +137,11 @@ def _show(comparison: Comparison, full: bool) -> None:
         console.say(f"Written to {', '.join([str(first), *(file.name for file in others)])}.")
 
 
-def _show_so_far(comparison: Comparison) -> None:
-    """Print the most important scores before the slow contestants and the bounds, beside their progress."""
-    from rans.evaluation.measure.statistics import figure
-    from rans.show.tables.comparison_tables import scoreboard, verdict
-
-    if not (board := scoreboard(comparison)):
-        return
-    rows = [
-        (key, *(figure(row[key].value) if key in row else "" for row in board.values()))
-        for key in _keys(board, False)
+def _show_scores(console: Terminal, comparison: Comparison, scores: Table) -> None:
+    """Print the scores, with intervals where the terminal is wide enough."""
+    brief = [
+        (key, *(text and text.partition(" (")[0] for text in texts)) for key, *texts in scores.rows
     ]
-    console = Terminal(stderr=True)
-    for sentence in verdict(comparison):
-        console.say(sentence)
-    console.table(Table(("", *board), rows, f"{comparison.contest.title()}, so far"))
-    said = {"optimal": "certified bounds", "mpc": "MPC"}
-    more = ", ".join(said.get(name, name) for name in comparison.waiting)
-    console.print(
-        f"Still to come: {more}. Ctrl-C ends here and writes what there is.", soft_wrap=True
-    )
-
-
-def _keys(board: Mapping[str, Mapping[str, Estimate]], full: bool) -> list[str]:
-    """Names of the scores in their order, or of the most important ones."""
-    from rans.show.tables.comparison_tables import DETAILS
-
-    keys = dict.fromkeys(key for row in board.values() for key in row)
-    return [key for key in keys if full or not key.startswith(DETAILS)]
-
-
-def _show_scores(
-    console: Terminal, title: str, board: Mapping[str, Mapping[str, Estimate]], keys: Sequence[str]
-) -> None:
-    """Print the scores of all contestants, a column each, with intervals where the terminal is wide enough."""
-    from rans.evaluation.measure.statistics import figure
-
-    def cells(text: Callable[[Estimate], str]) -> list[tuple[str, ...]]:
-        return [(key, *(text(row[key]) for row in board.values())) for key in keys]
-
-    console.show(
-        title,
-        ("", *board),
-        cells(lambda estimate: estimate.text()),
-        cells(lambda estimate: figure(estimate.value)),
-        "A wider terminal shows intervals too.",
-    )
+    title = comparison.contest.title() + (", so far" if comparison.waiting else "")
+    note = "A wider terminal shows intervals too."
+    console.show(title, ("", *scores.columns[1:]), scores.rows, brief, note)

@@ -22,7 +22,7 @@ from rans.show.pages.comparison_charts import plane_chart
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header
 from rans.show.pages.race import Race, Track, has_place, race
 from rans.show.pages.report import comparison_section
-from rans.show.palette import FOUND, series_style
+from rans.show.palette import FOUND
 from rans.show.tables import comparison_tables as tables
 from rans.table import Table
 from rans.terminal import doing
@@ -75,11 +75,8 @@ def page(comparison: Comparison, command: str = "") -> Page:
             _craft(comparison),
         ]
     if comparison.relaxed:
-        medians = ("at the goal, s", "settling time, s", "impulse, N s", "return")
-        columns = ("objective", "solved", *medians, "largest replay error, m", "solve time, s")
-        table = Table(columns, tables.relaxed_rows(comparison))
-        text = "Flown in Drake before they are reported; medians."
-        sections.append(Section("Relaxed optima", text, [table]))
+        text = "Flown in Drake before they are reported."
+        sections.append(Section("Relaxed optima", text, [tables.relaxed_table(comparison)]))
     about = {
         "command": command,
         "task": type(contest.task).__name__,
@@ -274,13 +271,9 @@ def _summary(comparison: Comparison) -> Section:
     findings = [*comparison_section(tables.outcome(comparison, board)).findings]
     if comparison.certified_starts():
         findings.append(Finding("No flight beats a certified bound.", not comparison.impossible()))
-    headings = dict.fromkeys(key for row in board.values() for key in row)
-    rows = [[key, *(row[key].text() for row in board.values())] for key in headings]
-    colours = {entry.name: series_style(k)[0] for k, entry in enumerate(comparison.entries)}
     tuning = [[e.name, e.contestant.knows, e.contestant.tuning] for e in comparison.entries]
-    scores = Table(("score", *board), rows, "Scores over all starts", colours=colours)
     known = Table(("contestant", "knows", "tuning"), tuning, "Information and tuning")
-    result = [scores, known] if rows else []
+    result = [tables.score_table(comparison), known] if board else []
     text = _MISSION_TEXT if comparison.entries and comparison.entries[0].ends else TEXT
     return Section("Contestants", text, result, findings=findings)
 
@@ -343,9 +336,8 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
     )
     several = len(starts) > 1
     median = ", median" if several else ""
-    columns = ("event", *tables.gap_names(gaps))
     caption = "Median multiple of the bound" if several else "Multiple of the bound"
-    multiples = Table(columns, tables.gap_rows(gaps), caption)
+    multiples = tables.gap_table(gaps, caption)
     columns = ("question", f"certified bound{median}", f"best found{median}", "proven optimal")
     table = Table(columns, bounds, "The bounds (s and N s)")
     yield Section("Gaps to the certified bounds", text, [multiples, table])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import singledispatch
 from typing import TYPE_CHECKING, Any
 
@@ -76,15 +77,12 @@ def _(metrics: Metrics) -> str:
 
 def _comparison(comparison: Comparison) -> str:
     """HTML of a comparison: its scores as a table, then notes and failures."""
-    from rans.show.tables.comparison_tables import scoreboard
+    from rans.show.tables.comparison_tables import score_table
 
-    board = scoreboard(comparison)
-    keys = dict.fromkeys(key for row in board.values() for key in row)
-    rows = [(key, *(row[key].text() for row in board.values())) for key in keys]
     paragraphs = "".join(
         f"<p>{_said(text)}</p>" for text in (*comparison.notes, *comparison.failures)
     )
-    return _table(Table(("", *board), rows, comparison.contest.title())) + paragraphs
+    return _table(replace(score_table(comparison), title=comparison.contest.title())) + paragraphs
 
 
 @html_of.register

@@ -23,6 +23,8 @@ from rans.evaluation.measure.metrics import further_samples
 from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
 from rans.files import environment
 from rans.optimal.trajectory.objectives import MaximumReward
+from rans.show.palette import series_style
+from rans.table import Table
 from rans.tasks.base import Task
 from rans.tasks.quantities import QUANTITIES
 
@@ -34,7 +36,7 @@ _IMPULSE = "impulse of the episode, N s"
 
 RETURN = "return, % of relaxed optimum"
 """Heading of the share of what is possible in the task's own reward."""
-DETAILS = (
+_DETAILS = (
     "first in the goal set",
     "impulse until then",
     "impulse over the bound",
@@ -146,6 +148,19 @@ def scoreboard(comparison: Comparison) -> dict[str, Scores]:
     optimum = best_returns(comparison)
     mission = comparison.mission
     return {entry.name: scores(entry, bootstrap, optimum, mission) for entry in comparison.entries}
+
+
+def score_table(comparison: Comparison, every: bool = True) -> Table:
+    """The scores with their intervals, a column a contestant; not ``every``: the most important ones."""
+    board = scoreboard(comparison)
+    keys = dict.fromkeys(key for row in board.values() for key in row)
+    rows = [
+        (key, *(row[key].text() if key in row else None for row in board.values()))
+        for key in keys
+        if every or not key.startswith(_DETAILS)
+    ]
+    colours = {entry.name: series_style(k)[0] for k, entry in enumerate(comparison.entries)}
+    return Table(("score", *board), rows, "Scores over all starts", colours=colours)
 
 
 def best_returns(comparison: Comparison) -> np.ndarray | None:
@@ -291,20 +306,13 @@ def _ratios(comparison: Comparison, event: Event) -> dict[str, np.ndarray]:
     return result | ({"best found": best} if np.isfinite(best).any() else {})
 
 
-def gap_rows(gaps: dict[str, dict[str, np.ndarray]]) -> list[list[str | None]]:
-    """A row per event: median multiples of its bound, and from how many starts somebody was there.
-
-    The contestants are those of `gap_names`, in their order.
-    """
-    return [
-        [event, *(_middle(ratios.get(name)) for name in gap_names(gaps))]
-        for event, ratios in gaps.items()
+def gap_table(gaps: dict[str, dict[str, np.ndarray]], title: str) -> Table:
+    """A row an event: median multiples of its bound, and from how many starts somebody was there."""
+    names = dict.fromkeys(name for ratios in gaps.values() for name in ratios)
+    rows = [
+        (event, *(_middle(ratios.get(name)) for name in names)) for event, ratios in gaps.items()
     ]
-
-
-def gap_names(gaps: dict[str, dict[str, np.ndarray]]) -> list[str]:
-    """Names of the contestants with such ratios."""
-    return list(dict.fromkeys(name for ratios in gaps.values() for name in ratios))
+    return Table(("event", *names), rows, title)
 
 
 def _middle(ratios: np.ndarray | None) -> str | None:
@@ -313,8 +321,8 @@ def _middle(ratios: np.ndarray | None) -> str | None:
     return f"{figure(float(np.median(ratios)))} ({np.isfinite(ratios).sum()} of {len(ratios)})"
 
 
-def relaxed_rows(comparison: Comparison) -> list[list[Any]]:
-    """Rows of a table of the relaxed optima, one for each objective."""
+def relaxed_table(comparison: Comparison) -> Table:
+    """A row for each relaxed optimum: from how many starts it was solved, and medians."""
     rows = []
     for name, optima in comparison.relaxed.items():
         solved = [optimum for optimum in optima if optimum.solved]
@@ -322,30 +330,10 @@ def relaxed_rows(comparison: Comparison) -> list[list[Any]]:
         worst = max((optimum.replay_error for optimum in solved), default=None)
         late = sum(optimum.too_early for optimum in optima)
         count = f"{len(solved)} of {len(optima)}" + (f"; {late} impossible" if late else "")
-        rows.append([name, count, *middle, worst, _median(solved, "seconds")])
-    return rows
-
-
-RELAXED = "settling time, s", "impulse, N s"
-"""Headings of the medians of `relaxed_medians`."""
-
-
-def relaxed_medians(comparison: Comparison) -> list[tuple[str | None, ...]]:
-    """Objective, from how many starts it was solved, and medians (`RELAXED`) of each relaxed optimum, as texts."""
-    return [
-        (name, solved, *(None if value is None else figure(value) for value in (settling, impulse)))
-        for name, solved, _, settling, impulse, *_ in relaxed_rows(comparison)
-    ]
-
-
-def bounds_so_far(comparison: Comparison) -> list[tuple[str, ...]]:
-    """Event, start and certified lower bound (s or N s) of the starts whose other bounds are not known yet."""
-    done = comparison.certified_starts()
-    return [
-        (bound.event.text, str(bound.start), figure(bound.best))
-        for bound in comparison.certified
-        if bound.start not in done
-    ]
+        rows.append((name, count, *middle, worst, _median(solved, "seconds")))
+    medians = ("at the goal, s", "settling time, s", "impulse, N s", "return")
+    columns = ("objective", "solved", *medians, "largest replay error, m", "solve time, s")
+    return Table(columns, rows, "Relaxed optima: medians")
 
 
 def _median(rows: list[Relaxed], key: str) -> float | None:

@@ -13,7 +13,7 @@ from rans.evaluation.compare.contest import Contestant, Entry
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.user_policy import user_policy
 from rans.model.timing import Timing
-from rans.show.tables.comparison_tables import gap_rows, gaps
+from rans.show.tables.comparison_tables import gap_table, gaps
 from rans.tasks import TASKS, GoToPose
 from tests.support.contests import CONTEST, IDLE
 from tests.support.evaluation_flights import flight_of
@@ -118,7 +118,8 @@ def test_a_fifth_of_the_episode_stands_for_what_has_no_bound() -> None:
 def test_medians_of_gaps_count_who_is_not_there() -> None:
     both = np.array([1.5, np.inf, 1.2])
     one = np.array([1.5, np.inf, np.inf])
-    assert gap_rows({"time": {"a": both, "b": one}, "thrust": {"a": np.array([])}}) == [
-        ["time", "1.5 (2 of 3)", "never (1 of 3)"],
-        ["thrust", None, None],
+    found = {"time": {"a": both, "b": one}, "thrust": {"a": np.array([])}}
+    assert gap_table(found, "").rows == [
+        ("time", "1.5 (2 of 3)", "never (1 of 3)"),
+        ("thrust", None, None),
     ]

@@ -28,7 +28,7 @@ from rans.show.tables.comparison_tables import (
     best_returns,
     gaps,
     outcome,
-    relaxed_rows,
+    relaxed_table,
     scoreboard,
     to_json,
 )
@@ -82,7 +82,7 @@ def test_what_physics_forbids_is_an_answer() -> None:
     assert [(optimum.solved, optimum.too_early) for optimum in fuel] == [(False, True)] * 2
     [note] = [note for note in short.notes if "impossible" in note]
     assert note.startswith("minimum fuel in 2 s: impossible from 2 of 2 starts")
-    [_, row, _] = relaxed_rows(short)
+    [_, row, _] = relaxed_table(short).rows
     assert row[1] == "0 of 2; 2 impossible"
     board = scoreboard(short)
     summary = {one["contestant"]: one for one in outcome(short, board)["summary"]}
