@@ -33,7 +33,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from rans.errors import EXTRAS, installing, is_installed, legible
+from rans.errors import legible
 from rans.progress import Progress as Step
 from rans.progress import Stages
 from rans.table import Table, cell_text
@@ -44,28 +44,6 @@ _LONGEST = 20_000
 
 _FRAME = 3
 """Number of characters between two columns of a table."""
-
-
-_NEEDS = {
-    "optimal": "casadi",
-    "prove": "flint",
-    "validate": "pydrake",
-}
-"""Modules without which commands do nothing; `rans.errors.EXTRAS` has the extra of each."""
-
-
-def lacking(text: str) -> str:
-    """Extra of RANS that a suggested command needs and that is not installed; "" if none is.
-
-    >>> rans.terminal.lacking("rans evaluate runs/first")
-    ''
-    """
-    words = text.split()
-    name = words[1] if words[:1] == ["rans"] and len(words) > 1 else ""
-    module = _NEEDS.get(name, "")
-    if "--engine drake" in text:
-        module = "pydrake"
-    return EXTRAS[module] if module and not is_installed(module) else ""
 
 
 class Terminal(Console):
@@ -103,12 +81,11 @@ class Terminal(Console):
     """Whether this process has printed commands to run next, since whoever asks set it to False."""
 
     def suggest(self, *commands: str) -> None:
-        """Print commands that a user may want to run next, one per line, with what each lacks here."""
+        """Print commands that a user may want to run next, one per line."""
         Terminal.has_suggested = True
         self.print("Next:")
         for text in commands:
-            lacks = lacking(text)
-            self.command(f"{text}   # first: {installing(lacks)}" if lacks else text)
+            self.command(text)
 
     def table(self, table: Table) -> None:
         """Print a table; if its columns do not fit, every row is a block of lines."""

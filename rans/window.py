@@ -29,14 +29,6 @@ _PAGE = b"""<!doctype html><title>RANS</title>
 _PART = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n"
 
 
-_LOADS_AGAIN = b"""<script>
-let known;
-setInterval(() => fetch("/version").then(answer => answer.text()).then(version => {
-  if (known !== undefined && version !== known) location.reload();
-  known = version;
-}).catch(() => {}), 1000);
-</script>
-"""
 PORTS = range(7000, 7100)
 """Ports of pages, of which the first that is free is taken."""
 
@@ -138,7 +130,7 @@ class _Handler(_Quiet):
 
 
 class Served:
-    """Local server of a page, which browsers load again after a change; ``/version`` is the number of its changes.
+    """Local server of a page.
 
     Args:
         page: returns the HTML of the page.
@@ -153,9 +145,7 @@ class Served:
         page: Callable[[], str],
         ports: Sequence[int],
     ) -> None:
-        self._page = page
-        self.version = 0
-        self.renew()
+        self.content = page().encode()
         refusal = OSError(errno.EADDRINUSE, "")
         for port in ports:
             try:
@@ -173,10 +163,6 @@ class Served:
         threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
         self.url = f"http://localhost:{server.server_port}"
 
-    def renew(self) -> None:
-        """Read the page again after a change."""
-        self.content, self.version = self._page().encode() + _LOADS_AGAIN, self.version + 1
-
 
 class _Page(_Quiet):
     def __init__(self, served: Served, *arguments: Any) -> None:
@@ -184,20 +170,12 @@ class _Page(_Quiet):
         super().__init__(*arguments)
 
     def do_GET(self) -> None:
-        """Answer a request with the page or the number of its changes."""
-        if self.path == "/version":
-            self._send("text/plain", str(self._served.version).encode())
-        else:
-            self._send("text/html; charset=utf-8", self._served.content)
-
-    def _send(self, kind: str, content: bytes) -> None:
-        """Answer a request of the page."""
+        """Answer a request with the page."""
         self.send_response(200)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(content)))
+        self.send_header("Content-Type", "text/html; charset=utf-8")
         self.end_headers()
         with contextlib.suppress(ConnectionError):  # the page was closed
-            self.wfile.write(content)
+            self.wfile.write(self._served.content)
 
 
 def open_browser(url: str) -> None:

@@ -71,20 +71,6 @@ def test_frames_are_a_period_apart(window: Window, monkeypatch: pytest.MonkeyPat
     assert shown == pytest.approx([100.0, 100.05, 100.25, 100.3, 100.35])
 
 
-def test_a_page_says_when_it_has_changed() -> None:
-    pages = iter(("one", "two"))
-    served = Served(lambda: next(pages), PORTS)
-    for change in ("1", "2"):
-        with urllib.request.urlopen(f"{served.url}/version", timeout=PATIENCE) as answer:
-            assert answer.read().decode() == change
-        with urllib.request.urlopen(served.url, timeout=PATIENCE) as answer:
-            text = answer.read().decode()
-        assert text.startswith("one" if change == "1" else "two")
-        assert "location.reload" in text
-        if change == "1":
-            served.renew()
-
-
 @pytest.mark.parametrize(
     ("host", "answered"),
     [("localhost:{}", True), ("127.0.0.1:{}", True), ("evil.example:{}", False), ("", False)],

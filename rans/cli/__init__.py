@@ -145,7 +145,6 @@ def _run(arguments: list[str]) -> int:
             unicodedata.category(c) == "Cc" and c not in "\n\t" for c in word
         ):  # tyro would print them
             raise ConfigError(f"an option has control characters: {brief(word)}.")
-    _warn_of_repeated_options(arguments)
     # Options that every command has are taken off before its own run.
     command = _parse(arguments or ["--help"])
     arguments, executor = without_executor(arguments)
@@ -205,17 +204,6 @@ def next_of(command: Any) -> list[str]:
             if hasattr(COMMANDS[line.split()[1]], "trust"):
                 following[k] = f"{line} --trust"
     return following
-
-
-def _warn_of_repeated_options(arguments: list[str]) -> None:
-    """Warn about options that are repeated; `--set` and parts of a spacecraft may be repeated."""
-    before: set[str] = set()
-    for word in arguments:
-        name = word.partition("=")[0].replace("_", "-")
-        if name in before:
-            _tell(f"rans: warning: {brief(name)} is given twice; the last value is used.")
-        if name.startswith("--") and name not in ("--", "--set", "--thruster", "--wheel", "--help"):
-            before.add(name)
 
 
 def _parse(arguments: list[str]) -> Any:

@@ -1,4 +1,4 @@
-"""Every command suggests the next one, which this installation can run or says what it lacks."""
+"""Every command suggests the next one."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from rans.cli import COMMANDS
 from rans.cli.list import List
 from rans.cli.next_commands import with_spacecraft
 from rans.cli.train import Train
-from rans.errors import EXTRAS, ConfigError
+from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.policy.any_craft import authority
 from rans.tasks import TASKS
-from rans.terminal import Terminal, lacking
+from rans.terminal import Terminal
 from validation.commands.validate import Validate
 
 
@@ -135,22 +135,3 @@ def test_what_comes_next_is_printed_once_and_after_success(
 def test_for_programs_nothing_follows(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["list", "floating-platform", "--json"]) == 0
     assert "Next" not in capsys.readouterr().out
-
-
-def test_a_suggestion_says_what_is_not_installed(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """In the core alone two of a training's first suggestions stopped for want of a package."""
-    monkeypatch.setattr("rans.terminal.is_installed", lambda module: module not in EXTRAS)
-    Terminal().suggest(
-        "rans evaluate runs/a",
-        "rans optimal go-to-pose",
-        "rans stress runs/a",
-        "rans view runs/a",
-        "rans evaluate runs/a --engine drake",
-    )
-    lines = capsys.readouterr().out.splitlines()[1:]
-    extras = ["", "optimal", "", "", "verify"]
-    assert [line.partition("[")[2].partition("]")[0] for line in lines] == extras
-    monkeypatch.setattr("rans.terminal.is_installed", lambda module: True)
-    assert lacking("rans optimal go-to-pose") == ""

@@ -2,27 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
-from rans.cli import _parse, main
-
-
-@pytest.mark.parametrize("second", [["--certified", "4"], ["--certified=4"]])
-def test_an_option_twice_is_told(
-    second: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The last counts, as everywhere: whoever has an alias may go on."""
-    assert (
-        main(
-            ["compare", "pretrained:nobody", "--certified", "3", *second, "--output", str(tmp_path)]
-        )
-        == 2
-    )
-    assert (
-        "warning: '--certified' is given twice; the last value is used" in capsys.readouterr().err
-    )
+from rans.cli import _parse
 
 
 @pytest.mark.parametrize("command", ["evaluate", "fly"])

@@ -16,7 +16,6 @@ import numpy as np
 from rans.files import write_text
 from rans.flight import Flight
 from rans.show.figures import panels
-from rans.show.figures.axes import settle
 from rans.show.figures.panels import STYLE, label
 from rans.show.figures.plotting import Figure, rc_context
 from rans.show.figures.svg import svg
@@ -26,17 +25,31 @@ R = TypeVar("R")
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Decorator of a function that draws a figure: it has the project's style, and axes of `settle`."""
+    """Decorator of a function that draws a figure: it has the project's style, and no axis of rounding errors."""
 
     @wraps(draw)
     def drawn(*arguments: P.args, **named: P.kwargs) -> R:
         with rc_context(STYLE):
             result = draw(*arguments, **named)
             if isinstance(result, Figure):
-                settle(result)
+                _widen(result)
             return result
 
     return drawn
+
+
+_LEAST = 1e-3
+"""Least span of a linear axis, in its unit, and as a part of its largest number: below it are solvers' remains."""
+
+
+def _widen(figure: Figure) -> None:
+    """Widen linear axes that show less than `_LEAST`, so that nobody reads rounding errors."""
+    for axes in figure.axes:
+        for axis in axes._axis_map.values() if axes.axison else ():
+            low, high = axis.get_view_interval()
+            more = 0.5 * (_LEAST * max(1.0, abs(low), abs(high)) - abs(high - low))
+            if axis.get_scale() == "linear" and more > 0.0:
+                axis.set_view_interval(min(low, high) - more, max(low, high) + more, ignore=True)
 
 
 @styled
