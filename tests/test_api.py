@@ -27,7 +27,6 @@ MODULES = sorted(
     {
         "rans",
         "rans.api",
-        "rans.tasks.formula",
         # Of classes and functions that scripts reach through their modules.
         "rans.model.actuators",
         "rans.model.spacecraft_file",
@@ -208,7 +207,7 @@ def test_texts_and_notebooks_show_what_is_there(monkeypatch: pytest.MonkeyPatch)
     assert shown.count("<tr>") == 10 + 7  # nine properties and six thrusters, with headings
     assert "data:image/svg+xml;base64," in shown
     assert "<td" in rans.GoToPose()._repr_html_()
-    assert "0.5 exp(-position / 1.5)" in rans.GoToPose()._repr_html_()
+    assert "exp(-distance / scale)" in rans.GoToPose()._repr_html_()
     assert "thrusters.latency" in rans.load_conditions("lab")._repr_html_()
     assert "nominal conditions" in rans.Conditions()._repr_html_()
     found = rans.evaluate("go-to-pose-2d", episodes=4)

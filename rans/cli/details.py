@@ -20,6 +20,7 @@ from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import CONDITIONS
 from rans.registry import resolve_typed, typed
 from rans.show.tables.listing import (
+    reward_text,
     settings_listing,
     spacecraft_listing,
     task_listings,
@@ -29,7 +30,6 @@ from rans.structure import LARGEST_TOML
 from rans.table import Table
 from rans.tasks import TASKS, Task, gymnasium_ids, observation_columns
 from rans.tasks.derived import dimensions
-from rans.tasks.formula import reward_formulas
 from rans.terminal import doing
 
 
@@ -174,9 +174,7 @@ def _task_facts(name: str) -> dict[str, Any]:
         "gymnasium": _environments(name),
         "settings": asdict(task),
         "flag": getattr(task, "flag", None),
-        "reward": {
-            part or name: reward_formulas(subtask, works[0]) for part, subtask in parts.items()
-        },
+        "reward": {part or name: reward_text(subtask) for part, subtask in parts.items()},
         "tolerances": {part or name: subtask.tolerances() for part, subtask in parts.items()},
         "observation": {str(work): observation_columns(task, work) for work in works},
     }

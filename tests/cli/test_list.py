@@ -136,7 +136,7 @@ def test_json_has_numbers_as_numbers(listed: Any) -> None:
     assert (craft["mass"], craft["wrench_map"][0][2]) == (5.32, pytest.approx(-0.31, abs=1e-3))
     task = json.loads(listed("go-to-pose", "--json"))
     assert task["settings"]["spawn_distance"] == [0.5, 4.5]
-    assert task["reward"]["go-to-pose"]["thrust"] == "-0.02 open"
+    assert "exp(-distance / scale)" in task["reward"]["go-to-pose"]
     assert set(json.loads(listed("--json"))["tasks"]) == set(TASKS)
     assert json.loads(listed("multi-task", "--json"))["reward"].keys() >= {"go-to-pose"}
 
@@ -144,7 +144,7 @@ def test_json_has_numbers_as_numbers(listed: Any) -> None:
 def test_a_task_tells_its_reward_ends_and_keys(listed: Any) -> None:
     text = listed("go-to-pose")
     for told in (
-        "0.5 exp(-position / 1.5)",
+        "exp(-distance / scale)",
         "settings.thrust_weight",
         "too far away",
         "125 control periods of 0.2 s",

@@ -13,8 +13,6 @@ from rans.randomization.conditions import Conditions
 from rans.table import Table
 from rans.tasks import Task, observation_columns
 from rans.tasks.derived import PLACES, dimensions, example_state
-from rans.tasks.formula import BEFORE, OPEN, reward_formulas
-from rans.tasks.observation_terms import Dimension
 from rans.tasks.quantities import QUANTITIES
 
 
@@ -85,15 +83,11 @@ def thruster_listing(craft: Spacecraft) -> Table:
 
 
 def task_listings(task: Task, prefix: str = "") -> Iterator[Table]:
-    """Reward, ends, settings and observation; of a multi-task the rewards of what it draws from."""
-    parts = {name: part for name, part in task.parts().items() if type(part) is not type(task)}
-    works = dimensions(task)
-    for name, part in (parts or {"": task}).items():
-        yield _reward(part, name, works[0])
-    if not parts:
-        yield _ends(task)
+    """Reward and ends of an episode, settings and observation; a multi-task has the episodes of what it draws."""
+    if all(type(part) is type(task) for part in task.parts().values()):
+        yield _episode(task)
     yield settings_listing(task, prefix)
-    for dimension in works:
+    for dimension in dimensions(task):
         yield Table(
             ("column", "what", "unit", "frame"),
             [
@@ -104,47 +98,15 @@ def task_listings(task: Task, prefix: str = "") -> Iterator[Table]:
         )
 
 
-def _reward(task: Task, name: str, dimension: Dimension) -> Table:
-    """Terms of a reward as formulas of the errors, evaluated on symbols; or that they cannot be read."""
-    quantities = task.errors(*example_state(task, dimension))
-    errors = ", ".join(f"{error} ({QUANTITIES[error].unit})" for error in quantities)
-    formulas = reward_formulas(task, dimension)
-    commands = f"{OPEN} is the number of open thrusters"
-    if any(BEFORE in text for text in formulas.values()):
-        commands += (
-            f"; a term with {BEFORE} is summed over the thrusters, of which each has {OPEN} = 1 while "
-            f"it is open, else 0, and {BEFORE} is that of the step before"
-        )
-    return Table(
-        ("term", "value"),
-        [(name, _readable(text, task)) for name, text in formulas.items()] or [_UNREAD],
-        f"Reward of a step{f' of {name}' if name else ''}, the sum of",
-        f"In the errors {errors}; {commands}.",
-    )
-
-
-_LONGEST = 1000
-"""Characters of a formula that anybody reads."""
-
-
-def _readable(formula: str, task: Task) -> str:
-    """A formula, or where to read what it says if it is too long."""
-    if len(formula) <= _LONGEST:
-        return formula
-    return f"{len(formula):,} characters long: see the docstring of {type(task).__name__}"
-
-
-_UNREAD = ("not shown", "does more than arithmetic on fields: no formula, and no generated kernel")
-
-
-def _ends(task: Task) -> Table:
-    """Table of what ends an episode of a task: time, failure, limits and success."""
+def _episode(task: Task) -> Table:
+    """Table of the reward of a step, and of what ends an episode: time, failure, limits and success."""
     near = ", ".join(
         f"{name} {value:.4g} {QUANTITIES[name].unit}" for name, value in task.tolerances().items()
     )
     timing = task.timing
     seconds = timing.episode_steps * timing.control_period
     rows = [
+        ("reward of a step", reward_text(task)),
         (
             "truncated",
             f"{timing.episode_steps} control periods of {timing.control_period:g} s are over, "
@@ -160,7 +122,12 @@ def _ends(task: Task) -> Table:
         rows.append(("as a success", f"truncated with errors within {near}"))
     else:
         rows.append(("as a success", _when(type(task).done)))
-    return Table(("ends", "when"), rows, "An episode")
+    return Table(("it", "what, or when"), rows, "An episode")
+
+
+def reward_text(task: Task) -> str:
+    """First sentence of what the reward's docstring says of its terms."""
+    return (type(task).reward.__doc__ or "").strip().partition("\n")[0]
 
 
 def _when(asked: Callable[..., Any]) -> str:
