@@ -200,10 +200,8 @@ class Train(Options):
         showing = TrainingProgress(trainer.config.total_timesteps)
         with showing as progress, StopGently() as stop:
             run_training(trainer, self.log, [progress.show], stop)
-        # Result: summary, and a warning where the training left the nominal craft out.
+        # Result: summary, and the page in which the agent flies.
         Terminal().say(_summary(trainer, begun_at, stop.requested, time.monotonic() - STARTED))
-        if not stop.requested and trainer.steps > begun_at and (hole := _nominal_hole(trainer)):
-            Terminal().say(hole)
         if stop.requested:
             if trainer.ended:
                 Terminal().suggest(*self._next(trainer))
@@ -331,33 +329,6 @@ def train_on(path: Path, steps: int, trust: Sequence[str] = ()) -> str:
     total = max(1, 2 * steps // digits) * digits
     words = ["rans", "train", "--resume", str(path), "--total-timesteps", str(total), *trust]
     return shlex.join(words)
-
-
-def _nominal_hole(trainer: Trainer) -> str:
-    """Warning if the agent, trained under conditions, fails with everything as designed; else an empty text."""
-    from rans.evaluation.fly.agent import load_policy
-    from rans.evaluation.fly.episodes import fly_episodes
-    from rans.evaluation.measure.metrics import solved
-    from rans.evaluation.measure.statistics import WANTED
-    from rans.randomization.conditions import Conditions
-    from rans.scenario import SELECTION_SEED
-
-    config = trainer.config
-    if config.conditions.or_none is None:
-        return ""
-    # Of 256 flights one lost flight of a hundred is seen: it takes a second.
-    run = load_policy(trainer.run.path).under(Conditions()).guarded(config.guard)
-    flight = fly_episodes(run.controller, run.judged, SELECTION_SEED, 256, workers=1)
-    solved_rate = float(solved(flight).mean())
-    trained = trainer.rows[-1]["success"]
-    # An agent that has not learnt its own conditions has another problem, which the summary names.
-    if solved_rate >= WANTED or trained < WANTED:
-        return ""
-    return (
-        f"Warning: with everything as designed it solves {solved_rate:.1%} of 256 flights, and {trained:.1%} in "
-        "the conditions of its training, which leave that out. If your robot may be as designed, train with ranges "
-        "that reach it, such as latency = [0.0, 0.05] instead of 0.03."
-    )
 
 
 _COUNT = re.compile(r"[0-9][0-9_.]*[kMG]?")

@@ -89,15 +89,6 @@ def test_names_of_other_forms_are_near() -> None:
     assert meant("rans/GoToPse2D-v0", ["go-to-pose-2d"]) == " (did you mean go-to-pose-2d?)"
 
 
-def test_a_list_that_is_not_json_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
-    """Each of its characters once had a clause."""
-    ramp = "[{setting=spawn_distance,start=0.1,duration=1000}]"
-    assert main(["train", "go-to-pose-2d", "--set", f"curriculum={ramp}"]) == 2
-    said = capsys.readouterr().err
-    assert said.count("config.curriculum") == 1
-    assert ramp in said
-
-
 def test_a_file_that_is_near(tmp_path: Path) -> None:
     for name in ("slider6.toml", "flight.csv"):
         (tmp_path / name).touch()
@@ -108,25 +99,6 @@ def test_a_file_that_is_near(tmp_path: Path) -> None:
     assert meant_file(tmp_path / "flights.toml") == ""
     assert meant_file(tmp_path / "flight.csv") == ""  # which is there, and not what was asked for
     assert meant_file(tmp_path / "nowhere" / "x") == ""
-
-
-def test_files_and_folders_of_another_kind(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (here / "runs" / "first").mkdir(parents=True)
-    for name in ("robot.urdf", "wind.yaml", "ms.toml", "mine.zip", "runs/first/spacecraft.toml"):
-        Path(name).touch()
-    Path("runs/first/config.json").write_text("{}")
-    for typed, said in (
-        ("train go-to-pose --spacecraft robot.urdf", "rans init robot.toml --from robot.urdf"),
-        ("compare robot.urdf", "rans init robot.toml --from robot.urdf"),
-        ("train go-to-pose --conditions wind.yaml", "does not end in .toml"),
-        ("train go-to-pose --spacecraft runs/first", "did you mean runs/first/spacecraft.toml?"),
-        ("evaluate runs", "did you mean runs/first?"),
-        ("evaluate mine.zip", "sb3:FILE.zip:TASK-2d"),
-        ("list pid", "did you mean lqr?"),
-    ):
-        assert main(typed.split()) == 2  # pyrefly: ignore[bad-argument-type]
-        assert said in capsys.readouterr().err, typed
-    assert meant_file("moon") == ""  # with its end, ms.toml would be near
 
 
 def test_a_dict_in_place_of_an_object_is_written_as_one() -> None:
