@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from rans.cli.door import Options as Options
     from rans.cli.door import command_of as command_of
     from rans.cli.door import word as word
+    from rans.deploy.columns import written_columns as written_columns
     from rans.deploy.export import evaluated as evaluated
     from rans.deploy.program import Ports as Ports
     from rans.episode import Setup as Setup

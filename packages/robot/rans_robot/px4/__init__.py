@@ -1,0 +1,1 @@
+"""Agents as modules of PX4, the autopilot."""
