@@ -31,7 +31,7 @@ FARTHEST = 1e5
 """Largest accepted displacement from rest in one period, m: up to it float32 resolves positions to 1 cm."""
 _PEAK = 3.0
 """Spin of a craft that cannot be held still, as a multiple of alpha per period. Among 200 random craft under
-LQR, random and bang-bang control (`tests/support/stiff_crafts.py`), 192 stay below it or below the spin of the
+LQR, random and bang-bang control, 192 stay below it or below the spin of the
 fastest half turn from rest to rest, sqrt(pi alpha); seven reach 1.5 times as much, and one, which tumbles, 3
 times."""
 _USUAL_SPIN = 1.0
@@ -62,7 +62,7 @@ def chosen(
 ) -> Timing:
     """Timing with its number of substeps chosen where it is None.
 
-    25 s of closed loop are then within 1e-4 m and 1e-4 rad, as `tests/model/test_stiff_crafts.py` measures on
+    25 s of closed loop are then within 1e-4 m and 1e-4 rad, as `tests/effectors/test_pairs.py` measures on
     random craft. Warns if the craft is too fast for the control period.
 
     Args:

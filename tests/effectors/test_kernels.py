@@ -40,19 +40,10 @@ def test_a_kernel_steps_as_numpy(craft: Spacecraft, on_host: Any) -> None:
     assert compare(Engine(*made, **how), on_host(*made, **how), form=torch.float64, given=given) > 8
 
 
-@pytest.mark.parametrize(
-    "craft",
-    [
-        pytest.param(CUBESAT, marks=pytest.mark.slow),
-        pytest.param(LANDER, marks=pytest.mark.slow),
-        BOTH,
-    ],
-    ids=["cubesat", "lander", "both"],
-)
-def test_a_kernel_flies_as_stepping_does(craft: Spacecraft, tmp_path: Path) -> None:
-    network: Network = untrained_policy(craft)
-    task = load_task(task_of(craft)).for_evaluation()
-    given = Setup(craft, task, chosen(craft, Timing(episode_steps=10)))
+def test_a_kernel_flies_as_stepping_does(tmp_path: Path) -> None:
+    network: Network = untrained_policy(BOTH)
+    task = load_task(task_of(BOTH)).for_evaluation()
+    given = Setup(BOTH, task, chosen(BOTH, Timing(episode_steps=10)))
     stepped = Flights(network, given, generated=False)
     kernel = HostFlights(stepped.world, network, tmp_path, products="bf16x6")
     ours, theirs = kernel.fly(0, 40, 7, 1000), stepped.fly(0, 40, 7)

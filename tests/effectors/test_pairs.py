@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import itertools
-import random
-from typing import Any, Literal
+from typing import Literal
 
 import pytest
 
 from tests.support.pairs import (
-    EFFECTS,
     GRADIENT,
     PAIRS,
-    TRIPLES,
+    STIFF,
     Apart,
     compare,
     compare_with_drake,
@@ -32,9 +30,6 @@ def within(apart: Apart, force: float = 0.5) -> None:
     assert apart.stores < ROUNDING * max(1.0, force), apart
 
 
-ALL = tuple(x for x in EFFECTS if x not in ("pulsed", "throttle", "gravity", "slosh"))
-
-
 @pytest.mark.parametrize(
     ("effects", "dimension", "period", "seed", "seconds", "force"),
     [
@@ -44,10 +39,9 @@ ALL = tuple(x for x in EFFECTS if x not in ("pulsed", "throttle", "gravity", "sl
         (("throttle", "latency"), 2, 0.2, 1, 25.0, None),
         # Nozzles of 7.3 N once lost a state in 1 of 3 flights, and in this one.
         (("tank", "latency", "ramps"), 2, 0.1, 0, 2.0, 7.3),
-        *(
-            pytest.param(ALL, *rest, 10.0, None, marks=pytest.mark.slow)
-            for rest in ((2, 0.2, 0), (2, 0.5, 1), (3, 0.5, 0))
-        ),
+        # Eleven steps a period, and three for nozzles that share thrust.
+        ((STIFF,), 3, 0.2, 1, 10.0, None),
+        ((STIFF,), 3, 0.2, 4, 25.0, None),
     ],
 )
 def test_effects_together_agree_with_scipy(
@@ -61,24 +55,8 @@ def test_effects_together_agree_with_scipy(
     within(compare(effects, dimension, period, seed, seconds, force), force or 0.5)
 
 
-FORCES = (0.05, 1.0, 7.3, 5000.0)
-"""N. Sums of 1 and 5,000 N are exact in binary numbers; those of the others leave thrust of rounding in shut
-valves."""
-EVERY = [*itertools.product(range(len(PAIRS)), (2, 3), FORCES)]
-SEED = 7
-"""Of the random choices below, which the names of the tests print."""
-SOME = random.Random(SEED).sample(EVERY, 3)
-
-
-def _named(choice: Any) -> str:
-    return f"seed{SEED}-{choice}"
-
-
-@pytest.mark.parametrize("choice", SOME, ids=_named)
-def test_some_pairs_agree_with_scipy(choice: tuple[int, Literal[2, 3], float]) -> None:
-    pair, dimension, force = choice
-    effects = PAIRS[pair]
-    within(compare(effects, dimension, 0.2, 2, 2.0 if "pulsed" in effects else 3.0, force), force)
+def test_one_step_of_a_stiff_craft_would_not_do() -> None:
+    assert compare((STIFF,), 3, 0.2, 1, 5.0, substeps=1).attitude > 100.0 * BOUND
 
 
 @pytest.mark.parametrize("effects", [("wheels",), ("tank", "wheels")])
@@ -90,26 +68,9 @@ def test_gravity_turns_wheels_and_what_is_left_of_a_tank(effects: tuple[str, ...
     assert found.attitude < 1e-8
 
 
-SOME_TRIPLES = sorted(
-    {
-        *random.Random(SEED).sample(range(len(TRIPLES)), 24),
-        *(k for k, triple in enumerate(TRIPLES) if GRADIENT in triple),
-    }
-)
-"""All with the gradient of gravity, which is in no pair, and some others."""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", SOME_TRIPLES, ids=lambda k: _named("-".join(TRIPLES[k])))
-def test_triples_of_effects_agree_with_scipy(number: int) -> None:
-    """In inertial axes, with every force by turns."""
-    effects, force = TRIPLES[number], FORCES[number % 4]
-    found = compare(effects, 3, 0.2, 2, 2.0, force)
-    within(found, force)
-    # Wheels beside a tank are 1.3e-7 rad off, by steps; torque on wheels that lose mass with the tank: 1.1e-6 rad.
-    assert found.attitude < 5e-7
-
-
+FORCES = (0.05, 1.0, 7.3, 5000.0)
+"""N. Sums of 1 and 5,000 N are exact in binary numbers; those of the others leave thrust of rounding in shut
+valves."""
 GROUPS = groups(5)
 
 
@@ -133,6 +94,8 @@ def duration(number: int) -> float:
 @pytest.mark.parametrize("number", range(len(GROUPS)), ids=lambda k: "-".join(GROUPS[k]))
 def test_every_pair_of_effects_agrees_with_scipy(number: int, dimension: Literal[2, 3]) -> None:
     """Every pair is in a group of effects, which fly in the plane and in space, with every force by turns."""
+    if GRADIENT in GROUPS[number] and dimension == 2:
+        pytest.skip("gravity turns craft in space")
     force = FORCES[(number + 2 * (dimension == 3)) % 4]
     period = 0.5 if number // 2 % 2 and "slosh" not in GROUPS[number] else 0.2
     within(compare(GROUPS[number], dimension, period, 2, duration(number), force), force)
@@ -169,7 +132,7 @@ def test_halving_its_step_shows_the_error_of_drake_where_a_tank_empties() -> Non
 @pytest.mark.parametrize("number", range(len(GROUPS)), ids=lambda k: "-".join(GROUPS[k]))
 def test_every_pair_of_effects_agrees_with_drake(number: int) -> None:
     """Drake has its own masses, nozzles and joints."""
-    dimension: Literal[2, 3] = 2 if number % 2 else 3
+    dimension: Literal[2, 3] = 2 if number % 2 and GRADIENT not in GROUPS[number] else 3
     period = (0.2, 0.5)[number // 2 % 2]
     seconds = duration(number)
     within(compare_with_drake(GROUPS[number], dimension, period, seed=2, seconds=seconds))

@@ -64,11 +64,26 @@ _CONDITIONS: dict[str, tuple[str, dict[str, Any]]] = {
 """Ranges that a thruster of the craft below can balance, by effect."""
 _SCALED = ("force", "torque", "slow_force", "kick")
 GRADIENT = "gradient"
-"""Orbit on which gravity turns the craft; in space alone, and so no effect of `EFFECTS`."""
-EFFECTS = ("pulsed", "throttle", "wheels", "tank", "slosh", "orbit", "gravity", *_CONDITIONS)
+"""Orbit on which gravity turns the craft, in space alone."""
+STIFF = "stiff"
+"""Unequal moments, forces twice as large, a centre of mass aside and bang-bang control; in no pair."""
+EFFECTS = (
+    "pulsed",
+    "throttle",
+    "wheels",
+    "tank",
+    "slosh",
+    "orbit",
+    "gravity",
+    GRADIENT,
+    *_CONDITIONS,
+)
 _APART = (
     {"pulsed", "throttle"},
     {"orbit", "gravity"},
+    {GRADIENT, "gravity"},
+    {GRADIENT, "orbit"},
+    {GRADIENT, "slosh"},
     {"slosh", "tank"},
     {"slosh", "orbit"},
     {"dwell", "pulsed"},
@@ -76,13 +91,6 @@ _APART = (
 )
 """Pairs that no craft can have."""
 PAIRS = [pair for pair in itertools.combinations(EFFECTS, 2) if {*pair} not in _APART]
-TRIPLES = [
-    triple
-    for triple in itertools.combinations((GRADIENT, *EFFECTS), 3)
-    if not any({*pair} in _APART for pair in itertools.combinations(triple, 2))
-    and not (GRADIENT in triple and {*triple} & {"slosh", "orbit", "gravity"})
-]
-"""Triples of effects that a craft in space can have."""
 
 
 def groups(size: int) -> list[tuple[str, ...]]:
@@ -160,10 +168,14 @@ def craft_with(
     size = 1.0 if force is None else 2.0 * force
     random = np.random.default_rng([seed, dimension, 7])
     flat = np.array([1.0, 1.0, dimension - 2.0])
+    is_stiff = STIFF in effects
+    strength = 2.0 if is_stiff else 1.0
     kinds = {"pulsed": Pulsed(10, 1), "throttle": Throttle(0.1)}
     actuators = next((kinds[one] for one in effects if one in kinds), OnOff())
     while True:
         a, b, c = random.uniform(0.02, 0.2, 3)
+        if is_stiff:  # one may be a hundredth of another
+            a, b, c = np.exp(random.uniform(math.log(0.005), math.log(0.5), 3))
         axes, _ = np.linalg.qr(random.normal(size=(3, 3)))
         if dimension == 2:
             axes = np.eye(3)
@@ -172,7 +184,7 @@ def craft_with(
             Thruster(
                 _triple(random.uniform(-0.3, 0.3, 3) * flat),
                 _unit(random.normal(size=3) * flat),
-                random.uniform(0.2, 0.8) if force is None else force,
+                strength * random.uniform(0.2, 0.8) if force is None else force,
             )
             for _ in range(8 if dimension == 2 else 14)
         )
@@ -218,6 +230,8 @@ def craft_with(
                 mass,
                 tuple(map(_triple, (tensor + tensor.T) / 2)),
                 nozzles,
+                centre_of_mass=_triple(random.uniform(-0.1, 0.1, 3) * flat * is_stiff),
+                thrust_sharing="split" if is_stiff and random.random() < 0.5 else "none",
                 wheels=wheels,
                 propellant=tank,
                 further_effectors=further,
@@ -283,8 +297,9 @@ def flown(
     seed: int,
     seconds: float = 25.0,
     force: float | None = None,
+    substeps: int | None = None,
 ) -> Flown:
-    """Fly a random craft under some effects with the substeps that RANS chooses; force as of `craft_with`."""
+    """Fly a random craft under some effects; without substeps RANS chooses them; force as of `craft_with`."""
     craft = craft_with(effects, dimension, seed, force)
     conditions = conditions_of(effects, force)
     task_class = GoToPose
@@ -295,7 +310,7 @@ def flown(
     if "gravity" in effects:
         task_class = FallingInThePlane if dimension == 2 else FallingInSpace
     task = task_class(fail_distance=1e6, fail_spin=1e6)
-    timing = Timing(period, episode_steps=round(seconds / period))
+    timing = Timing(period, substeps, round(seconds / period))
     starts = scenarios(task, craft, seed, 1)
     if "tank" in effects or "wheels" in effects:
         # Part of a tank, so that some flights run empty, and wheels that turn.
@@ -308,9 +323,12 @@ def flown(
         stores += tuple(np.array([s.initial]) for s in _stores_of_rod(craft))
         starts = replace(starts, start=replace(starts.start, stores=stores))
     own = draws(seed, 1)
-    with warnings.catch_warnings():  # that a period of 0.5 s is too long for some of them
-        warnings.filterwarnings("ignore", message=".*can hardly be controlled")
-        pilot = Restless(craft, seed)
+    with (
+        warnings.catch_warnings()
+    ):  # that a period of 0.5 s is too long for some of them, or a step
+        for known in ("can hardly be controlled", "set timing.substeps"):
+            warnings.filterwarnings("ignore", message=f".*{known}")
+        pilot = Restless(craft, seed, *([0.0] if STIFF in effects else []))
         flight = fly(craft, task, pilot, starts, timing, conditions=conditions, draws=own)
     return Flown(flight, starts, conditions, own)
 
@@ -322,9 +340,10 @@ def compare(
     seed: int,
     seconds: float = 25.0,
     force: float | None = None,
+    substeps: int | None = None,
 ) -> Apart:
-    """Fly a random craft under some effects in RANS, and again by the oracle; force as of `craft_with`."""
-    flight, _, conditions, own = flown(effects, dimension, period, seed, seconds, force)
+    """Fly a random craft under some effects in RANS, and again by the oracle; see `flown`."""
+    flight, _, conditions, own = flown(effects, dimension, period, seed, seconds, force, substeps)
     drawn = None
     if conditions is not None:
         craft = flight.craft
