@@ -11,9 +11,8 @@ import pytest
 
 import validation.study.study
 from rans.cli import main
-from rans.model.spacecraft_file import load_spacecraft
+from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.show.pages.report import report_from_run
-from tests.support.crafts import to_toml
 from validation.study.study import Scope
 
 

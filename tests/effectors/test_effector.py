@@ -81,6 +81,8 @@ def test_what_knows_nothing_of_it_refuses() -> None:
     for check in (check_relaxation, check_certifiable):
         with pytest.raises(ConfigError, match="effectors of other"):
             check(TURNED)
+    with pytest.raises(ConfigError, match="effectors of other kinds"):
+        rans.LQR(TURNED, rans.GoToPose())
     strange = replace(TURNED, further_effectors=(Unknown((0.0, 0.0, 1.0), 0.1, 1.0),))
     with pytest.raises(ConfigError, match="Drake does not know effectors of the kind Unknown"):
         Plant(strange)

@@ -161,27 +161,6 @@ def spacecraft(draw: st.DrawFn, dimension: Literal[2, 3]) -> Spacecraft:
         )
 
 
-def to_toml(craft: Spacecraft) -> str:
-    """The spacecraft as a file that `rans.load_spacecraft` reads, for messages of failed tests."""
-    lines = [
-        f'name = "{craft.name}"',
-        f"dimension = {craft.dimension}",
-        f"mass = {craft.mass!r}",
-        f"inertia = {list(map(list, craft.inertia))!r}",
-        f"centre_of_mass = {list(craft.centre_of_mass)!r}",
-        f'thrust_sharing = "{craft.thrust_sharing}"',
-    ]
-    for t in craft.thrusters:
-        lines += [
-            "",
-            "[[thruster]]",
-            f"position = {list(t.position)!r}",
-            f"direction = {list(t.direction)!r}",
-            f"force = {t.force!r}",
-        ]
-    return "\n".join(lines) + "\n"
-
-
 def random_states(
     dimension: Literal[2, 3],
     count: int,

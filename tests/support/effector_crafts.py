@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from rans.model.actuators import Propellant, Throttle, Wheel
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
-from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "spacecraft"
@@ -41,23 +40,6 @@ WHEELED = platform(wheels=(Wheel((0.0, 0.0, 1.0), 0.05, 0.08, 1e-3),))
 """On/off thrusters and a wheel, in the plane."""
 BURNING = platform(actuators=Throttle(), propellant=Propellant(2.0, 5.0))
 """Uses up 1 N / (5 s g0) = 20 g a second with each thruster, of a mass of 5.32 kg."""
-
-
-def rocket(**changes: Any) -> Spacecraft:
-    """A point mass of 100 kg, 60 of them propellant, with one engine of 500 N along x in the plane."""
-    engine = Thruster((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 500.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        return Spacecraft(
-            "rocket",
-            2,
-            100.0,
-            ((10.0, 0.0, 0.0), (0.0, 10.0, 0.0), (0.0, 0.0, 10.0)),
-            (engine,),
-            actuators=Throttle(),
-            propellant=Propellant(60.0, 200.0),
-            **changes,
-        )
 
 
 def states(craft: Spacecraft, count: int, seed: int = 0, spin: float = 0.7) -> Any:
