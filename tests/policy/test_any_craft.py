@@ -25,9 +25,6 @@ from rans.policy.network import Network
 from rans.policy.timing import timing_for
 from tests.support.pose_observations import observations
 
-CRAFT = ("floating-platform", "roboran-platform", "pingu", "atmos")
-IN_SPACE = ("free-flyer", "astrobee-iss", "cubesat-3u", "afrl-12kg")
-
 
 def network(dimension: int = 2) -> Network:
     return contestant(f"pretrained:any-craft-{dimension}d").network
@@ -37,7 +34,7 @@ def reordered(craft: Spacecraft, order: list[int]) -> Spacecraft:
     return replace(craft, thrusters=tuple(craft.thrusters[k] for k in order))
 
 
-@pytest.mark.parametrize("name", [*CRAFT, *IN_SPACE])
+@pytest.mark.parametrize("name", ["floating-platform", "cubesat-3u"])
 def test_reordered_thrusters_get_the_same_commands_reordered(name: str) -> None:
     craft = load_spacecraft(name)
     order = [int(k) for k in np.random.default_rng(4).permutation(len(craft.thrusters))]
@@ -48,31 +45,6 @@ def test_reordered_thrusters_get_the_same_commands_reordered(name: str) -> None:
     wheels = list(range(len(order), here.shape[1]))
     assert torch.equal(here[:, [*order, *wheels]], there)
     assert len(torch.unique(here, dim=0)) > 10
-
-
-def test_a_mirror_image_gets_mirrored_commands() -> None:
-    craft = load_spacecraft("floating-platform")
-    across = np.array([1.0, -1.0, 1.0])
-    image = replace(
-        craft,
-        thrusters=tuple(
-            Thruster(
-                tuple((across * one.position).tolist()),
-                tuple((across * one.direction).tolist()),
-                one.force,
-            )
-            for one in craft.thrusters
-        ),
-    )
-    seen = observations(400)
-    hand = torch.tensor([1.0, -1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 1.0, -1.0])
-    here, _ = for_craft(network(), craft, 0.2).deterministic_action(seen, None)
-    there, _ = for_craft(network(), image, 0.2).deterministic_action(hand * seen, None)
-    # Different thrusters may do the same: what counts is the wrench, whose torque and lateral force change sides.
-    wrench = here.double().numpy() @ np.array(craft.wrench_map)
-    mirrored = there.double().numpy() @ np.array(image.wrench_map) * [1.0, -1.0, -1.0]
-    # Sums of float32 in another order may turn the choice between subsets that are equally good.
-    assert np.isclose(wrench, mirrored, atol=1e-9).all(axis=1).mean() > 0.99
 
 
 def near(position: float, speed: float, angle: float = 0.0, spin: float = 0.0) -> torch.Tensor:
@@ -138,43 +110,6 @@ def test_the_speed_at_which_wheels_are_full_by_hand() -> None:
     # The braking curve: speed^2 = 2 x 0.7 a (way - 3 periods at that speed), with a linear end.
     usable = 0.7 * 2.0 * 0.025 / 3.0**0.5 / 5.0
     assert expected == pytest.approx(speed**2 / (2.0 * usable) + 1.5 * speed)
-
-
-def test_a_turned_frame_gets_turned_commands() -> None:
-    """The same craft in axes that are a third of a turn about (1, 1, 1) away gets the same commands."""
-    craft = load_spacecraft("spheres")
-    turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    image = replace(
-        craft,
-        thrusters=tuple(
-            replace(
-                one,
-                position=tuple((turn @ one.position).tolist()),
-                direction=tuple((turn @ one.direction).tolist()),
-            )
-            for one in craft.thrusters
-        ),
-    )
-    seen = observations(200, dimension=3).double()
-    rotation = torch.tensor(turn)
-    own = torch.linalg.cross(seen[:, :3], seen[:, 3:6])
-    own = torch.stack([seen[:, :3], seen[:, 3:6], own], dim=1) @ rotation.T
-    goal = torch.linalg.cross(seen[:, 16:19], seen[:, 19:22])
-    goal = torch.stack([seen[:, 16:19], seen[:, 19:22], goal], dim=1)
-    goal = rotation @ goal @ rotation.T
-    turned = torch.cat(
-        [
-            own[:, :2].flatten(1),
-            seen[:, 6:9],
-            seen[:, 9:12] @ rotation.T,
-            seen[:, 12:16],
-            goal[:, :2].flatten(1),
-        ],
-        dim=1,
-    )
-    here, _ = for_craft(network(3), craft, 0.2).deterministic_action(seen.float(), None)
-    there, _ = for_craft(network(3), image, 0.2).deterministic_action(turned.float(), None)
-    assert torch.allclose(here, there, atol=2e-3)
 
 
 def own_craft() -> Spacecraft:

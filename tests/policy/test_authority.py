@@ -25,18 +25,6 @@ def test_a_spin_rests_after_a_period_and_its_braking(spin: float, braking: float
     assert columns([1.0, 2.0], before, [0.0, 0.0], [spin], OWN)[15] > 0.01
 
 
-@pytest.mark.parametrize(
-    ("velocity", "braking"), [((0.1, 0.2), (0.05, 0.08)), ((-0.1, -0.2), (0.1, 0.2))]
-)
-def test_a_velocity_rests_after_a_period_and_its_braking(
-    velocity: tuple[float, float], braking: tuple[float, float]
-) -> None:
-    """Along each axis it moves on by v T, then by v^2 / (2 a) of the acceleration against it."""
-    error = [v * 0.2 + v * abs(v) / (2.0 * a) for v, a in zip(velocity, braking, strict=True)]
-    found = columns(error, (1.0, [0.0]), list(velocity), [0.0], OWN)[4:6]
-    assert found == pytest.approx([0.0, 0.0], abs=1e-6)
-
-
 REACH = (0.12, 0.06, 0.24, 0.1, 0.13, 0.11, 0.06, 0.2)
 """Accelerations along +x, -x, +y, -y, then between +x and +y, +x and -y, -x and +y, -x and -y, m/s^2."""
 BETWEEN = math.hypot(0.3, 0.2) / (0.1 / 0.12 + 0.2 * math.sqrt(2.0) / 0.13)

@@ -144,7 +144,7 @@ def test_in_noise_it_is_the_filter_of_states() -> None:
     assert seen.sum() == body.width - 1  # all but the task flag
 
 
-@pytest.mark.parametrize(("drift", "response"), [(1e-3, 0.0), (1.0, 0.0), (0.1, 3.0)])
+@pytest.mark.parametrize(("drift", "response"), [(1e-3, 0.0), (0.1, 3.0)])
 def test_no_reading_makes_it_lose_its_numbers(drift: float, response: float) -> None:
     """Not even of rotations that are none, without responses: quaternions of interfaces are made of unit length."""
     task = GoToPose()

@@ -95,8 +95,3 @@ def test_pulses_are_chosen_within_the_tolerances_alone() -> None:
     assert differs.sum() > 5
     assert not differs[~inside].any()
     assert held[differs].sum(axis=1).max() <= 3.0
-
-
-def test_craft_with_wheels_and_agents_that_adapt_hold_by_demand() -> None:
-    for spec in ("any-craft-2d#1@pingu", "adaptive:any-craft-2d#1", "any-craft-3d#1@free-flyer"):
-        assert contestant(spec).network.architecture.frugality.hold == 0.0

@@ -93,17 +93,6 @@ def test_policies_command_something(kind: str) -> None:
 
 
 @each_policy
-def test_torch_in_single_precision(kind: str) -> None:
-    network, rows, expected = known(kind)
-    memory = network.initial_state(rows.shape[1])
-    found = []
-    for one in torch.from_numpy(rows):
-        command, memory = network.deterministic_action(one, memory)
-        found.append(command)
-    agree(torch.stack(found), expected)
-
-
-@each_policy
 def test_the_traced_program_on_fields(kind: str) -> None:
     """The program that all other executors are printed from, run by NumPy."""
     network, rows, expected = known(kind)
@@ -128,7 +117,7 @@ def test_the_traced_program_on_fields(kind: str) -> None:
     agree(np.stack(found), expected)
 
 
-@pytest.mark.parametrize("kind", [x for x in POLICIES if x != "guided throttles, history"])
+@each_policy
 def test_flights_as_machine_code(kind: str) -> None:
     """What the processor's own code flies is what torch and NumPy fly; what it has no code for, they fly."""
     network, _, _ = known(kind)
