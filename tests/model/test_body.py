@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from torch._dynamo.utils import counters
 
 from rans.fast.engine import Engine
 from rans.model.body import Body
@@ -18,7 +15,6 @@ from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import SensorConditions
 from rans.tasks import GoToPose
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
-from tests.support.host_kernels import HostKernel, needs_compiler
 
 SCALES = torch.tensor([0.5, 1.0, 1.3, 4.0], dtype=torch.float64)
 
@@ -101,53 +97,6 @@ def test_settings_can_be_made_in_a_traced_step() -> None:
         lambda x: x * SensorConditions(noise=0.5).noise, fullgraph=True, backend="eager"
     )
     assert made(torch.ones(1)).item() == 0.5
-
-
-@pytest.mark.slow
-def test_other_masses_and_seeds_compile_nothing_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        torch, "compile", partial(torch.compile, backend="eager")
-    )  # traces as for any other
-    torch.compiler.reset()
-    graphs = counters["stats"]
-    engine = Engine(PLATFORM, NEAR, 4, SHORT, compiled=True, body=scaled(PLATFORM, SCALES))
-    flown(engine, steps=2)
-    before = graphs["unique_graphs"]
-    assert before > 0
-    engine.body.mass[:] = 7.0
-    engine.reset(seed=5)
-    flown(engine, steps=2)
-    flown(
-        Engine(PLATFORM, NEAR, 4, SHORT, compiled=True, seed=9, body=scaled(PLATFORM, 3 * SCALES)),
-        steps=2,
-    )
-    assert graphs["unique_graphs"] == before
-
-
-@needs_compiler
-@both_crafts
-def test_the_kernel_reads_them_from_memory(craft: Spacecraft, tmp_path: Path) -> None:
-    short = replace(SHORT, substeps=1)
-
-    def kernel(scale: torch.Tensor) -> Engine:
-        engine = Engine(
-            craft, NEAR, 4, short, compiled=True, dtype=torch.float64, body=scaled(craft, scale)
-        )
-        engine._kernel = HostKernel(engine, tmp_path)
-        return engine
-
-    with torch.compiler.set_stance("force_eager"):
-        ours = kernel(SCALES)
-        expected = flown(
-            Engine(craft, NEAR, 4, short, dtype=torch.float64, body=scaled(craft, SCALES))
-        )
-        # Rounding of 25 steps, as above.
-        torch.testing.assert_close(flown(ours), expected, rtol=0, atol=1e-11)
-        other = kernel(7 * SCALES)
-    assert ours._kernel is not None
-    assert other._kernel is not None
-    # Other masses are the same program: nothing would be compiled again.
-    assert ours._kernel.source(torch.uint8) == other._kernel.source(torch.uint8)
 
 
 def test_a_flat_body_in_float32_is_rigid() -> None:

@@ -15,7 +15,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.trace import Symbol, Untraceable, ordered, substituted
 from rans.tasks import TASKS, GoToPose
 from tests.support.crafts import ANY_CRAFT
-from tests.support.engines import FLYER, PLATFORM, both_crafts
+from tests.support.engines import FLYER, PLATFORM
 
 x: Any = Symbol.input("x")
 y: Any = Symbol.input("y")
@@ -155,19 +155,6 @@ def test_no_program_grows_unseen(
         if name in ("avoid", "dock-port"):  # zones and cones at four instants of a period
             most = (3600, 1200)
         assert (always <= most[0], at_end <= most[1]) == (True, True), (name, always, at_end)
-
-
-@both_crafts
-def test_what_goes_on_needs_no_random_numbers(craft: Spacecraft) -> None:
-    program = traced(craft, GoToPose())
-    going = set(ordered([program.ended, *(store.value for store in program.going())]))
-    assert not {s.value for s in going if s.operation == "input"} & {
-        "low",
-        "high",
-        "first",
-        "stride",
-    }
-    assert not {s.operation for s in going} & {">>"}
 
 
 def test_a_task_that_branches_is_not_traced() -> None:

@@ -9,7 +9,6 @@ import pytest
 
 from rans.compile.cpu.program import CompiledProgram, ProgramMemory
 from rans.model.fields import absolute, atan2, cos, exp, floor, log, sin, sqrt, where
-from rans.model.random import Random
 from rans.model.trace import Symbol
 
 COUNT = 50
@@ -68,21 +67,6 @@ def test_a_later_part_uses_what_an_earlier_one_found() -> None:
     np.testing.assert_array_equal(
         memory.run(1), (x * y * 3, np.where(x > y, np.float32(3), x + 1), x * y)
     )
-
-
-def test_draws_are_those_of_arrays() -> None:
-    """Whole numbers wrap around as they do everywhere."""
-    numbers = np.arange(COUNT, dtype=np.int32) + 2**30
-    low, high, number = (Symbol.input(name, "int") for name in ("low", "high", "number"))
-
-    def drawn(low: Any, high: Any, number: Any) -> tuple[Any, ...]:
-        random = Random(2, low, high, number, np.float32)
-        return random.unit(), random.normal(), *random.direction().columns()
-
-    memory = CompiledProgram((low, high, number), drawn(low, high, number)).memory(COUNT)
-    memory.give((-7, 12, numbers))
-    for found, expected in zip(memory.run(0), drawn(-7, 12, numbers), strict=True):
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)  # sines of float32
 
 
 @pytest.mark.parametrize("asked", [0, 1])

@@ -97,7 +97,7 @@ def test_no_level_is_excluded_that_a_flight_reaches(flown: Any) -> None:
     assert 20 < sum(answers) < 52  # of 72
 
 
-@pytest.mark.parametrize("lean", [0.0, 0.4, -0.4])
+@pytest.mark.parametrize("lean", [0.0, 0.4])
 def test_all_halves_are_listed_that_gain_enough(lean: float) -> None:
     """All 560 of three pulses in four periods, flown by the engines, that gain six tenths of the most."""
     goal = replace(STILL, p=Vec3(0.17, 0.05, 0.0))
