@@ -26,17 +26,15 @@ from rans.fast import flights as module
 from rans.fast.flights import Flights
 from rans.fast.stepping.step import Backend
 from rans.flight_statistics import QUANTITIES, FlightStatistics
-from rans.model.actuators import Throttle
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.policy.any_craft import for_craft
-from rans.policy.filter_bank import Filters
 from rans.policy.network import Network
 from rans.tasks import GoToPose
 from rans.verdict import Failure
-from tests.support.engines import FLYER, PLATFORM, both_crafts
-from tests.support.kernel_flights import BRIEF, WIDE, policy, setup
+from tests.support.engines import PLATFORM, both_crafts
+from tests.support.kernel_flights import WIDE, policy, setup
 from tests.support.worlds import EFFECTS
 
 COUNT = 300
@@ -86,25 +84,6 @@ def test_they_are_the_evaluations_flights(craft: Spacecraft) -> None:
     assert np.abs(found.settled_at - at).sum() <= COUNT // 100
 
 
-KINDS: dict[str, tuple[Spacecraft, Any]] = {
-    "zoom": (PLATFORM, {"zoom": 8.0}),
-    "relu, one layer": (FLYER, {"layers": (24,), "activation": "relu"}),
-    "elu, three layers": (PLATFORM, {"layers": (16, 16, 16), "activation": "elu", "sided": False}),
-    "throttle": (replace(PLATFORM, actuators=Throttle()), {}),
-}
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_program_does_what_stepping_does(kind: str) -> None:
-    craft, settings = KINDS[kind]
-    network = policy(craft, **settings)
-    given = setup(craft)
-    found = Flights(network, given).fly(0, COUNT, 2**40 + 5)
-    as_stepped(found, network, given, 2**40 + 5)
-    assert found.ways == {"CPU, float32"}
-    assert sum(count > 0 for count in found.failures.values()) >= 3
-
-
 @pytest.mark.parametrize("name", ["floating-platform", "pingu"])
 def test_allocation_is_flown(name: str) -> None:
     """On/off thrusters, and throttled ones beside a wheel; an uneven craft has more subsets than pay."""
@@ -149,28 +128,6 @@ def test_conditions_are_flown(effect: str) -> None:
     found = Flights(network, given).fly(0, COUNT, 1)
     as_stepped(found, network, given)
     assert perfect().sums["return"] != found.sums["return"]
-
-
-@pytest.mark.parametrize(
-    ("craft", "memory"),
-    [
-        (FLYER, {"history": 3, "averages": (0.5,), "sided": False, "zoom": 4.0}),
-        (PLATFORM, {"response": (), "history": 2, "commands_only": True}),
-        (FLYER, {"response": (2.0, 2.0)}),
-    ],
-    ids=lambda x: getattr(x, "name", str(x)),
-)
-def test_a_policy_with_a_memory(craft: Spacecraft, memory: Any) -> None:
-    """By turns of a craft in the plane and in space."""
-    kind = {name: x for name, x in memory.items() if name != "response"}
-    if "response" in memory:
-        bank = craft, WIDE, BRIEF.control_period, (0.01, 1.0), memory["response"], 25.0, 5.0
-        kind["filters"] = Filters.of(*bank)
-    network = policy(craft, **kind)
-    given = setup(craft, conditions=EFFECTS["sensors"])
-    found = Flights(network, given).fly(0, COUNT, 1)
-    assert found.ways == {"CPU, float32"}
-    as_stepped(found, network, given)
 
 
 def test_stepping_on_torch_is_stepping_on_numpy() -> None:

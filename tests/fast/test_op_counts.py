@@ -12,12 +12,10 @@ from typing import Any
 
 import pytest
 import torch
-from torch.fx import GraphModule
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from rans.fast.engine import Engine
-from rans.fast.learn.ppo import PPOLearner, act, losses, preprocessed
-from rans.fast.learn.rollout import gae, minibatches, remember
+from rans.fast.learn.ppo import PPOLearner
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT
 from tests.support.training import tiny_learner
 
@@ -83,36 +81,3 @@ def test_nothing_waits_for_the_device(craft: Any) -> None:
     found = operations(model.collect) + operations(model.update)
     assert found["aten::_local_scalar_dense"] == 0
     assert operations(lambda: torch.zeros(1).item())["aten::_local_scalar_dense"] == 1
-
-
-@pytest.mark.slow
-def test_compiled_functions_are_one_graph_each() -> None:
-    """What a GPU's compiler is given: no break, and no more nodes than they have."""
-    model = trained(symmetric=True)
-    nodes = []
-
-    def backend(graph: GraphModule, _: Any) -> Any:
-        nodes.append(sum(node.op.startswith("call") for node in graph.graph.nodes))
-        return graph.forward
-
-    engine = model.engine
-    network = model.network
-    rollout = model.rollout
-    part = minibatches(model.batch(), 2)[0]
-    kept = rollout.all
-    uniform = torch.rand_like(kept.action[0])
-    acted = act(network, kept.observation[0], None, None, uniform)
-    step = Engine(PLATFORM, NEAR, engine.num_envs, SHORT).step(acted.command.detach())
-    done = acted._replace(log_prob=acted.log_prob.detach(), value=acted.value.detach())
-    calls: list[tuple[Callable[..., object], tuple[Any, ...]]] = [
-        (losses, (network, part, model.settings)),
-        (act, (network, kept.observation[0], None, None, uniform)),
-        (remember, (kept.observation[0], done, None, step, rollout.steps[0], rollout)),
-        (preprocessed, (network, kept.observation.flatten(0, 1), None, kept.action.flatten(0, 1))),
-        (gae, (kept.reward, kept.value, kept.ended, kept.value[0], 0.98, 0.95)),
-    ]
-    for function, arguments in calls:
-        torch.compile(function, fullgraph=True, dynamic=False, backend=backend)(*arguments)
-    assert len(nodes) == len(calls)
-    most = (63, 114, 25, 85, 51)
-    assert all(count <= SLACK * counted for count, counted in zip(nodes, most, strict=True)), nodes

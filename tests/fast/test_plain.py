@@ -23,10 +23,9 @@ from rans.fast.learn.config import MemorySettings
 from rans.model.fields import Field, leaves
 from rans.model.timing import Timing
 from rans.model.trace import Symbol
-from rans.tasks import GoToPose, MultiTask, Task
+from rans.tasks import GoToPose
 from rans.tasks.rewards import Transition
 from tests.support.draws import FLYER, PLATFORM
-from tests.support.switching import SwitchingGoToPose
 from tests.support.training import learner_on
 
 SHORT = Timing(episode_steps=40)
@@ -94,48 +93,6 @@ def test_a_task_is_given_tensors_once_a_step_and_never_a_symbol(
         assert all(isinstance(x, Tensor) and x.shape == (4,) for x in moving)
         assert all(isinstance(x, Tensor | float) for x in given)
     assert not witness.symbols
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("craft", "task", "conditions"),
-    [
-        (PLATFORM, SwitchingGoToPose(switching_weight=0.01), None),
-        (PLATFORM, MultiTask(), None),
-        (FLYER, GoToPose(), None),
-        (PLATFORM, GoToPose(), "harsh"),
-        (FLYER, GoToPose(), "faults"),
-    ],
-)
-def test_two_episodes_equal_the_fast_ones_but_for_rounding(
-    craft: Any, task: Task, conditions: str | None
-) -> None:
-    count = 32
-    plain, fast = (
-        Engine(craft, task, count, SHORT, seed=3, conditions=conditions, plain=plain)
-        for plain in (True, False)
-    )
-    generator = torch.Generator().manual_seed(5)
-    ends = 0
-    for engine in (plain, fast):
-        engine.stagger(torch.Generator().manual_seed(7))
-    torch.testing.assert_close(plain.observe(), fast.observe(), rtol=0, atol=2e-5)
-    for _ in range(2 * SHORT.episode_steps + 5):
-        command = torch.rand(count, len(craft.thrusters), generator=generator).round()
-        ours, theirs = (engine.step(command) for engine in (plain, fast))
-        over = theirs.terminated | theirs.truncated
-        ends += int(over.sum())
-        for name in ("terminated", "truncated", "reached"):
-            assert torch.equal(getattr(ours, name), getattr(theirs, name))
-        for name in ("observation", "reward", "terms"):
-            torch.testing.assert_close(
-                getattr(ours, name), getattr(theirs, name), rtol=1e-4, atol=1e-4
-            )
-        torch.testing.assert_close(
-            ours.final_observation[over], theirs.final_observation[over], rtol=1e-4, atol=1e-4
-        )
-    assert ends > count
-    torch.testing.assert_close(plain.observe(), fast.observe(), rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize(

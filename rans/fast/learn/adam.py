@@ -107,7 +107,7 @@ def _step(
 ) -> Tensor:
     """One step of Adam on rows (weights,), in place; returns the unclipped norm ().
 
-    Moments and weights are those of torch's Adam to rounding (`tests/fast/learn/test_adam.py`). On a GPU it is
+    Moments and weights are those of torch's Adam to rounding (`tests/fast/learn/test_ppo.py`). On a GPU it is
     recorded in a graph, hence all in place and nothing read on the host.
     """
     norm = gradient.norm()

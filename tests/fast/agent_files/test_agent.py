@@ -219,13 +219,6 @@ def test_a_header_is_not_read_that_is_larger_than_any(monkeypatch: pytest.Monkey
         unpack_tensors(content, "here")
 
 
-def test_a_checkpoint_is_not_read_that_is_larger_than_any(tmp_path: Path) -> None:
-    with (tmp_path / "checkpoint.safetensors").open("wb") as file:
-        file.truncate(2**40)  # which takes no room on the disk
-    with pytest.raises(ConfigError, match="has 1,099,511,627,776 bytes"):
-        RunFolder(tmp_path).load_checkpoint("cpu")
-
-
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e300])
 def test_weights_that_are_not_finite_are_told_by_name(folder: Path, value: float) -> None:
     """At once, or in single precision."""
@@ -238,13 +231,6 @@ def test_weights_that_are_not_finite_are_told_by_name(folder: Path, value: float
     assert "the agent's tensor action_net.bias has numbers that are not finite" in spoilt(
         folder, spoil
     )
-
-
-def test_an_agent_is_not_read_that_is_larger_than_any(alone: Path) -> None:
-    with (alone / AGENT).open("wb") as file:
-        file.truncate(2**40)  # which takes no room on the disk
-    with pytest.raises(ConfigError, match="has 1,099,511,627,776 bytes"):
-        opened(alone)
 
 
 def spoilt(folder: Path, change: Callable[[dict[str, Any]], object]) -> str:

@@ -17,7 +17,6 @@ from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.envs.single import SpacecraftEnv
 from rans.fast.envs.vector import SpacecraftVectorEnv
 from rans.randomization.conditions_file import load_conditions
-from rans.scenario import scenario
 from rans.tasks import GoToPose, gymnasium_ids
 from tests.support.engines import NEAR, SHORT, actions
 
@@ -76,50 +75,6 @@ def test_shapes_and_types(name: str, dtype: torch.dtype) -> None:
     for values in (results[1], *terms):
         assert (values.shape, values.dtype) == ((6,), dtype)
     torch.testing.assert_close(sum(terms), results[1])
-
-
-@BOTH_IDS
-def test_environment_i_is_the_single_environment(name: str) -> None:
-    """Step by step, over every end, in episodes i, i + N, ...: the same numbers, the same counts."""
-    env = make(name, dtype=torch.float64)
-    single: Any = gymnasium.make(name, task=NEAR, timing=SHORT).unwrapped
-    env.reset(seed=7)
-    ends = {"terminated": 0, "truncated": 0, "success": 0}
-    record = [(command, *env.step(command)) for command in commands(env, 60)]
-    for i in range(env.num_envs):
-        episode = i
-        start_single(single, episode)
-        for command, observation, reward, terminated, truncated, info in record:
-            expected = single.step(command[i].numpy())
-            # The single environment gives float32: half of its last place.
-            np.testing.assert_allclose(info["final_obs"][i], expected[0], rtol=6e-8, atol=1e-12)
-            # The same operations on numbers and on arrays may round differently in the last place.
-            np.testing.assert_allclose(reward[i], expected[1], rtol=0, atol=1e-12)
-            assert (bool(terminated[i]), bool(truncated[i])) == expected[2:4]
-            terms = {
-                name.removeprefix("reward/"): float(x[i])
-                for name, x in info.items()
-                if name.startswith("reward/")
-            }
-            assert terms == pytest.approx(expected[4]["reward_terms"], rel=0, abs=1e-12)
-            assert bool(info["_final_obs"][i]) == ("is_success" in expected[4])
-            ends["terminated"] += expected[2]
-            ends["truncated"] += expected[3]
-            if expected[2] or expected[3]:
-                success = expected[4]["is_success"]
-                assert bool(info["final_info"]["is_success"][i]) == success
-                ends["success"] += success
-                episode += env.num_envs
-                first = start_single(single, episode)
-                np.testing.assert_allclose(observation[i], first, rtol=6e-8, atol=1e-12)
-            else:
-                np.testing.assert_array_equal(observation[i], info["final_obs"][i])
-    assert ends["terminated"] > 3  # the test saw every kind
-    assert 0 < ends["success"] < ends["truncated"]
-
-
-def start_single(env: SpacecraftEnv, episode: int) -> np.ndarray:
-    return env.reset(options={"scenario": scenario(NEAR, env.craft.dimension, 7, episode)})[0]
 
 
 def test_without_a_seed_episodes_are_random() -> None:

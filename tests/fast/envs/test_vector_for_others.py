@@ -51,7 +51,7 @@ def test_every_mode_is_gymnasiums_own(mode: AutoresetMode) -> None:
     one, _ = ours.reset(seed=SEEDS)
     other, _ = theirs.reset(seed=SEEDS)
     np.testing.assert_allclose(one, other, rtol=0, atol=1e-6)  # float32 there
-    ends = 0
+    ends = won = 0
     for action in actions():
         mine = ours.step(action)
         yours = theirs.step(action.numpy())
@@ -61,6 +61,17 @@ def test_every_mode_is_gymnasiums_own(mode: AutoresetMode) -> None:
             np.testing.assert_array_equal(flags, expected)
         over = (mine[2] | mine[3]).numpy()
         ends += over.sum()
+        if mode == AutoresetMode.SAME_STEP:
+            for name, paid in yours[4]["reward_terms"].items():
+                if not name.startswith("_"):
+                    found = mine[4][f"reward/{name}"]
+                    np.testing.assert_allclose(found[~over], paid[~over], rtol=0, atol=1e-6)
+            if over.any():
+                ours_end, theirs_end = (
+                    step[4]["final_info"]["is_success"] for step in (mine, yours)
+                )
+                np.testing.assert_array_equal(ours_end[over], theirs_end[over])
+                won += int(ours_end[over].sum())
         if mode == AutoresetMode.DISABLED and over.any():
             with pytest.raises(ResetNeeded, match="are over: reset them"):
                 ours.step(action)
@@ -68,6 +79,7 @@ def test_every_mode_is_gymnasiums_own(mode: AutoresetMode) -> None:
             other, _ = theirs.reset(options={"reset_mask": over})
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-6)
     assert ends > COUNT
+    assert won or mode != AutoresetMode.SAME_STEP
 
 
 def test_a_mask_resets_in_the_middle_of_an_episode_too() -> None:

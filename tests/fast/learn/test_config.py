@@ -8,15 +8,11 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import hypothesis
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from rans.fast.learn.config import (
     PPOSettings,
-    ScheduleSettings,
     TrainConfig,
     from_table,
     preset,
@@ -26,36 +22,6 @@ from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder
 from rans.tasks import TASKS, GoToPose
 from tests.support.training import CONFIG
-
-positive = st.floats(1e-6, 1e3)
-settings = st.builds(
-    PPOSettings,
-    n_envs=st.integers(1, 9),
-    n_steps=st.integers(1, 9),
-    batch_size=st.integers(2, 9),
-    learning_rate=positive,
-    schedule=st.builds(ScheduleSettings, max_learning_rate=positive),
-    gamma=st.floats(0.1, 1.0),
-    layers=st.lists(st.integers(1, 9), min_size=1, max_size=4).map(tuple),
-)
-configs = st.builds(
-    TrainConfig,
-    task=st.just("go-to-pose"),
-    spacecraft=st.text(max_size=9),
-    ppo=settings,
-    settings=st.builds(GoToPose, thrust_weight=positive, position_tolerance=positive),
-    timing=st.builds(Timing, control_period=positive, substeps=st.none() | st.integers(1, 9)),
-    seed=st.integers(0, 2**32 - 1),
-    solved_share=st.none() | st.floats(0.01, 1.0),
-)
-
-
-@pytest.mark.slow
-@hypothesis.settings(max_examples=30)
-@given(configs)
-def test_through_json_and_back(config: TrainConfig) -> None:
-    table = json.loads(json.dumps(to_table(config)))
-    assert from_table(table) == config
 
 
 def test_every_preset_is_consistent() -> None:

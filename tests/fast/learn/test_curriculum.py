@@ -1,13 +1,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from torch._dynamo.utils import counters
 
 from rans.fast.engine import Engine
 from rans.fast.learn.curriculum import Curriculum, Ramp, check_ramps, task_at
@@ -81,18 +79,6 @@ def flown(curriculum: Curriculum, engine: Engine) -> None:
 def test_the_engine_follows() -> None:
     curriculum = Curriculum(TASK, RAMPS, np.float32)
     flown(curriculum, Engine(PLATFORM, curriculum.task, 512, SHORT))
-
-
-@pytest.mark.slow
-def test_a_compiled_step_follows_without_being_compiled_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Whether a graph is used again is decided before there is machine code, which takes long to make."""
-    monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))
-    counters.clear()
-    curriculum = Curriculum(TASK, RAMPS, torch.float32)
-    flown(curriculum, Engine(PLATFORM, curriculum.task, 512, SHORT, compiled=True))
-    assert counters["stats"]["unique_graphs"] == 1
 
 
 RAMPED = replace(

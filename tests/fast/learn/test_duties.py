@@ -9,7 +9,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-from rans.deploy.export import write_export
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_policy
 from rans.fast.learn.config import Head
@@ -60,21 +59,6 @@ def test_an_agent_is_trained_saved_and_flown(kind: Actuators, tmp_path: Path) ->
     ours, drakes = (by(craft, task, agent, starts, timing) for by in (fly, fly_in_drake))
     # Float32 observations of 20 steps that agree to rounding.
     np.testing.assert_allclose(ours.commands, drakes.commands, rtol=0, atol=1e-5)
-
-
-@pytest.mark.slow
-def test_gated_throttles_are_trained_saved_flown_and_exported(tmp_path: Path) -> None:
-    begun(tmp_path, Throttle(), "gated").train(ignore)
-    agent = load_policy(tmp_path / "run").controller
-    observations = seen(PLATFORM, 200).numpy()
-    commands = agent.act(None, None, observations)
-    model = as_sb3(tmp_path / "run")
-    np.testing.assert_array_equal(model.predict(observations, deterministic=True)[0], commands)
-    assert 0.01 < (commands == 0).mean() < 0.99
-    assert ((commands > 0) & (commands < 1)).mean() > 0.1
-    write_export(tmp_path / "run", tmp_path / "own", "rans", episodes=4)
-    again = load_policy(tmp_path / "own").controller
-    np.testing.assert_array_equal(again.act(None, None, observations), commands)
 
 
 def test_an_agent_for_other_actuators_is_refused(tmp_path: Path) -> None:

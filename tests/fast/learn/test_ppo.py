@@ -7,11 +7,9 @@ import torch
 from torch import Tensor
 
 from rans.errors import NonFiniteState
-from rans.fast.distributed import ALONE
 from rans.fast.learn.beginning import statistics
 from rans.fast.learn.config import ScheduleSettings
-from rans.fast.learn.ppo import PPOLearner, losses
-from rans.fast.learn.rollout import minibatches
+from rans.fast.learn.ppo import Losses, PPOLearner
 from tests.support.engines import PLATFORM, both_crafts
 from tests.support.training import (
     TINY,
@@ -96,45 +94,28 @@ def _fill(twin: Any, learner: PPOLearner, last: Tensor) -> None:
     buffer.compute_returns_and_advantage(values, kept.ended[-1].numpy())
 
 
-@HEADS
-@both_crafts
-def test_losses_and_gradients_are_those_of_sb3(craft: Any, continuous: bool) -> None:
-    """One real `stable_baselines3.PPO.train` on the same transitions."""
-    learner, twin = filled(craft, continuous, max_grad_norm=1e9)
-    twin.train()
-    (part,) = minibatches(learner.batch(), 1)
-    part = part._replace(advantage=ALONE.standardised(part.advantage[None])[0])
-    found = losses(learner.network, part, learner.settings)
-    names = learner.network.learnt
-    gradients = torch.autograd.grad(found.loss, [learner.network.tensors[name] for name in names])
-    said = twin.logger.name_to_value
-    for name, ours in found._asdict().items():
-        # Means of 256 float64 numbers in another order; SB3 keeps some flags in float32.
-        assert ours.item() == pytest.approx(said[f"train/{name}"], rel=1e-6), name
-    assert 0.2 < found.clip_fraction < 0.95
-    theirs = dict(twin.policy.named_parameters())
-    assert list(theirs) == names
-    for name, ours in zip(names, gradients, strict=True):
-        # Sums of 256 float64 numbers; a Gaussian's log-probabilities are of the order of 100.
-        torch.testing.assert_close(ours, theirs[name].grad, rtol=1e-9, atol=1e-11, msg=name)
-        assert ours.abs().max() > 1e-4, name
-
-
 @pytest.mark.parametrize("n_epochs", [1, 4])
 @HEADS
 @both_crafts
 def test_an_iteration_is_that_of_sb3(craft: Any, continuous: bool, n_epochs: int) -> None:
-    """Advantages, loss, clipped gradients and optimiser together: the same weights come out."""
+    """One real `stable_baselines3.PPO.train` on the same transitions: losses and weights are the same."""
     learner, twin = filled(
         craft,
         continuous,
         n_epochs=n_epochs,
-        max_grad_norm=0.1,
+        max_grad_norm=0.1 if n_epochs > 1 else 1e9,
         learning_rate=2.0**-10,
     )
     before = weights(learner.network)
-    learner.update()
+    row = learner.update().tolist()
     twin.train()
+    if n_epochs == 1:
+        for name, ours in zip(learner.statistics, row, strict=False):
+            if name in Losses._fields:
+                # Means of 256 float64 numbers in another order; SB3 keeps some flags in float32.
+                assert ours == pytest.approx(
+                    twin.logger.name_to_value[f"train/{name}"], rel=1e-6
+                ), name
     for name, theirs in twin.policy.named_parameters():
         # Adam divides by the gradient's size plus 1e-5, so rounding of 1e-16 grows to 1e-14 at most, of the
         # order of 100 with a Gaussian.

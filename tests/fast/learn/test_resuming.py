@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import random
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +17,6 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.flight import fly
 from rans.scenario import scenarios
-from tests.support.processes import python
 from tests.support.training import (
     CONFIG,
     EASY,
@@ -31,7 +28,6 @@ from tests.support.training import (
     tiny_trainer,
 )
 
-ROOT = Path(__file__).parents[3]
 WHOLE = replace(CONFIG, report_interval=4)
 
 
@@ -41,20 +37,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Trainer:
     trainer = tiny_trainer(tmp_path_factory.mktemp("whole") / "run", WHOLE)
     trainer.train(ignore)
     return trainer
-
-
-TRAIN = """
-import sys, torch
-from pathlib import Path
-from rans.fast.learn import trainer
-from rans.fast.learn.run_folder import RunFolder
-trainer._CHECKPOINT_SECONDS = 0.0
-torch.set_num_threads(1)
-run = RunFolder(Path(sys.argv[1]))
-training = trainer.Trainer(run.config(), run.spacecraft(), run)
-training.train(lambda row: print(row["steps"], flush=True))
-"""
-"""A training in another process, with a checkpoint after every iteration."""
 
 
 def test_a_resumed_training_ends_as_if_never_stopped(whole: Trainer, tmp_path: Path) -> None:
@@ -89,25 +71,6 @@ def test_rows_after_the_checkpoint_are_taken_again(tmp_path: Path) -> None:
     assert [row["steps"] for row in again.run.metrics()] == [256, 512]
     again.train(ignore)
     assert [row["steps"] for row in again.run.metrics()] == list(range(256, 2049, 256))
-
-
-@pytest.mark.slow
-def test_killed_at_any_moment(tmp_path: Path) -> None:
-    """SIGKILL; this process ends it as if nothing was."""
-    config = replace(CONFIG, total_timesteps=60 * 128, report_interval=2)
-    whole = tiny_trainer(tmp_path / "whole", config)
-    whole.train(ignore)
-    RunFolder(tmp_path / "cut").begin(config, "rans train")
-    with python("-c", TRAIN, str(tmp_path / "cut"), cwd=ROOT) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline()
-        time.sleep(random.Random(3).uniform(0, 0.05))
-        process.kill()
-    trainer = resumed(tmp_path / "cut")
-    trainer.train(ignore)
-    assert everything(trainer) == everything(whole)
-    steps = [row["steps"] for row in RunFolder(tmp_path / "cut").metrics()]
-    assert steps == [row["steps"] for row in whole.run.metrics()]
 
 
 def test_without_a_checkpoint_it_starts_over(whole: Trainer, tmp_path: Path) -> None:

@@ -12,8 +12,7 @@ import torch
 
 from rans.errors import ConfigError
 from rans.fast.learn.run_folder import RunFolder, read_config
-from rans.files import LOCK
-from tests.support.processes import PATIENCE, ROOT, python
+from rans.files import LOCK, write_text
 from tests.support.training import CONFIG
 
 
@@ -52,43 +51,6 @@ def test_a_run_is_not_begun_twice(run: RunFolder) -> None:
     ):
         run.begin(replace(CONFIG, seed=1), "rans train")
     assert run.config_file.read_bytes() == before
-
-
-BEGINNERS = """
-import os, sys, time
-from dataclasses import replace
-from pathlib import Path
-from rans.errors import ConfigError
-from rans.fast.learn.run_folder import RunFolder
-from tests.support.training import CONFIG
-runs = [RunFolder(Path(name)) for name in sys.argv[1:]]
-begin = time.time() + 0.2
-other = os.fork()  # from here on there are two
-config = replace(CONFIG, spacecraft="floating-platform" if other else "floating-platform-shared")
-for number, run in enumerate(runs):
-    time.sleep(max(0.0, begin + 0.1 * number - time.time()))
-    try:
-        run.begin(config, "rans train")
-        print(config.spacecraft, run.path, flush=True)
-    except ConfigError:
-        pass
-if other:
-    os.waitpid(other, 0)
-"""
-
-
-@pytest.mark.slow
-def test_of_two_that_begin_at_once_one_writes_everything(tmp_path: Path) -> None:
-    """The other is refused; what each of the folders holds is of one training."""
-    folders = [str(tmp_path / str(number)) for number in range(6)]
-    with python("-c", BEGINNERS, *folders, env=os.environ | {"PYTHONPATH": str(ROOT)}) as beginners:
-        printed, _ = beginners.communicate(timeout=PATIENCE)
-    begun = [line.split(" ", 1) for line in printed.splitlines()]
-    assert sorted(folder for _, folder in begun) == folders
-    for craft, folder in begun:
-        run = RunFolder(Path(folder))
-        assert run.config().spacecraft == craft
-        assert run.spacecraft().name == craft
 
 
 def test_a_folder_where_somebody_trains_is_not_begun(tmp_path: Path) -> None:
@@ -177,3 +139,12 @@ def test_who_trains_on_removes_drafts_of_a_killed_training(run: RunFolder) -> No
     run.release()
     assert not left.exists()
     assert all(file.exists() for file in kept)
+
+
+def test_who_comes_second_to_the_lock_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another process may begin while this one waits for it."""
+    monkeypatch.setattr(RunFolder, "lock", lambda self: write_text(self.config_file, "{}"))
+    with pytest.raises(ConfigError, match="holds a training already"):
+        RunFolder(tmp_path / "run").begin(CONFIG, "rans train")

