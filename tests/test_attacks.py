@@ -19,11 +19,9 @@ import pytest
 import rans
 from rans.cli import main
 from rans.errors import ConfigError, brief
-from rans.fast.learn.run_folder import RunFolder
 from rans.files import Lock, replace_file, write_text
 from rans.model.spacecraft_file import spacecraft_text
 from rans.tasks import TASKS
-from tests.support.training import ignore, resumed
 
 ROOT = Path(__file__).parents[1]
 PLATFORM_TEXT = spacecraft_text("floating-platform")
@@ -194,39 +192,6 @@ def test_a_task_of_pythons_own_library_is_not_imported(trained: Path, refused: A
     assert "antigravity" not in sys.modules
 
 
-HOLDER = """
-import sys, time
-from pathlib import Path
-from rans.fast.learn.run_folder import RunFolder
-run = RunFolder(Path("run"))
-run.lock()
-print("held", flush=True)
-time.sleep(10**6)
-"""
-
-
-@pytest.mark.slow
-def test_two_trainings_in_one_folder(trained: Path, refused: Any) -> None:
-    """The second is told; when the first is killed, the next goes on, and no row is there twice."""
-    shutil.copytree(trained, "run")
-    with subprocess.Popen(
-        [sys.executable, "-c", HOLDER],
-        stdout=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-    ) as other:
-        assert other.stdout is not None
-        assert other.stdout.readline() == "held\n"
-        before = Path("run/metrics.jsonl").read_bytes()
-        sentence = refused("train --resume run")
-        assert "run is being trained by another process; wait for its end, or stop it" in sentence
-        assert Path("run/metrics.jsonl").read_bytes() == before
-        other.kill()
-    resumed(Path("run")).train(ignore)
-    steps = [row["steps"] for row in RunFolder(Path("run")).metrics()]
-    assert steps == sorted(set(steps))
-
-
 def test_a_lock_goes_with_its_holder_and_without_file_systems_that_have_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -292,22 +257,3 @@ def test_options_do_not_command_the_terminal(refused: Any, command: str) -> None
     sentence = refused(command)
     assert "has control characters" in sentence
     assert "\x1b" not in sentence
-
-
-@pytest.mark.slow
-def test_names_are_neither_mark_up_nor_commands_anywhere(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """In tables, sentences and the pictures of an evaluation."""
-    name = "[/red]x $x^$ <b>"
-    write_text(
-        Path("odd.toml"), PLATFORM_TEXT.replace('name = "floating-platform"', f'name = "{name}"')
-    )
-    assert main(["list", "odd.toml"]) == 0
-    assert main(["evaluate", "lqr:go-to-pose-2d@odd.toml", "--episodes", "2"]) == 0
-    text = capsys.readouterr().out
-    assert "[/red]x $x^$ <b>" in text
-    assert "\x1b" not in text
-    folder = Path("runs/evaluations/lqr-go-to-pose-2d-odd.toml")
-
-    assert b"\x1b" not in (folder / "evaluation.svg").read_bytes()

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -16,7 +13,6 @@ from campaigns.provenance import page, unlisted
 from campaigns.reproduce import Reproduce, agree, compared, reproduced
 from campaigns.runner import Campaign, Shown
 from campaigns.table import ROWS
-from rans.executors import run_on
 
 ROOT = Path(__file__).parents[2]
 HUNDRED = 100.0, 100.0
@@ -199,33 +195,3 @@ def test_a_fault_of_one_row_is_not_the_end_of_the_others(
     text = (tmp_path / "differences.md").read_text("utf-8")
     assert "ZeroDivisionError: float division by zero" in text
     assert "equal (3 cells)" in text
-
-
-class Forgetful(ThreadPoolExecutor):
-    """Loses its first job, as a worker does that is killed, and counts all of them."""
-
-    submitted = 0
-
-    def submit(self, function: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:
-        self.submitted += 1
-        if self.submitted > 1:
-            return super().submit(function, *arguments)
-        lost = Future[Any]()
-        lost.set_exception(ConnectionError("the worker is gone"))
-        return lost
-
-
-def test_rows_run_on_an_executor_and_a_lost_one_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The commands do nothing here, so that each row says that its evidence is missing."""
-    idle = {
-        name: replace(ROWS[name], commands=("python -S -c pass",))
-        for name in ("dock with errors", "safe states")
-    }
-    monkeypatch.setattr(reproduce, "ROWS", idle)
-    with Forgetful(1) as pool, run_on(pool):
-        assert Reproduce(only=("dock-with-errors", "safe states"), output=tmp_path).run() == 1
-    assert pool.submitted == 3
-    text = (tmp_path / "differences.md").read_text("utf-8")
-    assert all(f"| {name} |" in text and f"no evidence of {name}" in text for name in idle)
