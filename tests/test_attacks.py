@@ -139,34 +139,6 @@ def test_nothing_is_put_in_the_place_of_a_device(refused: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "command",
-    [
-        "list odd.toml",
-        "evaluate lqr:go-to-pose-2d@odd.toml",
-        "compare lqr:go-to-pose-2d odd.csv",
-        "train go-to-pose --spacecraft odd.toml",
-        "train odd.json",
-        "train go-to-pose --conditions odd.toml",
-    ],
-)
-def test_no_command_waits_for_a_pipe(refused: Any, command: str) -> None:
-    for name in ("odd.toml", "odd.csv", "odd.json"):
-        os.mkfifo(name)
-    assert "it is not a file" in refused(command)
-
-
-@pytest.mark.parametrize(
-    "name", ["config.json", "metrics.jsonl", "agent.safetensors", "spacecraft.toml"]
-)
-def test_nor_for_one_in_a_run_folder(trained: Path, refused: Any, name: str) -> None:
-    shutil.copytree(trained, "run")
-    Path("run", name).unlink()
-    os.mkfifo(Path("run", name))
-    command = "train --resume run" if name == "metrics.jsonl" else "evaluate run"
-    assert "it is not a file" in refused(command)
-
-
-@pytest.mark.parametrize(
     "row",
     [
         "[1]",

@@ -51,7 +51,6 @@ def test_it_is_the_least_squares_of_all_there_was() -> None:
 @pytest.mark.parametrize(
     ("craft", "conditions", "forces", "torques"),
     [
-        (FLYER, Conditions(), (0.0, 0.0), (0.0, 0.0)),
         (
             PLATFORM,
             Conditions(body=BodyConditions(mass=(SLOW, SLOW))),
@@ -60,19 +59,13 @@ def test_it_is_the_least_squares_of_all_there_was() -> None:
         ),
         (FLYER, Conditions(body=BodyConditions(inertia=(0.8, 0.8))), (0.0, 0.0), (0.25, 0.0)),
         (
-            PLATFORM,
-            Conditions(thrusters=ThrusterConditions(thrust=(0.9, 0.9))),
-            (-0.1, 0.0),
-            (-0.1, 0.0),
-        ),
-        (
             FLYER,
             Conditions(thrusters=ThrusterConditions(latency=(LATE, LATE))),
             (-0.25, 0.25),
             (-0.25, 0.25),
         ),
     ],
-    ids=["perfect", "a fourth heavier", "a fifth less inertia", "a tenth weaker", "a fourth late"],
+    ids=["a fourth heavier", "a fifth less inertia", "a fourth late"],
 )
 def test_what_is_not_as_designed_is_found(
     craft: Spacecraft,
