@@ -34,7 +34,7 @@ def lowest_margins(problem: Problem, layers: Sequence[Layer], start: np.ndarray)
         if problem.keep is not None and period >= problem.begins:
             least = np.minimum(least, problem.keep.margins(states))
         if problem.end is not None and part == 0 and period >= (problem.earliest or problem.steps):
-            at_end = np.maximum(at_end, problem.end.margins(states))
+            at_end = np.maximum(at_end, problem.end.inside().margins(states))
     least = least if problem.end is None else np.minimum(least, at_end)
     return np.nan_to_num(least, nan=-np.inf, posinf=np.inf, neginf=-np.inf)
 

@@ -6,7 +6,7 @@ A problem is stored as its text, which certificates quote: prover and checker re
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -39,32 +39,6 @@ class SpeedLimit:
         speed = np.linalg.norm(states[:, list(self.velocity)], axis=1)
         distance = np.linalg.norm(states[:, list(self.position)], axis=1)
         return self.base + self.slope * distance - speed
-
-
-@dataclass(frozen=True)
-class Avoid:
-    """The state is never in a box."""
-
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
-
-    def margins(self, states: np.ndarray) -> np.ndarray:
-        """Distances (N,) of states (N, n) from the box along the best axis; negative inside."""
-        below = np.array(self.lower) - states
-        above = states - np.array(self.upper)
-        return np.maximum(below, above).max(axis=1)
-
-
-@dataclass(frozen=True)
-class Within:
-    """The state is always in a box."""
-
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
-
-    def margins(self, states: np.ndarray) -> np.ndarray:
-        """Margins (N,) of states (N, n) along their worst axis; negative outside."""
-        return np.minimum(states - np.array(self.lower), np.array(self.upper) - states).min(axis=1)
 
 
 @dataclass(frozen=True)
@@ -109,7 +83,29 @@ class HalfSpaces:
         return values.min(axis=1) if self.every else values.max(axis=1)
 
 
-Property = SpeedLimit | Avoid | KeepOut | Within | StayIn | HalfSpaces
+@dataclass(frozen=True)
+class Box:
+    """Lower and upper corner of a box of states."""
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+
+    def inside(self) -> HalfSpaces:
+        """The state is in the box: every face is beyond it."""
+        eye = np.eye(len(self.lower))
+        rows = np.concatenate((eye, -eye))
+        offsets = np.concatenate((-np.array(self.lower), self.upper))
+        return HalfSpaces(tuple(map(tuple, rows.tolist())), tuple(offsets.tolist()), True)
+
+    def outside(self) -> HalfSpaces:
+        """The state is beyond one of the box's faces."""
+        rows, offsets, _ = astuple(self.inside())
+        return HalfSpaces(
+            tuple(tuple(-x for x in row) for row in rows), tuple(-x for x in offsets), False
+        )
+
+
+Property = SpeedLimit | KeepOut | StayIn | HalfSpaces
 
 
 @dataclass(frozen=True)
@@ -131,7 +127,7 @@ class Problem:
     """Highest start."""
     keep: Property | None
     """None: nothing but their end is asked of flights."""
-    end: Within | None = None
+    end: Box | None = None
     """Box in which every flight ends; None: anywhere. A state that never changes and starts in it has no ends here,
     since it needs no margin."""
     text: str = ""
@@ -316,7 +312,7 @@ def problem_of(text: str, where: object = "the problem") -> Problem:
                 ends = (
                     (*x[:i], edge, *x[i + 1 :]) for x, edge in ((end.lower, -1e9), (end.upper, 1e9))
                 )
-                end = Within(*ends)
+                end = Box(*ends)
     problem = Problem(
         name,
         tuple(derivative),
@@ -349,7 +345,7 @@ class _Anything:
     __neg__ = function = _same
 
 
-def _end(table: Any, count: int, steps: int, where: object) -> tuple[Within, int]:
+def _end(table: Any, count: int, steps: int, where: object) -> tuple[Box, int]:
     """Box of a flight's end, and after how many periods flights may be in it; `ConfigError` names the key."""
     table = dict(table) if isinstance(table, dict) else table
     earliest = table.pop("earliest", 0) if isinstance(table, dict) else 0
@@ -357,7 +353,7 @@ def _end(table: Any, count: int, steps: int, where: object) -> tuple[Within, int
         raise ConfigError(
             f"{where}: end.earliest must be a whole number from 0 to {steps}, got {brief(earliest)}."
         )
-    return Within(*_corners(table, count, f"{where}: end")), earliest
+    return Box(*_corners(table, count, f"{where}: end")), earliest
 
 
 def _linear_rows(
@@ -406,9 +402,9 @@ def _property(table: Any, count: int, where: object) -> Property:
                 )
             return SpeedLimit(position, velocity, base, slope)
         case {"avoid": dict() as box, **rest} if not rest:
-            return Avoid(*_corners(box, count, f"{where}: keep.avoid"))
+            return Box(*_corners(box, count, f"{where}: keep.avoid")).outside()
         case {"within": dict() as box, **rest} if not rest:
-            return Within(*_corners(box, count, f"{where}: keep.within"))
+            return Box(*_corners(box, count, f"{where}: keep.within")).inside()
         case {"every": formulas, **rest} if not rest:
             return HalfSpaces(*_linear_rows(formulas, count, f"{where}: keep.every"), True)
         case {"some": formulas, **rest} if not rest:

@@ -17,7 +17,7 @@ from rans_proof.flights import at_decisions, lowest_margins, worst_start
 from rans_proof.motion import TaylorPlant
 from rans_proof.network import Layer
 from rans_proof.plants import LinearPlant, Piece, Plant
-from rans_proof.problem import Avoid, HalfSpaces, KeepOut, Problem, SpeedLimit, StayIn, Within
+from rans_proof.problem import HalfSpaces, KeepOut, Problem, SpeedLimit, StayIn
 from rans_proof.relaxation import Planes, Rounding, TorchLayer, Zonotope, enclose
 
 _DIRECTIONS = 64
@@ -199,14 +199,6 @@ def broken_start(
     return start[worst] if least[worst] < 0.0 else None
 
 
-def _faces_of(box: Within | Avoid) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and offsets of functions that are not negative inside of a box's faces, or outside for `Avoid`."""
-    eye = np.eye(len(box.lower))
-    rows = np.concatenate((eye, -eye))
-    offsets = np.concatenate((-np.array(box.lower), box.upper))
-    return (rows, offsets) if isinstance(box, Within) else (-rows, -offsets)
-
-
 def reduced(states: Zonotope) -> Zonotope:
     """A zonotope of few generators around each of others, whose least ones become a box.
 
@@ -333,7 +325,7 @@ class ClosedLoop:
                 states = piece.end
             if end is not None and number + 1 >= earliest:
                 still = Piece(states, states, torch.zeros_like(states.centre))
-                at_end = torch.maximum(at_end, self._faces(still, *_faces_of(end), every=True))
+                at_end = torch.maximum(at_end, self._faces(still, end.inside()))
             states = reduced(states)
             # Cells that are lost already would need ever shorter steps.
             holds = (least > 0.0) & states.size.isfinite().all(dim=1)
@@ -356,10 +348,8 @@ class ClosedLoop:
         A lower bound with all rounding over both ends and, by the sag, all that lies between them.
         """
         keep = self.problem.keep
-        if isinstance(keep, Avoid | Within):
-            return self._faces(piece, *_faces_of(keep), every=isinstance(keep, Within))
         if isinstance(keep, HalfSpaces):
-            return self._faces(piece, np.array(keep.rows), np.array(keep.offsets), keep.every)
+            return self._faces(piece, keep)
         if isinstance(keep, StayIn):
             return self._in(piece, keep)
         assert keep is not None
@@ -372,15 +362,14 @@ class ClosedLoop:
             return self._out(piece, keep, ahead)
         return self._slow(piece, keep, ahead)
 
-    def _faces(self, piece: Piece, rows: np.ndarray, offsets: np.ndarray, every: bool) -> Tensor:
-        """Least values (pieces,) of all linear functions together (``every``), or of the best one."""
-        functions, constants = (
-            torch.tensor(x, dtype=torch.float64, device=self.device) for x in (rows, offsets)
-        )
+    def _faces(self, piece: Piece, keep: HalfSpaces) -> Tensor:
+        """Least values (pieces,) of all linear functions together, or of the best one."""
+        functions = torch.tensor(keep.rows, dtype=torch.float64, device=self.device)
+        constants = torch.tensor(keep.offsets, dtype=torch.float64, device=self.device)
         lowest = torch.stack([-end.highest(-functions[None]) for end in (piece.begin, piece.end)])
         value = lowest.amin(dim=0) + constants - piece.sag @ functions.abs().T * (1.0 + 1e-9)
         value = value - 2.0**-50 * (lowest.abs().amax(dim=0) + constants.abs())
-        return value.amin(dim=1) if every else value.amax(dim=1)
+        return value.amin(dim=1) if keep.every else value.amax(dim=1)
 
     def _in(self, piece: Piece, keep: StayIn) -> Tensor:
         """Distance from a ball's surface, from inside: of the corner of the box around a piece."""

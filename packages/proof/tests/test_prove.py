@@ -13,7 +13,7 @@ import pytest
 import torch
 from rans_proof.flights import lowest_margins
 from rans_proof.network import Layer, read_network
-from rans_proof.problem import SpeedLimit, Within, problem_of, read_problem
+from rans_proof.problem import Box, SpeedLimit, problem_of, read_problem
 from rans_proof.prove import ClosedLoop, Proof, broken_start, prove
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -46,7 +46,7 @@ def test_the_hold_agent_stays_for_ever() -> None:
     """The box in which its flights end is one that it comes back to, so that the ball is never entered."""
     folder = ROOT / "examples/proofs"
     far, near = (read_problem(folder / f"hold-agent{name}.toml") for name in ("", "-near"))
-    assert far.end == near.end == Within(near.lower, near.upper)
+    assert far.end == near.end == Box(near.lower, near.upper)
     assert far.keep == near.keep
     assert far.derivative == near.derivative
     assert far.period == near.period
