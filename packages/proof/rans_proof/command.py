@@ -1,7 +1,7 @@
 """``rans prove``: proofs about closed loops of networks and agents, and the check of their certificates.
 
-Exit codes are an interface: 0 proved or accepted, 1 open or refused; every proof is judged by the checkers before
-it is claimed.
+Exit codes are an interface: 0 proved or accepted, 1 open or refused. The checker judges poses and flights that refute
+before they are claimed; cells of a network, which take it minutes, by --check.
 """
 
 from __future__ import annotations
@@ -173,13 +173,9 @@ class Prove(Options):
         )
         start = named_numbers(self.start, ("position", "heading", "speed", "spin"), "--from")
         off = named_numbers(self.off, tuple(poses.PoseErrors.__dataclass_fields__), "--off")
+        errors = poses.PoseErrors(**off)
         limits = keep["position"], keep["heading"]
-        begin = poses.PoseStart(
-            start.get("position", 0.0),
-            start.get("heading", 0.0),
-            start.get("speed", 0.0),
-            start.get("spin", 0.0),
-        )
+        begin = poses.PoseStart(**{"position": 0.0, "heading": 0.0} | start)
         is_right = 0.0 < limits[0] <= 1.0 and 0.0 < limits[1] <= 45.0
         if not is_right or min(begin) < 0.0 or begin.heading >= 180.0 or begin.position > 5.0:
             raise ConfigError(
@@ -194,13 +190,12 @@ class Prove(Options):
         radians = limits[0], math.radians(limits[1])
         near = begin._replace(heading=math.radians(begin.heading))
         try:
-            trap = poses.pose_trap(run, radians, near, poses.PoseErrors(**off))
+            trap = poses.pose_trap(run, radians, near, errors)
         except ConfigError as error:
             _not_proved(agent, run, f"no trapping set is found: {error}")
             terminal.say(f"Open: no trapping set is found: {error}")
             return 1
         output = self.output or self._file(agent)
-        errors = poses.PoseErrors(**off)
         poses.write_pose_trap(trap, limits, begin, errors, files, run.timing.control_period, output)
         content = read_bytes(output, LARGEST)
         theorem, refusal = _posed(content, files)
@@ -295,27 +290,22 @@ class Prove(Options):
         from rans_proof.problem import read_problem
 
         contents = read_bytes(certificate, LARGEST), read_bytes(network, LARGEST_NETWORK)
-        differing = ""
+        terminal = Terminal()
         try:
             claim = claim_of(contents[0])
             if self.problem is not None:
-                differing = difference(
-                    claim.problem, problem_table(read_problem(self.problem).text)
-                )
+                asked = problem_table(read_problem(self.problem).text)
+                if differing := difference(claim.problem, asked):
+                    raise Refused(f"it is of another problem than {self.problem}, by {differing}.")
         except Refused as refusal:
-            Terminal().say(f"Refused: {refusal}")
-            return 1
-        if differing:
-            Terminal().say(
-                f"Refused: it is of another problem than {self.problem}, by {differing}."
-            )
+            terminal.say(f"Refused: {refusal}")
             return 1
         if claim.flight:
             margin, refusal = _checked(None, *contents, [])
             if refusal:
-                Terminal().say(f"Refused: {refusal}")
+                terminal.say(f"Refused: {refusal}")
                 return 1
-            Terminal().say(
+            terminal.say(
                 f"Accepted: the flight breaks the property by {-margin:.3g}, in ball arithmetic.\n\nRefuted of "
                 f"{network} (SHA-256 {claim.network[:16]}): {claim.problem['name']}.\n"
                 f"{statement(claim.problem)}\nflight from: {claim.flight[0]}"
@@ -332,11 +322,11 @@ class Prove(Options):
             answers = Workers(nothing, (), None, "checked a certificate")
             for _, (margin, refusal) in answers.finished(_checked, jobs):
                 if refusal:
-                    Terminal().say(f"Refused: {refusal}")
+                    terminal.say(f"Refused: {refusal}")
                     return 1
                 least = min(least, margin)
                 bars.advance(task, _CHUNK)
-        Terminal().say(
+        terminal.say(
             f"Accepted: {count:,} cells cover the starts, and the least margin is {least:.3g}, in ball arithmetic; "
             f"{time.monotonic() - begun:.1f} s.\nProved of {network} (SHA-256 {claim.network[:16]}): "
             f"{claim.problem['name']}.\n{statement(claim.problem)}"
