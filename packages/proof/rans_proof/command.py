@@ -1,7 +1,7 @@
 """``rans prove``: proofs about closed loops of networks and agents, and the check of their certificates.
 
-Exit codes are an interface: 0 proved or accepted, 1 open or refused. The checker judges poses and flights that refute
-before they are claimed; cells of a network, which take it minutes, by --check.
+Exit codes are an interface: 0 proved or accepted, 1 open or refused. The checker judges poses and flights that
+refute before they are claimed; cells of a network, which take it minutes, by --check.
 """
 
 from __future__ import annotations
