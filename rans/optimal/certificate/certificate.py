@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol, cast
 
@@ -125,17 +125,15 @@ def certified_least_time(
     return _certificate(result, upper, began)
 
 
-MakeBounder = Callable[[Spacecraft, float, Collection[int], Collection[int]], Bounder]
-"""Makes a bounder of a spacecraft, its control period (s), and the numbers of its dead and stuck thrusters; raises
-`ConfigError` where there is no certificate."""
+MakeBounder = Callable[[Spacecraft, float], Bounder]
+"""Makes a bounder of a spacecraft and its control period (s); `ConfigError` where there is no certificate."""
 
 
 def _checked(loaded: Any) -> MakeBounder:
     """The function, checked to be callable."""
     if not callable(loaded):
         raise ConfigError(
-            "a bounder is a function of a spacecraft, its control period, its dead and its stuck thrusters, got "
-            f"{brief(loaded)}."
+            f"a bounder is a function of a spacecraft and its control period, got {brief(loaded)}."
         )
     return cast("MakeBounder", loaded)
 
@@ -153,19 +151,15 @@ _SPACE = (
 )
 
 
-def bounder(
-    craft: Spacecraft, period: float, dead: Collection[int] = (), stuck: Collection[int] = ()
-) -> Bounder:
+def bounder(craft: Spacecraft, period: float) -> Bounder:
     """Bounder for a spacecraft whose commands are held for a period, s.
 
-    In the plane thrusters may be dead or stuck open from the start on, by number.
-
     Raises:
-        ConfigError: no on/off certificate exists for this craft, or not for its faults; or the package for
-            certificates in space is not installed.
+        ConfigError: no on/off certificate exists for this craft; or the package for certificates in space is not
+            installed.
     """
     if craft.dimension == 2:
-        return BOUNDERS["plane"](craft, period, dead, stuck)
+        return BOUNDERS["plane"](craft, period)
     if "space" not in BOUNDERS:
         tensor = np.array(craft.inertia)
         if not np.allclose(tensor, tensor[0, 0] * np.eye(3)):
@@ -174,7 +168,7 @@ def bounder(
                 f"{craft.name} has others."
             )
         raise ConfigError(_SPACE)
-    return BOUNDERS["space"](craft, period, dead, stuck)
+    return BOUNDERS["space"](craft, period)
 
 
 def _certificate(result: Found, upper: float, began: float) -> Certificate:

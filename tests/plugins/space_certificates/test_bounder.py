@@ -54,7 +54,7 @@ def test_the_entry_point_is_the_function_of_the_seam() -> None:
     [(group, names)] = tomllib.loads(PROJECT.read_text("utf-8"))["project"]["entry-points"].items()
     module, function = names["space"].split(":")
     assert (group, list(names)) == ("rans.bounds", ["space"])
-    assert isinstance(getattr(import_module(module), function)(FLYER, 0.2, (), ()), SpatialBounder)
+    assert isinstance(getattr(import_module(module), function)(FLYER, 0.2), SpatialBounder)
 
 
 def test_without_the_package_space_has_the_hull_bound_and_the_reason(

@@ -6,11 +6,10 @@ There is no branching: the bound is the dual value alone, rounded up to whole pe
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
 
 import numpy as np
 
-from rans.extend import ConfigError, Spacecraft, SpatialState
+from rans.extend import Spacecraft, SpatialState
 from rans.optimal.certificate import hull
 from rans.optimal.certificate.flight import state_after
 from rans.optimal.certificate.goal_set import GoalSet, rounded_up
@@ -93,16 +92,12 @@ class SpatialBounder:
         return Found(lower * h, None, loose, nodes)
 
 
-def spatial_bounder(
-    craft: Spacecraft, period: float, dead: Collection[int], stuck: Collection[int]
-) -> SpatialBounder:
+def spatial_bounder(craft: Spacecraft, period: float) -> SpatialBounder:
     """Bounder of a craft in space whose commands are held for a period, s.
 
     Raises:
-        ConfigError: see `SpinLattice`; or thrusters are dead or stuck.
+        ConfigError: see `SpinLattice`.
     """
-    if dead or stuck:
-        raise ConfigError("the on/off certificate covers failed thrusters in the plane only.")
     return SpatialBounder(SpinLattice(craft, period))
 
 

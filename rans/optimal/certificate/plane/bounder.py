@@ -9,7 +9,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -163,11 +163,9 @@ class PlanarBounder:
         )
 
 
-def planar_bounder(
-    craft: Spacecraft, period: float, dead: Collection[int], stuck: Collection[int]
-) -> PlanarBounder:
-    """Bounder of a planar craft whose commands are held for a period, s; for faults and errors see `Lattice`."""
-    return PlanarBounder(Lattice(craft, period, dead, stuck))
+def planar_bounder(craft: Spacecraft, period: float) -> PlanarBounder:
+    """Bounder of a planar craft whose commands are held for a period, s; for errors see `Lattice`."""
+    return PlanarBounder(Lattice(craft, period))
 
 
 def _root(
