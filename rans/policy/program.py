@@ -113,15 +113,11 @@ class Program:
         units: int,
         width: int,
         activation: str = "",
-        rows: int = 0,
     ) -> str:
-        """A layer of that name and its activation, (N, width) to (N, units); or (N, rows, width) each."""
+        """A layer of that name and its activation, (N, width) to (N, units)."""
         weight = self.parameter(f"{layer}.weight", units, width)
         bias = self.parameter(f"{layer}.bias", units)
-        if rows:
-            value = self.shaped(value, width)
-        result = self.apply("Dense", value, weight, bias, units=units, activation=activation)
-        return self.shaped(result, rows, units) if rows else result
+        return self.apply("Dense", value, weight, bias, units=units, activation=activation)
 
     def each(self, formula: Callable[..., Field], *rows: str) -> str:
         """A formula on fields applied to every number of rows, which are broadcast against each other."""
