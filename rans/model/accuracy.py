@@ -16,6 +16,7 @@ import numpy as np
 
 from rans.errors import ConfigError, RansWarning
 from rans.model.body import Body, numbers
+from rans.model.pace import longest_sum
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 
@@ -181,7 +182,7 @@ def _spin_up_by_thrusters_and_wheels(craft: Spacecraft, body: Body | None) -> fl
     directions = directions[:, : accelerations.shape[-1]]
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     projections = np.maximum(accelerations @ directions.T, 0.0).sum(axis=1).max(axis=-1)
-    return max(_longest_sum(accelerations[k]) for k in np.argsort(projections)[-8:])
+    return max(longest_sum(accelerations[k]) for k in np.argsort(projections)[-8:])
 
 
 def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
@@ -243,23 +244,6 @@ def _wheel_ways(craft: Spacecraft, body: Body) -> np.ndarray:
     tensors = np.atleast_3d(_tensors(body).T).T
     torques = np.array(craft.wheel_map).reshape(craft.wheel_count, tensors.shape[-1])
     return np.linalg.solve(tensors[:, None], torques[None, ..., None])[..., 0]
-
-
-def _longest_sum(vectors: np.ndarray) -> float:
-    """Length of the longest sum of a subset of these vectors (n, d).
-
-    The longest sum contains exactly the vectors with a positive component along it. Repeated selection by that
-    rule lengthens a sum until the subset no longer changes. It starts from the sums and differences of all
-    pairs, and from random directions.
-    """
-    size = vectors.shape[1]
-    pairs = np.concatenate([vectors[:, None] + vectors, vectors[:, None] - vectors]).reshape(
-        -1, size
-    )
-    sums = np.concatenate([pairs, np.random.default_rng(0).normal(size=(64, size))])
-    for _ in range(8):
-        sums = (sums @ vectors.T > 0.0) @ vectors
-    return float(np.linalg.norm(sums, axis=1).max())
 
 
 def _tensors(body: Body) -> np.ndarray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import product
 
 import numpy as np
 
@@ -22,7 +21,7 @@ _STRONGEST = 30.0, 100.0
 """Accelerations, m/s^2 and rad/s^2, beyond which thrusters are too strong: of real craft they reach 8.7 (a Mars
 lander), and 8 in the training of the agents for any craft."""
 _PAIRED = 64
-"""Thrusters at most whose pairs begin a search: the pairs of a thousand are a million."""
+"""Vectors at most whose pairs begin a search: the pairs of a thousand are a million."""
 
 
 def seconds_for_a_metre(craft: Spacecraft) -> float:
@@ -64,22 +63,27 @@ def _sums(craft: Spacecraft, wrenches: np.ndarray) -> np.ndarray:
 
 
 def _strongest(craft: Spacecraft, forces: np.ndarray) -> float:
-    """Largest force in any direction, N: that of the thrusters that push its own way.
-
-    From each pair of some thrusters, and from many directions, those are chosen that push the way of their sum,
-    until none changes.
-    """
+    """Largest force in any direction, N: that of the thrusters that push its own way."""
     if craft.thrust_sharing == "split":
         return float(np.linalg.norm(forces, axis=1).max())
-    width = forces.shape[1]
-    some = forces[:: -(-len(forces) // _PAIRED)]
-    pairs = (some[:, None] + some[None]).reshape(-1, width)
-    ways = np.vstack([pairs, np.array(list(product((-1.0, -0.4, 0.0, 0.4, 1.0), repeat=width)))])
-    for _ in forces:
-        before, ways = ways, (ways @ forces.T > 0.0) @ forces
-        if np.array_equal(ways, before):
-            break
-    return float(np.linalg.norm(ways, axis=1).max())
+    return longest_sum(forces)
+
+
+def longest_sum(vectors: np.ndarray) -> float:
+    """Length of the longest sum of a subset of these vectors (n, d).
+
+    The longest sum contains exactly the vectors with a positive component along it. Repeated selection by that
+    rule lengthens a sum until the subset no longer changes. It starts from the sums and differences of pairs, all
+    of them up to `_PAIRED` vectors, and from random directions.
+    """
+    some = vectors[:: max(1, -(-len(vectors) // _PAIRED))]
+    pairs = np.concatenate([some[:, None] + some, some[:, None] - some]).reshape(
+        -1, vectors.shape[1]
+    )
+    sums = np.concatenate([pairs, np.random.default_rng(0).normal(size=(64, vectors.shape[1]))])
+    for _ in range(8):
+        sums = (sums @ vectors.T > 0.0) @ vectors
+    return float(np.linalg.norm(sums, axis=1).max())
 
 
 def misfits(craft: Spacecraft) -> list[str]:
