@@ -68,8 +68,12 @@ _TRIED = 16
 """Patterns of open valves that are tried, of those whose valves alone promise the least cost."""
 _AHEAD = 4
 """Patterns after which a further period is searched."""
-_DECIDED = 0.01
-"""Cost of a wrong valve at which its label has half of its weight, s."""
+_JUDGED = 96
+"""Patterns whose costs are labels of the policy."""
+_DECIDED = 0.1
+"""Cost of a pattern above that of the best, at which its label counts a third, s."""
+_GAIN = 8.0
+"""Log-odds of a valve for a command between 0 and 1 of craft that have those."""
 
 
 @dataclass(frozen=True)
@@ -152,20 +156,28 @@ class Greedy:
         after, cost, discount = self.period(each, patterns.expand(-1, state.shape[1], -1))
         return cost + discount * self.value(after)
 
-    def _best(self, state: Tensor, periods: int) -> tuple[Tensor, Tensor]:
-        """Patterns (N, n) of least cost over some periods, and that cost (N,), s."""
+    def _first(self, state: Tensor, count: int) -> tuple[Tensor, Tensor]:
+        """The first patterns (C, N, n), and their costs (C, N), s."""
         costs = self._costs(state, self._single[:, None])
         order = self._patterns @ (costs[1:] - costs[:1])
-        first = order.topk(min(_TRIED, len(order)), dim=0, largest=False).indices
+        first = order.topk(min(count, len(order)), dim=0, largest=False).indices
         patterns = self._patterns[first]
-        costs = self._costs(state, patterns)
+        return patterns, self._costs(state, patterns)
+
+    def _ahead(self, state: Tensor, patterns: Tensor, costs: Tensor, periods: int) -> Any:
+        """Indices of the best patterns, these patterns, and their costs over some more periods, (A, N), s."""
+        best = costs.topk(min(_AHEAD, len(costs)), dim=0, largest=False).indices
+        patterns = patterns.gather(0, best[..., None].expand(-1, -1, patterns.shape[2]))
+        each = state[:, None].expand(-1, len(patterns), -1)
+        after, cost, discount = self.period(each, patterns)
+        rest = self._best(after.flatten(1), periods)[1]
+        return best, patterns, cost + discount * rest.view_as(cost)
+
+    def _best(self, state: Tensor, periods: int) -> tuple[Tensor, Tensor]:
+        """Patterns (N, n) of least cost over some periods, and that cost (N,), s."""
+        patterns, costs = self._first(state, _TRIED)
         if periods > 1:
-            best = costs.topk(min(_AHEAD, len(costs)), dim=0, largest=False).indices[..., None]
-            patterns = patterns.gather(0, best.expand(-1, -1, patterns.shape[2]))
-            each = state[:, None].expand(-1, len(patterns), -1)
-            after, cost, discount = self.period(each, patterns)
-            rest = self._best(after.flatten(1), periods - 1)[1]
-            costs = cost + discount * rest.view_as(cost)
+            _, patterns, costs = self._ahead(state, patterns, costs, periods - 1)
         least, index = costs.min(dim=0)
         chosen = index[None, :, None].expand(1, -1, patterns.shape[2])
         return patterns.gather(0, chosen)[0], least
@@ -175,10 +187,15 @@ class Greedy:
         return self._best(state, self._periods)[0]
 
     def _label_of(self, state: Tensor) -> tuple[Tensor, Tensor]:
-        """Patterns (N, n), and the cost of switching each of their thrusters, (N, n), s."""
-        best = self._command_of(state)
-        costs = self._costs(state, (best - self._single[:, None]).abs())
-        return best, (costs[1:] - costs[:1]).clamp(min=0.0).T
+        """Patterns (C, N, n), and their costs above that of the best, (C, N), s.
+
+        The best are searched a period further, and all others moved by the mean of what that changes.
+        """
+        patterns, costs = self._first(state, _JUDGED)
+        best, _, ahead = self._ahead(state, patterns, costs, 1)
+        costs = costs + (ahead - costs.gather(0, best)).mean(dim=0)
+        costs = costs.scatter(0, best, ahead)
+        return patterns, costs - costs.amin(dim=0)
 
     def period(self, state: Tensor, command: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """State after a period, its cost and its discount."""
@@ -381,13 +398,15 @@ class ValueLearner:
             order = self._place[:1].expand(count, -1) if order is None else order
             side = (order[:, None] == self._place).all(dim=2).to(torch.uint8).argmax(dim=1)
             seen = equivalent(state, self._turn[side], self._hand[side])
-            label, regret = self.greedy.label(seen)
+            patterns, regret = self.greedy.label(seen)
+            least = regret.argmin(dim=0)[None, :, None].expand(1, -1, patterns.shape[2])
+            label = patterns.gather(0, least)[0]
             mode = network.evaluate_seen(columns).policy.mode()
             differs.append((mode != label).any(dim=1).to(label.dtype).mean())
             command = torch.where(own, mode, label).gather(1, order)
             acted = Acted(command, slot.log_prob, slot.value, command, None)
-            decided = regret / (regret + _DECIDED * (1.0 + self.problem.price(state)[:, None]))
-            labels.append((columns, label, decided))
+            unit = _DECIDED * (1.0 + self.problem.price(state))
+            labels.append((columns, patterns.transpose(0, 1).bool(), (regret / unit).T))
             step = engine.step(engine.commands(command))
             remember(observation, acted, None, step, slot, rollout)
             observation = step.observation
@@ -399,13 +418,17 @@ class ValueLearner:
 
     def _imitate(self) -> Tensor:
         """Gradient steps of the policy on labels of the last iterations; returns the mean norm."""
-        columns, labels, weights = (torch.cat(x) for x in zip(*self._labels, strict=True))
+        columns, patterns, regrets = (torch.cat(x) for x in zip(*self._labels, strict=True))
         norms = []
         for _ in range(10 * self._own.updates):
-            chosen = self._indices(len(labels), self.settings.batch_size)
-            logit = self.network.evaluate_seen(columns[chosen]).policy.logit  # type: ignore[attr-defined]
-            wrong = functional.softplus((1 - 2 * labels[chosen]) * logit)
-            loss = (weights[chosen] * wrong).sum(dim=1).mean()
+            chosen = self._indices(len(columns), self.settings.batch_size)
+            policy: Any = self.network.evaluate_seen(columns[chosen]).policy
+            logit = policy.logit if hasattr(policy, "logit") else _GAIN * (policy.mean - 0.5)
+            # The probability that the policy opens one of the patterns, those that cost more counting less: of
+            # two that are as good it may have either, and never what lies between them.
+            side = 1.0 - 2.0 * patterns[chosen]
+            likely = -functional.softplus(side * logit[:, None]).sum(dim=2)
+            loss = -torch.logsumexp(likely - regrets[chosen], dim=1).mean()
             norms.append(self.adam.descend(loss, math.inf, self.engine.processes))
         return torch.stack(norms).mean()
 
@@ -433,10 +456,10 @@ class ValueLearner:
 def _check(engine: Engine, network: Network) -> None:
     """Reject (`ConfigError`) engines and networks for which there is no such value function."""
     craft = engine.craft
-    if craft.dimension != 2 or craft.is_continuous:
+    if not suits(craft):
         raise ConfigError(
-            f"the algorithm 'value' flies planar craft with on/off thrusters, and {craft.name} is no such craft: "
-            'train with the algorithm "ppo".'
+            f"the algorithm 'value' flies planar craft with nothing but thrusters, and {craft.name} is no such "
+            'craft: train with the algorithm "ppo".'
         )
     _check_task(engine.task)
     policy = network.architecture
@@ -445,6 +468,11 @@ def _check(engine: Engine, network: Network) -> None:
             "the algorithm 'value' trains one dense network without a memory in one process: leave out torchrun, "
             "ppo.memory, ppo.filters and ppo.backbone."
         )
+
+
+def suits(craft: Spacecraft) -> bool:
+    """Whether there is such a value function: craft in the plane that only thrusters move, wholly open or shut."""
+    return craft.dimension == 2 and craft.has_only_thrusters
 
 
 def _check_task(task: Task) -> None:

@@ -47,7 +47,7 @@ _HOLD = 6.0
 second is long enough to hold, and short enough that holding does not delay arrival."""
 _HOLD_PRICE = 0.2
 """Least price of the full thrust inside the goal set, s/s, where a quick flight gains nothing by thrust."""
-_ERROR = 0.2
+_ERROR = 0.3
 """Cost of a second at the borders of position and heading, s: the pose is held well within them, and errors of the
 value function, or of a policy that imitates its commands, leave no flight outside."""
 _SCALES = (1.0, 0.2)
@@ -96,7 +96,7 @@ class PoseProblem:
     """Least cost of flights of a craft to a pose in the plane.
 
     Args:
-        craft: planar craft with on/off thrusters.
+        craft: planar craft with thrusters, which are opened or not.
         task: flight to a pose, whose tolerances count.
         period: control period, s.
     """
@@ -155,14 +155,14 @@ class PoseProblem:
         return self.period * torch.stack(weighted).sum(dim=0)
 
     def inside(self, state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Whether states are within the tolerances, whether they are also at rest, and their squared error."""
+        """Whether states are within the tolerances, whether they are also at rest, and their error, 0 to 1."""
         x, y, heading, vx, vy, spin, _ = state
         distance, angle, speed, rate = self._bounds
         place = (x * x + y * y) / distance**2
         turn = heading.square() / angle**2
         within = (place <= 1.0) & (turn <= 1.0)
         at_rest = (vx * vx + vy * vy <= speed**2) & (spin.abs() <= rate)
-        return within, within & at_rest, 0.5 * (place + turn)
+        return within, within & at_rest, (0.5 * (place + turn)).sqrt()
 
     def waiting(self, state: Tensor) -> Tensor:
         """Cost of a control period by its state, s: of time outside, and of errors inside.
