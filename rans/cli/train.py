@@ -214,12 +214,22 @@ class Train(Options):
 
     def _next(self, trainer: Trainer) -> list[str]:
         """Commands to run next, with the options that this run needs too (`tests/cli/test_printed.py`)."""
+        from rans.fast.learn.learners import LEARNERS
+
         path = str(trainer.run.path)
         guard = ["--guard"] if trainer.config.guard else []
         same = [*guard, *trust_option(trainer.config, trainer.engine.craft)]
+        config = trainer.config
+        rivals = [path]
+        if contestant := LEARNERS[config.algorithm].contestant:
+            craft = trainer.engine.craft
+            rivals.append(f"{contestant}:{config.task}-{craft.dimension}d@{config.spacecraft}")
+        if config.settings.draws_trade_off:
+            rivals = [f"{rival}#{value}" for value in ("0", "0.5") for rival in rivals]
+        options = [*same, "--episodes", "16", "--certified", "2"]
         commands = [
             shlex.join(["rans", "evaluate", path, *same]),
-            shlex.join(["rans", "compare", path, *same, "--episodes", "16", "--certified", "2"]),
+            shlex.join(["rans", "compare", *rivals, *options]),
         ]
         is_quick = self.quality in (None, "quick") and trainer.config.solved_share is not None
         if is_quick and self.task is not None and self.resume is None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from rans_gradient.learner import Gradient
 from rans_space_certificates.bounder import spatial_bounder
-from rans_value.learner import Value
 
 from rans.fast.learn.learners import LEARNERS
 from rans.optimal.certificate.certificate import BOUNDERS
@@ -12,11 +11,7 @@ from rans.optimal.certificate.certificate import BOUNDERS
 
 def register() -> None:
     """Register learners and bounders unless another module of tests has."""
-    for name, kind in (
-        ("gradient", Gradient),
-        ("value", Value),
-    ):
-        if name not in LEARNERS:
-            LEARNERS.register(name)(kind)
+    if "gradient" not in LEARNERS:
+        LEARNERS.register("gradient")(Gradient)
     if "space" not in BOUNDERS:
         BOUNDERS.register("space")(spatial_bounder)

@@ -43,7 +43,6 @@ from rans.extend import (
     require_bounds,
 )
 from rans.fast.learn.graph import fused
-from rans.fast.learn.learners import own_settings
 from rans_value.problem import TRADE_OFF, PoseProblem, equivalent, relative
 
 _PERIODS = 10
@@ -56,7 +55,7 @@ _GOES_ON = 0.6
 """Part of the flights of a round that begin where others ended."""
 _KEEP = 0.98
 """Average of the weights of the value function over gradient steps, by which is flown."""
-_FITTED = 0.45
+_FITTED = 0.5
 """Part of the training in which the value function is fitted; then its commands are imitated."""
 _RATE = 1e-3
 """First step size of the value function, which falls to a hundredth."""
@@ -189,12 +188,13 @@ class Greedy:
     def _label_of(self, state: Tensor) -> tuple[Tensor, Tensor]:
         """Patterns (C, N, n), and their costs above that of the best, (C, N), s.
 
-        The best are searched a period further, and all others moved by the mean of what that changes.
+        The best are searched a period further. All others are moved by the mean of what that changes, and are no
+        better than these.
         """
         patterns, costs = self._first(state, _JUDGED)
         best, _, ahead = self._ahead(state, patterns, costs, 1)
         costs = costs + (ahead - costs.gather(0, best)).mean(dim=0)
-        costs = costs.scatter(0, best, ahead)
+        costs = torch.maximum(costs, ahead.amax(dim=0)).scatter(0, best, ahead)
         return patterns, costs - costs.amin(dim=0)
 
     def period(self, state: Tensor, command: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -475,9 +475,14 @@ def suits(craft: Spacecraft) -> bool:
     return craft.dimension == 2 and craft.has_only_thrusters
 
 
+def is_flown(task: Task) -> bool:
+    """Whether a task is a flight to a pose at rest that nothing else limits."""
+    return type(task) in (TASKS["go-to-pose"], TASKS["go-to-pose-priced"])
+
+
 def _check_task(task: Task) -> None:
     """Reject (`ConfigError`) tasks other than a flight to a pose at rest that nothing else limits."""
-    if type(task) not in (TASKS["go-to-pose"], TASKS["go-to-pose-priced"]):
+    if not is_flown(task):
         raise ConfigError(
             "the value function is of flights to a pose (go-to-pose, go-to-pose-priced), got "
             f"{type(task).__name__}: take another algorithm or controller."
@@ -507,8 +512,7 @@ class GreedyController:
                 f"{folder} has no value function: train with --set algorithm=value, and keep the checkpoint."
             )
         problem = PoseProblem(run.spacecraft(), config.settings, config.timing.control_period)
-        own = own_settings("value", config.learner)
-        value = ValueNetwork(problem, torch.zeros(7, 2), own.units)
+        value = ValueNetwork(problem, torch.zeros(7, 2), config.learner["units"])
         value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])
         self.name = f"value of {run.path.name}"
         self._greedy = Greedy(problem, value, periods=2)
@@ -524,8 +528,14 @@ class GreedyController:
         return self._greedy.command(seen).numpy()
 
 
+SHIPPED = Path(__file__).parent / "data"
+"""Folders of the value functions that come with RANS, with numbers of half precision."""
+
+
 class Newest(GreedyController):
     """Controller by the newest value function of a craft in the folder ``runs``, at the trade-off of the task.
+
+    Where ``runs`` has none it is one of `SHIPPED`.
 
     It is the contestant ``value``, as in ``value:go-to-pose-priced-2d@mine.toml#0.5``.
 
@@ -538,7 +548,8 @@ class Newest(GreedyController):
     def __init__(self, craft: Spacecraft, task: Task, timing: Timing) -> None:
         _check_task(task)
         files = Path("runs").glob("**/config.json")
-        for file in sorted(files, key=lambda x: x.stat().st_mtime, reverse=True):
+        newest = sorted(files, key=lambda x: x.stat().st_mtime, reverse=True)
+        for file in (*newest, *SHIPPED.glob("*/config.json")):
             run = RunFolder(file.parent)
             # Other folders may need packages that are not here.
             if read_json(file).get("algorithm") == "value" and run.has_checkpoint:
@@ -554,7 +565,7 @@ class Newest(GreedyController):
                     return
         raise ConfigError(
             f"no folder in runs/ has a value function of {craft.name} at {timing.control_period:g} s with the "
-            "tolerances of the task: train with --set algorithm=value."
+            "tolerances of the task: train one, with rans train go-to-pose --quality best on a GPU."
         )
 
 
@@ -562,14 +573,14 @@ def _tolerances(task: Any) -> tuple[float, float]:
     return task.position_tolerance, task.attitude_tolerance
 
 
-_ITERATIONS = 220
+_ITERATIONS = 320
 """Iterations of a training; what more of them gain: docs/decisions/value.md."""
 _POLICY: dict[str, Any] = {
     "n_envs": 24576,
     "n_steps": 8,
     "batch_size": 16384,
     "learning_rate": 1e-3,
-    "layers": (512, 512),
+    "layers": (448, 448, 448),
     "matmul": "float32",
     "zoom": 16.0,
 }
@@ -585,6 +596,16 @@ class Value(Algorithm):
 
     settings: ClassVar[type] = ValueSettings
     plain_network: ClassVar[bool] = True
+
+    contestant: ClassVar[str] = "value"
+
+    @classmethod
+    def best(cls, config: TrainConfig, craft: Spacecraft) -> TrainConfig | None:
+        """Config for flights to a pose on a GPU; without one the agent for any craft is better."""
+        fits = suits(craft) and is_flown(config.settings)
+        if not fits or config.device.startswith("cpu"):
+            return None
+        return cls.started(replace(config, algorithm="value", learner={}))
 
     @classmethod
     def started(cls, config: TrainConfig) -> TrainConfig:

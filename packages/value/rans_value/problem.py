@@ -49,7 +49,8 @@ _HOLD_PRICE = 0.2
 """Least price of the full thrust inside the goal set, s/s, where a quick flight gains nothing by thrust."""
 _ERROR = 0.3
 """Cost of a second at the borders of position and heading, s: the pose is held well within them, and errors of the
-value function, or of a policy that imitates its commands, leave no flight outside."""
+value function, or of a policy that imitates its commands, leave no flight outside. It is linear in the error:
+by its square, 0.2 at the borders, 3 instead of 59 % of flights stay within 2 cm."""
 _SCALES = (1.0, 0.2)
 """Tolerances at which inputs of the value function are steepest, of the errors and their rates, over those of the
 goal set."""

@@ -16,20 +16,17 @@ from rans.errors import ConfigError
 from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.fast.engine import Engine
 from rans.fast.learn.beginning import begin
-from rans.fast.learn.config import TrainConfig, training
+from rans.fast.learn.config import TrainConfig, training, training_of_quality
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.flight import fly
-from rans.model.actuators import Throttle
+from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPosePriced
-from tests.support import plugins
 from tests.support.draws import PLATFORM
 from tests.support.training import TINY, ignore
-
-plugins.register()
 
 TASK = GoToPosePriced(spawn_distance=(0.3, 0.6), evaluation_distance=(0.3, 0.6))
 SMALL = ValueSettings(units=32, states=256, rounds=1, updates=12, batch=512)
@@ -74,6 +71,18 @@ def test_commands_cost_at_most_what_they_promise() -> None:
     assert (of_two(ahead) <= of_two(command) + 1e-5).all()
 
 
+def test_labels_are_costs_above_the_best_of_two_periods() -> None:
+    made = learner()
+    state = made._ends[:, :64]
+    patterns, regret = made.greedy.label(state)
+    best = Greedy(made.problem, made.average, periods=2).command(state)
+    assert (regret.min(dim=0).values == 0).all()
+    # Few patterns are better than all that the search tries first.
+    cost = regret.where((patterns == best).all(dim=2), 0.0).sum(dim=0)
+    assert (cost == 0).float().mean() > 0.75
+    assert (regret > 0.01).float().mean() > 0.5
+
+
 @pytest.mark.slow
 def test_training_makes_flights_cheaper_and_they_stay_at_the_goal() -> None:
     made = learner()
@@ -115,8 +124,10 @@ def test_a_training_leaves_its_policy_and_its_value_function(
         solved_share=None,
     )
     monkeypatch.chdir(tmp_path)
+    heavier = replace(PLATFORM, mass=6.0)
     with pytest.raises(ConfigError, match="has a value function"):
-        Newest(PLATFORM, TASK, config.timing)
+        Newest(heavier, TASK, config.timing)
+    assert Newest(PLATFORM, TASK, config.timing).name == "value of floating-platform"
     run = RunFolder(tmp_path / "runs" / "run")
     run.begin(config, "test")
     trainer = Trainer(config, PLATFORM, run)
@@ -132,8 +143,8 @@ def test_a_training_leaves_its_policy_and_its_value_function(
     assert set(flight.commands.flat) <= {0.0, 1.0}
     assert controller._trade_off == 0.3
     # The commands of a comparison's contestant are those of its own trade-off.
-    invited = "rans_value.learner:Newest:go-to-pose-priced-2d#0.7"
-    contestant: Any = enlist(invited, contest_of(invited, episodes=4, trust=True), trust=True)
+    invited = "value:go-to-pose-priced-2d#0.7"
+    contestant: Any = enlist(invited, contest_of(invited, episodes=4))
     assert contestant.controller.trade_off == 0.7
     run.checkpoint_file.unlink()
     with pytest.raises(ConfigError, match="has no value function"):
@@ -142,9 +153,21 @@ def test_a_training_leaves_its_policy_and_its_value_function(
 
 def test_other_craft_and_conditions_are_refused() -> None:
     with pytest.raises(ConfigError, match="no such craft"):
-        learner(replace(PLATFORM, actuators=Throttle()))
+        learner(load_spacecraft("free-flyer"))
     with pytest.raises(ConfigError, match="flights to a pose"):
         Newest(PLATFORM, TASKS["avoid"](), Timing())
     noisy = replace(training("go-to-pose", device="cpu"), conditions=load_conditions("lab"))
     with pytest.raises(ConfigError, match="leave out the conditions"):
         Value.making(noisy, PLATFORM, SMALL)
+
+
+def test_the_best_quality_on_a_gpu_is_this_algorithm_where_it_can_fly() -> None:
+    for spacecraft, device, algorithm in (
+        ("atmos", "cuda", "value"),
+        ("atmos", "cpu", "ppo"),
+        ("free-flyer", "cuda", "ppo"),
+    ):
+        config = training_of_quality("go-to-pose", spacecraft, "best", device)
+        assert config.algorithm == algorithm
+        assert config.task == "go-to-pose"
+    assert training_of_quality("go-to-pose", None, "best", "cuda", True).algorithm == "ppo"

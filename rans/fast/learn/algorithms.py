@@ -32,6 +32,13 @@ class Algorithm(ABC):
     """Whether gradients go through the motion, which needs an engine of single operations of torch."""
     plain_network: ClassVar[bool] = False
     """Whether the network is computed by single operations of torch, whatever the engine does."""
+    contestant: ClassVar[str] = ""
+    """Name of the controller as which what it has learnt beside the network flies; empty: there is none."""
+
+    @classmethod
+    def best(cls, config: TrainConfig, craft: Spacecraft) -> TrainConfig | None:
+        """Config of this algorithm for ``rans train --quality best``; None: others train this agent better."""
+        return None
 
     @classmethod
     def started(cls, config: TrainConfig) -> TrainConfig:

@@ -23,7 +23,7 @@ from rans.display import Settings
 from rans.errors import ConfigError, brief, fits, meant, meant_file, one_of, whole
 from rans.fast.device import torch_device
 from rans.fast.learn.curriculum import Ramp, check_ramps
-from rans.fast.learn.learners import complete
+from rans.fast.learn.learners import LEARNERS, complete
 from rans.files import read_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, load_spacecraft
@@ -514,7 +514,8 @@ def training_of_quality(
     """Training config of a task with any spacecraft, with a length set by its quality.
 
     "quick" ends as soon as the task is solved. "good" and "best" train to the end of a recipe: the one for
-    this task and dimension, otherwise the task's default settings with the hyper-parameters of long trainings.
+    this task and dimension, otherwise the task's default settings with the hyper-parameters of long trainings;
+    "best" by another algorithm than PPO if one says that it is better (`Algorithm.best` of `algorithms`).
 
     Args:
         task: name in `TASKS`, or MODULE:NAME of a task.
@@ -534,8 +535,12 @@ def training_of_quality(
     quick = training(task, spacecraft, device)
     if quality == "quick":
         return quick
-    dimension = craft_of(quick).dimension
-    file = _recipe_file(task, dimension, quality, randomized)
+    craft = craft_of(quick)
+    if quality == "best" and not randomized:
+        for algorithm in LEARNERS.values():
+            if (better := algorithm.best(quick, craft)) is not None:
+                return better
+    file = _recipe_file(task, craft.dimension, quality, randomized)
     if file is None:
         result = _to_the_end(quick)
     else:

@@ -19,7 +19,7 @@ def _checked(loaded: Any) -> type[Any]:
     if not (
         isinstance(loaded, type)
         and isinstance(getattr(loaded, "settings", None), type)
-        and all(callable(getattr(loaded, name, None)) for name in ("started", "making"))
+        and all(callable(getattr(loaded, name, None)) for name in ("best", "started", "making"))
     ):
         raise ConfigError(
             "a learner must be a class derived from rans.fast.learn.algorithms.Algorithm, got "
@@ -33,7 +33,7 @@ LEARNERS = Registry(
     "rans.learners",
     {"ppo": "rans.fast.learn.algorithms:PPOAlgorithm"},
     _checked,
-    "; gradient and value are folders of examples/plugins in the repository, for pip install",
+    "; gradient is a folder of examples/plugins in the repository, for pip install",
 )
 """Class of every learning algorithm by its name in ``rans train --set algorithm=NAME``."""
 
