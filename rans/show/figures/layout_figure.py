@@ -19,16 +19,6 @@ _FLAME = "#E69F00"
 _GRID = "#E4E7EB"
 _SHADOW = "#B8C0CA"
 _TRAIL = "#0072B2"
-_ELEVATION, _AZIMUTH = math.radians(25.0), math.radians(-54.0)
-"""Whence the reader sees a craft in space."""
-_PAPER = np.array(
-    [
-        [-math.sin(_AZIMUTH), -math.sin(_ELEVATION) * math.cos(_AZIMUTH)],
-        [math.cos(_AZIMUTH), -math.sin(_ELEVATION) * math.sin(_AZIMUTH)],
-        [0.0, math.cos(_ELEVATION)],
-    ]
-)
-"""Directions of the paper, to the right and up, in the frame of a craft in space."""
 
 
 @styled
@@ -36,7 +26,7 @@ def draw_layout(craft: Spacecraft) -> Figure:
     """Figure of the thruster layout: thrusters with their forces, outline and centre of mass, in G.
 
     Arrows show forces on the spacecraft; the longest is that of the strongest thruster. Numbers stand at the tips
-    of the arrows, or behind the thrusters where other numbers or arrows are at the tips.
+    of the arrows.
     """
     figure = Figure(figsize=(6.0, 6.0), layout="constrained")
     axes: Any = figure.add_subplot(projection="3d" if craft.dimension == 3 else None)
@@ -60,43 +50,18 @@ def draw_layout(craft: Spacecraft) -> Figure:
     else:
         axes.quiver(*positions.T, *arrows.T, color=_TRAIL)
         axes.set_zlabel("z, m")
-        axes.view_init(elev=math.degrees(_ELEVATION), azim=math.degrees(_AZIMUTH))
+        axes.view_init(elev=25.0, azim=-54.0)
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
             axis.set_major_locator(
                 MaxNLocator(5, steps=[1, 2, 5, 10])
             )  # more numbers overlap on slanted axes
-    for index, point in enumerate(_numbers(positions, arrows, 0.15 * craft.radius)):
+    for index, point in enumerate(positions + 1.25 * arrows):
         axes.text(*point, str(index), ha="center", va="center", color=_EDGE)
     axes.set(
         title=f"{craft.name}: force of each thruster", xlabel="x, m", ylabel="y, m", aspect="equal"
     )
     axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.08), ncols=2, frameon=False)
     return figure
-
-
-def _numbers(positions: np.ndarray, arrows: np.ndarray, apart: float) -> np.ndarray:
-    """Places (K, d) of the numbers of K arrows (K, d), which readers see this far from other numbers and arrows.
-
-    Each is the first of four places that is free: the tip, behind the thruster, and both farther away. Where none
-    is, it is the freest.
-    """
-    paper = _PAPER if positions.shape[1] == 3 else np.eye(2)
-    along = np.linspace(0.0, 1.0, 5)[:, None]
-    shafts = [
-        (start + along * arrow) @ paper for start, arrow in zip(positions, arrows, strict=True)
-    ]
-    numbers: list[np.ndarray] = []
-    for index, (start, arrow) in enumerate(zip(positions, arrows, strict=True)):
-        places = start + np.array([[1.25], [-0.25], [1.5], [-0.5]]) * arrow
-        others = [
-            *shafts[:index],
-            *shafts[index + 1 :],
-            *(number[None] @ paper for number in numbers),
-        ]
-        taken = np.concatenate([np.full((1, 2), math.inf), *others])
-        free = np.linalg.norm((places @ paper)[:, None] - taken, axis=2).min(axis=1)
-        numbers.append(places[np.argmax(np.minimum(free, apart))])
-    return np.reshape(numbers, positions.shape)
 
 
 def _outline(axes: Any, craft: Spacecraft) -> None:

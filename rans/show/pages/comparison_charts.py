@@ -119,3 +119,15 @@ def _contestant(entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: in
     else:
         mark = Mark(x.value, y.value, (x.low, x.high), (y.low, y.high))
     return Series(name, [mark], colour, marker)
+
+
+def margin_charts(entries: Sequence[Entry]) -> Iterator[Chart]:
+    """Least margin of every constraint over all starts, in each control period: below zero it is violated."""
+    for name in entries[0].flight.margins:
+        series = []
+        for k, entry in enumerate(entries):
+            least = entry.flight.margins[name].min(axis=1)
+            marks = [Mark(*pair) for pair in zip(entry.flight.times[1:], least, strict=True)]
+            series.append(Series(entry.name, marks, series_style(k)[0], "", "solid"))
+        caption = f"Least margin of {name} over all starts; below zero it is violated."
+        yield Chart("time, s", f"margin of {name}, SI units", series, caption)

@@ -18,7 +18,7 @@ from rans.evaluation.compare.run import Comparison
 from rans.files import environment, write_json
 from rans.flight import Flight, fly
 from rans.show.pages.chart import Chart
-from rans.show.pages.comparison_charts import plane_chart
+from rans.show.pages.comparison_charts import margin_charts, plane_chart
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header
 from rans.show.pages.race import Race, Track, has_place, race
 from rans.show.pages.report import comparison_section
@@ -28,11 +28,10 @@ from rans.table import Table
 from rans.terminal import doing
 
 if TYPE_CHECKING:
-    from rans.show.figures import chart_figure, layout_figure, mission_figures
+    from rans.show.figures import chart_figure, layout_figure
 else:  # with Matplotlib, without which a page has no pictures
     chart_figure = Late("rans.show.figures.chart_figure")
     layout_figure = Late("rans.show.figures.layout_figure")
-    mission_figures = Late("rans.show.figures.mission_figures")
 
 TEXT = (
     "All fly the same craft from the same starts at the same rate. The settling time is that from which a flight "
@@ -120,18 +119,14 @@ def _craft(comparison: Comparison) -> Section:
 def _mission(comparison: Comparison) -> Iterator[Section]:
     """Margins of missions with constraints, and what is spent beside its bounds, where these are known."""
     entries = comparison.entries
-    bounds = comparison.mission
-    pictures = []
     result = []
-    # Cost beside the certified bounds.
-    if bounds is not None:
-        result.append(Table(*bounds.table(entries), "Over the certified least, start by start"))
-    # Margins to the constraints.
-    if entries[0].flight.margins:
-        text = "Least margin of all starts in every control period. Flights that have succeeded do not count."
-        pictures.append(Picture.of(lambda: mission_figures.margins_over_time(entries), text))
+    if (bounds := comparison.mission) is not None:
+        title = "Over the certified least, start by start"
+        result.append(Table(*bounds.table(entries), title))
+    pictures = [Picture.of(chart) for chart in margin_charts(entries)]
+    text = "Flights that have succeeded do not count in margins." if pictures else ""
     if pictures or result:
-        yield Section("Mission", "", result, pictures)
+        yield Section("Mission", text, result, pictures)
 
 
 def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:

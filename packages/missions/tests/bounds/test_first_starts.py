@@ -17,11 +17,10 @@ from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.metrics import impulses
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions import Conditions
-from rans.show.figures.mission_figures import margins_over_time
+from rans.show.pages.comparison_charts import margin_charts
 from rans.show.pages.report import comparison_section
 from rans.show.tables.comparison_tables import differences, outcome, scoreboard, to_json
 from rans.tasks import GoToPose
-from tests.support.comparisons import points
 
 CRAFT = load_spacecraft("afrl-deputy")
 TASK = Dock(deadline=(600.0, 700.0)).for_evaluation()
@@ -92,11 +91,9 @@ def test_other_contests_have_none() -> None:
 
 @pytest.mark.slow
 def test_the_figure_shows_margins(entry: Entry) -> None:
-    (margins,) = margins_over_time([entry]).axes
-    least = np.array(points(margins)["mission"])[:, 1]
-    assert np.nanmin(least) == pytest.approx(
-        min(margin.min() for margin in entry.flight.margins.values())
-    )
+    (chart,) = margin_charts([entry])
+    least = min(mark.y for mark in chart.series[0].marks)
+    assert least == pytest.approx(min(margin.min() for margin in entry.flight.margins.values()))
 
 
 def test_a_final_approach_has_a_bound_of_each_start() -> None:
