@@ -618,19 +618,6 @@ class Bounded(torch.autograd.Function):
         return gradients[0].nan_to_num(0.0).clamp(-_STEEPEST, _STEEPEST)
 
 
-class Outcome(NamedTuple):
-    """What flights were like."""
-
-    cost: Tensor
-    """(N,) mean over periods, over the time that the craft needs at least."""
-    settled: Tensor
-    """(N,) bool: inside 5 cm and 5 degrees in every period of the last fifth."""
-    settling: Tensor
-    """(N,) time after which it was always inside, over 2 sqrt(d / a)."""
-    impulse: Tensor
-    """(N,) sum of velocity changes of the thrusters, over 2 sqrt(d a)."""
-
-
 def _turned(q: Tensor, x: Tensor) -> Tensor:
     """Vectors (N, 3) rotated by unit quaternions (N, 4)."""
     cross = torch.linalg.cross(q[:, 1:], x)
@@ -762,8 +749,10 @@ def fly(
     settings: DemandSettings,
     generator: torch.Generator,
     stage: Stage,
-) -> Outcome:
-    """Fly a batch by a network's layers, with gradients if they are enabled.
+) -> Tensor:
+    """Cost (N,) of flights of a batch by a network's layers, with gradients if they are enabled.
+
+    It is the mean over periods, over the time that the craft needs at least.
 
     Args:
         layers: of the network.
@@ -774,7 +763,6 @@ def fly(
     """
     state = batch.state
     period = batch.authority.period
-    steps = settings.steps
     a = batch.authority.least_linear
     count, size = batch.scale.shape
     device = period.device
@@ -783,9 +771,6 @@ def fly(
     turned = torch.sqrt(state.angle() / batch.authority.least_angular)
     least_time = 2.0 * torch.maximum(flown, turned) + 1.0
     cost = torch.zeros(count, device=device)
-    thrust_sum = torch.zeros(count, device=device)
-    last_outside = torch.zeros(count, device=device)
-    held = torch.ones(count, dtype=torch.bool, device=device)
     before = torch.zeros(count, size, device=device)
     ways = [*batch.authority.linear, *batch.authority.angular, a, batch.authority.least_angular]
     fields = (
@@ -808,7 +793,7 @@ def fly(
         if torch.is_grad_enabled()
         else partial(one_period, continuous=batch.continuous)
     )
-    for step in range(steps):
+    for _ in range(settings.steps):
         drawn = torch.randn(count, 2 * size, generator=generator, device=device)
         state, before, spent, inside, pushes = period_of(state, before, drawn, flat, fields)
         if torch.is_grad_enabled():
@@ -818,18 +803,7 @@ def fly(
         price = stage.thrust_price + stage.rest_price * inside.detach()
         price = price * (stage.continuous if batch.continuous else 1.0)
         cost = cost + spent + price * period * pushes
-        thrust_sum = thrust_sum + pushes.detach() * batch.scale[:, 0]
-        with torch.no_grad():
-            is_inside = (state.p.norm(dim=1) < 0.05) & (state.angle() < 0.0873)
-            last_outside = torch.where(is_inside, last_outside, (step + 1) * period)
-            if step >= 0.8 * steps:
-                held &= is_inside
-    return Outcome(
-        cost / least_time,
-        held,
-        last_outside / least_time,
-        thrust_sum / (2.0 * torch.sqrt(start * a)),
-    )
+    return cost / least_time
 
 
 def unit_rows(drawn: Tensor, axes: Tensor) -> Tensor:
@@ -932,8 +906,8 @@ class _Gradients:
         if generator.device.type == "cuda":
             self._record()
 
-    def of(self, batch: Batch) -> Outcome:
-        """Write the gradients of a batch into the network's parameters.
+    def of(self, batch: Batch) -> Tensor:
+        """Write the gradients of a batch into the network's parameters, and return the flights' costs (N,).
 
         A recorded graph reads it from the first batch's place.
         """
@@ -943,21 +917,21 @@ class _Gradients:
         for recorded, new in zip(_tensors(self._batch), _tensors(batch), strict=True):
             recorded.copy_(new)
         self._graph.replay()
-        return self._outcome
+        return self._cost
 
-    def _computed(self) -> Outcome:
-        """Outcome of the recorded batch, whose clipped cost has been sent back.
+    def _computed(self) -> Tensor:
+        """Costs of the recorded batch, whose clipped sum has been sent back.
 
         The parameters' gradients are replaced.
         """
         # Gradients keep their memory, in which recorded operations write.
         self._network.zero_grad(set_to_none=False)
-        outcome = fly(
+        cost = fly(
             self._network.layers(), self._batch, self._settings, self._generator, stage=self._stage
         )
         # Hopeless flights must not outweigh all others.
-        (10.0 * torch.tanh(outcome.cost / 10.0)).sum().backward()
-        return outcome
+        (10.0 * torch.tanh(cost / 10.0)).sum().backward()
+        return cost
 
     def _record(self) -> None:
         """Record `_computed` as a CUDA graph, after two runs on another stream, which libraries need.
@@ -974,7 +948,7 @@ class _Gradients:
         self._graph = torch.cuda.CUDAGraph()
         self._graph.register_generator_state(self._generator)
         with torch.cuda.graph(self._graph):
-            self._outcome = self._computed()
+            self._cost = self._computed()
 
 
 def _tensors(batch: Batch) -> Iterator[Tensor]:
@@ -1017,15 +991,13 @@ def _train_stage(
         optimizer.param_groups[0]["lr"] = rate
         # Every second batch is on/off.
         continuous = number % 2 == 0
-        outcome = gradients[continuous].of(draw_batch(pool, settings, generator, continuous))
+        cost = gradients[continuous].of(draw_batch(pool, settings, generator, continuous))
         norm = torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0 * settings.crafts)
         if norm.isfinite():
             optimizer.step()
         if number % 10 <= 1:
             report(
-                f"{elapsed:6.0f} s {number:5d} cost {outcome.cost.mean():.3f} settled "
-                f"{outcome.settled.float().mean():.3f} time {outcome.settling.median():.3f} impulse "
-                f"{outcome.impulse.median():.3f} norm {norm / settings.crafts:.2f}"
+                f"{elapsed:6.0f} s {number:5d} cost {cost.mean():.3f} norm {norm / settings.crafts:.2f}"
             )
         number += 1
 

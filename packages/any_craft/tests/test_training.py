@@ -64,7 +64,7 @@ def test_prices_of_a_stage_are_paid_for_thrust() -> None:
         generator = torch.Generator().manual_seed(2)
         batch = draw_batch(pool, FEW, generator, continuous=True)
         with torch.no_grad():
-            return fly(layers, batch, FEW, generator, Stage(0.0, *prices)).cost
+            return fly(layers, batch, FEW, generator, Stage(0.0, *prices))
 
     free = cost(0.0, 0.0)
     once = cost(0.5, 0.0)
