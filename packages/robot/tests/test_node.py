@@ -284,25 +284,6 @@ def test_a_foreign_network_gives_the_commands_of_onnx_runtime(foreign: Path) -> 
     assert expected.any()
 
 
-@pytest.mark.slow
-def test_a_foreign_network_flies_against_a_twin(foreign: Path, tmp_path: Path) -> None:
-    """Its bag has its commands. In 3 s of a twin that waits for it, it comes nearer to the goal than the start."""
-    bag = tmp_path / "flight.mcap"
-    report = flown(Wire(), foreign, bag, 15)
-    assert report.fault == ""
-    assert report.decisions == 15
-    again = replay_bag(bag)
-    assert (again.equal, again.first_difference) == (report.decisions, None)
-
-    pilot = MessagePilot(plan(foreign), GoToPose())
-    twin = Craft(TwinPlan(pilot.craft, 0.2, start=(0.3, 0.2, 10.0), rate=25.0))
-    for k in range(15):
-        twin.hold(steps(pilot, twin.motion, 1, begin=k)[0].command)
-        for _ in range(5):
-            twin.advance()
-    assert float(np.linalg.norm(twin.motion.position)) < 0.36
-
-
 def test_a_bag_that_was_changed_does_not_come_out(agent: Path, tmp_path: Path) -> None:
     bag = tmp_path / "flight.mcap"
     flown(Wire(), agent, bag, 10)

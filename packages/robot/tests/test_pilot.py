@@ -27,15 +27,14 @@ pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
 from rans_robot.bag import bag_entries
-from rans_robot.bus import UDPBus
 from rans_robot.interfaces import RobotName, interface
-from rans_robot.messages import FLOATS, TEXT, text_message, unpack
+from rans_robot.messages import TEXT, text_message, unpack
 from rans_robot.node import END_TOPIC, Inbox, Report, fly_over, planned_task, replay_bag
 from rans_robot.pilot import AGENT_TOPIC, MessagePilot
 
 from rans.errors import ConfigError
-from tests.support.processes import PATIENCE, wait_until
-from tests.support.robots import AWAY, Always, Wire, hear_all, plan, started
+from tests.support.processes import PATIENCE
+from tests.support.robots import AWAY, Always, Wire, plan
 
 OPEN = np.ones(8)
 
@@ -426,81 +425,6 @@ def test_every_signal_that_ends_a_process_ends_a_flight() -> None:
 def test_nohup_goes_on_after_a_hangup() -> None:
     begin = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)"
     assert _signals("handled", begin=begin)[signal.SIGHUP] == "0"
-
-
-class Node:
-    """A process that flies over UDP, with a robot that sends states, and the commands that it takes."""
-
-    def __init__(self, agent: Path, folder: Path, domain: int) -> None:
-        self.domain = domain
-        self.robot = UDPBus(domain)
-        self.ends = interface("ros", 8, 8)
-        self.opened: list[bool] = []
-        self.silent = threading.Event()
-        self.robot.subscribe(
-            "commands", FLOATS, lambda x: self.opened.append(any(unpack(FLOATS, x).data))
-        )
-        self.sender = threading.Thread(target=self._send)
-        self.sender.start()
-        output = str(folder / "flight")
-        self.process = started("fly", str(agent), "--trust", "--output", output, domain=domain)
-
-    def _send(self) -> None:
-        while not self.silent.wait(0.02):
-            for message in self.ends.state(AWAY, time.time_ns()):
-                self.robot.publish(*message)
-
-    def until_open(self) -> None:
-        wait_until(lambda: any(self.opened[-3:]) or self.process.poll() is not None)
-        assert self.process.poll() is None
-
-    def close(self) -> None:
-        self.process.kill()
-        self.process.communicate()
-        self.silent.set()
-        self.sender.join()
-        self.robot.close()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["SIGTSTP", "SIGTERM"])
-def test_a_signal_shuts_the_valves_of_a_node(name: str, agent: Path, tmp_path: Path) -> None:
-    """With valves open when it comes."""
-    node = Node(agent, tmp_path, 150 + signal.Signals[name])
-    try:
-        node.until_open()
-        node.process.send_signal(signal.Signals[name])
-        text, _ = node.process.communicate(timeout=PATIENCE)
-        assert node.process.returncode == 0, text
-        hear_all(node.robot, node.domain)
-        assert not any(node.opened[-3:])
-    finally:
-        node.close()
-
-
-@pytest.mark.slow
-def test_what_came_while_a_node_was_stopped_is_not_flown(agent: Path, tmp_path: Path) -> None:
-    """Two seconds of states wait in its socket, and none comes afterwards."""
-    node = Node(agent, tmp_path, 149)
-    try:
-        node.until_open()
-        node.process.send_signal(signal.SIGSTOP)
-        time.sleep(2.0)
-        node.silent.set()
-        node.sender.join()
-        time.sleep(1.0)
-        hear_all(node.robot, node.domain)
-        before = len(node.opened)
-        node.process.send_signal(signal.SIGCONT)
-        # Some seconds without a state end the flight.
-        node.process.communicate(timeout=PATIENCE)
-        assert node.process.returncode == 1
-        hear_all(node.robot, node.domain)
-        # A command that was decided before the stop may go out after it.
-        assert len(node.opened) > before + 2
-        assert not any(node.opened[before + 1 :])
-    finally:
-        node.close()
 
 
 # Other nodes, and strangers

@@ -17,7 +17,6 @@ from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.metrics import impulses
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions import Conditions
-from rans.show.pages.comparison_charts import margin_charts
 from rans.show.pages.report import comparison_section
 from rans.show.tables.comparison_tables import differences, outcome, scoreboard, to_json
 from rans.tasks import GoToPose
@@ -87,13 +86,6 @@ def test_other_contests_have_none() -> None:
     platform = load_spacecraft("floating-platform")
     pose = GoToPose()
     assert not bounded(Contest(platform, pose, pose.timing, 5, 2))
-
-
-@pytest.mark.slow
-def test_the_figure_shows_margins(entry: Entry) -> None:
-    (chart,) = margin_charts([entry])
-    least = min(mark.y for mark in chart.series[0].marks)
-    assert least == pytest.approx(min(margin.min() for margin in entry.flight.margins.values()))
 
 
 def test_a_final_approach_has_a_bound_of_each_start() -> None:

@@ -4,32 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.orbits.earth import EARTH
 from rans_missions.tasks import Dock
 from rans_missions.tasks.orbital import TargetOrbit
 
-from rans.flight import fly
 from rans.model.drift import ClohessyWiltshire
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.reference.flight import DrakeMover
 from rans.scenario import scenarios
 
 DEPUTY = load_spacecraft("afrl-deputy")
 TRANSFER = TargetOrbit(eccentricity=0.5, semi_major_axis_km=13_556.0)
 """Perigee at an altitude of 400 km."""
 TASK = Dock(deadline=(600.0, 600.0), orbit=TRANSFER)
-TIMING = replace(TASK.timing, episode_steps=60)
-
-
-def gaps(flight: Any, other: Any, steps: int) -> np.ndarray:
-    """Distance between two flights in their first control periods, m, (episodes, steps)."""
-    return np.stack((flight.states.p - other.states.p).columns())[:, :steps]
 
 
 def test_the_orbit_is_set_in_kilometres_and_degrees() -> None:
@@ -46,25 +36,6 @@ def test_the_orbit_is_set_in_kilometres_and_degrees() -> None:
         )
         later = task.later(goal, 100.0).notes.angle - goal.notes.angle
         np.testing.assert_allclose(later, 100.0 * task.mean_motion, rtol=1e-9)
-
-
-def test_drake_agrees_and_knows_the_time() -> None:
-    """Drake solves Kepler's equation and the differential equations by itself, in steps of half a second."""
-    starts = scenarios(TASK, DEPUTY, 5, 2)
-    short = replace(TIMING, episode_steps=4)
-    ours, drake, frozen = (
-        fly(DEPUTY, TASK, MissionGuidance(DEPUTY, TASK), starts, short, mover)
-        for mover in (None, DrakeMover(DEPUTY, short, TASK.drift), _frozen(short))
-    )
-    assert np.abs(gaps(ours, drake, 4)).max() < 1e-9
-    # The same commands lead elsewhere where the target's time stands still.
-    assert np.abs(gaps(ours, frozen, 4)).max() > 1e-4
-
-
-def _frozen(timing: Any) -> Any:
-    """Drake with the target at the first anomaly of the orbit in every period."""
-    mover = DrakeMover(DEPUTY, timing, TASK.drift)
-    return lambda state, step_inputs: mover(state, replace(step_inputs, drift=None))
 
 
 def test_an_observation_says_where_the_target_is() -> None:
