@@ -57,11 +57,11 @@ def _ends(made: CampaignPlan, probability: float, campaigns: int) -> tuple[float
 
 
 def test_looking_often_does_not_make_wrong_statements_more_frequent_than_promised() -> None:
-    # Right at the bound both statements are wrong; each may be made in 5 % of all campaigns. 500 of them
-    # scatter by 1 %: 3 of these are allowed.
-    below, above = _ends(plan(0.95, None, 1e-3), 1e-3, 500)
-    assert below <= 0.05 + 0.03
-    assert above <= 0.05 + 0.03
+    # Right at the bound both statements are wrong; each may be made in 5 % of all campaigns. 250 of them
+    # scatter by 1.4 %: 3 of these are allowed.
+    below, above = _ends(plan(0.95, None, 1e-3), 1e-3, 250)
+    assert below <= 0.05 + 0.042
+    assert above <= 0.05 + 0.042
     assert below > 0.01  # the chance is spent, not hoarded
 
 

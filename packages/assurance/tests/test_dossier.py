@@ -21,13 +21,23 @@ AGENT = "mine"
 ASSURE = f"assure {AGENT} --episodes 200"
 
 
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+@pytest.fixture(scope="module")
+def assured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run folder with an agent and a bound on its failures."""
+    folder = tmp_path_factory.mktemp("assured")
+    shutil.copytree(pretrained_folder("go-to-pose-2d"), folder / AGENT)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setattr("sys.argv", ["rans", *ASSURE.split()])
+        assert main([*ASSURE.split()]) == 0
+    return folder / AGENT
+
+
+@pytest.fixture
+def folder(assured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy in the current folder, which a test may spoil."""
     monkeypatch.chdir(tmp_path)
-    shutil.copytree(pretrained_folder("go-to-pose-2d"), tmp_path / AGENT)
-    monkeypatch.setattr("sys.argv", ["rans", *ASSURE.split()])
-    assert main([*ASSURE.split()]) == 0
+    shutil.copytree(assured, AGENT)
     return Path(AGENT)
 
 

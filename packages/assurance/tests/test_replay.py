@@ -32,30 +32,6 @@ def test_failures_of_a_flight_are_those_that_its_evaluation_does_not_find_solved
     assert 0 < (~right).sum() < 128  # four in five fail
 
 
-def test_each_way_to_fail_differs_from_the_others(run: LoadedRun) -> None:
-    flight = fly_draws(run.controller, run.judged, drawing(2026, [0] * 6))
-    steps = len(flight.commands)
-    tolerance = flight.task.tolerances()["position"]
-    distance = np.zeros((steps + 1, 6))
-    distance[:, 1] = 9.0 * (np.arange(steps + 1) == 10)  # once farther away than the task allows
-    distance[:, 2] = 2.0 * tolerance * (np.arange(steps + 1) == steps - 3)
-    distance[:, 3] = 2.0 * tolerance
-    distance[:, 4] = 2.0 * tolerance * (np.arange(steps + 1) < steps - 5)
-    distance[:, 5] = np.where(np.arange(steps + 1) > 40, np.nan, 0.0)
-    heading = replace(flight.states.attitude, angle=0.0 * distance + flight.goals.attitude.angle)
-    still = replace(
-        flight.states, p=replace(flight.states.p, x=distance, y=0.0 * distance), attitude=heading
-    )
-    assert failure_kinds(replace(flight, states=still)) == [
-        None,
-        Failure.TERMINATED,
-        Failure.LEFT,
-        Failure.UNSETTLED,
-        Failure.LATE,
-        Failure.NOT_FINITE,
-    ]
-
-
 def test_an_idle_policy_fails_for_every_judge(run: LoadedRun) -> None:
     class Idle:
         name = "idle"

@@ -114,12 +114,6 @@ class Checker:
             for weight, bias, activation, _ in network
         ]
 
-    def lines(self, low: float, high: float, kind: str) -> tuple[float, float, float]:
-        """Slope, offset and error."""
-        ends = self._arb(low), self._arb(high)
-        slope, offset, error = self.balls.parallel(*ends, kind.capitalize())
-        return float(slope.mid()), float(offset.mid()), float(error.upper())
-
     def enclosure(self, network: Sequence[Layer], states: Set) -> tuple[np.ndarray, ...]:
         """Gain, offset and error."""
         gain, offset, error = self.balls.network_enclosure(
@@ -252,12 +246,6 @@ class Prover:
             self.problem.problem_of(problem), network, self.torch.device("cpu")
         )
 
-    def lines(self, low: float, high: float, kind: str) -> tuple[float, float, float]:
-        """Slope, offset and error."""
-        ends = (self.torch.tensor([x], dtype=self.torch.float64) for x in (low, high))
-        slope, offset, error = (float(x) for x in self.relaxation.parallel_lines(*ends, kind))
-        return slope, offset, error
-
     def enclosure(self, network: Sequence[Layer], states: Set) -> tuple[np.ndarray, ...]:
         """Gain, offset and error; the last generators are a box where they are one."""
         tensors = [
@@ -359,33 +347,6 @@ def answers(network: Sequence[Layer], states: np.ndarray) -> np.ndarray:
     for weight, bias, activation, _ in network:
         states = BENDS[activation](np.einsum("oi,ni->no", weight, states) + bias)
     return states
-
-
-def lines(bounds: Bounds) -> None:
-    """Activations lie between their lines, which are as near as those along the chord can be."""
-    random = np.random.default_rng(1)
-    for kind in ("tanh", "sigmoid", "relu"):
-        middles = np.concatenate((random.normal(size=25), 8.0 * random.normal(size=10)))
-        widths = 10.0 ** random.uniform(-2.0, 1.2, len(middles))
-        for middle, width in zip(middles, widths, strict=True):
-            low = middle - width
-            high = middle + width
-            slope, offset, error = bounds.lines(low, high, kind)
-            z = np.linspace(low, high, 2001)
-            y = BENDS[kind](z)
-            off = y - slope * z
-            # The samples are rounded to 1e-16 of their size, and between them lies 1e-6 of the width squared.
-            size = 1e-14 * (1.0 + abs(middle) + width)
-            assert np.abs(off - offset).max() <= error + size
-            chord = (y[-1] - y[0]) / (z[-1] - z[0])
-            best = 0.5 * np.ptp(y - chord * z)
-            assert (
-                error
-                <= 1.01 * best
-                + 1e-5 * width**2 * (kind != "relu")
-                + 1e-3 * width * (kind == "relu")
-                + size
-            )
 
 
 def enclosures(bounds: Bounds) -> None:
@@ -1080,7 +1041,6 @@ def proofs(bounds: Prover) -> None:
 
 
 PARTS: dict[str, Callable[[Any], None]] = {
-    "lines": lines,
     "enclosures": enclosures,
     "linear motions": linear_motions,
     "motions": motions,
