@@ -9,16 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_missions.tasks import Dock, Hold
+from rans_missions.tasks import Hold
 
-from rans.evaluation.measure.metrics import solved
 from rans.flight import fly
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
-from rans.optimal.control.mpc import MPC
 from rans.optimal.control.regulator import Weights, distance_scale
 from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose
@@ -87,13 +85,3 @@ def test_the_lqr_spends_little_more_than_a_dash_from_afar() -> None:
     way = np.abs((starts.start.p - starts.goal.p).columns())
     dash = 2.0 * craft.mass * np.sqrt(force / craft.mass * way).sum(axis=0)
     assert (spent < 1.5 * dash).all()
-
-
-@pytest.mark.slow
-def test_the_mpc_docks_below_the_speed_limit() -> None:
-    task = Dock()
-    craft = load_spacecraft("afrl-deputy")
-    starts = scenarios(task, craft, 5, 2)
-    flight = fly(craft, task, MPC(craft, task, task.timing), starts, task.timing)
-    assert solved(flight).all()
-    assert not flight.violated().any()

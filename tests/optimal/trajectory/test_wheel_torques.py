@@ -156,15 +156,9 @@ def check_momenta(flight: Any) -> None:
         assert np.abs(momenta).max() <= limit * (1.0 + 1e-9)
 
 
-@pytest.mark.parametrize("kind", [rans.LQR, pytest.param(rans.Switching, marks=pytest.mark.slow)])
-@pytest.mark.parametrize(
-    "name",
-    [
-        "roboran-platform",
-        pytest.param("afrl-12kg", marks=pytest.mark.slow),
-        pytest.param("pingu", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [rans.LQR, rans.Switching])
+@pytest.mark.parametrize("name", ["roboran-platform", "afrl-12kg"])
 def test_real_craft_settle(name: str, kind: Any) -> None:
     flight = flights(name, kind, 2)
     # In the mean of the last fifth: the limit cycle of switching's pulses grazes the tolerance of 5 cm.
