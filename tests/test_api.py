@@ -17,11 +17,9 @@ import pytest
 import torch
 
 import rans
-from rans.evaluation.compare.bounds import Bound
 from rans.scenario import EVALUATION_SEED, scenarios
 from tests.support.processes import modules_loaded
 from validation.speed.suite import measurements
-from validation.study.checks import Check, Study
 
 MODULES = sorted(
     {
@@ -277,28 +275,3 @@ def test_numbers_of_numpy_are_numbers() -> None:
         engine.reset(np.int64(5)),  # type: ignore[arg-type]
         rans.Engine("atmos", "go-to-pose", 3, seed=5).reset(5),  # type: ignore[arg-type]
     )
-
-
-SHOWN = {
-    "<Engine: 4 x atmos, GoToPose, on cpu>": lambda: rans.Engine("atmos", "go-to-pose", 4),
-    "<SB3VecEnv around <Engine: 4 x atmos, GoToPose, on cpu>>": lambda: rans.SB3VecEnv(
-        rans.Engine("atmos", "go-to-pose", 4)
-    ),
-    "<Agent go-to-pose-2d>": lambda: rans.load_agent("go-to-pose-2d").controller,
-    "<Pilot: LQR in <SpacecraftEnv<rans/GoToPose2D-v0>>>": lambda: rans.Pilot(
-        "lqr", gymnasium.make("rans/GoToPose2D-v0")
-    ),
-    "<task by name: go-to-position, go-to-pose, ": lambda: rans.TASKS,
-    "<Bound of the first time in the goal set from start 3: 5.5, 6 found>": lambda: Bound(
-        3, None, 5.0, lower=5.5, upper=6.0
-    ),
-    "<Bound of the impulse by 8 s from start 3: 4>": lambda: Bound(3, 8.0, 4.0),
-    "<x: 1 of 2 checks passed>": lambda: Study(
-        "x", tuple(Check("y", value, 1.0, "m", "") for value in (0.5, 1.5))
-    ),
-}
-
-
-@pytest.mark.parametrize("text", SHOWN)
-def test_values_are_short_in_a_line(text: str) -> None:
-    assert repr(SHOWN[text]()).startswith(text)

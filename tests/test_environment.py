@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import urllib.request
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ import torch
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordVideo
-from gymnasium.wrappers.vector import RecordVideo as RecordVideoOfMany
 
 from rans.errors import ConfigError
 from rans.model.timing import Timing
@@ -81,23 +79,6 @@ def test_recording_a_video(tmp_path: Path) -> None:
     frames, seconds = count_frames_and_secs(str(video))
     assert frames in (7, 8)
     assert seconds == pytest.approx(frames / 50.0, abs=0.01)
-
-
-def test_recording_a_video_of_many(tmp_path: Path) -> None:
-    from imageio_ffmpeg import read_frames
-
-    envs = gymnasium.make_vec(PLANE, num_envs=4, render_mode="rgb_array", timing=QUICK)
-    with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # Gymnasium warns that the last frame of an episode is not in it
-        film = RecordVideoOfMany(envs, str(tmp_path / "videos"), video_length=4)  # type: ignore[type-var]
-    film.reset(seed=1)
-    for _ in range(5):
-        film.step(envs.action_space.sample())
-    film.close()
-    (video,) = (tmp_path / "videos").glob("*.mp4")
-    assert next(read_frames(str(video)))["size"] == (2 * 320, 2 * 240)  # pyrefly: ignore[bad-index]
 
 
 def test_many_in_one_window(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -213,21 +213,3 @@ def test_controllers_are_told_what_sensors_tell() -> None:
         assert np.array_equal(told[3:5], true[3:5])
         away = np.hypot(seen[:, 6], seen[:, 7])  # the way to go, m
         np.testing.assert_allclose(away, np.hypot(*(goal - told[:2])), rtol=1e-6)
-
-
-def test_an_episode_of_conditions_that_promise_all_is_that_of_none() -> None:
-    starts = scenarios(GoToPose(), PLATFORM, seed=3, count=2)
-    timing = Timing(episode_steps=9)
-    one, other = (
-        fly(
-            PLATFORM,
-            GoToPose(),
-            Random(PLATFORM),
-            starts,
-            timing,
-            conditions=conditions,
-            draws=draws(3, 2),
-        )
-        for conditions in (None, Conditions())
-    )
-    assert np.array_equal(leaves(one.states), leaves(other.states))

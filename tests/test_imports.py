@@ -254,27 +254,6 @@ def elements(text: str) -> list[str]:
     ]
 
 
-def geometry(text: str) -> list[int]:
-    """Lines of a module that read where thrusters are from the centre of mass, or where they point to."""
-    return [
-        node.lineno
-        for node in ast.walk(ast.parse(text))
-        if isinstance(node, ast.Attribute) and node.attr in ("centre_of_mass", "direction")
-    ]
-
-
-def test_the_outline_of_a_craft_has_one_room() -> None:
-    """Drawings take it from `rans.outline`; tables print the numbers of the spacecraft's file."""
-    found = {
-        name: lines
-        for name, file in (MODULES | PACKAGED).items()
-        if name.startswith(("rans.show", "rans.drawing"))
-        or {"figures", "pages"} & {*name.split(".")}
-        if name != "rans.show.tables.listing" and (lines := geometry(file.read_text("utf-8")))
-    }
-    assert not found
-
-
 def test_html_has_one_room() -> None:
     found = {
         name: names
@@ -334,21 +313,6 @@ def test_only_their_own_rooms_know_kinds_of_tasks_and_effectors() -> None:
         if name.startswith("rans.") and not name.startswith(OWN_ROOMS)
     }
     assert {name: found for name, found in asked.items() if found} == CHECKED | JUDGES
-
-
-def test_commands_are_counted_by_the_spacecraft() -> None:
-    """`Spacecraft.thruster_count` and its neighbours say which effectors are meant."""
-    found = {
-        name
-        for name, file in MODULES.items()
-        if name.startswith("rans.") and not name.startswith(("rans.model", "rans.effectors"))
-        for node in ast.walk(parsed(file))
-        if isinstance(node, ast.Call)
-        and ast.unparse(node.func) == "len"
-        and isinstance(node.args[0], ast.Attribute)
-        and node.args[0].attr in {"thrusters", "wheels"}
-    }
-    assert found <= {"rans.compile.cuda.flight"}
 
 
 def loaders_used(tree: ast.Module) -> set[str]:

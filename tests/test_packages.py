@@ -11,8 +11,6 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 import rans
 from rans import extend
 from rans.abilities import PUBLIC
@@ -74,11 +72,6 @@ def test_extras_name_third_parties_alone() -> None:
             name, extras = match.groups()
             # An extra may name others of the very distribution, which pip then does not look for.
             assert name not in own or (name == "rans" and extras), line
-
-
-@pytest.mark.parametrize("folder", PACKAGES, ids=lambda folder: folder.name)
-def test_a_package_has_a_readme_of_a_screen(folder: Path) -> None:
-    assert len((folder / "README.md").read_text("utf-8").splitlines()) <= 50
 
 
 def test_tests_of_packages_are_modules_by_their_paths() -> None:

@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rans_missions.tasks import Dock
-from scipy import stats
 
 import rans
 from rans.errors import ConfigError
@@ -23,8 +22,6 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import Endpoints, scenario, scenarios
 from rans.tasks import GoToPose
 
-FALSE_ALARM = 1e-4
-"""Chance that a fair generator fails one statistical test."""
 SEEDS = [0, 1, -1, 42, 2**31, 2**32, 2**63 - 1, -(2**63), 2**64 - 1, 0x0123456789ABCDEF]
 
 words = st.integers(0, 2**32 - 1)
@@ -101,32 +98,6 @@ def test_a_seed_is_two_signed_words(seed: int, low: int, high: int) -> None:
 def test_scenario_gives_plain_numbers() -> None:
     one = scenario(GoToPose(), 3, seed=5, episode=4)
     assert {type(x) for x in (*leaves(one.start), *leaves(one.goal))} == {float}
-
-
-def test_every_bit_is_fair() -> None:
-    """24 bits of 3 draws: ones among 40,000 episodes, binomial."""
-    whole = (draws(9, np.arange(40_000), 3) * 2**24).astype(np.int64)
-    for bit in range(24):
-        for row in whole:
-            ones = int(((row >> bit) & 1).sum())
-            assert stats.binomtest(ones, 40_000).pvalue > FALSE_ALARM / 72  # 72 chances to fail
-
-
-def test_draws_of_neighbours_are_independent() -> None:
-    """Neighbouring draws, episodes and seeds fill the unit square evenly (chi-square, 16 x 16)."""
-    here = draws(20, np.arange(40_000), 6)
-    neighbours = {
-        "draw": here[1],
-        "block": here[4],
-        "last of the next block": here[5],
-        "episode": draws(20, np.arange(40_000) + 1, 1)[0],
-        "seed": draws(21, np.arange(40_000), 1)[0],
-        "high word of the seed": draws(20 + 2**32, np.arange(40_000), 1)[0],
-        "sign of the seed": draws(-20, np.arange(40_000), 1)[0],
-    }
-    for name, there in neighbours.items():
-        cells, _, _ = np.histogram2d(here[0], there, bins=16, range=[[0, 1], [0, 1]])
-        assert stats.chisquare(cells.ravel()).pvalue > FALSE_ALARM / len(neighbours), name
 
 
 def test_own_endpoints_replace_the_motion_and_keep_what_a_mission_adds() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import io
 import socket
 import urllib.error
@@ -92,12 +91,3 @@ def test_a_taken_port_is_a_sentence() -> None:
         port = taken.getsockname()[1]
         with pytest.raises(ConfigError, match=f"port {port} of this computer, it is taken"):
             Served(lambda: "", [port])
-
-
-def test_another_reason_of_the_system_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refused(*_: object) -> None:
-        raise PermissionError(errno.EACCES, "Permission denied")
-
-    monkeypatch.setattr("rans.window.ThreadingHTTPServer", refused)
-    with pytest.raises(ConfigError, match="port 80 of this computer, Permission denied"):
-        Served(lambda: "", [80])

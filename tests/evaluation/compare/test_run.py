@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -15,13 +14,12 @@ from rans.errors import ConfigError
 from rans.evaluation.compare import run
 from rans.evaluation.compare.entrants import enlisted
 from rans.evaluation.compare.run import Comparison
-from rans.files import plain
 from rans.flight import fly
 from rans.model.timing import Timing
 from rans.optimal.certificate.problem import SearchEffort
 from rans.optimal.trajectory.objectives import MaximumReward
 from rans.progress import unseen_stages
-from rans.show.pages.comparison_page import TEXT, page
+from rans.show.pages.comparison_page import page
 from rans.show.pages.report import comparison_section
 from rans.show.tables.comparison_tables import (
     RETURN,
@@ -30,7 +28,6 @@ from rans.show.tables.comparison_tables import (
     outcome,
     relaxed_table,
     scoreboard,
-    to_json,
 )
 from rans.tasks.goal_set import arrived
 from tests.support.contests import CONTEST, IDLE
@@ -183,20 +180,6 @@ def test_a_start_without_optimum_costs_nobody_the_return(comparison: Comparison)
     assert found == pytest.approx(100 * entry.returns[1:].sum() / best[1:].sum())
     assert found != pytest.approx(scoreboard(comparison)[entry.name][RETURN].value)
     assert "from 2 of 3 starts" in page(without).html()
-
-
-@pytest.mark.slow
-def test_files_for_others(comparison: Comparison) -> None:
-    read = json.loads(json.dumps(plain(to_json(comparison, TEXT)), allow_nan=False))
-    assert [row["contestant"] for row in read["summary"]][:2] == ["LQR", IDLE]
-    assert read["per_start"]["contestants"][IDLE][2]["arrival"] == "inf"
-    assert read["per_start"]["relaxed"]["minimum fuel in 5 s"][0]["thrust"] > 0.0
-    assert read["contestants"]["LQR"]["tuning"].startswith("tuned: ")
-    section = comparison_section(read)
-    assert section.summary[1][1].startswith("solves its task from 0 of 3 starts")
-    html = page(comparison).html()
-    assert html.count("<figure") == 2  # the chart, and the craft
-    assert "http" not in html.replace("http://www.w3.org", "")
 
 
 @pytest.mark.usefixtures("undrawn")
