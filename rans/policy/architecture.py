@@ -19,7 +19,7 @@ from rans.errors import ConfigError
 from rans.model.fields import Field
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.adaptation import ESTIMATORS, Adaptation
-from rans.policy.backbone_registry import BACKBONES
+from rans.policy.backbone_registry import backbone
 from rans.policy.frugality import AS_TRAINED, Frugality
 from rans.policy.heads import HEADS, Head
 from rans.policy.symmetry import Symmetries
@@ -59,7 +59,7 @@ class Architecture:
     head: str = "on-off"
     """Key of `rans.policy.heads.HEADS`: what the last layer's outputs mean for the commands."""
     backbone: str = "dense"
-    """Name in `BACKBONES`: how features become the commands' outputs."""
+    """Name in `rans.policy.backbone_registry.BACKBONES`: how features become the commands' outputs."""
     tokens: tuple[tuple[float, ...], ...] = ()
     """What each effector is, for a backbone that is given that: `rans.policy.any_craft.effects`, or
     `rans.policy.any_craft.effects`."""
@@ -348,7 +348,7 @@ class Architecture:
 
     def parts(self) -> dict[str, nn.Module]:
         """Everything that is learnt, by how its names begin, in the order of SB3."""
-        rows = BACKBONES[self.backbone].rows(self)
+        rows = backbone(self.backbone).rows(self)
         return {
             EXTRACTOR: nn.ModuleDict(self.modules()),
             "action_net.": nn.Linear(self.features, rows),

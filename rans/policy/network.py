@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.policy.architecture import EXTRACTOR, Architecture
-from rans.policy.backbone_registry import BACKBONES
+from rans.policy.backbone_registry import backbone
 from rans.policy.heads import Distribution, OnOff
 from rans.policy.memory import MakePreprocessor, PolicyState, Remembering, by_row, viewed
 from rans.policy.preprocess import (
@@ -59,7 +59,8 @@ class Network(Remembering):
             architecture.nominal or (1.0,) * architecture.privileged
         )
         # Before a CUDA graph is recorded, which may not copy from a CPU.
-        self.tables = BACKBONES[architecture.backbone].tables(architecture, self._mean)
+        self._backbone = backbone(architecture.backbone)
+        self.tables = self._backbone.tables(architecture, self._mean)
         super().__init__(architecture, self._mean, preprocessor)
 
     def adopt(self, tensors: Mapping[str, Tensor]) -> None:
@@ -270,11 +271,10 @@ class Network(Remembering):
             value = out[..., -1]
         else:
             known = torch.cat((features, *given), dim=-1) if given else features
-            backbone = BACKBONES[architecture.backbone]
             value = functional.linear(critic, worth, constant)[..., 0]
-            if (patterns := backbone.patterns(self, known)) is not None:
+            if (patterns := self._backbone.patterns(self, known)) is not None:
                 return Output(patterns, value)
-            action = backbone.outputs(self, known)
+            action = self._backbone.outputs(self, known)
         return Output(head.distribution(action, self.tensors.get("log_std")), value)
 
     @torch.no_grad()

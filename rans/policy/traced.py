@@ -16,7 +16,7 @@ import torch
 from rans.model.fields import Field
 from rans.policy.adaptation import AWAY, POSE, SHUT, WHEELS, Rows
 from rans.policy.architecture import EXTRACTOR, Architecture
-from rans.policy.backbone_registry import BACKBONES
+from rans.policy.backbone_registry import backbone
 from rans.policy.memory import averaged
 from rans.policy.network import Network
 from rans.policy.preprocess import magnified, normalised
@@ -176,7 +176,7 @@ def _commands(
     for number, (width, units) in enumerate(zip(widths, architecture.layers, strict=False)):
         x = program.dense(x, f"trunk.{2 * number}", units, width, architecture.activation)
     outputs = program.split(
-        BACKBONES[architecture.backbone].traced(program, architecture, x),
+        backbone(architecture.backbone).traced(program, architecture, x),
         [architecture.thrusters] * architecture.last.outputs,
     )
     # Outputs in the order of the craft's thrusters.

@@ -27,7 +27,7 @@ from rans.files import first_line, plain, read_bytes
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.allocated import holds
 from rans.policy.architecture import EXTRACTOR, Architecture
-from rans.policy.backbone_registry import BACKBONES
+from rans.policy.backbone_registry import BACKBONES, backbone
 from rans.policy.frugality import AS_TRAINED
 from rans.policy.heads import HEADS
 from rans.policy.network import Network
@@ -319,8 +319,8 @@ def _check_craft(architecture: Architecture) -> None:
     if bank is not None and not bank.fits(architecture.layout.body, architecture.thrusters):
         raise ValueError("its filters are of another spacecraft")
     # Sizes of tokens, then those of an agent for any craft.
-    backbone = BACKBONES[architecture.backbone]
-    widths = [[width] * architecture.thrusters for width in backbone.token_widths]
+    token_widths = backbone(architecture.backbone).token_widths
+    widths = [[width] * architecture.thrusters for width in token_widths]
     if widths and [*map(len, architecture.tokens)] not in widths:
         raise ValueError("its tokens are of another spacecraft")
     frugal = architecture.frugal

@@ -16,7 +16,7 @@ from rans.fast.learn.learner import Learner, Made, Making
 from rans.fast.learn.ppo import PPOLearner
 from rans.policy.any_craft import effects
 from rans.policy.architecture import Architecture
-from rans.policy.backbone_registry import BACKBONES
+from rans.policy.backbone_registry import backbone
 from rans.policy.network import Network
 from rans.policy.preprocess import TorchPreprocessor
 from rans.policy.symmetry import symmetries
@@ -51,7 +51,7 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
             "leave out ppo.backbone."
         )
     tokens: tuple[tuple[float, ...], ...] = ()
-    if BACKBONES[settings.backbone].token_widths:
+    if backbone(settings.backbone).token_widths:
         tokens = effects(craft, period)
     # A demand is in B: no side of the spacecraft has one of its own.
     is_symmetric = settings.symmetric and not allocates

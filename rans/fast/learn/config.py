@@ -229,7 +229,7 @@ class PPOSettings:
     """Units of the hidden layers, which actor and critic share."""
     backbone: str = "dense"
     """Network from features to commands: "dense" has a last layer; "allocated" demands a change of twist, after
-    which on/off thrusters open together; installed packages may have others."""
+    which on/off thrusters open together."""
     head: Head = "auto"
     """Distribution of the commands: "auto" is Bernoulli for on/off thrusters and Gaussian for others; "gated" first
     decides whether a throttled or pulsed thruster fires at all, so that 0 is exactly 0."""
