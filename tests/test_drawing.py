@@ -62,7 +62,7 @@ def test_only_open_thrusters_have_flames() -> None:
 
 
 @pytest.mark.parametrize("index", range(8))
-@pytest.mark.parametrize("heading", [0.0, 1.1, -2.5])
+@pytest.mark.parametrize("heading", [0.0, -2.5])
 def test_flames_leave_against_the_force(index: int, heading: float) -> None:
     frame = Scene(PLATFORM, TASK).render(
         planar(heading=heading), planar(FAR), opened(PLATFORM, index)

@@ -79,19 +79,3 @@ def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place:
     assert reported
     page = (place / "page.html").read_text("utf-8")
     assert page.count('"arrival":') == 2  # two flights
-
-
-def test_its_readme_names_what_it_has() -> None:
-    text = (ROOT / "examples" / "plugin" / "README.md").read_text("utf-8")
-    declared = (ROOT / "examples" / "plugin" / "pyproject.toml").read_text("utf-8")
-    for group, name in (
-        ("tasks", "keep-distance"),
-        ("spacecraft", "puck"),
-        ("controllers", "steer"),
-        ("conditions", "workshop"),
-        ("metrics", "early-duty"),
-        ("report_sections", '"evaluation*.json"'),
-    ):
-        assert f'entry-points."rans.{group}"]\n{name} = ' in declared
-        assert f"`rans.{group}`" in text
-        assert f"`{name.strip(chr(34))}`" in text

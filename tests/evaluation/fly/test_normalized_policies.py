@@ -52,7 +52,6 @@ def predicted(folder: Path, observations: np.ndarray) -> np.ndarray:
     ("model", "statistics"),
     [
         ("model.zip", "vecnormalize.pkl"),
-        ("best.zip", "best_vecnormalize.pkl"),
         ("ppo_512_steps.zip", "ppo_vecnormalize_512_steps.pkl"),  # SB3's CheckpointCallback
     ],
 )

@@ -39,7 +39,7 @@ class Docking:
         return mouth, (mouth - self.start) / enter
 
 
-@pytest.mark.parametrize(("rate", "episode"), [(0.0, 0), (3.0, 1), (15.0, 2), (0.0, 3)])
+@pytest.mark.parametrize(("rate", "episode"), [(0.0, 0), (15.0, 2)])
 def test_no_change_of_velocity_docks_below_the_bound(rate: float, episode: int) -> None:
     """From the start to a point of the cone's mouth at any instant, and from there to the port as it is later.
 
