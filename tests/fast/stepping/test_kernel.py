@@ -23,7 +23,6 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, FaultConditions, ThrusterConditions
 from rans.tasks import TASKS, GoToPose
-from tests.support.crafts import ANY_CRAFT
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
 from tests.support.host_kernels import SEED, TOLERANCE, compare, needs_compiler
 from tests.support.switching import SwitchingGoToPose
@@ -55,16 +54,12 @@ def two_a_thread(test: Any) -> Any:
 
 @pytest.mark.parametrize(
     ("task", "together", "craft"),
-    [  # by turns in the plane and in space
-        *(
-            (task, 1 + (task == "multi-task"), (PLATFORM, FLYER)[number % 2])
-            for number, task in enumerate(ANY_CRAFT)
-        ),
-    ],
+    # The tasks that are least alike; `test_compiled` steps every task's program.
+    [("multi-task", 2, FLYER), ("avoid", 1, PLATFORM), ("track-velocity", 1, PLATFORM)],
     indirect=["together"],
     ids=lambda x: getattr(x, "name", str(x)),
 )
-def test_every_task_steps_and_restarts_as_on_numpy(
+def test_tasks_step_and_restart_as_on_numpy(
     on_host: Any, task: str, craft: Spacecraft, together: int
 ) -> None:
     made: Any = (craft, TASKS[task](), 16, Timing(episode_steps=12))
@@ -93,9 +88,7 @@ def test_an_observation_is_that_of_numpy(on_host: Any, name: str) -> None:
     [
         (5, torch.bool, 2),
         (6, torch.float64, 1),
-        (6, torch.float16, 2),
-        (12, torch.uint8, 1),
-        (12, torch.int64, 2),
+        (12, torch.uint8, 2),
     ],
     indirect=["together"],
 )
@@ -216,10 +209,8 @@ def with_actuators(kind: Any) -> Spacecraft:
 @pytest.mark.parametrize(
     ("kind", "dtype", "together"),
     [
-        (Throttle(), torch.float32, 1),
         (Throttle(), torch.float64, 2),
-        (Pulsed(3), torch.float64, 1),
-        (Pulsed(5, 2), torch.float32, 2),
+        (Pulsed(5, 2), torch.float32, 1),
     ],
     indirect=["together"],
     ids=str,
@@ -290,7 +281,6 @@ IN_ALL = {
             (effect, False, (PLATFORM, FLYER)[number % 2])
             for number, effect in enumerate(one for one in EFFECTS if one not in IN_ALL)
         ),
-        ("all", False, PLATFORM),
         ("all", True, PLATFORM),
     ],
     ids=lambda x: getattr(x, "name", str(x)),
