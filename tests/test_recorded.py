@@ -22,7 +22,7 @@ UNTIL = 12
 pytestmark = pytest.mark.filterwarnings("ignore:.* spins .* accurate up to:UserWarning")
 
 
-@pytest.fixture(scope="module", params=shipped_agents())
+@pytest.fixture(scope="module", params=shipped_agents("any-craft-2d", "any-craft-3d"))
 def shipped(request: pytest.FixtureRequest) -> tuple[str, Flight]:
     return request.param, flown(request.param)
 
