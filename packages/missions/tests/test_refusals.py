@@ -87,7 +87,6 @@ CONTROLLERS: list[tuple[Callable[[], Any], str]] = [
     (lambda: PassiveApproach(PLATFORM, GoToPose()), "hold points, and GoToPose is not one"),
     (lambda: ConvexGuidance(PLATFORM, GoToPose()), "missions on an orbit"),
     (lambda: ConvexGuidance(DEPUTY, Dock(orbit=ELLIPSE)), "changes along the orbit"),
-    (lambda: ConvexGuidance(DEPUTY, "dock", reserve=0.5), "reserve must be .* below 0.5"),
     (lambda: MissionGuidance(LANDER, Dock()), "one throttled or pulsed thruster either way"),
     (lambda: MissionGuidance("arpod-chaser", Gated()), "does not keep all limits of Gated"),
 ]

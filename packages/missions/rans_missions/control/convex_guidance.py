@@ -15,14 +15,12 @@ import numpy as np
 from rans.extend import (
     Ball,
     Cone,
-    ConfigError,
     Shape,
     SolverFailed,
     Spacecraft,
     SpeedLimit,
     Task,
     Timing,
-    is_finite,
     map_leaves,
 )
 from rans.optimal.control.regulator import ModelBased
@@ -37,6 +35,8 @@ from rans_missions.convex.rendezvous import (
 from rans_missions.tasks.orbital import OrbitalMission, last_check
 from rans_missions.vectors import motion_of
 
+_RESERVE = 0.005
+"""Share of limits and tolerances that plans leave, so that small errors break none."""
 _OFF = 0.1
 """Share of the tolerances by which a plan's arrival may be missed before it is made anew."""
 
@@ -68,11 +68,9 @@ class ConvexGuidance(ModelBased):
         craft: by name, TOML file or as such; one whose thrusters do not turn it.
         task: a mission on an orbit, by name or as such.
         timing: control period, and length of the episode.
-        reserve: share of limits and tolerances that plans leave, so that small errors break none.
 
     Raises:
-        ConfigError: the task is no mission on an orbit, thrusters turn the craft, or the reserve is not at least
-            0 and below 0.5.
+        ConfigError: the task is no mission on an orbit, or thrusters turn the craft.
     """
 
     name = "convex"
@@ -84,12 +82,8 @@ class ConvexGuidance(ModelBased):
         craft: str | Path | Spacecraft,
         task: str | Task,
         timing: Timing | None = None,
-        reserve: float = 0.005,
     ) -> None:
         super().__init__(craft, task, timing)
-        if not (is_finite(reserve) and 0.0 <= reserve < 0.5):
-            raise ConfigError(f"reserve must be at least 0 and below 0.5, got {reserve!r}.")
-        self._reserve = reserve
         self._plans: list[_Plan | None] = []
         self.failures = 0
         """Number of times that no plan was found."""
@@ -142,13 +136,13 @@ class ConvexGuidance(ModelBased):
         Plans keep these limits, so that errors of a flight up to the reserve do not violate the mission's own.
         """
         meeting = Meeting.of(self._craft, self._mission, goal)
-        remaining = 1.0 - self._reserve
+        remaining = 1.0 - _RESERVE
         return replace(
             meeting,
             timing=self._timing,
             position_tolerance=meeting.position_tolerance * remaining,
             velocity_tolerance=meeting.velocity_tolerance * remaining,
-            limits=tuple(_tightened(limit, self._reserve) for limit in meeting.limits),
+            limits=tuple(_tightened(limit, _RESERVE) for limit in meeting.limits),
         )
 
     def _is_off(self, meeting: Meeting, plan: _Plan, relative_state: np.ndarray) -> bool:

@@ -99,8 +99,8 @@ class PassiveApproach(VelocityGuidance[Hold]):
     A plan has one to four coasts and a burn before and after each. Plans are drawn at random, with the same random
     numbers for every start, and again where none of them is safe. In the order of their prices all their coasts
     are computed (`rans_missions.passive_safety`): those of the plan, and those after any part of a burn, first of
-    impulses and then of burns as they are flown. The cheapest plan whose coasts keep out of the ball is flown;
-    without one, that whose coasts keep the largest distance. Burns of several control periods are centred on their
+    impulses and then of burns as they are flown. The cheapest plan whose coasts keep out of the ball is flown,
+    without one the cheapest of all. Burns of several control periods are centred on their
     instants and keep their direction. At the hold point the craft stays on a closed ellipse, which drifts nowhere.
 
     It knows the state exactly, and expects no errors of sensors and thrusters.
@@ -171,28 +171,23 @@ class PassiveApproach(VelocityGuidance[Hold]):
         return np.where((begun[:, None] > 0) & (largest > _TRIM), change, 0.0)
 
     def _plan(self, start: np.ndarray, goal: np.ndarray, deadline: float) -> _Plan:
-        """The cheapest plan from a state (6,) whose coasts are safe; else the one with the largest distance.
+        """The cheapest plan from a state (6,) whose coasts are safe; else the cheapest of all that were drawn.
 
         The order of draws decides which plan is flown; recorded flights and published rows have it.
         """
         is_unsafe_start = self._coast_distance(start) < self._radius
-        farthest, distance = None, -1.0
         cheapest, price = None, math.inf
         for draw in range(_DRAWS):
             batches = self._drawn(draw, start, goal, deadline)
-            safest = self._safest(batches, start, goal, is_unsafe_start)
-            if safest is not None and safest[1] > distance:
-                farthest, distance = safest
-            if distance > self._radius + _CLEAR:
-                break
+            safe = self._safest(batches, start, goal, is_unsafe_start)
+            if safe is not None:
+                return safe
             for batch in batches:
                 row = int(np.argmin(batch.price))
                 if batch.price[row] < price:
                     cheapest, price = self._plan_of(batch, row), float(batch.price[row])
-        # Without a plan that is safe even with impulses, the cheapest.
-        plan = cheapest if farthest is None else farthest
-        assert plan is not None
-        return plan
+        assert cheapest is not None
+        return cheapest
 
     def _drawn(
         self, draw: int, start: np.ndarray, goal: np.ndarray, deadline: float
@@ -204,11 +199,10 @@ class PassiveApproach(VelocityGuidance[Hold]):
 
     def _safest(
         self, batches: list[_Batch], start: np.ndarray, goal: np.ndarray, is_unsafe_start: bool
-    ) -> tuple[_Plan, float] | None:
-        """The cheapest plan of those drawn whose coasts are safe, as it is flown, and the distance (m) they keep.
+    ) -> _Plan | None:
+        """The cheapest plan of those drawn whose coasts are safe, as it is flown; None: there is none.
 
-        Without one, that whose coasts keep the largest distance; None: none would be safe with impulses. Start and
-        goal are rows (6,) and (3,), m and m/s.
+        Start and goal are rows (6,) and (3,), m and m/s.
         """
         # Plans have numbers across the batches, each of which has another number of coasts.
         batch_of = np.repeat(np.arange(len(batches)), [len(batch.price) for batch in batches])
@@ -234,20 +228,16 @@ class PassiveApproach(VelocityGuidance[Hold]):
         price = np.concatenate([batch.price for batch in batches])
         order = np.argsort(price, kind="stable")
         order = order[price[order] < _IMPOSSIBLE]
-        found: tuple[_Plan, float] | None = None
         for begin in range(0, len(order), _CHECKED):
             numbers = order[begin : begin + _CHECKED]
             some = plans(numbers[safe_impulses(numbers)][:_PREDICTED])
             if not some:
                 continue
             distances = self._distance_of_flights(some, start, goal, is_unsafe_start)
-            safe = distances > self._radius + _CLEAR
-            row = int(np.argmax(safe if safe.any() else distances))
-            if found is None or distances[row] > found[1]:
-                found = some[row], float(distances[row])
-            if safe.any():
-                break
-        return found
+            safe = np.flatnonzero(distances > self._radius + _CLEAR)
+            if len(safe):
+                return some[safe[0]]
+        return None
 
     def _plan_of(self, batch: _Batch, row: int) -> _Plan:
         """One plan of a batch; its first burn begins at once, the others half of their duration earlier."""

@@ -221,10 +221,7 @@ class InspectionSearch:
             highest = heights.max(axis=0)
             if turn == 0 and out is not None:
                 highest[out] = _NEVER
-            highest[self._known] = math.inf
-            # The points that are easiest to see, as many as are asked for; those seen before need no constraint.
-            points = np.argsort(-highest, kind="stable")[: self._asked]
-            points = points[~self._known[points]]
+            points = self._easiest(highest)
             solved = None
             if not len(points) or highest[points].min() > 0.5 * _NEVER:
                 solved = self._solved(self._grid, path, points, checks, highest)
@@ -259,9 +256,7 @@ class InspectionSearch:
         for _ in range(_PATIENT):
             heights = grid.heights(path, self._normals)
             highest = heights.max(axis=0)
-            highest[self._known] = math.inf
-            points = np.argsort(-highest, kind="stable")[: self._asked]
-            points = points[~self._known[points]]
+            points = self._easiest(highest)
             solved = self._solved(grid, path, points, heights.argmax(axis=0), highest)
             if solved is None:
                 break
@@ -273,6 +268,15 @@ class InspectionSearch:
                 kept = np.flatnonzero(np.abs(changes).max(axis=1))
                 result = Burns(price, slots[kept], changes[kept], float(grid.times[finish]))
         return result
+
+    def _easiest(self, highest: np.ndarray) -> np.ndarray:
+        """The points that are easiest to see, as many as are asked for, without those seen before, (M,).
+
+        Heights (points,) of the latter become infinite.
+        """
+        highest[self._known] = math.inf
+        points = np.argsort(-highest, kind="stable")[: self._asked]
+        return points[~self._known[points]]
 
     def _judged(self, grid: _Grid, path: np.ndarray) -> int | None:
         """Check at which a path (T, 3) (m) has inspected enough.

@@ -1,4 +1,4 @@
-"""Bound of flights among zones: numbers by hand, and attacks by flights that may change their velocity at once."""
+"""Bound of flights among zones: numbers by hand, flights on either side, and splits that lose no flight."""
 
 from __future__ import annotations
 
@@ -87,79 +87,6 @@ def test_zones_that_are_not_in_the_way_cost_nothing() -> None:
     drifting = replace(one.goal.notes.zones[0], v=Vec2(-0.05, 0.0))
     one = replace(one, goal=replace(one.goal, notes=Zones((drifting,))))
     assert least_to_stay(CRAFT[2], TASK, one, TIMING) == pytest.approx(free, rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("dimension", "episode"), [(2, 0), pytest.param(3, 1, marks=pytest.mark.slow)]
-)
-def test_no_change_of_velocity_passes_below_the_bound(
-    dimension: Literal[2, 3], episode: int
-) -> None:
-    """The cheapest of flights with three changes of velocity on the way, found from three guesses.
-
-    At every check they are outside all zones. None is below the bound, and the best is not far above it.
-    """
-    craft = CRAFT[dimension]
-    one: Any = scenario(TASK, dimension, 2023, episode)
-    start, goal = _columns(one.start.p), _columns(one.goal.p)
-    centres, speeds = (
-        np.array([_columns(x) for x in vectors])
-        for vectors in (
-            [z.centre for z in one.goal.notes.zones],
-            [z.v for z in one.goal.notes.zones],
-        )
-    )
-    radii = np.array([float(zone.radius) for zone in one.goal.notes.zones])
-    checks = np.arange(0.05, LAST + 1e-9, 0.05)
-    random = np.random.default_rng(episode)
-
-    def path(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        kinks = np.cumsum(np.abs(x[:4]) + 0.01)
-        kinks *= BRAKED / kinks[-1]
-        times = np.array([0.0, *kinks, LAST])
-        aside = x[4:].reshape(3, dimension)
-        places = np.array(
-            [
-                start,
-                *(
-                    start + (goal - start) * t / BRAKED + a
-                    for t, a in zip(kinks, aside, strict=False)
-                ),
-                goal,
-                goal,
-            ]
-        )
-        return times, places
-
-    def spent(x: np.ndarray) -> float:
-        times, places = path(x)
-        speed = np.diff(places, axis=0) / np.diff(times)[:, None]
-        changes = np.diff(np.vstack([0.0 * start, speed]), axis=0)
-        return craft.mass * float(np.linalg.norm(changes, axis=1).sum())
-
-    def inside(x: np.ndarray, checks: np.ndarray, spare: float = 0.0) -> float:
-        times, places = path(x)
-        at = np.stack([np.interp(checks, times, p) for p in places.T], axis=1)
-        away = np.linalg.norm(at[:, None] - centres - checks[:, None, None] * speeds, axis=2)
-        return float(np.maximum(radii + spare - away, 0.0).max())
-
-    bound = least_to_stay(craft, TASK, one, TIMING)
-    cheapest = np.inf
-    for _ in range(3):
-        first = np.concatenate(
-            [random.uniform(0.5, 1.0, 4), random.normal(size=3 * dimension) * 0.4]
-        )
-        # Every fourth check: a chord of 0.2 s is less than 2 mm nearer to a zone than its ends.
-        found = minimize(
-            lambda x: spent(x) + 30.0 * inside(x, checks[::4], 2e-3),
-            first,
-            method="Nelder-Mead",
-            options={"maxfev": 1000, "adaptive": True},
-        )
-        if inside(found.x, checks) < 1e-6:
-            cheapest = min(cheapest, spent(found.x))
-    assert bound <= cheapest
-    assert bound >= 0.75 * cheapest
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
