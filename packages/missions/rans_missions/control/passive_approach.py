@@ -14,7 +14,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from rans.extend import Vec3
-from rans_missions.control.velocity_guidance import VelocityGuidance, closed_ellipse, weaker
+from rans_missions.control.velocity_guidance import VelocityGuidance
+from rans_missions.guidance.staying import circling
 from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.passive_safety import (
     Pieces,
@@ -162,12 +163,13 @@ class PassiveApproach(VelocityGuidance[Hold]):
         n = self.task.mean_motion
         middle = carried(n, states, np.full(len(states), 0.5 * self._period))
         offset = middle[:, :3] - goals
-        along_x, along_y = closed_ellipse(n, offset[:, 0], offset[:, 1])
-        around = np.stack([along_x, along_y, 0.0 * offset[:, 2]], axis=1)
+        around = np.stack(circling(n, Vec3(*offset.T)).columns(), axis=1)
         coasting = (begun > 0) & (begun <= coasts)
         change = np.where(coasting[:, None], to_target, around - middle[:, 3:])
         # Weaker where a component is too large, and zero before the first burn and where little is missing.
-        change, largest = weaker(change, self.task.braking * self._period)
+        largest = np.abs(change).max(axis=1, keepdims=True)
+        most = self.task.braking * self._period
+        change = change * np.minimum(1.0, most / np.maximum(largest, 1e-12))
         return np.where((begun[:, None] > 0) & (largest > _TRIM), change, 0.0)
 
     def _plan(self, start: np.ndarray, goal: np.ndarray, deadline: float) -> _Plan:

@@ -89,21 +89,3 @@ class VelocityGuidance(ABC, Generic[Mission]):
             goal: goals of arrays (N,).
             now: time since the reset, s.
         """
-
-
-def closed_ellipse(mean_motion: float, x: Any, y: Any) -> tuple[Any, Any]:
-    """Velocity along x and y, m/s, of the closed ellipse around the origin through a point of the orbit's plane, m.
-
-    On it a craft drifts nowhere: v_x = n y / 2 and v_y = -2 n x (Clohessy and Wiltshire, 1960).
-    """
-    return 0.5 * mean_motion * y, -2.0 * mean_motion * x
-
-
-def weaker(change: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
-    """Changes of velocity (N, 3), weaker in the same direction where a component is larger than most, m/s.
-
-    Returns:
-        The changes, and the largest component of each before, (N, 1) m/s.
-    """
-    largest = np.abs(change).max(axis=1, keepdims=True)
-    return change * np.minimum(1.0, most / np.maximum(largest, 1e-12)), largest

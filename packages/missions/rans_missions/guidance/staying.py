@@ -71,7 +71,7 @@ def staying_velocity(
     back = velocity_to_reach(drift, state.p, goal.p, time + distance * 0.0)
     if isinstance(drift, ClohessyWiltshire | PerturbedOrbit):
         returned = distance < position_tolerance * _STOP_DISTANCE
-        around = goal.v + _circling(drift.mean_motion, state.p - goal.p)
+        around = goal.v + circling(drift.mean_motion, state.p - goal.p)
         back = map_leaves(partial(where, returned), around, back)
     return map_leaves(partial(where, coasts), state.v, back)
 
@@ -125,7 +125,7 @@ def balancing_velocity(
     return velocity - balanced.scale(period)
 
 
-def _circling(mean_motion: float, p: Any) -> Any:
+def circling(mean_motion: float, p: Any) -> Any:
     """Velocity, m/s, with which a point at p from an equilibrium (Clohessy-Wiltshire) circles around it.
 
     The point moves on an ellipse, whose centre is the equilibrium and which is twice as long along the orbit as

@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from rans.extend import ClohessyWiltshire, ConfigError, Field, Quat, Vec2, Vec3, is_finite
+from rans.extend import ClohessyWiltshire, Field, Quat, Vec2, Vec3
 from rans.model.drift import AnyVector, cosine, sine
 from rans_missions.orbits.earth import EARTH, EARTH_RADIUS, J2
 from rans_missions.orbits.uneven import UnevenOrbit
@@ -53,10 +53,7 @@ class PerturbedOrbit(UnevenOrbit):
     >>> round(orbit.oblateness, 6)
     0.001396
 
-    In the plane the motion across it is left out.
-
-    Raises:
-        ConfigError: the mean motion is not a finite number > 0, or oblateness, inclination or drag are not finite.
+    In the plane the motion across it is left out. `rans_missions.tasks.orbital.TargetOrbit` checks its numbers.
     """
 
     mean_motion: float
@@ -70,16 +67,6 @@ class PerturbedOrbit(UnevenOrbit):
     latitude: Field
     """Argument of latitude of the target at the start of a motion, rad: its angle from the ascending node."""
     name: ClassVar[str] = "perturbed-orbit"
-
-    def __post_init__(self) -> None:
-        if not is_finite(self.mean_motion) or self.mean_motion <= 0:
-            raise ConfigError(
-                f"the mean motion of an orbit must be a finite number > 0 rad/s, got {self.mean_motion!r}."
-            )
-        for name in ("oblateness", "inclination", "drag"):
-            value = getattr(self, name)
-            if not is_finite(value):
-                raise ConfigError(f"the {name} of an orbit must be a finite number, got {value!r}.")
 
     @classmethod
     def around_earth(

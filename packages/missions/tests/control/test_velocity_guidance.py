@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
-import pytest
-from rans_missions.control.velocity_guidance import VelocityGuidance, closed_ellipse
+from rans_missions.control.velocity_guidance import VelocityGuidance
 from rans_missions.tasks import Hold
 from scipy.spatial.transform import Rotation
 
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
-from tests.support.clohessy_wiltshire import transition
 
 TASK = Hold()
 N = TASK.mean_motion
@@ -54,14 +51,3 @@ def test_commands_give_the_change_in_the_world_frame() -> None:
     change = rotations.apply(command @ forces) * TASK.timing.control_period / law.craft.mass
     np.testing.assert_allclose(change[:2], CHANGE[:2], atol=1e-12)  # rounding
     assert not command[2].any()
-
-
-@pytest.mark.parametrize("quarter", [0.25, 0.5, 1.0])
-def test_a_closed_ellipse_is_twice_as_long_as_wide_and_closes(quarter: float) -> None:
-    """From (a, 0) it passes (0, -2 a) after a quarter of an orbit, and comes back after a whole one."""
-    u, v = closed_ellipse(N, 30.0, 0.0)
-    start = np.array([30.0, 0.0, 0.0, u, v, 0.0])
-    end = transition(N, 2.0 * math.pi / N * quarter)[:6, :6] @ start
-    expected = {0.25: (0.0, -60.0), 0.5: (-30.0, 0.0), 1.0: (30.0, 0.0)}[quarter]
-    np.testing.assert_allclose(end[:2], expected, atol=1e-9)
-    np.testing.assert_allclose(end[3:5], closed_ellipse(N, *expected), atol=1e-11)

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_missions.guidance.staying import balancing_velocity, staying_velocity
+from rans_missions.guidance.staying import balancing_velocity, circling, staying_velocity
 from rans_missions.orbits.perturbed import PerturbedOrbit
 
 from rans.model.drift import ClohessyWiltshire
 from rans.model.fields import Vec3
+from tests.support.clohessy_wiltshire import transition
 
 DRIFT = ClohessyWiltshire(0.0011)
 PERIOD = 10.0
@@ -49,6 +50,17 @@ def test_after_a_return_it_circles_for_ever_without_burns(behind: float) -> None
         assert distances.max() < POSITION
         assert speeds.max() < VELOCITY
         assert (spent > 0.0) == burns
+
+
+@pytest.mark.parametrize("quarter", [0.25, 0.5, 1.0])
+def test_a_closed_ellipse_is_twice_as_long_as_wide_and_closes(quarter: float) -> None:
+    """From (a, 0) it passes (0, -2 a) after a quarter of an orbit, and comes back after a whole one."""
+    n = DRIFT.mean_motion
+    v = circling(n, vector(30.0, 0.0, 0.0)).columns()
+    start = np.array([30.0, 0.0, 0.0, *(x[0] for x in v)])
+    end = transition(n, 2.0 * np.pi / n * quarter)[:6, :6] @ start
+    expected = {0.25: (0.0, -60.0), 0.5: (-30.0, 0.0), 1.0: (30.0, 0.0)}[quarter]
+    np.testing.assert_allclose(end[:2], expected, atol=1e-9)
 
 
 @dataclass(frozen=True)

@@ -60,16 +60,13 @@ def test_single_precision_keeps_the_digits_of_short_times(drift: Any, place: str
 
 
 @pytest.mark.parametrize(
-    ("kind", "values", "message"),
+    ("values", "message"),
     [
-        (EllipticOrbit, (0.0, 0.1, 0.0), r"mean motion .* > 0 rad/s, got 0\.0"),
-        (EllipticOrbit, (N, 0.95, 0.0), r"from 0 to 0\.9, got 0\.95"),
-        (EllipticOrbit, (N, math.nan, 0.0), r"from 0 to 0\.9, got nan"),
-        (PerturbedOrbit, (0.0, 0.0, 0.0, 0.0, 0.0), r"> 0 rad/s, got 0\.0"),
-        (PerturbedOrbit, (N, math.nan, 0.0, 0.0, 0.0), "oblateness .* finite number, got nan"),
-        (PerturbedOrbit, (N, 0.0, 0.0, math.inf, 0.0), "drag .* finite number, got inf"),
+        ((0.0, 0.1, 0.0), r"mean motion .* > 0 rad/s, got 0\.0"),
+        ((N, 0.95, 0.0), r"from 0 to 0\.9, got 0\.95"),
+        ((N, math.nan, 0.0), r"from 0 to 0\.9, got nan"),
     ],
 )
-def test_impossible_orbits_are_refused(kind: Any, values: tuple[float, ...], message: str) -> None:
+def test_impossible_ellipses_are_refused(values: tuple[float, float, float], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        kind(*values)
+        EllipticOrbit(*values)
