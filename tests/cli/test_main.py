@@ -231,24 +231,6 @@ def test_in_a_pipe_nothing_says_that_it_loads(capfd: pytest.CaptureFixture[str])
     assert capfd.readouterr() == ("one", "")
 
 
-@pytest.mark.slow
-def test_bash_completes_options_and_not_the_words_that_explain_them(tmp_path: Path) -> None:
-    script = tmp_path / "completion.bash"
-    written = subprocess.run(
-        [sys.executable, "-m", "rans", "--tyro-print-completion", "bash"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    script.write_text(written.stdout)
-    ask = (
-        f"source {script}; COMP_WORDS=(rans evaluate --pro); COMP_CWORD=2; "
-        '_tyro_rans rans --pro evaluate; printf "%s\\n" "${COMPREPLY[@]}"'
-    )
-    found = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, check=True)
-    assert found.stdout.splitlines() == ["--protocol"]
-
-
 def test_the_module_is_the_command() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "rans", "--version"], capture_output=True, text=True, check=True

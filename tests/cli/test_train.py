@@ -154,21 +154,12 @@ def test_resume_goes_on(capsys: pytest.CaptureFixture[str], refused: Any) -> Non
             "config.seed must be a whole number, got '[[[",
             id="deeper than JSON goes",
         ),
-        ("ppo.n_envs=true", "config.ppo.n_envs must be a whole number, got True"),
         ("ppo.n_envs=0", "n_envs must be >= 1 and < 2^31, got 0"),
-        ("ppo.learning_rate=NaN", "learning_rate must be finite and > 0, got nan"),
-        ("settings.fail_distance=1", "fail_distance must exceed"),
         ("seed=-1", "seed must be a whole number >= 0"),
-        ("ppo.n_steps=126", "n_steps must not exceed the episode's 125 steps, got 126"),
-        ("timing.episode_steps=10", "n_steps must not exceed the episode's 10 steps, got 64"),
     ],
 )
 def test_wrong_changes(refused: Any, change: str, message: str) -> None:
-    batch = 64 * 126 if "n_steps=126" in change else 4096
-    changes = ["ppo.n_envs=64", f"ppo.batch_size={batch}", change]
-    if change.startswith("ppo.n_envs="):
-        changes = changes[1:]
-    options = [word for one in changes for word in ("--set", one)]
+    options = ["--set", change]
     assert message in refused("train go-to-pose --device cpu", *options)
     assert not Path("runs").exists()
 
