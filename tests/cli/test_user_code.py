@@ -59,14 +59,15 @@ def test_file_and_line_are_first(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     module = written(line, tmp_path, monkeypatch)
-    assert main(["list", f"{module}:Gate"]) == 2
+    command = ["train", f"{module}:Gate", "--total-timesteps", "1"]
+    assert main(command) == 2
     printed = capsys.readouterr().err
     assert printed.startswith(f"rans: {module}.py, line {LINE}, in reward: ")
     assert said in printed
     assert line in printed
     monkeypatch.setenv("RANS_TRACEBACK", "1")
     with pytest.raises((LookupError, TypeError, ValueError, AttributeError)):
-        main(["list", f"{module}:Gate"])
+        main(command)
 
 
 def test_a_reward_that_is_no_dict_is_named(
