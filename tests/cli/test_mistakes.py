@@ -31,7 +31,7 @@ from rans.randomization.conditions import Conditions, ThrusterConditions
         ("train", "say what to train"),
         ("train --resume runs/nowhere", "runs/nowhere is not a run folder"),
         ("train --resume . --total-timesteps many", "1e6"),
-        ("export x --format torchscript", "sb3, rans, onnx, numpy, c, c8, fmu"),
+        ("export x --format torchscript", "format must be one of sb3, rans, onnx"),
         ("assure x --below 1e-3", "--failure-below"),
         ("play runs/x", "commands are train, "),
         ("evaluate x --episods 9", "--episodes"),
