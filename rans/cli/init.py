@@ -52,7 +52,7 @@ class Init(Options):
     examples = (
         "rans init mine.toml",
         "rans init mine.toml --from atmos --set mass=16",
-        'rans init mine.toml --set mass=12 --set size=0.4,0.4 --thruster "-0.2,0.1;1,0;1.5"',
+        'rans init mine.toml --set dimension=2 --set mass=12 --set size=0.4,0.4 --thruster "-0.2,0.1;1,0;1.5"',
     )
 
     file: Annotated[Path, Positional, arg(metavar="FILE.toml")]
