@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,6 +17,7 @@ from rans.files import first_line, inside, read_json, read_text
 from rans.flight import begin_flight
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft
+from rans.policy.timing import timing_of_file
 from rans.registry import are_files_trusted
 from rans.structure import structure
 from rans.tasks import TASKS, Task
@@ -103,7 +103,7 @@ def load_exported(folder: Path) -> LoadedRun:
     where = f"{folder / CONTRACT}: settings"
     task = structure(contract["settings"], TASKS[contract["task"]], where)
     craft = read_spacecraft(inside(folder, "spacecraft.toml"))
-    timing = replace(task.timing, control_period=float(contract["control_period"]))
+    timing = timing_of_file(craft, task, "spacecraft.toml", float(contract["control_period"]))
     return LoadedRun(_controller(folder, craft, task), craft, task, timing)
 
 

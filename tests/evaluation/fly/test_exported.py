@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,15 @@ def test_it_flies_by_its_contract(folder: Path) -> None:
     agent = rans.load_agent("go-to-pose-2d")
     assert (exported.craft, exported.task) == (agent.craft, agent.task)
     np.testing.assert_array_equal(exported.fly(4).commands, agent.fly(4).commands)
+
+
+def test_at_another_period_an_episode_is_as_long(folder: Path, tmp_path: Path) -> None:
+    faster = shutil.copytree(folder, tmp_path / "faster")
+    contract = faster / "contract.json"
+    contract.write_text(
+        contract.read_text().replace('"control_period": 0.2', '"control_period": 0.1')
+    )
+    assert len(rans.load_agent(faster).fly(1).commands) == 250
 
 
 def test_a_network_for_a_batch_of_one_is_asked_row_by_row(folder: Path, tmp_path: Path) -> None:
