@@ -551,8 +551,10 @@ class Newest(GreedyController):
         newest = sorted(files, key=lambda x: x.stat().st_mtime, reverse=True)
         for file in (*newest, *SHIPPED.glob("*/config.json")):
             run = RunFolder(file.parent)
-            # Other folders may need packages that are not here.
-            if read_json(file).get("algorithm") == "value" and run.has_checkpoint:
+            table = read_json(file)
+            # Other folders may need packages that are not here, and files of other programs have the same name.
+            is_value = isinstance(table, dict) and table.get("algorithm") == "value"
+            if is_value and run.has_checkpoint:
                 config = run.config()
                 trained = (
                     run.spacecraft(),

@@ -38,8 +38,6 @@ class DescentLaw:
     """Time to go, s."""
     thrust: Vec3
     """Commanded acceleration by thrust now, in W, m/s^2."""
-    final_thrust: Vec3
-    """Commanded acceleration by thrust at the end of the time to go, in W, m/s^2."""
     speed: Field
     """Velocity change by thrust until then, m/s: root mean square of its acceleration times the time to go."""
 
@@ -62,7 +60,7 @@ class DescentLaw:
         final = weight + by_position + by_velocity
         # Mean square of a vector that changes linearly.
         square = (now.dot(now) + now.dot(final) + final.dot(final)) * (1.0 / 3.0)
-        return cls(time, now, final, time * sqrt(square))
+        return cls(time, now, time * sqrt(square))
 
 
 def _rate(square: Field, speed: Field, closing: Field, gravity: float, haste: float) -> Field:

@@ -65,10 +65,6 @@ class EllipticOrbit(UnevenOrbit):
         """`mean_anomaly`, rad."""
         return self.mean_anomaly
 
-    def at_angle(self, angle: Field) -> EllipticOrbit:
-        """This orbit with the target at a mean anomaly, rad: a number, or an array of one for each episode."""
-        return replace(self, mean_anomaly=angle)
-
     def later(self, t: Field) -> EllipticOrbit:
         """The drift of a motion that begins a time t (s) later."""
         return replace(self, mean_anomaly=self.mean_anomaly + self.mean_motion * t)

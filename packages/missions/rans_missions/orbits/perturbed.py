@@ -87,10 +87,6 @@ class PerturbedOrbit(UnevenOrbit):
         """`latitude`, rad."""
         return self.latitude
 
-    def at_angle(self, angle: Field) -> PerturbedOrbit:
-        """This orbit with the target at an argument of latitude, rad: a number, or an array, one an episode."""
-        return replace(self, latitude=angle)
-
     def later(self, t: Field) -> PerturbedOrbit:
         """The drift of a motion that begins a time t (s) later."""
         return replace(self, latitude=self.latitude + self.latitude_rate * t)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from rans.extend import Drift, Field
 
@@ -17,8 +17,4 @@ class UnevenOrbit(Drift):
     @property
     @abstractmethod
     def angle(self) -> Field:
-        """Where the target is on its orbit now, rad, as `at_angle` takes it."""
-
-    @abstractmethod
-    def at_angle(self, angle: Field) -> Self:
-        """This orbit with the target at an angle along it, rad: a number, or an array of one for each episode."""
+        """Where the target is on its orbit now, rad: a number, or an array of one for each episode."""

@@ -74,6 +74,6 @@ def test_a_plant_refuses_another_orbit(own: Any) -> None:
     still = np.zeros((1, craft.command_count))
     plant = Plant(craft, drift=own)
     rows = rows_from_states(random_states(3, 1, 3))
-    plant.advance(rows, still, 0.2, drift=own.at_angle(1.0))
+    plant.advance(rows, still, 0.2, drift=own.later(9.0))
     with pytest.raises(ConfigError, match="the plant was built for"):
         plant.advance(rows, still, 0.2, drift=replace(own, mean_motion=0.2))
