@@ -10,7 +10,7 @@ from rich.text import Text
 
 from rans.cli.door import Options, command_of, word
 from rans.cli.next_commands import training
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.files import environment, made_by, ready_folder, write_json
 from rans.model.spacecraft_file import load_spacecraft
 from rans.registry import typed
@@ -35,8 +35,7 @@ class Validate(Options):
     full: bool = False
     """Print every check, as with `--layer`, and not one line for each layer."""
     judges: bool = False
-    """Compare with figures that others computed instead, such as NASA's JEOD (docs/missions/judges.md). The
-    spacecraft then does not matter."""
+    """Compare with figures that others computed instead, such as NASA's JEOD (docs/missions/judges.md)."""
     output: Path | None = None
     """Folder for validation.json, of which rans report makes a page; with --judges for judges.json."""
 
@@ -78,11 +77,14 @@ class Validate(Options):
         """Print how other software's logs of the same flights agree; 1 if one is beyond its bound."""
         from validation.judges.table import judged, table
 
-        for option, value in (("--layer", self.layer), ("--conditions", self.conditions)):
-            if value is not None:
-                raise ConfigError(
-                    f"{option} is of checks against Drake: leave it out with --judges."
-                )
+        of_checks = {
+            "--layer": self.layer is not None,
+            "--conditions": self.conditions is not None,
+            f"the name {brief(self.spacecraft)}": self.spacecraft != vars(Validate)["spacecraft"],
+        }
+        for what, is_asked in of_checks.items():
+            if is_asked:
+                raise ConfigError(f"{what} is of checks against Drake: leave it out with --judges.")
         console = Terminal()
         if self.output is not None:
             ready_folder(self.output)
