@@ -191,7 +191,8 @@ def _followed(command: Any) -> int:
     Terminal.has_suggested = False
     with as_command():
         code = command.run()
-    if code == 0 and not Terminal.has_suggested and (following := next_of(command)):
+    is_first = os.environ.get("RANK", "0") == "0"  # of the processes of torchrun
+    if code == 0 and is_first and not Terminal.has_suggested and (following := next_of(command)):
         Terminal().suggest(*following)
     return code
 
