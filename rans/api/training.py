@@ -432,7 +432,9 @@ def config_of(
     elif quality is None:
         begun = training(_name(task), named, device)
     else:
-        begun = training_of_quality(_name(task), named, quality, device, conditions is not None)
+        begun = training_of_quality(
+            _name(task), named, quality, device, conditions is not None, algorithm
+        )
     # First, as an algorithm has settings and hyper-parameters of its own, which others change.
     if algorithm is not None:
         begun = with_algorithm(begun, typed(algorithm))

@@ -9,6 +9,7 @@ import re
 import shlex
 import signal
 import time
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +24,7 @@ from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import whole_number
 from rans.errors import (
     ConfigError,
+    RansWarning,
     brief,
     meant_file,
 )
@@ -190,7 +192,7 @@ class Train(Options):
         return self._shown(trainer)
 
     def _shown(self, trainer: Trainer) -> int:
-        """Train, and make what follows: summary and page."""
+        """Train, and make what follows: summary, what others reach, and page."""
         begun_at = trainer.steps
         if trainer.imitates and trainer.steps == 0:
             Terminal().say(
@@ -200,12 +202,13 @@ class Train(Options):
         showing = TrainingProgress(trainer.config.total_timesteps)
         with showing as progress, StopGently() as stop:
             run_training(trainer, self.log, [progress.show], stop)
-        # Result: summary, and the page in which the agent flies.
         Terminal().say(_summary(trainer, begun_at, stop.requested, time.monotonic() - STARTED))
         if stop.requested:
             if trainer.ended:
                 Terminal().suggest(*self._next(trainer))
             return stop.code
+        if trainer.steps > begun_at and _is_compared(trainer):
+            _compare(trainer)
         # No page has the safety filter.
         if not trainer.config.guard and (page := _live_page(trainer.run.path)):
             Terminal().say(f"Open {page} in a browser to see it fly.")
@@ -316,6 +319,52 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
         )
         text += f" {advice} Its learning curve: {shlex.join(['rans', 'report', str(path)])}"
     return text
+
+
+_COMPARED = 64
+"""Flights of each contestant after a training."""
+_MUCH = 1_000_000
+"""Steps from which a training that has not solved its task is compared all the same."""
+
+
+def _is_compared(trainer: Trainer) -> bool:
+    """Whether the agent for any craft could replace a training, and this one has come far enough to be compared."""
+    from rans.policy.timing import flies_to_a_pose
+
+    config = trainer.config
+    if not trainer.solved and trainer.steps < _MUCH:
+        return False
+    is_nominal = not config.guard and config.conditions.or_none is None
+    return is_nominal and flies_to_a_pose(config.settings, trainer.engine.craft)
+
+
+def _compare(trainer: Trainer) -> None:
+    """Fly agent, any craft, LQR and switching control from the same new starts, and say what to take."""
+    from rans.evaluation.compare.entrants import contest_of, enlisted
+    from rans.evaluation.compare.run import Comparison
+    from rans.pretrained import FOR_ANY_CRAFT
+    from rans.scenario import TRAINED_SEED
+    from rans.show.tables.comparison_tables import no_better, verdict
+
+    path = str(trainer.run.path)
+    agent = FOR_ANY_CRAFT[trainer.engine.craft.dimension]
+    own = inside(trainer.run.path, "spacecraft.toml")
+    with doing("flying others from the same starts", in_log=False), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RansWarning)  # evaluations of the agents say them
+        comparison = Comparison(contest_of(path, _COMPARED, TRAINED_SEED))
+        flying = enlisted([path], comparison.contest)
+        with contextlib.suppress(ConfigError):  # what any craft cannot fly
+            names = [f"{agent}{value}@{own}" for value in ("", "#0", "#0.5")]
+            flying |= enlisted(names, comparison.contest)
+        comparison.fly(flying, ("lqr", "switching"), 0, workers=1)
+    console = Terminal()
+    if who := no_better(comparison, agent):
+        again = shlex.join(["rans", "evaluate", f"{who}@{trainer.config.spacecraft}"])
+        console.say(
+            f"This agent is neither quicker nor cheaper than {who}, which needs no training: {again}"
+        )
+    for sentence in verdict(comparison):
+        console.say(sentence)
 
 
 def _live_page(path: Path) -> Path | None:

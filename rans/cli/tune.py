@@ -7,6 +7,7 @@ import shlex
 
 from rans.api.training import searched, tune
 from rans.cli.door import Options, command_of, word
+from rans.errors import ConfigError, brief
 from rans.model.spacecraft_file import USUAL
 from rans.registry import typed
 from rans.table import Table
@@ -85,6 +86,11 @@ def _parts(text: str) -> tuple[str, str]:
     from rans.evaluation.fly.controllers import CONTROLLERS
 
     first, _, setup = text.partition(":")
+    if first == "pretrained":
+        raise ConfigError(
+            f"rans tune searches settings of a controller, and {brief(text)} is an agent, which has none: name a "
+            "controller, as in lqr:go-to-pose-2d@mine.toml; rans sweep searches settings of trainings."
+        )
     if not setup or first in CONTROLLERS:
         return first, setup
     # MODULE:NAME, and MODULE:NAME:TASK-2d of a class of the user's

@@ -173,3 +173,6 @@ def test_the_best_quality_on_a_gpu_is_this_algorithm_where_it_can_fly() -> None:
         assert config.algorithm == algorithm
         assert config.task == "go-to-pose"
     assert training_of_quality("go-to-pose", None, "best", "cuda", True).algorithm == "ppo"
+    assert (
+        training_of_quality("go-to-pose", None, "best", "cuda", algorithm="ppo").algorithm == "ppo"
+    )

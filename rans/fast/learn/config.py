@@ -510,6 +510,7 @@ def training_of_quality(
     quality: Quality,
     device: str | None = None,
     randomized: bool = False,
+    algorithm: str | None = None,
 ) -> TrainConfig:
     """Training config of a task with any spacecraft, with a length set by its quality.
 
@@ -523,6 +524,7 @@ def training_of_quality(
         quality: training effort, see `Quality`.
         device: cpu or cuda; None: a GPU if there is one.
         randomized: whether conditions are used; agents then have a memory of their episode.
+        algorithm: learner that the user has named; "best" then chooses none.
 
     Raises:
         ConfigError: there is no such task or spacecraft, or the name is a recipe, which sets its own length.
@@ -536,9 +538,9 @@ def training_of_quality(
     if quality == "quick":
         return quick
     craft = craft_of(quick)
-    if quality == "best" and not randomized:
-        for algorithm in LEARNERS.values():
-            if (better := algorithm.best(quick, craft)) is not None:
+    if quality == "best" and algorithm is None and not randomized:
+        for learner in LEARNERS.values():
+            if (better := learner.best(quick, craft)) is not None:
                 return better
     file = _recipe_file(task, craft.dimension, quality, randomized)
     if file is None:

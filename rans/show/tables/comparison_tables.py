@@ -208,6 +208,22 @@ def dominations(comparison: Comparison) -> list[tuple[str, str]]:
     ]
 
 
+def no_better(comparison: Comparison, agent: str) -> str:
+    """Name of a contestant of an agent than which the first one is neither quicker nor cheaper; "" without one."""
+    if comparison.contest.episodes < _FEWEST:
+        return ""
+    first, *others = comparison.entries
+    bootstrap = Bootstrap(comparison.contest.episodes)
+    for one in others:
+        signs = (
+            _sign(bootstrap.difference(_times(first), _times(one))),
+            _sign(bootstrap.difference(first.thrust, one.thrust)),
+        )
+        if agent in one.name and np.isfinite(_times(one)).all() and min(signs) >= 0:
+            return one.name
+    return ""
+
+
 def verdict(comparison: Comparison) -> list[str]:
     """What to take, in at most three sentences, by time, impulse and lost flights; none with one contestant.
 
