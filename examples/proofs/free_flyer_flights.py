@@ -122,7 +122,10 @@ def broken(network: Path, engine: str, count: int, seed: int) -> tuple[int, floa
         flight = rans.fly(craft, rans.GoToPose(), pilot, scenario, timing)
     states = in_body(flight.states)
     np.testing.assert_allclose(states[0], x[:, :12], atol=1e-9)
-    limits = np.array(PROBLEM.keep.upper[:12])  # type: ignore[union-attr]
+    upper = PROBLEM.keep.offsets[
+        len(PROBLEM.keep.offsets) // 2 :
+    ]  # after those of the lower corner
+    limits = np.array(upper[:12])
     is_out = (np.abs(states) > limits).any(axis=(0, 2))
     is_back = (np.abs(states[-1]) <= high[:12]).all(axis=1)
     worst = np.abs(states).max(axis=(0, 1))

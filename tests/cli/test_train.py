@@ -253,7 +253,7 @@ def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(
     assert "Stopped " in out
     again = " ".join(out.split()).partition("Begin anew with: ")[2]
     assert again == f"rans {command} --resume run"
-    for name in ("_ROUNDS", "_OWN_ROUNDS", "_SHORT_ROUNDS", "_JUDGED", "_MOST_ROUNDS"):
+    for name in ("_ROUNDS", "_OWN_ROUNDS", "_MOST_ROUNDS"):
         monkeypatch.setattr(any_craft, name, 1)
     assert main(again.split()[1:]) == 0
     assert "Stopped" not in capsys.readouterr().out
