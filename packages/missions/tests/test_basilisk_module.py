@@ -93,7 +93,7 @@ def test_golden_pairs_through_messages(file: Any, folder: Path) -> None:
 
 @pytest.mark.slow
 def test_flights_in_basilisk(file: Any) -> None:
-    """Of 64 starts the same are solved as in our engine, with the same impulse."""
+    """Basilisk and the fast engine solve the same of 64 starts, with impulse within 2 % in every flight."""
     simulation = pytest.importorskip("Basilisk.simulation")
     utilities = pytest.importorskip("Basilisk.utilities.SimulationBaseClass")
     for name in ("simpleNav", "spacecraft", "thrusterDynamicEffector"):
@@ -106,7 +106,7 @@ def test_flights_in_basilisk(file: Any) -> None:
     flights = []
     for k in range(64):
         start, goal = (
-            state_quantities(map_leaves(lambda x: float(np.ravel(x)[k]), one))  # noqa: B023
+            state_quantities(map_leaves(lambda x, k=k: float(np.ravel(x)[k]), one))
             for one in (own.states, own.goals)
         )
         body = simulation.spacecraft.Spacecraft()
