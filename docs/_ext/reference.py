@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 API = {
     "Agents and commands": (
         "train sweep tune load_agent Agent evaluate compare stress assure follow faults identify excite "
-        "init_spacecraft join_spacecraft join_at_contact part validate benchmark view report export "
+        "init_spacecraft join_spacecraft validate benchmark view report export "
         "optimal_trajectory certify state"
     ),
     "Spacecraft": "Spacecraft Thruster Slosh load_spacecraft",

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from rans.api.names import load_spacecraft
 from rans.errors import ConfigError, RansWarning, brief
 from rans.model.actuators import Wheel
-from rans.model.drift import FREE, Drift
 from rans.model.foreign import Foreign, is_foreign, read_foreign
 from rans.model.joined import Effectors, joined
 from rans.model.pace import misfits
@@ -27,7 +26,6 @@ from rans.model.spacecraft_file import parse_spacecraft
 
 if TYPE_CHECKING:
     from rans.model.authority import Authority
-    from rans.model.dynamics import State
 
 AUTHORITY_COLUMNS = ("axis", "forwards", "backwards", "acceleration")
 """Headings of `Draft.authority_rows`."""
@@ -288,78 +286,6 @@ def join_spacecraft(
     )
     text = commented(craft, ["Written by rans.join_spacecraft."])
     return Draft(parse_spacecraft(text, craft.name), text)
-
-
-def join_at_contact(
-    first: str | Path | Spacecraft,
-    second: str | Path | Spacecraft,
-    state: State,
-    other: State,
-    *,
-    effectors: Effectors = "both",
-    name: str | None = None,
-    drift: Drift = FREE,
-) -> tuple[Draft, State]:
-    """Latch two spacecraft where they are now, by momentum, and return them as one with its motion after that.
-
-    >>> chaser = rans.state((-0.4, 0.0), velocity=(0.1, 0.0))
-    >>> pair, after = rans.join_at_contact("atmos", "atmos", chaser, rans.state((0.0, 0.0)), name="pair")
-    >>> pair.spacecraft.mass, round(after.v.x, 3)
-    (35.6, 0.05)
-
-    Momentum and angular momentum stay, and the energy of the relative motion is lost. Wheels keep their momentum;
-    with `effectors="first"` those of the second are locked.
-
-    Args:
-        first: name, TOML file or object; the joined craft has its axes.
-        second: likewise, of the same dimension.
-        state: of the first, see `rans.state`.
-        other: of the second, in the same frame.
-        effectors: "both", or "first": the second is a passive body, without its thrusters, with locked wheels.
-        name: of the joined craft; None: FIRST-SECOND.
-        drift: of a task on an orbit (`task.drift`), whose frame turns, so that spins are relative to it.
-
-    Raises:
-        ConfigError: see `join_spacecraft`; or a craft has a tank or further effectors.
-    """
-    from rans.model.contact import join_at_contact as joined_at_contact
-
-    craft, after = joined_at_contact(
-        load_spacecraft(first), load_spacecraft(second), state, other, effectors, name, drift
-    )
-    text = commented(craft, ["Written by rans.join_at_contact."])
-    return Draft(parse_spacecraft(text, craft.name), text), after
-
-
-def part(
-    first: str | Path | Spacecraft,
-    second: str | Path | Spacecraft,
-    position: Sequence[float],
-    attitude: float | Sequence[float],
-    state: State,
-    drift: Drift = FREE,
-) -> tuple[State, State]:
-    """States of two joined spacecraft that part without an impulse, see `join_spacecraft`.
-
-    >>> pair = rans.state((0.0, 0.0), spin=0.1)
-    >>> one, two = rans.part("atmos", "atmos", (0.4, 0.0), 0.0, pair)
-    >>> round(one.v.y, 3), round(two.v.y, 3)
-    (-0.02, 0.02)
-
-    Args:
-        first: name, TOML file or object; the joined craft has its axes.
-        second: likewise.
-        position: origin of the second's frame G in that of the first, m.
-        attitude: of the second's G in that of the first, as for `join_spacecraft`.
-        state: of the joined craft.
-        drift: as for `join_at_contact`.
-
-    Raises:
-        ConfigError: the dimensions differ, or a number is wrong.
-    """
-    from rans.model.contact import part as parted
-
-    return parted(load_spacecraft(first), load_spacecraft(second), position, attitude, state, drift)
 
 
 def check_target(file: Path, overwrite: bool = False) -> None:

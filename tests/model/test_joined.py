@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-import rans
 from rans.model.actuators import Wheel
-from rans.model.contact import join_at_contact, part
-from rans.model.drift import FREE, ClohessyWiltshire
 from rans.model.joined import joined
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -96,42 +93,3 @@ def test_either_craft_may_come_first() -> None:
     turned = np.hstack([back.apply(forces), back.apply(torques)])
     order = [*range(16, 28), *range(16)]
     np.testing.assert_allclose(np.array(two.wrench_map)[order], turned, atol=1e-12)
-
-
-def _momentum(craft: Spacecraft, state: Any, rate: np.ndarray) -> np.ndarray:
-    """Angular momentum about the origin of W, (3,) N m s, in axes that do not turn; W turns at a rate, rad/s."""
-    q = state.attitude
-    turn = Rotation.from_quat([q.x, q.y, q.z, q.w])
-    p, v = np.array(state.p.columns()), np.array(state.v.columns())
-    spin = np.array(state.w.columns()) + turn.inv().apply(rate)
-    axes = np.array([wheel.axis for wheel in craft.wheels]).reshape(-1, 3)
-    own = np.array(craft.inertia) @ spin + np.array(state.stores) @ axes
-    return craft.mass * np.cross(p, v + np.cross(rate, p)) + turn.apply(own)
-
-
-@pytest.mark.parametrize("effectors", ["both", "first"])
-@pytest.mark.parametrize("n", [0.0, 0.05])
-def test_angular_momentum_stays_where_craft_with_wheels_join_and_part(
-    effectors: Any, n: float
-) -> None:
-    """Wheels of a tenth of the craft's moments, at rest and in a frame that turns with an orbit of two minutes."""
-    craft = load_spacecraft("innocube")
-    heavy = tuple(
-        replace(wheel, inertia=0.1 * craft.inertia[0][0] * (1 + k))
-        for k, wheel in enumerate(craft.wheels)
-    )
-    craft = replace(craft, wheels=heavy)
-    rate, drift = np.array([0.0, 0.0, n]), ClohessyWiltshire(n) if n else FREE
-    one, two = (
-        replace(
-            rans.state((x, 0.1, 0.0), velocity=(0.0, 0.02, 0.01), spin=(0.1, -0.2, 0.05 * x)),
-            stores=tuple(0.3 * store.high * (k - x) for k, store in enumerate(craft.stores)),
-        )
-        for x in (0.0, 0.4)
-    )
-    pair, after = join_at_contact(craft, craft, one, two, effectors, drift=drift)
-    before = _momentum(craft, one, rate) + _momentum(craft, two, rate)
-    np.testing.assert_allclose(_momentum(pair, after, rate), before, rtol=0.0, atol=1e-13)
-    parts = part(craft, craft, (0.4, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), after, drift)
-    left = sum(_momentum(craft, state, rate) for state in parts)
-    np.testing.assert_allclose(left, before, rtol=0.0, atol=1e-13)

@@ -7,7 +7,7 @@ from itertools import chain
 
 from rans.registry import Registry
 from rans.table import Table
-from validation.judges import brick, contact, lvlh
+from validation.judges import brick, lvlh
 from validation.judges.judge import Row
 
 FURTHER: Registry[Callable[[], Iterator[Row]]] = Registry(
@@ -19,7 +19,7 @@ FURTHER: Registry[Callable[[], Iterator[Row]]] = Registry(
 def judged() -> list[Row]:
     """A row for each case of each judge."""
     judges = [rows for _, rows in FURTHER.each()]
-    return [*chain(*(rows() for rows in (*judges, brick.rows, contact.rows, lvlh.rows)))]
+    return [*chain(*(rows() for rows in (*judges, brick.rows, lvlh.rows)))]
 
 
 def table(rows: list[Row]) -> Table:
