@@ -13,5 +13,3 @@ ObjectiveName = Literal["fuel", "time", "energy", "reward"]
 """What an optimal trajectory minimizes, see `rans.optimal.trajectory.objectives`."""
 Quality = Literal["quick", "good", "best"]
 """Training effort: seconds, minutes on two CPU cores, or minutes on a GPU."""
-LoggerName = Literal["wandb"]
-"""Loggers beside TensorBoard: Weights & Biases."""

@@ -258,7 +258,6 @@ WORDS: dict[str, tuple[str, ...]] = {
         "privileged observation",
         "early stopping",
         "tensorboard",
-        "wandb",
         "learning rate",
         "checkpoint",
         "resume training",

@@ -14,13 +14,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rans.api.agent import Agent
 from rans.api.judging import CRAFT, ConditionsLike, SpacecraftLike
 from rans.api.names import load_conditions, load_spacecraft, load_task
-from rans.choices import LoggerName, Quality
-from rans.errors import ConfigError, NonFiniteState, checked, one_of, whole
+from rans.choices import Quality
+from rans.errors import ConfigError, NonFiniteState, checked, whole
 from rans.files import inside, made_by
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, to_toml
@@ -49,7 +49,6 @@ def train(
     seed: int | None = None,
     device: str | None = None,
     output: str | Path | None = None,
-    log: Sequence[LoggerName] = (),
     ppo: PPOSettings | None = None,
     algorithm: str | None = None,
     guard: bool = False,
@@ -90,7 +89,6 @@ def train(
         plain: whether to run a task's code without compiling it, so that a breakpoint in it stops; many times
             slower.
         output: folder for the run; by default a new one under runs/.
-        log: where metrics also go: wandb (Weights & Biases).
         progress: whether to show progress; by default on a terminal and in a notebook.
         report: function that is called with every row of metrics, such as ``print``.
         **settings: any other entry of the config by its name, such as ``learning_rate=1e-3`` or
@@ -102,7 +100,6 @@ def train(
         NonFiniteState: a value became NaN or infinite.
     """
     from rans.evaluation.fly.agent import load_policy
-    from rans.fast.learn.loggers import require_loggers
     from rans.show.progress import watched_training
 
     # The config decides everything; all of it is checked before the run folder is made.
@@ -119,8 +116,6 @@ def train(
         total_timesteps=total_timesteps,
     )
     config = replace(config, guard=guard or config.guard, plain=plain or config.plain)
-    check_loggers(log)
-    require_loggers(log)
     craft = (
         stored_spacecraft(config.spacecraft) if spacecraft is None else load_spacecraft(spacecraft)
     )
@@ -130,7 +125,9 @@ def train(
     trainer = ready_trainer(config, craft, output, is_own=isinstance(spacecraft, Spacecraft))
     with watched_training(config.total_timesteps, progress) as show:
         shows = [show] if report is None else [show, report]
-        run_training(trainer, log, shows)
+        # Of torchrun's processes the others only train.
+        shows = shows if trainer.processes.is_first else []
+        trainer.train(lambda row: [each(row) for each in shows])
     return Agent(load_policy(trainer.run.path), str(trainer.run.path))
 
 
@@ -164,42 +161,6 @@ def ready_trainer(
     return trainer
 
 
-def run_training(
-    trainer: Trainer,
-    log: Sequence[LoggerName],
-    shows: Sequence[Callable[[dict[str, Any]], object]],
-    stop: Callable[[], bool] = lambda: False,
-) -> None:
-    """Train, and give every row of metrics to functions that show it and to loggers.
-
-    Of torchrun's processes the others only train.
-
-    Args:
-        trainer: see `ready_trainer`.
-        log: names of loggers.
-        shows: functions that take a row.
-        stop: whether to stop after an iteration.
-    """
-    from rans.fast.learn.loggers import loggers
-
-    if not trainer.processes.is_first:
-        trainer.train(stop=stop)
-        return
-    sinks = loggers(log, trainer.config, trainer.run.path)
-    every = [*shows, *(sink.write for sink in sinks)]
-    trainer.train(lambda row: [show(row) for show in every], stop)
-    for sink in sinks:
-        sink.close()
-
-
-def check_loggers(names: Sequence[str]) -> None:
-    """Refuse (`ConfigError`) what is no sequence of names of loggers."""
-    if isinstance(names, str):
-        raise ConfigError(f'log takes several names, as in log=["{names}"], got {names!r}.')
-    for name in names:
-        one_of("log", name, get_args(LoggerName))
-
-
 @settled_alone
 def sweep(
     task: str | Task = "go-to-pose",
@@ -210,7 +171,6 @@ def sweep(
     total_timesteps: int | None = None,
     conditions: ConditionsLike | None = None,
     algorithm: str | None = None,
-    log: Sequence[LoggerName] = (),
     output: str | Path | None = None,
     **settings: Any,
 ) -> Sweep:
@@ -233,7 +193,6 @@ def sweep(
         total_timesteps: environment steps after which each member ends, solved or not; by default the preset's.
         conditions: see `train`.
         algorithm: learner: ppo, or one of an installed package.
-        log: loggers that also get the metrics of the best agent, at the end.
         output: folder for the results; by default a new one under runs/.
         **settings: entries of the config by name; a list has the values to combine.
 
@@ -241,12 +200,9 @@ def sweep(
         ConfigError: one of these does not exist, or the folder exists.
         NonFiniteState: every member diverged.
     """
-    from rans.fast.learn.loggers import require_loggers
     from rans.show.progress import watched
     from rans.show.sweep_files import save_sweep
 
-    check_loggers(log)
-    require_loggers(log)
     if isinstance(spacecraft, Spacecraft):
         raise ConfigError(
             "members of a sweep name their spacecraft: write it to a TOML file, and give its name."
@@ -268,7 +224,7 @@ def sweep(
         result.train(lambda _: step(1))
     if not result.has_agent:
         raise NonFiniteState(f"all members of {result.path} diverged: lower the learning rate.")
-    save_sweep(result, result.path, log)
+    save_sweep(result, result.path)
     return result
 
 

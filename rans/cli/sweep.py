@@ -60,10 +60,7 @@ class Sweep(Options):
 
     def run(self) -> int:
         """Train with progress and print a table; the exit code is 130 or 143 if it was stopped early."""
-        from rans.fast.learn.loggers import require_loggers
-
         compile_in_this_process()
-        require_loggers(self.log)
         sweep = self._trainings()
         folder = sweep.path
         first = sweep.processes.is_first
@@ -87,7 +84,7 @@ class Sweep(Options):
             how = "Stopped before any agent" if stopped else "All members diverged"
             Terminal().say(f"{how}; {folder} has none. Begin anew with: {again}")
             return code or 1
-        save_sweep(sweep, folder, self.log)
+        save_sweep(sweep, folder)
         Terminal().table(_table(sweep))
         solved = sum(member.solved for member in sweep.members)
         rate = f" ({sweep.timed_steps / max(sweep.seconds, 1e-9):,.0f} steps/s of all together)"
@@ -116,7 +113,7 @@ class Sweep(Options):
         from rans.fast.learn.sweep import read_configs
 
         if self.resume is not None:
-            if replace(self, resume=None, log=()) != Sweep():
+            if replace(self, resume=None) != Sweep():
                 raise ConfigError(
                     "--resume reads everything from the sweep's folder; give no other options."
                 )

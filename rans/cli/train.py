@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import UseAppendAction, arg
 
-from rans.api.training import as_it_comes, config_of, ready_trainer, run_training, train
+from rans.api.training import as_it_comes, config_of, ready_trainer, train
 from rans.cli import STARTED
 from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import whole_number
@@ -121,7 +121,7 @@ class Train(Options):
                     f"{self.resume} is not a run folder: there is nothing of that name{near}."
                 )
             rest = tuple(change for change in self.set if not change.startswith("plain="))
-            own = replace(self, resume=None, total_timesteps=None, log=(), set=rest)
+            own = replace(self, resume=None, total_timesteps=None, set=rest)
             if own != Train():
                 raise ConfigError(
                     "--resume reads everything from the run folder but the number of steps, which "
@@ -180,14 +180,11 @@ class Train(Options):
         if self.device != "cpu":
             open_ahead()
         compile_in_this_process()
-        from rans.fast.learn.loggers import require_loggers
-
-        require_loggers(self.log)
         with doing("preparing the training", in_log=False):
             trainer = self._trainer()
         if not trainer.processes.is_first:
             with StopGently() as stop:
-                run_training(trainer, (), (), stop)
+                trainer.train(stop=stop)
             return stop.code
         return self._shown(trainer)
 
@@ -201,7 +198,7 @@ class Train(Options):
             )
         showing = TrainingProgress(trainer.config.total_timesteps)
         with showing as progress, StopGently() as stop:
-            run_training(trainer, self.log, [progress.show], stop)
+            trainer.train(progress.show, stop)
         Terminal().say(_summary(trainer, begun_at, stop.requested, time.monotonic() - STARTED))
         if stop.requested:
             if trainer.ended:

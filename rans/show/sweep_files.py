@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
-from rans.fast.learn.loggers import LoggerName, loggers
 from rans.fast.learn.sweep import Sweep
 from rans.files import environment, plain, write_json, write_text
 
 
-def save_sweep(sweep: Sweep, folder: Path, log: Sequence[LoggerName] = ()) -> None:
-    """Write sweep.json, metrics.jsonl and best/; loggers get the best agent's rows.
+def save_sweep(sweep: Sweep, folder: Path) -> None:
+    """Write sweep.json, metrics.jsonl and best/.
 
     Raises:
-        ConfigError: the disk refused, or a logger cannot begin.
+        ConfigError: the disk refused.
     """
     best = sweep.best()
     rows = [
@@ -34,8 +32,4 @@ def save_sweep(sweep: Sweep, folder: Path, log: Sequence[LoggerName] = ()) -> No
             "members": sweep.results(),
         },
     )
-    agent = sweep.save_best()
-    for logger in loggers(log, best.config, agent):
-        for row in best.rows:
-            logger.write(row)
-        logger.close()
+    sweep.save_best()
