@@ -110,7 +110,7 @@ EVERY = (
     "assure go-to-pose-2d --output assured",
     "follow track-velocity-2d --episodes 1",
     "faults own.toml",
-    "improve dock mission --episodes 1 --rounds 1 --output dock.csv",
+    "improve go-to-pose lqr --spacecraft floating-platform --episodes 1 --rounds 1 --output least.csv",
     "prove network.onnx --problem problem.toml",
     "validate own.toml",
     "benchmark",

@@ -27,7 +27,6 @@ from rans.extend import (
 from rans.terminal import stages
 
 if TYPE_CHECKING:
-    from rans.extend import Task
     from rans_missions.improve.search import Improved
 
 
@@ -43,7 +42,7 @@ def improve(
     """Search for cheaper flights of a mission, from flights that solve it, and write them.
 
     Args:
-        task: mission, such as inspect, hold, dock, rendezvous or avoid, of a craft with thrusters alone.
+        task: task, such as avoid or dock-port, of a craft with on/off thrusters alone.
         *contestants: what the search begins from: FILE.csv with flights, names of controllers, run folders or
             pretrained:NAME. For each start the cheapest flight that solves the task counts.
         spacecraft: name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task,
@@ -54,7 +53,8 @@ def improve(
         output: file of the flights.
 
     Raises:
-        ConfigError: one of these does not exist, or no flight solves the task from any start.
+        ConfigError: one of these does not exist, the craft has other thrusters, or no flight solves the task from
+            any start.
     """
     from rans.extend import TASKS, Setup, contestant, scenarios
     from rans.model.actuators import Throttle
@@ -70,10 +70,9 @@ def improve(
     mission = TASKS[typed(task)]().for_evaluation()
     if not contestants:
         raise ConfigError(
-            f"the search begins from flights: name a controller, an agent or FILE.csv, as in rans improve {task} "
-            f"{_controller_of(mission)}."
+            "the search begins from flights: name a controller, an agent or FILE.csv, as in rans improve "
+            f"{task} lqr."
         )
-    # The craft, and throttled thrusters in place of its own where these are on/off.
     name = spacecraft or mission.spacecraft
     if name is not None:
         craft = load_spacecraft(name)
@@ -84,11 +83,14 @@ def improve(
         setup = Setup(craft, mission, run.timing)
     else:
         raise ConfigError(f"{task} has no spacecraft of its own: add --spacecraft NAME.")
+    if craft.is_continuous:
+        raise ConfigError(
+            f"improve searches the pulses of on/off thrusters, and {craft.name} has other thrusters or effectors: "
+            "for throttled ones convex guidance plans the cheapest flights known."
+        )
     ready_folder(file.parent)
     # Flights of throttled thrusters, such as optimal trajectories, become pulses of thrusters that are on or off.
-    throttled = setup
-    if not craft.is_continuous:
-        throttled = setup._replace(craft=replace(craft, actuators=Throttle()))
+    throttled = setup._replace(craft=replace(craft, actuators=Throttle()))
     seeds = [
         contestant(text, default_setup=throttled if text.endswith(".csv") else setup).controller
         for text in contestants
@@ -109,16 +111,6 @@ def _agent_of(contestants: Sequence[str]) -> str | None:
     return next((text for text in contestants if ContestantName.parse(text).kind in agents), None)
 
 
-def _controller_of(mission: Task) -> str:
-    """Name of a controller that flies a mission, if it is one of RANS."""
-    from rans_missions.tasks import Inspect
-    from rans_missions.tasks.orbital import OrbitalMission
-
-    if isinstance(mission, OrbitalMission):
-        return "mission"
-    return "circumnavigation" if isinstance(mission, Inspect) else "lqr"
-
-
 @command_of(
     improve,
     task=word("TASK"),
@@ -134,9 +126,8 @@ class Improve(Options):
     group = "Limits"
     guide = "docs/missions/improve.md"
     examples = (
-        "rans improve inspect circumnavigation --episodes 4",
-        "rans improve dock least.csv mission convex --rounds 400",
-        "rans improve avoid pretrained:avoid-2d optimal.csv",
+        "rans improve avoid pretrained:avoid-2d --episodes 4",
+        "rans improve avoid pretrained:avoid-2d optimal.csv --rounds 400",
     )
 
     def following(self) -> tuple[str, ...]:
@@ -151,7 +142,7 @@ class Improve(Options):
             mission = TASKS[typed(self.task)]()
             name = self.spacecraft or mission.spacecraft
             dimension = load_spacecraft(name).dimension if name is not None else 3
-            who = _controller_of(mission) if first.endswith(".csv") else first
+            who = "lqr" if first.endswith(".csv") else first
             craft = f"@{self.spacecraft}" if self.spacecraft else ""
             first = f"{who}:{self.task}-{dimension}d{craft}"
         words = ["rans", "compare", first, str(self.output), "--episodes", str(self.episodes)]

@@ -18,37 +18,30 @@ hundred."""
 class Best:
     """The cheapest flights that solve their task, from each start."""
 
-    changes: np.ndarray
-    """Changes of velocity or commands, (T, N, K)."""
+    commands: np.ndarray
+    """(T, N, thrusters), 0 or 1."""
     cost: np.ndarray
     """(N,) N s; infinite: there is none."""
-    length: np.ndarray
-    """Control periods until their end, (N,)."""
     flown: int = 0
     """Flights that were judged."""
     rounds: int = 0
     """Rounds of the search."""
 
     @staticmethod
-    def coasts(steps: int, count: int, columns: int) -> Best:
+    def coasts(steps: int, count: int, thrusters: int) -> Best:
         """Before any flight solves its task."""
-        return Best(
-            np.zeros((steps, count, columns)), np.full(count, np.inf), np.full(count, steps)
-        )
+        return Best(np.zeros((steps, count, thrusters)), np.full(count, np.inf))
 
     def take(
-        self, start: int, changes: np.ndarray, cost: float, flight: Flight, number: int
+        self, start: int, commands: np.ndarray, cost: float, flight: Flight, number: int
     ) -> None:
-        """Take a cheaper flight from a start, (T, K), which is one of those that were flown; T may be shorter.
+        """Take a cheaper flight from a start, (T, thrusters), which is one of those that were flown.
 
-        `changes` and `cost` are changed in place; whether it is cheaper is the caller's to ask.
+        `commands` and `cost` are changed in place; whether it is cheaper is the caller's to ask.
         """
-        steps = len(changes)
-        if flight.lengths is not None:
-            steps = int(flight.lengths[number])
-            self.length[start] = steps
-        self.changes[:, start] = 0.0
-        self.changes[:steps, start] = changes[:steps]
+        steps = len(commands) if flight.lengths is None else int(flight.lengths[number])
+        self.commands[:, start] = 0.0
+        self.commands[:steps, start] = commands[:steps]
         self.cost[start] = cost
 
 

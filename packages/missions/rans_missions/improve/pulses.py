@@ -360,7 +360,8 @@ def _sets(price: float, was: _Flown, singles: _Flown, changes: np.ndarray) -> li
             missed = beyond + weight * broken
             value = (spent[:, None] + costs) + price * np.log1p(missed)
             value[again] = np.inf
-            best.append(np.argpartition(value, 2 * _BEAM, axis=None)[: 2 * _BEAM])
+            most = min(2 * _BEAM, value.size)
+            best.append(np.argpartition(value, most - 1, axis=None)[:most])
             best[-1] = best[-1][np.argsort(value.ravel()[best[-1]])]
         chosen = []
         for order in best:

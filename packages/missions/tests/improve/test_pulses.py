@@ -121,8 +121,8 @@ def test_a_search_finds_pulses_from_a_flight_that_misses_its_goal(
     coast = np.zeros((30, 1, CRAFT.thruster_count))
     found = improve(SETUP, starts(1), [Script(coast)], rounds=4)
     assert np.isnan(found.before[0])
-    assert set(np.unique(found.changes)) <= {0.0, 1.0}
-    flight = flown(found.changes)
+    assert set(np.unique(found.commands)) <= {0.0, 1.0}
+    flight = flown(found.commands)
     assert np.asarray(flight.verdict.solved).all()
     np.testing.assert_allclose(impulses(flight), found.after, rtol=1e-9)
     # A push and one back are the least with which a craft at rest comes to rest elsewhere.
