@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rans.errors import ConfigError
 from rans.files import read_text
-from rans.model.spacecraft import MOST_THRUSTERS
+from rans.model.spacecraft import MOST_THRUSTERS, Spacecraft, Thruster
 from rans.registry import Registry
 
 FORMATS = (".urdf",)
@@ -22,26 +22,21 @@ _LARGEST = 2**24
 _OUT_OF_PLANE = 1e-3
 """Part of a force along z that is laid into the plane. People type angles with two to five digits: 3.1416 is off by
 7e-6 rad, 90 degrees as 1.57 by 8e-4, and a force turned by a milliradian loses 5e-7 of itself."""
+_FORCE = 1.0
+"""N that stand for a force that a file does not say: that of the paper's thrusters."""
 
 
 @dataclass(frozen=True)
 class Nozzle:
-    """A thruster whose force, or position, may be unknown."""
+    """A thruster whose force may be unknown."""
 
     name: str
-    position: tuple[float, float, float] | None
-    """m, in G; None: the file does not say it."""
+    position: tuple[float, float, float]
+    """m, in G."""
     direction: tuple[float, float, float]
     """Unit vector of the force, in G."""
     force: float | None
     """N; None: the file does not say it."""
-
-    def text(self, dimension: int) -> str:
-        """The thruster as "POSITION; DIRECTION; FORCE" of `rans init`, with two coordinates in the plane."""
-        where = ["POSITION"] if self.position is None else self.position[:dimension]
-        force = "FORCE" if self.force is None else self.force
-        parts = (where, self.direction[:dimension], [force])
-        return "; ".join(", ".join(_number(x) for x in part) for part in parts)
 
 
 @dataclass(frozen=True)
@@ -60,38 +55,66 @@ class Foreign:
     remarks: tuple[str, ...] = ()
     """What the file says and a spacecraft of RANS cannot have, or what it does not say and is assumed; clauses."""
 
-    @property
-    def radius(self) -> float | None:
-        """Distance of the outermost thruster from the centre of mass, m, for drawings; None without thrusters."""
-        levers = [
-            math.dist(nozzle.position, self.centre_of_mass)
-            for nozzle in self.nozzles
-            if nozzle.position is not None
-        ]
-        return round(max(levers), 4) if any(levers) else None
+    def spacecraft(
+        self, name: str, dimension: int, usual: Spacecraft
+    ) -> tuple[Spacecraft, tuple[str, ...]]:
+        """The spacecraft, and remarks with what it has of another one because the file does not say it.
 
-    def thrusters(self, dimension: int) -> tuple[str, ...]:
-        """All thrusters as "POSITION; DIRECTION; FORCE".
+        Args:
+            name: name of the spacecraft.
+            dimension: 2: it moves in the plane; 3: in space.
+            usual: spacecraft of this dimension.
 
         Raises:
-            ConfigError: a position or force is missing, or a force acts out of the plane of a planar craft.
+            ConfigError: a force acts out of the plane of a planar craft, or a number is not physical.
         """
-        if dimension == 2:
-            for nozzle_pose in self.nozzles:
-                across = abs(nozzle_pose.direction[2])
-                if across > _OUT_OF_PLANE:
-                    raise ConfigError(
-                        f"{nozzle_pose.name} of {self.source} pushes along z, {across:.2g} of its force out of the "
-                        "plane: set dimension to 3 or give thrusters of the plane with --thruster."
-                    )
-        if any(nozzle.force is None or nozzle.position is None for nozzle in self.nozzles):
-            missing = "force" if all(nozzle.position for nozzle in self.nozzles) else "position"
-            texts = " ".join(f"--thruster '{nozzle.text(dimension)}'" for nozzle in self.nozzles)
-            raise ConfigError(
-                f"{self.source} does not say the {missing} of its thrusters; give each of them, with metres and "
-                f"newtons in place of words in capitals: {texts}"
+        remarks = list(self.remarks)
+        inertia = self.inertia
+        if inertia is None:
+            remarks.append(f"it has no inertia, and the one here is that of {usual.name}")
+            inertia = usual.inertia
+        elif dimension == 2:
+            about_z = inertia[2][2]
+            inertia = ((about_z, 0.0, 0.0), (0.0, about_z, 0.0), (0.0, 0.0, about_z))
+        unsaid = [nozzle.name for nozzle in self.nozzles if nozzle.force is None]
+        if unsaid:
+            remarks.append(
+                f"it does not say the force of {', '.join(unsaid)}, and {_FORCE:g} N here stands for it"
             )
-        return tuple(nozzle.text(dimension) for nozzle in self.nozzles)
+        thrusters = tuple(self._thruster(nozzle, dimension) for nozzle in self.nozzles)
+        if not thrusters:
+            remarks.append(
+                "it has no link that a plugin of SpacecraftThrusterModel names, nor one whose name says thruster "
+                f"or nozzle, and the thrusters here are those of {usual.name}"
+            )
+        x, y, z = self.centre_of_mass
+        centre = (x, y, z if dimension == 3 else 0.0)
+        levers = [math.dist(thruster.position, centre) for thruster in thrusters]
+        craft = Spacecraft(
+            name=name,
+            dimension=usual.dimension,
+            mass=self.mass,
+            inertia=inertia,
+            centre_of_mass=centre,
+            thrusters=thrusters or usual.thrusters,
+            radius=round(max(levers), 4) if any(levers) else usual.radius,
+        )
+        return craft, tuple(remarks)
+
+    def _thruster(self, nozzle: Nozzle, dimension: int) -> Thruster:
+        """The thruster of a nozzle; raises (`ConfigError`) if it pushes a planar craft out of the plane."""
+        force = _FORCE if nozzle.force is None else nozzle.force
+        if dimension == 3:
+            return Thruster(nozzle.position, nozzle.direction, force)
+        x, y, _ = nozzle.position
+        along_x, along_y, across = nozzle.direction
+        if abs(across) > _OUT_OF_PLANE:
+            raise ConfigError(
+                f"{nozzle.name} of {self.source} pushes along z, {abs(across):.2g} of its force out of the plane: "
+                "choose dimension 3, or turn it in that file."
+            )
+        length = math.hypot(along_x, along_y)
+        return Thruster((x, y, 0.0), (along_x / length, along_y / length, 0.0), force)
 
 
 Importer = Callable[[str, str], Foreign]
@@ -127,7 +150,3 @@ def read_foreign(file: Path) -> Foreign:
             f"{file} has {len(draft.nozzles)} thrusters, and a spacecraft at most {MOST_THRUSTERS}."
         )
     return draft
-
-
-def _number(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:.12g}"

@@ -90,14 +90,8 @@ def test_drake_reads_the_same_body(seed: int, tmp_path: Path) -> None:
         body = plant.GetBodyByName(nozzle.name, model)
         pose = plant.CalcRelativeTransform(context, root, body.body_frame())
         centre = pose @ body.CalcCenterOfMassInBodyFrame(context)
-        assert nozzle.position is not None
         assert np.array(nozzle.position) == pytest.approx(centre, abs=1e-9)
         assert np.array(nozzle.direction) == pytest.approx(pose.rotation().matrix()[:, 2], abs=1e-9)
-
-
-def test_thrusters_without_a_force_are_asked_for(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"does not say the force of its thrusters.*--thruster"):
-        read(urdf(0), tmp_path).thrusters(3)
 
 
 def link(name: str, mass: str = "17", moments: str = "0.3 0.3 0.3") -> str:
