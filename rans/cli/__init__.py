@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import io
+import json
 import os
 import sys
 import time
@@ -12,6 +13,7 @@ import warnings
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from rans.cli.commands import COMMANDS, divides_work
@@ -254,6 +256,9 @@ def _parse(arguments: list[str]) -> Any:
 
 def _end(sentence: str, code: int) -> int:
     _tell(sentence)
+    # torchrun ends with what a process has written there, else with "no error file" below its own traceback.
+    if file := os.environ.get("TORCHELASTIC_ERROR_FILE"):
+        Path(file).write_text(json.dumps({"message": sentence, "timestamp": int(time.time())}))
     return code
 
 

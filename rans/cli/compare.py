@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -110,7 +111,9 @@ def _show(comparison: Comparison, full: bool) -> None:
     for sentence in tables.verdict(comparison):
         console.say(sentence)
     if comparison.entries:
-        _show_scores(console, comparison, tables.score_table(comparison, full and not so_far))
+        is_short = so_far or not full
+        table = tables.short_table if is_short else tables.score_table
+        console.table(replace(table(comparison), title=comparison.contest.title()))
     if so_far:
         said = {"optimal": "certified bounds", "mpc": "MPC"}
         more = ", ".join(said.get(name, name) for name in comparison.waiting)
@@ -119,14 +122,17 @@ def _show(comparison: Comparison, full: bool) -> None:
         )
         return
     # Relaxed optima, multiples of bounds, and the bound of a mission.
-    further = [tables.relaxed_table(comparison)]
+    further = []
     if full:
         starts = counted(len(comparison.certified_starts()), "start")
         title = f"Median multiple of the bound of the same event, {starts}"
-        further.append(tables.gap_table(tables.gaps(comparison), title))
-    if full and (mission := comparison.mission) is not None:
-        title = f"Over the certified least {mission.spending}, start by start"
-        further.append(Table(*mission.table(comparison.entries), title))
+        further += [
+            tables.relaxed_table(comparison),
+            tables.gap_table(tables.gaps(comparison), title),
+        ]
+        if (mission := comparison.mission) is not None:
+            title = f"Over the certified least {mission.spending}, start by start"
+            further.append(Table(*mission.table(comparison.entries), title))
     for table in further:
         if table.rows:
             console.table(table)
@@ -135,13 +141,3 @@ def _show(comparison: Comparison, full: bool) -> None:
     if comparison.files:
         first, *others = comparison.files
         console.say(f"Written to {', '.join([str(first), *(file.name for file in others)])}.")
-
-
-def _show_scores(console: Terminal, comparison: Comparison, scores: Table) -> None:
-    """Print the scores, with intervals where the terminal is wide enough."""
-    brief = [
-        (key, *(text and text.partition(" (")[0] for text in texts)) for key, *texts in scores.rows
-    ]
-    title = comparison.contest.title() + (", so far" if comparison.waiting else "")
-    note = "A wider terminal shows intervals too."
-    console.show(title, ("", *scores.columns[1:]), scores.rows, brief, note)

@@ -124,7 +124,9 @@ class Evaluate(Options):
             results["both"] = comparison.to_json()
             passed = comparison.passed
         solved = next(iter(measured.values()))["solved"].value
-        if text := name.shortfall(solved, run, self.conditions):
+        if text := name.shortfall(
+            solved, run, self.conditions, self.changed("guard", "protocol", "period")
+        ):
             Terminal().say(text)
         written = self._write_files(run, next(iter(flights.values())))
         file = self._write(run, results, measured, next(iter(flights.values())))

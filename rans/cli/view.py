@@ -81,7 +81,9 @@ class View(Options):
             return
         name = ContestantName.parse(self.contestants[0])
         (run, *_) = flyers((name.text,), None, self.trust)
-        text = name.shortfall(100.0 * float(solved.mean()), run, self.conditions)
+        text = name.shortfall(
+            100.0 * float(solved.mean()), run, self.conditions, self.changed("guard")
+        )
         if "rans view" not in text:  # which it is
             Terminal().say(text)
 

@@ -193,6 +193,7 @@ def contract(
         },
         # What goes in and what comes out, every control period.
         "control_period": config.timing.control_period,
+        "episode_steps": config.timing.episode_steps,
         "frames": _FRAMES,
         "observation": _columns(task, craft, seen),
         "tasks": _flagged(config.task, task, craft),

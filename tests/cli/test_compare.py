@@ -70,7 +70,9 @@ def test_interrupted_it_still_writes(
     monkeypatch.setattr("rans.evaluation.compare.relaxed.solve", interrupted)
     command = f"compare lqr:go-to-pose-2d --with optimal --episodes 2 --output {tmp_path}"
     assert main(command.split()) == 130
-    assert json.loads((tmp_path / "compare.json").read_text())["summary"][0]["solved"] == 2
+    read = json.loads((tmp_path / "compare.json").read_text())
+    assert read["summary"][0]["solved"] == 2
+    assert read["is_partial"]  # no evidence of a dossier
     out, err = capsys.readouterr()
     assert "interrupted; what was written is kept" in err
     # The stage that was interrupted, and no count of bounds whose turn had not come.
@@ -91,7 +93,7 @@ def test_interrupted_while_it_certifies_it_prints_what_is_finished(
 
     monkeypatch.setattr("rans.evaluation.compare.relaxed.solve", solve)
     monkeypatch.setattr("rans.evaluation.compare.run.certified_bounds", one_bound)
-    command = f"compare lqr:go-to-pose-2d --with optimal --episodes 1 --output {tmp_path}"
+    command = f"compare lqr:go-to-pose-2d --with optimal --episodes 1 --full --output {tmp_path}"
     assert main(command.split()) == 130
     out = capsys.readouterr().out
     for part in ("minimum time", "1 of 1", "3.25", "7.5"):

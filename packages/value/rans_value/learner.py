@@ -11,6 +11,7 @@ learning and structured prediction to no-regret online learning", AISTATS 2011).
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
@@ -551,8 +552,10 @@ class Newest(GreedyController):
         newest = sorted(files, key=lambda x: x.stat().st_mtime, reverse=True)
         for file in (*newest, *SHIPPED.glob("*/config.json")):
             run = RunFolder(file.parent)
-            table = read_json(file)
             # Other folders may need packages that are not here, and files of other programs have the same name.
+            table = None
+            with suppress(ConfigError):
+                table = read_json(file)
             is_value = isinstance(table, dict) and table.get("algorithm") == "value"
             if is_value and run.has_checkpoint:
                 config = run.config()

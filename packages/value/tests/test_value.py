@@ -126,6 +126,8 @@ def test_a_training_leaves_its_policy_and_its_value_function(
     monkeypatch.chdir(tmp_path)
     Path("runs/other").mkdir(parents=True)
     Path("runs/other/config.json").write_text("[]")
+    Path("runs/no-json").mkdir()
+    Path("runs/no-json/config.json").write_text("{")
     heavier = replace(PLATFORM, mass=6.0)
     with pytest.raises(ConfigError, match="has a value function"):
         Newest(heavier, TASK, config.timing)

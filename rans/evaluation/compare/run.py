@@ -84,6 +84,9 @@ class Comparison(NotebookRepr):
     files: list[Path] = field(default_factory=list)
     """Files that it was written to, the page first."""
 
+    is_partial: bool = False
+    """Whether it was interrupted."""
+
     def __repr__(self) -> str:
         return f"<Comparison of {', '.join(entry.name for entry in self.entries) or 'nobody'}>"
 
@@ -191,6 +194,7 @@ class Comparison(NotebookRepr):
         Bounds are counted if they are ``kept`` in a file. Without one the note says that none was computed:
         certification may have been far from its turn.
         """
+        self.is_partial = True
         stage = f' in the stage "{begun[-1]}"' if begun else ""
         flown = counted(len(self.entries), "contestant")
         count = len(self.certified_starts() if self.mission is None else self.mission.lower)

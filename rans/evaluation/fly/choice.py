@@ -172,17 +172,17 @@ NARROW = "tolerances that are narrower than it can hold"
 """Likely cause where the user has named tolerances."""
 
 
-def likely_cause(craft: Spacecraft, period: float) -> str:
-    """The likeliest reason for which a craft loses flights to poses: units, control period (s) or authority."""
+def likely_cause(craft: Spacecraft, period: float, is_to_a_pose: bool = True) -> str:
+    """The likeliest reason for which a craft loses flights: units; for poses also its period (s) or authority."""
     for reason in misfits(craft):
         return reason
     with contextlib.suppress(ConfigError):
         usual = timing_for(craft, GoToPose().timing).control_period
-        if period > usual:
+        if is_to_a_pose and period > usual:
             return (
                 f"it is commanded every {period:g} s, and craft of its authority every {usual:g} s"
             )
-        if reason := Prospect.of(craft, period).reason:
+        if is_to_a_pose and (reason := Prospect.of(craft, period).reason):
             return reason
     return "a small force or torque along one axis, or flights that are short for it"
 

@@ -9,6 +9,7 @@ import contextlib
 import re
 import shlex
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -303,37 +304,46 @@ class ContestantName:
         """Whether it asks an agent for any craft for tolerances of its own."""
         return any(word != _POSITION for word in self.asked)
 
-    def shortfall(self, percent: float, run: LoadedRun, conditions: object | None = None) -> str:
+    def shortfall(
+        self,
+        percent: float,
+        run: LoadedRun,
+        conditions: object | None = None,
+        options: Sequence[str] = (),
+    ) -> str:
         """Why so few flights of the contestant are solved, and what to run; "" if enough are (`choice.ENOUGH`).
 
         Args:
             percent: solved flights, %.
             run: what flew.
             conditions: what the user has named; None: it flew under its own.
+            options: further words of the command, with which the flights are repeated.
         """
         from rans.evaluation.fly.choice import ENOUGH, NARROW, likely_cause
+        from rans.policy.timing import flies_to_a_pose
 
         if percent >= 100.0 * ENOUGH:
             return ""
         craft = self.craft or self.setup.partition("@")[2] or run.craft.name
-        again = ["rans", "evaluate", self.text]
+        again = ["rans", "evaluate", self.text, *options]
         if conditions is not None:
             cause = "conditions that are harder than its own"
             if self.frugality:
                 cause += ", in which larger values lose more flights than 0"
-                again[-1:] = [self._at(0.0), "--conditions", str(conditions)]
+                again[2:3] = [self._at(0.0), "--conditions", str(conditions)]
         elif self._is_narrow:
             cause = NARROW
             again = ["rans", "list", craft]
         elif self.frugality is not None:
             cause = "a value that suits this craft less than the one that its flights choose"
-            again[-1] = self._at(None)
+            again[2] = self._at(None)
         elif self.is_for_a_craft or self.kind == "controller":
-            cause = likely_cause(run.craft, run.timing.control_period)
+            is_to_a_pose = flies_to_a_pose(run.task, run.craft)
+            cause = likely_cause(run.craft, run.timing.control_period, is_to_a_pose)
             again = ["rans", "list", craft]
         else:
             cause = "what a view of a lost flight shows"
-            again[1] = "view"
+            again = ["rans", "view", self.text, *(word for word in options if word == "--guard")]
             if registered_name(run.task) is None:  # a class of the user
                 again.append("--trust")
         return f"{percent:.3g} % of the flights are solved. The likely cause: {cause}. Next: {shlex.join(again)}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -104,6 +105,8 @@ def load_exported(folder: Path) -> LoadedRun:
     task = structure(contract["settings"], TASKS[contract["task"]], where)
     craft = read_spacecraft(inside(folder, "spacecraft.toml"))
     timing = timing_of_file(craft, task, "spacecraft.toml", float(contract["control_period"]))
+    if (steps := contract.get("episode_steps")) is not None:  # earlier exports have none
+        timing = replace(timing, episode_steps=steps)
     return LoadedRun(_controller(folder, craft, task), craft, task, timing)
 
 

@@ -42,7 +42,7 @@ _DETAILS = (
     "impulse over the bound",
     RETURN,
 )
-"""Beginnings of the names of scores that short tables leave out."""
+"""Beginnings of the names of scores that `short_table` leaves out, as it does errors."""
 
 
 def measures(task: Task) -> dict[str, Callable[[Entry], np.ndarray]]:
@@ -150,17 +150,39 @@ def scoreboard(comparison: Comparison) -> dict[str, Scores]:
     return {entry.name: scores(entry, bootstrap, optimum, mission) for entry in comparison.entries}
 
 
-def score_table(comparison: Comparison, every: bool = True) -> Table:
-    """The scores with their intervals, a column a contestant; not ``every``: the most important ones."""
+def score_table(comparison: Comparison) -> Table:
+    """The scores with their intervals, a column a contestant."""
     board = scoreboard(comparison)
     keys = dict.fromkeys(key for row in board.values() for key in row)
     rows = [
-        (key, *(row[key].text() if key in row else None for row in board.values()))
-        for key in keys
-        if every or not key.startswith(_DETAILS)
+        (key, *(row[key].text() if key in row else None for row in board.values())) for key in keys
     ]
     colours = {entry.name: series_style(k)[0] for k, entry in enumerate(comparison.entries)}
     return Table(("score", *board), rows, "Scores over all starts", colours=colours)
+
+
+def short_table(comparison: Comparison) -> Table:
+    """A row a contestant, then a relaxed optimum, with the scores that decide, without intervals."""
+    board = scoreboard(comparison)
+    keys = dict.fromkeys(key for row in board.values() for key in row)
+    chosen = [key for key in keys if not (key.startswith(_DETAILS) or " error, " in key)]
+    rows = [
+        (name, *(figure(row[key].value) if key in row else None for key in chosen))
+        for name, row in board.items()
+    ]
+    for optimum in _bound_summary(comparison):
+        values = {
+            "solved, %": 100.0 * optimum["solved"] / optimum["starts"],
+            "settling time, s": optimum["median_settling_time"],
+            _IMPULSE: optimum["mean_impulse"],
+        }
+        rows.append(
+            (
+                optimum["contestant"],
+                *(None if values.get(key) is None else figure(values[key]) for key in chosen),
+            )
+        )
+    return Table(("contestant", *chosen), rows, comparison.contest.title(), right=chosen)
 
 
 def best_returns(comparison: Comparison) -> np.ndarray | None:
@@ -405,6 +427,7 @@ def outcome(comparison: Comparison, board: dict[str, Scores]) -> dict[str, Any]:
     return {
         "title": comparison.contest.title(),
         "summary": rows,
+        "is_partial": comparison.is_partial,
         "notes": comparison.notes,
         "failures": comparison.failures,
     }
