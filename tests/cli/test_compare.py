@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 from collections.abc import Iterator
 from dataclasses import replace
@@ -41,7 +42,8 @@ def test_writes_page_and_numbers(
     assert "<h1>Comparison: 3 starts of seed 2023, floating-platform" in page
     assert "<dt>command</dt><dd>rans compare lqr:go-to-pose-2d " in page
     printed = capsys.readouterr().out
-    assert "settling time, s" in printed
+    assert max(map(len, printed.splitlines()[1:8])) <= 80  # a row a contestant
+    assert re.search(r"│ LQR +│ +100 │ +[0-9.]+ │ +[0-9.]+ │", printed)
     assert "  rans view lqr:go-to-pose-2d\n" in printed  # not beside itself
     # The chart of time and impulse for a paper.
     assert "compare.svg, compare.pdf" in printed
