@@ -93,13 +93,11 @@ def _read(kind: type, word: str) -> Any:
         raise ValueError(f"it must be {_KINDS[kind]}, got {brief(word)}.{advice}") from None
 
 
-def named_numbers(
-    text: str, names: Sequence[str], option: str, *, are_all_needed: bool = False
-) -> dict[str, float]:
+def named_numbers(text: str, names: Sequence[str], option: str) -> dict[str, float]:
     """Numbers by name of a text such as "speed=0.1,spin=0.2"; those that it leaves out are absent.
 
     Raises:
-        ConfigError: a name is wrong, twice or missing, or a value is no finite number.
+        ConfigError: a name is wrong or twice, or a value is no finite number.
     """
     values: dict[str, float] = {}
     for part in filter(None, text.split(",")):
@@ -112,6 +110,4 @@ def named_numbers(
         if name not in names or name in values or not math.isfinite(value):
             raise ConfigError(f"{option} takes {'=..., '.join(names)}=..., got {brief(part)}.")
         values[name] = value
-    if are_all_needed and len(values) < len(names):
-        raise ConfigError(f"{option} takes all of {'=..., '.join(names)}=..., got {brief(text)}.")
     return values

@@ -6,7 +6,7 @@ Forms differ in files alone: contract, golden pairs and card are those of the sa
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol, get_args
@@ -57,14 +57,6 @@ from rans.policy.network import Network
 from rans.registry import Registry
 from rans.scenario import EVALUATION_SEED
 from rans.structure import LARGEST_TOML
-
-CONTRACT_ENTRIES: Registry[Callable[[Path], dict[str, Any]]] = Registry(
-    kind="entry of a contract",
-    group="rans.contract_entries",
-    built_in={},
-    checked=lambda entries: entries,
-)
-"""What installed packages add to the contract of an exported agent: functions of its run folder."""
 
 
 class Exporter(Protocol):
@@ -189,8 +181,6 @@ def write_export(
     if form in ("sb3", "rans"):
         write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
     write_text(target.spacecraft_file, text)
-    for entries in CONTRACT_ENTRIES.values():
-        about |= entries(source.path)
     about["about"] = made(spec or str(run), setup, "rans.export")
     if stack := stack_of(folder):
         about["c"] = {"stack": stack, "meaning": "bytes of stack that agent.c needs (agent.h)"}

@@ -95,12 +95,6 @@ SOURCES = (
         (("evidence", "flights in both engines, and their agreement"),),
     ),
     Source(
-        "*proof.json",
-        "rans prove {agent} --property position=0.05,heading=5 --from position=0.015,heading=1.5",
-        "agent",
-        (("evidence", "proof, or why there is none"),),
-    ),
-    Source(
         "validation.json",
         "rans validate {craft} --quick --output {folder}",
         "spacecraft",
@@ -137,6 +131,7 @@ class Row:
     """Empty: there is no evidence, and `command` would make it."""
     passed: bool | None
     command: str
+    """Empty: nothing answers the question."""
     file: str = ""
     """File of the evidence, below the agent's folder."""
     date: str = ""
@@ -148,6 +143,16 @@ class Row:
     """Processor and versions that made it."""
     measured: bool = False
     """See `Fact`."""
+
+
+UNPROVED = Row(
+    "evidence",
+    "proof: none is known for agents, rans prove takes networks of ONNX files with plants of formulas",
+    "",
+    None,
+    "",
+)
+"""The row of proof, which no command can fill."""
 
 
 class Dossier:
@@ -175,7 +180,7 @@ class Dossier:
         self._craft = craft
         self.sections: list[Section] = []
         """Sections of the files that are evidence."""
-        self.rows = [row for source in SOURCES for row in self._rows(source)]
+        self.rows = [*(row for source in SOURCES for row in self._rows(source)), UNPROVED]
 
     @property
     def file(self) -> Path:
@@ -211,10 +216,6 @@ class Dossier:
         if about.get("is_partial"):
             return f"{file.name} is of an interrupted command"
         recorded = _mapping(about.get("hashes"))
-        if files := _mapping(about.get("agent")):
-            # A certificate, which has no canonical spacecraft.
-            recorded = {key: files.get(key[key.find("(") + 1 : -1]) for key in self.hashes}
-            recorded["spacecraft"] = self.hashes["spacecraft"]
         wanted = self.hashes if source.of == "agent" else {}
         if source.of == "spacecraft":
             wanted = {"spacecraft": self.hashes["spacecraft"]}
@@ -232,10 +233,7 @@ class Dossier:
             fact.what,
             fact.value,
             fact.passed,
-            str(
-                about.get("command")
-                or shlex.join(["rans", "prove", self.name, "--check", str(file)])
-            ),
+            str(about.get("command", "")),
             file.relative_to(self.folder).as_posix(),
             str(made.get("date", "")),
             self._weights,
@@ -377,11 +375,7 @@ def _again(dossier: Dossier, words: Sequence[str], place: Path) -> list[Row]:
         copied.append(name.policy_file)
     if name.kind == "run folder":
         results = [*(source.files for source in SOURCES), "*.html", dossier.file.name]
-        copied += [
-            file
-            for file in Path(name.name).iterdir()
-            if file.name == "proof.json" or not any(map(file.match, results))
-        ]
+        copied += [file for file in Path(name.name).iterdir() if not any(map(file.match, results))]
     # Below the place is a folder for every path: a relative one is there as it is here, with "..".
     folder = place / _moved(str(Path.cwd()), place)
     folder.mkdir(parents=True)
@@ -399,8 +393,6 @@ def _again(dossier: Dossier, words: Sequence[str], place: Path) -> list[Row]:
             text=True,
             check=False,
         )
-        if done.returncode and "--check" in arguments:  # a certificate that is refused
-            return []
     written = next(place.rglob(dossier.file.name), None)
     if written is None:
         raise ConfigError(f"{shlex.join(words)} ended with {done.returncode}: {done.stderr[-300:]}")

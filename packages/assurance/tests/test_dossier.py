@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import pytest
-from rans_assurance.dossier import SOURCES, Dossier
+from rans_assurance.dossier import SOURCES, UNPROVED, Dossier
 
 from rans.cli import _parse, main
 from rans.pretrained import pretrained_folder
@@ -57,7 +57,7 @@ def test_a_row_has_its_evidence_or_the_command_that_makes_it(
     # The other questions stand empty, without a verdict, in every part that has none.
     empty = [row for row in rows if not row["value"]]
     asked = {what for source in SOURCES for _, what in source.questions}
-    assert {row["what"] for row in empty} < asked
+    assert {row["what"] for row in empty} < asked | {UNPROVED.what}
     assert len(empty) >= 7
     assert all(row["passed"] is None and row["command"] in printed for row in empty)
     page = (folder / "dossier.html").read_text("utf-8")
@@ -68,6 +68,8 @@ def test_a_row_has_its_evidence_or_the_command_that_makes_it(
 
 def test_every_command_of_a_dossier_can_be_typed(folder: Path) -> None:
     for row in Dossier(str(folder)).rows:
+        if row is UNPROVED:
+            continue
         first, *words = shlex.split(row.command)
         assert first == "rans"
         _parse(words)  # exits where there is no such option

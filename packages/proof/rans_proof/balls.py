@@ -1,7 +1,7 @@
-"""Ball arithmetic that both checkers of certificates share: matrices, and planes around dense networks.
+"""Ball arithmetic of the checker of certificates: matrices, and planes around dense networks.
 
 Every number is an interval of FLINT (Johansson, "Arb: efficient arbitrary-precision midpoint-radius interval
-arithmetic", 2017). Nothing here is used by the provers.
+arithmetic", 2017). The prover uses nothing here.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The checkers' one reader of text: JSON and TOML whose tables are closed and whose values are of known kinds.
+"""The checker's reader of text: JSON and TOML whose tables are closed and whose values are of known kinds.
 
-A key that no checker reads would be a claim that no checker checks, so it is refused.
+A key that is not read would be a claim that is not checked, so it is refused.
 """
 
 from __future__ import annotations

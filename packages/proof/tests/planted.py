@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -40,34 +40,3 @@ def planted(names: Sequence[str], *errors: Error) -> dict[str, ModuleType]:
         sys.modules.update(true)
     assert all(error[0] in names for error in errors)
     return modules
-
-
-def planted_in(names: Sequence[str], old: str, new: str) -> ModuleType:
-    """The last one of modules, with another text in the place of one that only one of them has.
-
-    Args:
-        names: full names of the modules, each after those of them that it imports.
-        old: text of one of their sources.
-        new: the text in its place.
-    """
-    sources = {
-        name: Path(str(importlib.import_module(name).__file__)).read_text() for name in names
-    }
-    (name,) = (name for name, source in sources.items() if old in source)
-    return planted(names, (name, old, new))[names[-1]]
-
-
-Change = tuple[str, Any] | Callable[..., object]
-"""A path with dots and a value there, or what it makes of the one before; or a function of the table."""
-
-
-def forge(table: Any, change: Change, *further: Any) -> None:
-    """Change a table that was honest; ``further`` is what a function of it takes, too."""
-    if callable(change):
-        change(table, *further)
-        return
-    path, value = change
-    *keys, last = (int(key) if key.isdigit() else key for key in path.split("."))
-    for key in keys:
-        table = table[key]
-    table[last] = value(table[last]) if callable(value) else value

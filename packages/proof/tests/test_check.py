@@ -271,7 +271,6 @@ def test_states_that_follow_from_exact_ones_need_no_shorter_steps() -> None:
     np.testing.assert_allclose([float(x.mid()) for x in end[0].entries()], expected, rtol=1e-9)
 
 
-def test_a_file_of_another_kind_is_neither_network_nor_agent(refused: Any, tmp_path: Path) -> None:
-    (tmp_path / "flight.csv").write_text("time\n0\n")
-    for typed in (f"{tmp_path}/flight.csv", "track-velocity-2d --problem docking.toml"):
-        assert "a network is a file that ends in .onnx" in refused(f"prove {typed}")
+def test_agents_and_other_files_are_refused_by_what_can_be_proved(refused: Any) -> None:
+    for typed in ("flight.csv", "track-velocity-2d --problem docking.toml"):
+        assert "the file of a network that ends in .onnx" in refused(f"prove {typed}")

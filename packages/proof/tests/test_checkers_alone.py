@@ -9,27 +9,24 @@ import pytest
 
 pytest.importorskip("onnx")
 pytest.importorskip("flint")
-CHECKERS = ("check", "check_pose")
-PROVERS = ("prove", "pose_trap")
 
 
-def loaded(*modules: str) -> set[str]:
-    """Names of modules of RANS, and torch, that a process has loaded after modules of the package."""
-    names = ", ".join(f"rans_proof.{module}" for module in modules)
-    code = f"import sys, {names}; print(*sys.modules)"
+def loaded(module: str) -> set[str]:
+    """Names of modules of RANS, and torch, that a process has loaded after a module of the package."""
+    code = f"import sys, rans_proof.{module}; print(*sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     beginnings = ("rans.", "rans_proof.", "torch")
     return {name for name in run.stdout.split() if name.startswith(beginnings)}
 
 
 def test_checkers_load_no_module_of_rans() -> None:
-    found = loaded(*CHECKERS)
+    found = loaded("check")
     assert {"rans_proof.balls", "rans_proof.claims"} < found
     assert all(name.startswith("rans_proof.") for name in found)
 
 
 @pytest.mark.slow
 def test_no_module_is_of_a_checker_and_of_a_prover() -> None:
-    of_provers = loaded(*PROVERS)
-    assert {"rans_proof.network", "rans_proof.verdicts", "torch"} < of_provers
-    assert not loaded(*CHECKERS) & of_provers
+    of_provers = loaded("prove")
+    assert {"rans_proof.network", "torch"} < of_provers
+    assert not loaded("check") & of_provers

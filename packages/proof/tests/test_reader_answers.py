@@ -1,4 +1,4 @@
-"""What the readers of problems, networks, agents and certificates make of planted files."""
+"""What the readers of problems and networks make of planted files."""
 
 from __future__ import annotations
 
@@ -8,13 +8,9 @@ from typing import Any
 
 import pytest
 from rans_proof.network import read_network
-from rans_proof.pose_flights import read_run
 from rans_proof.problem import read_problem
-from rans_proof.proved import stated
-from rans_proof.verdicts import FILES
 
 from tests.support.graphs import forged
-from tests.support.processes import ROOT
 from tests.support.reader_questions import (
     Answer,
     Answers,
@@ -24,7 +20,6 @@ from tests.support.reader_questions import (
     written,
 )
 
-PRETRAINED = ROOT / "rans/data/pretrained/go-to-pose-2d"
 PROBLEM = """
 name = "a mass on a line"
 period = 0.5
@@ -54,19 +49,6 @@ def network(name: str) -> Any:
     return plant
 
 
-def certificate(text: str) -> Any:
-    return written("it.json", text, lambda file: stated(file.read_bytes(), file))
-
-
-def run(name: str, content: bytes) -> Any:
-    def plant(_: Path) -> Callable[[], object]:
-        files = {one: (PRETRAINED / one).read_bytes() for one in FILES}
-        assert name in files
-        return lambda: read_run(files | {name: content})
-
-    return plant
-
-
 ANSWERS: Answers = {
     "read_problem": {
         "units": "formulas have those of their states, which only their author names",
@@ -85,24 +67,6 @@ ANSWERS: Answers = {
         "dropped": Answer(network("two outputs"), "one output"),
         "sizes": "files are bounded, and test_network.py has weights too large",
         "evidence": Answer(network("a dead branch"), "node 1|one output"),
-    },
-    "read_run": {
-        "units": "columns of observations have those of their task",
-        "frames": "the same",
-        "times": "the control period is that of its config, which the checker reads, too",
-        "order": "columns are named by the layout",
-        "dropped": Answer(run("config.json", b'{"wings": 2}'), "wings|config"),
-        "sizes": "each file is bounded by its reader",
-        "evidence": Answer(run("agent.safetensors", b"no tensors"), "agent.safetensors"),
-    },
-    "stated": {
-        "units": "each key has its unit, and none is written in the file",
-        "frames": "sets are of the goal's frame, and have no other",
-        "times": "the control period is the agent's, whose hash is compared",
-        "order": "each key has one meaning",
-        "dropped": "exactly the known keys are taken (test_pose_trap.py)",
-        "sizes": "cells are bounded (test_pose_trap.py)",
-        "evidence": Answer(certificate("[]"), "no certificate"),
     },
 }
 

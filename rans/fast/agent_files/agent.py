@@ -87,7 +87,7 @@ def actor_bytes(
 ) -> bytes:
     """Content of an ``agent.safetensors``: the actor without its critic.
 
-    Keys stay, since later versions read older files; proofs read them without this module.
+    Keys stay, since later versions read older files.
 
     Args:
         architecture: architecture of the network.

@@ -80,7 +80,7 @@ def report_from_run(run: Path) -> Page:
                     f" (flights of a file are compared first: rans compare mission:dock-3d {file})"
                 )
         raise ConfigError(
-            f"{run} holds no results to report{missing}; rans train, evaluate, compare, stress, assure and prove "
+            f"{run} holds no results to report{missing}; rans train, evaluate, compare, stress and assure "
             "write them."
         )
     # What made the run stands on top.

@@ -56,8 +56,9 @@ class DossierCommand:
         empty = [row for row in dossier.rows if not row.value]
         for command in dict.fromkeys(row.command for row in empty):
             asked = (row.what for row in empty if row.command == command)
-            terminal.say(f"No evidence for {'; '.join(asked)}:")
-            terminal.command(command)
+            terminal.say(f"No evidence for {'; '.join(asked)}{':' if command else '.'}")
+            if command:
+                terminal.command(command)
         terminal.say(dossier.verdict)
         terminal.say(f"Written to {dossier.file.with_suffix('.html')}, {dossier.file.name}.")
         return 0
