@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from rans.episode import World as World
     from rans.errors import ConfigError as ConfigError
     from rans.errors import NonFiniteState as NonFiniteState
-    from rans.errors import RansError as RansError
     from rans.errors import SolverFailed as SolverFailed
     from rans.errors import brief as brief
     from rans.errors import counted as counted
@@ -40,7 +39,6 @@ if TYPE_CHECKING:
     from rans.errors import whole as whole
     from rans.evaluation.compare.contest import Contest as Contest
     from rans.evaluation.fly.agent import LoadedRun as LoadedRun
-    from rans.evaluation.fly.agent import load_policy as load_policy
     from rans.evaluation.fly.contestant_name import ContestantName as ContestantName
     from rans.evaluation.fly.contestants import contestant as contestant
     from rans.evaluation.fly.episodes import fly_draws as fly_draws
@@ -117,7 +115,6 @@ if TYPE_CHECKING:
     from rans.scenario import scenario as scenario
     from rans.scenario import scenarios as scenarios
     from rans.show.pages.page import Fact as Fact
-    from rans.show.pages.page import Finding as Finding
     from rans.show.pages.page import Section as Section
     from rans.structure import read_toml as read_toml
     from rans.structure import structure as structure

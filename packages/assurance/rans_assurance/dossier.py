@@ -25,7 +25,6 @@ from rans.extend import (
     ConfigError,
     ContestantName,
     Fact,
-    Finding,
     RunFolder,
     Section,
     Table,
@@ -37,7 +36,7 @@ from rans.extend import (
     read_json,
     write_json,
 )
-from rans.show.pages.page import Page, Part, header
+from rans.show.pages.page import Finding, Page, Part, header
 from rans.show.pages.report import sections_of
 
 _LARGEST = 2**28

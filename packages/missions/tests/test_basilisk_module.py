@@ -16,9 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from rans.deploy.columns import state_quantities
 from rans.deploy.export import write_export
+from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.metrics import impulses
-from rans.extend import Setup, is_installed, load_policy, map_leaves
+from rans.extend import Setup, is_installed, map_leaves
 from rans.model.fields import unflatten
 from rans.pretrained import pretrained_folder
 from rans.registry import typed

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import shlex
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -91,7 +92,7 @@ class Prove(Options):
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        return ("rans prove --help",)
+        return ()
 
     def run(self) -> int:
         """Prove or check what the options name, and print the result.
@@ -163,7 +164,6 @@ class Prove(Options):
         require("onnx")
         require("flint")
         from rans.extend import Workers
-        from rans.processes import nothing
         from rans_proof.balls import Refused
         from rans_proof.certificate import LARGEST
         from rans_proof.check_problem import claim_of, difference, problem_table, statement
@@ -182,7 +182,7 @@ class Prove(Options):
             terminal.say(f"Refused: {refusal}")
             return 1
         if claim.flight:
-            margin, refusal = _checked(None, *contents, [])
+            margin, refusal = _checked(contents, [])
             if refusal:
                 terminal.say(f"Refused: {refusal}")
                 return 1
@@ -195,13 +195,12 @@ class Prove(Options):
         # Cells are divided among processes.
         count = len(claim.cells)
         chunks = [range(k, min(k + _CHUNK, count)) for k in range(0, count, _CHUNK)]
-        jobs = [(*contents, list(chunk)) for chunk in chunks]
         begun = time.monotonic()
         least = math.inf
         with progress() as bars:
             task = bars.add_task("checking", total=count)
-            answers = Workers(nothing, (), None, "checked a certificate")
-            for _, (margin, refusal) in answers.finished(_checked, jobs):
+            answers = Workers(tuple, (contents,), None, "checked a certificate")
+            for _, (margin, refusal) in answers.finished(_checked, [(chunk,) for chunk in chunks]):
                 if refusal:
                     terminal.say(f"Refused: {refusal}")
                     return 1
@@ -227,7 +226,7 @@ def _refuted(proof: Proof, content: bytes, network: Path, output: Path, seconds:
     terminal = Terminal()
     how = "The checker was not asked, as python-flint is not installed."
     if is_installed("flint"):
-        margin, refusal = _checked(None, read_bytes(output, LARGEST), content, [])
+        margin, refusal = _checked((read_bytes(output, LARGEST), content), [])
         if refusal:
             terminal.say(
                 "Open: a simulated flight breaks the property, and the checker does not confirm it: "
@@ -244,16 +243,17 @@ def _refuted(proof: Proof, content: bytes, network: Path, output: Path, seconds:
     return 1
 
 
-def _checked(_: None, certificate: bytes, network: bytes, cells: list[int]) -> tuple[float, str]:
+def _checked(contents: tuple[bytes, bytes], cells: Sequence[int]) -> tuple[float, str]:
     """Least margin of some cells, and why the certificate is refused, or "".
 
-    Whatever the checker raises is a refusal, so that a damaged file can never be accepted.
+    The contents are those of certificate and network. Whatever the checker raises is a refusal, so that a damaged
+    file can never be accepted.
     """
     from rans_proof.balls import Refused
     from rans_proof.check import check
 
     try:
-        return check(certificate, network, only=cells), ""
+        return check(*contents, only=cells), ""
     except Refused as refusal:
         return 0.0, str(refusal)
     except (

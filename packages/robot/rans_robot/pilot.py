@@ -19,6 +19,7 @@ import numpy as np
 from rans.deploy.contract import PAIRED, RecordedFlights, contract, flights_of_training, golden
 from rans.deploy.export import write_agent
 from rans.effectors.commands import command_bounds
+from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.exported import (
     code_of,
     failing_as_config_error,
@@ -43,7 +44,6 @@ from rans.extend import (
     brief,
     inside,
     is_finite,
-    load_policy,
     map_leaves,
     positive,
     read_json,
@@ -54,7 +54,6 @@ from rans.extend import (
 )
 from rans.fast.agent_files.agent import read_policy
 from rans.files import plain
-from rans.model.spacecraft_file import read_spacecraft
 from rans.safety_filters import safety_filter
 from rans.structure import LARGEST_TOML
 from rans.tasks.base import observation
@@ -241,7 +240,7 @@ class MessagePilot:
         self._link = link
         folder = Path(plan.folder)
         self.contract = read_contract(folder, for_flight=True)
-        self.craft = read_spacecraft(folder / "spacecraft.toml")
+        self.craft = RunFolder(folder).spacecraft()
         self.period = float(self.contract["control_period"])
         self.oldest = float(self.contract["readings"]["oldest"])
         self.agent = exported_agent(folder)

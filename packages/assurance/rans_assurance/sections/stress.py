@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from rans.evaluation.measure.statistics import WANTED, wanted
-from rans.extend import Fact, Finding, Section, Table
+from rans.extend import Fact, Section, Table
 from rans.show.pages.chart import Chart, Mark, Series
-from rans.show.pages.page import Picture, Tile
+from rans.show.pages.page import Finding, Picture, Tile
 from rans.show.palette import series_style
 from rans_assurance.sections.assurance import asked
 

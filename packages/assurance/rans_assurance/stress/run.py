@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
-from rans.errors import meant
+from rans.errors import RansError, meant
 from rans.evaluation.compare.contest import Contestant
 from rans.evaluation.compare.entrants import Invited, enlisted
 from rans.evaluation.fly.controllers import CONTROLLERS
@@ -20,7 +20,6 @@ from rans.extend import (
     ConfigError,
     Contest,
     Controller,
-    RansError,
     Workers,
     draws,
     first_line,
