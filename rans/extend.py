@@ -50,7 +50,6 @@ if TYPE_CHECKING:
     from rans.fast.learn.algorithms import Algorithm as Algorithm
     from rans.fast.learn.config import PPOSettings as PPOSettings
     from rans.fast.learn.config import TrainConfig as TrainConfig
-    from rans.fast.learn.config import require_bounds as require_bounds
     from rans.fast.learn.config import to_table as to_table
     from rans.fast.learn.rollout import Acted as Acted
     from rans.fast.learn.rollout import Rollout as Rollout

@@ -23,7 +23,6 @@ import rans
 from rans.cli import COMMANDS, _parse
 from rans.display import meanings
 from rans.errors import EXTRAS, ConfigError
-from rans.fast.learn.algorithms import with_algorithm
 from rans.fast.learn.config import (
     FilterSettings,
     MemorySettings,
@@ -341,12 +340,6 @@ def test_the_pages_of_training_have_the_settings_with_their_defaults() -> None:
         assert json.loads(default.strip("`")) == (
             list(value) if isinstance(value, tuple) else value
         ), key
-    config = training("go-to-pose", device="cpu")
-    begun = with_algorithm(config, "gradient")
-    for key, value, _ in rows(docs / "learners.md", "setting"):
-        assert json.loads(value.strip("`")) == begun.learner[key.strip("`").split(".")[1]], key
-    for key, value, _ in rows(docs / "learners.md", "preset"):
-        assert json.loads(value.strip("`")) == getattr(begun.ppo, key.strip("`").split(".")[1]), key
 
 
 def test_the_tasks_page_has_the_observation_and_the_rewards() -> None:

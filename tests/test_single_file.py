@@ -45,6 +45,11 @@ def test_a_task_of_ones_own_is_learnt(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_learner_of_ones_own_learns(tmp_path: Path) -> None:
+    assert solved(ran("learner.py", tmp_path))[0] > 30.0
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("jax") is None, reason="jax is not installed")
 def test_a_policy_in_jax_flies_on_shared_memory(tmp_path: Path) -> None:
     [rate] = re.findall(r"([\d.]+)% of 4,096", ran("jax_policy.py", tmp_path))

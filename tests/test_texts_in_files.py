@@ -97,7 +97,7 @@ def test_the_module_would_run_if_it_were_typed(here: Path) -> None:
     del sys.modules["evil"]
 
 
-GRADIENT = replace(CONFIG, algorithm="gradient", learner={"noise": 0.2}, total_timesteps=1)
+EVERYTHING = replace(CONFIG, algorithm="value", learner={"units": 32}, total_timesteps=1)
 """A training that uses everything which a config can name."""
 
 RUN = [
@@ -126,7 +126,7 @@ NAMING = ".task", ".spacecraft", ".algorithm", ".begin_from"
 
 def check_run(trained: Path, asks: list[Callable[[], object]], every: int) -> None:
     """Ask with every changed text, by turns: each so manieth question, or each third where code can be named."""
-    base = json.loads(json.dumps(to_table(GRADIENT))) | {"about": {"command": "rans train"}}
+    base = json.loads(json.dumps(to_table(EVERYTHING))) | {"about": {"command": "rans train"}}
     count = 0
     for number, (where, changed) in enumerate(texts(base)):
         if every > 1 and number % 9 and where not in NAMING:
@@ -157,9 +157,9 @@ RECIPE = {
     "task": "go-to-pose",
     "spacecraft": "floating-platform",
     "conditions": "lab",
-    "algorithm": "gradient",
+    "algorithm": "value",
     "begin_from": "pretrained:go-to-pose-2d",
-    "learner": {"noise": 0.1},
+    "learner": {"units": 32},
     "gpu": {"device": "cpu"},
 }
 
@@ -174,7 +174,7 @@ def test_recipe(here: Path) -> None:
 
 @pytest.mark.slow
 def test_configs_of_a_sweep(here: Path) -> None:
-    table = json.loads(json.dumps(to_table(GRADIENT)))
+    table = json.loads(json.dumps(to_table(EVERYTHING)))
     for _, changed in texts({"command": "rans sweep", "configs": [table]}):
         shutil.rmtree("sweep", ignore_errors=True)
         write_json(Path("sweep/configs.json"), changed)

@@ -88,6 +88,7 @@ WORDS: dict[str, tuple[str, ...]] = {
     ),
     "environments": (
         "action space",
+        "differentiable simulation",
         "observation space",
         "gym",
         "gymnasium",
@@ -135,7 +136,6 @@ WORDS: dict[str, tuple[str, ...]] = {
         "requirements",
         "uv",
     ),
-    "learners": ("differentiable simulation",),
     "limits": ("limitations", "known issues", "contact dynamics"),
     "memory": (
         "kalman filter",

@@ -260,11 +260,7 @@ class Engine:
 
     def privileged(self) -> Tensor:
         """Privileged observations (N, p): quantities that a robot cannot measure, see `PrivilegedObservation`."""
-        return self.privileged_of(self.episode)
-
-    def privileged_of(self, episode: Episode) -> Tensor:
-        """Privileged observations (N, p) of episodes from `stepped`."""
-        return self.privileged_quantities.of(self._world.recalled(episode, self._draws))
+        return self.privileged_quantities.of(self._world.recalled(self.episode, self._draws))
 
     def observe(self) -> Tensor:
         """Current observation, (N, width)."""

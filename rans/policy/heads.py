@@ -43,16 +43,6 @@ class Distribution(Protocol):
         """The command (N, n) that an action is, of numbers from 0 to 1."""
         ...
 
-    def differentiable(self, uniform: Tensor) -> tuple[Tensor, Tensor]:
-        """An action (N, n), and its command, with a gradient with respect to the distribution's parameters.
-
-        Uniform random numbers are (N, n) in [0, 1); the action has no gradient.
-
-        Raises:
-            NotImplementedError: commands of this kind have none.
-        """
-        ...
-
     def margin(self) -> Tensor:
         """Distance of each output from where rounding would switch its command, (N, n); 0: nowhere."""
         ...
@@ -87,10 +77,6 @@ class OnOff(NamedTuple):
     def command(self, action: Tensor) -> Tensor:
         """Commands of the thrusters, (N, n)."""
         return action
-
-    def differentiable(self, uniform: Tensor) -> tuple[Tensor, Tensor]:
-        """See `Distribution`: whether a valve opens has no gradient."""
-        raise NotImplementedError
 
     def margin(self) -> Tensor:
         """See `Distribution`."""
@@ -150,10 +136,6 @@ class Patterns(NamedTuple):
         """Commands of the thrusters, (N, n)."""
         return action
 
-    def differentiable(self, uniform: Tensor) -> tuple[Tensor, Tensor]:
-        """See `Distribution`: which valves open has no gradient."""
-        raise NotImplementedError
-
     def margin(self) -> Tensor:
         """See `Distribution`: that of the best pattern's function over the second's, of all thrusters."""
         best = torch.topk(self.demand @ self.slope + self.offset, 2, dim=1).values
@@ -195,11 +177,6 @@ class ClippedGaussian(NamedTuple):
         """Commands of the thrusters, (N, n), in [0, 1]."""
         return action.clamp(0.0, 1.0)
 
-    def differentiable(self, uniform: Tensor) -> tuple[Tensor, Tensor]:
-        """See `Distribution`; beyond the bounds the gradient leads back only, see `Inward`."""
-        action = self.sample(uniform)
-        return action.detach(), Inward.apply(action)  # type: ignore[return-value]
-
     def margin(self) -> Tensor:
         """See `Distribution`: there is no jump."""
         return self.mean * 0
@@ -240,9 +217,19 @@ class GatedGaussian(NamedTuple):
         return (gate + fires * throttle).sum(dim=1)
 
     def sample(self, uniform: Tensor) -> Tensor:
-        """The action (N, n) that uniform random numbers (N, n) in [0, 1) choose."""
-        fires, throttle = self._drawn(uniform)
-        return torch.where(fires, throttle, 0.0)
+        """The action (N, n) that uniform random numbers (N, n) in [0, 1) choose.
+
+        The random number is uniform again within each choice of a gate. One number serves both choices, so that
+        rollouts draw as many numbers as for other heads.
+        """
+        probability = torch.sigmoid(self.logit)
+        fires = uniform < probability
+        within = torch.where(
+            fires, uniform / probability, (uniform - probability) / (1.0 - probability)
+        )
+        # Where the probability rounds to one, nothing is left beyond it.
+        within = within.nan_to_num(0.5).clamp(0.0, 1.0)
+        return torch.where(fires, self.level + self.log_std.exp() * _normal(within), 0.0)
 
     def mode(self) -> Tensor:
         """Deterministic command (N, n): the mean throttle of those that rather fire, 0 of the others."""
@@ -252,21 +239,6 @@ class GatedGaussian(NamedTuple):
         """Commands of the thrusters, (N, n), in [0, 1]."""
         return action.clamp(0.0, 1.0)
 
-    def differentiable(self, uniform: Tensor) -> tuple[Tensor, Tensor]:
-        """See `Distribution`; a gate has the gradient of its probability.
-
-        Its log-odds are divided by the throttle's standard deviation before it is drawn, so that gates are as
-        certain as throttles: as often as not a gate of even odds would push for no reason.
-
-        Bengio, Leonard and Courville, "Estimating or propagating gradients through stochastic neurons for
-        conditional computation", 2013: the straight-through estimator. Actions and gates are (N, n).
-        """
-        fires, throttle = self._drawn(uniform, self.log_std.exp())
-        probability = torch.sigmoid(self.logit)
-        gate = fires.to(throttle.dtype) + (probability - probability.detach())
-        action = torch.where(fires, throttle, 0.0).detach()
-        return action, gate * Inward.apply(throttle)  # type: ignore[operator]
-
     def margin(self) -> Tensor:
         """See `Distribution`."""
         return self.logit.abs()
@@ -275,41 +247,6 @@ class GatedGaussian(NamedTuple):
         """Distribution with its thrusters permuted, see `OnOff.placed`."""
         spread = self.log_std.expand_as(self.level)
         return GatedGaussian(*(x.gather(1, site) for x in (self.logit, self.level, spread)))
-
-    def _drawn(self, uniform: Tensor, temperature: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
-        """Whether each fires, and its throttle, (N, n): the random number is uniform again within each choice.
-
-        One number serves both choices, so that rollouts draw as many numbers as for other heads.
-        """
-        probability = torch.sigmoid(self.logit / temperature).detach()
-        fires = uniform < probability
-        within = torch.where(
-            fires, uniform / probability, (uniform - probability) / (1.0 - probability)
-        )
-        # Where the probability rounds to one, nothing is left beyond it.
-        within = within.nan_to_num(0.5).clamp(0.0, 1.0)
-        return fires, self.level + self.log_std.exp() * _normal(within)
-
-
-class Inward(torch.autograd.Function):
-    """Commands within [0, 1], whose gradient is that of a clamp, and beyond the bounds leads back only.
-
-    A clamp's gradient is zero there: a thruster that the noise never opens would stay shut forever.
-    """
-
-    @staticmethod
-    def forward(ctx: Any, action: Tensor) -> Tensor:
-        """Actions clamped."""
-        ctx.save_for_backward(action)
-        return action.clamp(0.0, 1.0)
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> Tensor:
-        """Gradients whose descent leads out of the bounds, where an action is out already, are zero."""
-        (action,) = ctx.saved_tensors
-        (gradient,) = gradients
-        outwards = ((action <= 0.0) & (gradient > 0.0)) | ((action >= 1.0) & (gradient < 0.0))
-        return gradient.masked_fill(outwards, 0.0)
 
 
 def _normal(uniform: Tensor) -> Tensor:

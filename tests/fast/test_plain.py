@@ -184,3 +184,26 @@ def touched(action: Callable[[], object]) -> Counter[str]:
     finally:
         sys.settrace(before)
     return found
+
+
+def test_gradients_lead_through_several_steps() -> None:
+    """Against differences, from the first commands to the rewards of three periods."""
+    engine = Engine(PLATFORM, GoToPose(), 2, SHORT, dtype=torch.float64, plain=True)
+
+    def gained(command: torch.Tensor) -> torch.Tensor:
+        episode = engine.running()
+        reward = torch.zeros(2, dtype=torch.float64)
+        for _ in range(3):
+            step, episode = engine.stepped(episode, command)
+            reward = reward + step.reward
+        return reward.sum()
+
+    command = torch.full((2, 8), 0.5, dtype=torch.float64)
+    size = 1e-6
+    shift = torch.zeros_like(command)
+    shift[1, 3] = size
+    difference = (gained(command + shift) - gained(command - shift)) / (2 * size)
+    gained(command.requires_grad_()).backward()
+    assert command.grad is not None
+    assert command.grad[1, 3].item() == pytest.approx(difference.item(), rel=1e-5)
+    assert abs(difference) > 1e-6

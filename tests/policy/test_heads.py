@@ -160,20 +160,6 @@ def test_a_gate_that_rather_stays_shut_commands_exactly_zero() -> None:
     assert policy.mode().tolist() == [[0.0, 0.5, 0.0, 1.0]]
 
 
-def test_the_straight_through_gradient_of_a_gate_points_where_firing_helps() -> None:
-    """Where a throttle of 0.6 gains, the gate's log-odds rise, whether it fires or not."""
-    logit = torch.zeros(2, 1, requires_grad=True)
-    policy = GatedGaussian(logit, torch.full((2, 1), 0.6), torch.full((1,), -9.0))
-    action, command = policy.differentiable(torch.tensor([[0.2], [0.8]]))
-    assert torch.equal(action, command)
-    command.sum().backward()
-    assert command[1].item() == 0.0
-    assert abs(command[0].item() - 0.6) < 1e-3
-    # d sigmoid / d logit = 1/4 at 0, times the throttle, whose noise of e^-9 is 1e-4.
-    assert logit.grad is not None
-    torch.testing.assert_close(logit.grad, torch.full((2, 1), 0.15), rtol=1e-3, atol=0)
-
-
 @pytest.mark.parametrize("name", HEADS)
 @pytest.mark.parametrize("duty", [0.1, 0.5, 0.8])
 def test_untrained_commands_have_the_duty_in_the_mean(name: str, duty: float) -> None:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from rans_gradient.learner import Gradient
 from rans_space_certificates.bounder import spatial_bounder
 
-from rans.fast.learn.learners import LEARNERS
 from rans.optimal.certificate.certificate import BOUNDERS
 
 
 def register() -> None:
-    """Register learners and bounders unless another module of tests has."""
-    if "gradient" not in LEARNERS:
-        LEARNERS.register("gradient")(Gradient)
+    """Register bounders unless another module of tests has."""
     if "space" not in BOUNDERS:
         BOUNDERS.register("space")(spatial_bounder)

@@ -41,7 +41,7 @@ from rans.extend import (
     TrainConfig,
     read_json,
     remember,
-    require_bounds,
+    whole,
 )
 from rans.fast.learn.graph import fused
 from rans_value.problem import TRADE_OFF, PoseProblem, equivalent, relative
@@ -96,7 +96,8 @@ class ValueSettings:
     """States in a gradient step of the value function."""
 
     def __post_init__(self) -> None:
-        require_bounds(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, *vars(self))
+        for name, value in vars(self).items():
+            whole(name, value)
 
 
 class ValueNetwork(nn.Module):

@@ -28,8 +28,6 @@ class Algorithm(ABC):
 
     settings: ClassVar[type] = NoSettings
     """Frozen dataclass of the algorithm's settings, all with defaults; their values are `TrainConfig.learner`."""
-    needs_autograd: ClassVar[bool] = False
-    """Whether gradients go through the motion, which needs an engine of single operations of torch."""
     plain_network: ClassVar[bool] = False
     """Whether the network is computed by single operations of torch, whatever the engine does."""
     contestant: ClassVar[str] = ""

@@ -33,7 +33,6 @@ LEARNERS = Registry(
     "rans.learners",
     {"ppo": "rans.fast.learn.algorithms:PPOAlgorithm"},
     _checked,
-    "; gradient is a folder of examples/plugins in the repository, for pip install",
 )
 """Class of every learning algorithm by its name in ``rans train --set algorithm=NAME``."""
 

@@ -108,10 +108,8 @@ class Trainer:
         device = torch.device(config.device)
         count = processes.portion("n_envs", config.ppo.n_envs)
         algorithm = LEARNERS[config.algorithm]
-        # Automatic differentiation needs tensors of torch throughout.
-        plain = config.plain or algorithm.needs_autograd
         self.curriculum = Curriculum(
-            config.settings, config.curriculum, field_dtype(device, plain=plain), device
+            config.settings, config.curriculum, field_dtype(device, plain=config.plain), device
         )
         # Engine.
         timing = replace(
@@ -130,10 +128,10 @@ class Trainer:
             conditions=config.conditions.or_none,
             remember=config.ppo.privileged_critic,
             guard=guard,
-            plain=plain,
+            plain=config.plain,
         )
         # Learner, from initial weights or those of another agent, which may also teach it.
-        by_torch = plain or algorithm.plain_network
+        by_torch = config.plain or algorithm.plain_network
         own = own_settings(config.algorithm, config.learner)
         making = algorithm.making(config, craft, own)
         self.learner = begin(self.engine, config.ppo, config.seed, by_torch, making)

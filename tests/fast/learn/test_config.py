@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rans.errors import ConfigError
 from rans.fast.learn.config import (
     PPOSettings,
     TrainConfig,
+    change_entry,
     from_table,
     preset,
     to_table,
@@ -112,3 +114,18 @@ def test_every_setting_of_ppo_is_set_by_somebody() -> None:
 
     # The recipe of a shared supply sets the backbone where it is made.
     assert [*never_set(PPOSettings(), tables)] == ["backbone"]
+
+
+def test_another_learner_has_other_settings() -> None:
+    table = to_table(CONFIG)
+    change_entry(table, "algorithm", "value")
+    change_entry(table, "learner.rounds", 2)
+    assert from_table(table).learner["rounds"] == 2
+    change_entry(table, "algorithm", "ppo")
+    assert from_table(table) == CONFIG
+    with pytest.raises(ConfigError, match="no learner named 'sac'"):
+        from_table(table | {"algorithm": "sac"})
+    with pytest.raises(ConfigError, match="learner: unknown key 'noise'"):
+        from_table(table | {"algorithm": "ppo", "learner": {"noise": 0.1}})
+    with pytest.raises(ConfigError, match="rounds"):
+        from_table(table | {"algorithm": "value", "learner": {"rounds": 0}})
