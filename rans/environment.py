@@ -80,7 +80,11 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
         plain: bool = True,
         guard: Guard | None = None,
     ) -> None:
-        self.render_mode = checked_render_mode(render_mode)
+        if render_mode not in (None, "human", "rgb_array"):
+            raise ConfigError(
+                f'render_mode must be None, "human" or "rgb_array", got {render_mode!r}.'
+            )
+        self.render_mode = render_mode
         self.craft, self.task = choose(task_name, dimension, spacecraft, task)
         self.timing = self.task.timing if timing is None else checked("timing", timing, Timing)
         self.observation_space = observation_space(self.task, dimension)
@@ -331,17 +335,6 @@ def within(space: Any, observation: np.ndarray) -> np.ndarray:
     """
     high = np.where(space.high < np.finfo(np.float32).max, space.high, np.inf)
     return np.clip(observation, -high, high)
-
-
-def checked_render_mode(render_mode: str | None) -> str | None:
-    """The render mode, checked.
-
-    Raises:
-        ConfigError: it is not None, "human" or "rgb_array".
-    """
-    if render_mode not in (None, "human", "rgb_array"):
-        raise ConfigError(f'render_mode must be None, "human" or "rgb_array", got {render_mode!r}.')
-    return render_mode
 
 
 def own_spec(spec: EnvSpec, task: Task, timing: Timing) -> EnvSpec:

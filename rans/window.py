@@ -182,10 +182,3 @@ def open_browser(url: str) -> None:
     """Open a page in the browser if there is a display; a text browser would occupy the terminal."""
     if sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         webbrowser.open(url)
-
-
-def tiled(frames: list[np.ndarray]) -> np.ndarray:
-    """Frames of one size in a grid with as many rows as columns, or one row less; empty cells are white."""
-    columns = int(np.ceil(np.sqrt(len(frames))))
-    grid = [*frames, *[np.full_like(frames[0], 255)] * (-len(frames) % columns)]
-    return np.vstack([np.hstack(grid[k : k + columns]) for k in range(0, len(grid), columns)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,10 +14,9 @@ from torch import Tensor
 
 from rans.effectors.commands import action_space
 from rans.environment import observation_space, within
-from rans.errors import ConfigError, brief, checked, one_of
+from rans.errors import ConfigError, brief, checked
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
-from rans.fast.envs.vector import Film
 from rans.settled import settled
 
 
@@ -28,20 +27,17 @@ class SB3VecEnv(VecEnv):
     (4, 10)
 
     Return and length of every ended episode are in its info as "episode", so that SB3 logs ``rollout/ep_rew_mean``
-    without a monitor. With ``render_mode="rgb_array"`` SB3's VecVideoRecorder films it.
+    without a monitor.
 
     SB3 needs NumPy arrays and one dict per environment and step, which costs more than the simulation; `rans.train`
     avoids both.
     """
 
     @settled
-    def __init__(self, engine: Engine, render_mode: Literal["rgb_array"] | None = None) -> None:
+    def __init__(self, engine: Engine) -> None:
         self.engine = engine = checked("engine", engine, Engine)
-        if render_mode is not None:
-            one_of("render_mode", render_mode, ["rgb_array"])
         # SB3's constructor asks its environments, which are this object, for their render_mode.
-        self.render_mode = render_mode
-        self._film = None if render_mode is None else Film(engine, render_mode)
+        self.render_mode = None
         super().__init__(
             engine.num_envs,
             observation_space(engine.task, engine.craft.dimension),
@@ -74,20 +70,7 @@ class SB3VecEnv(VecEnv):
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._returns[:] = 0.0
         self._lengths[:] = 0
-        observation = within(self.observation_space, _float32(self.engine.reset(seed)))
-        if self._film is not None:
-            self._film.restart()
-        return observation
-
-    def get_images(self) -> Sequence[np.ndarray | None]:
-        """Frames (240, 320, 3), uint8, of all environments.
-
-        Raises:
-            ConfigError: render_mode is None.
-        """
-        if self._film is None:
-            raise ConfigError('a film needs rans.SB3VecEnv(engine, render_mode="rgb_array").')
-        return self._film.frames()
+        return within(self.observation_space, _float32(self.engine.reset(seed)))
 
     def step_async(self, actions: np.ndarray) -> None:
         """Store the actions (N, commands) for `step_wait`.
@@ -104,10 +87,7 @@ class SB3VecEnv(VecEnv):
         Keys of the information are those that Stable-Baselines3 reads.
         """
         step = self.engine.step(self._action)
-        ends = step.terminated | step.truncated
-        if self._film is not None:
-            self._film.advance(self._action, ends)
-        done = ends.cpu().numpy()
+        done = (step.terminated | step.truncated).cpu().numpy()
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         ended = np.flatnonzero(done)
         reward = _float32(step.reward)

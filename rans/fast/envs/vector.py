@@ -20,24 +20,17 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from rans.effectors.commands import action_space
-from rans.environment import checked_render_mode, choose, dense, observation_space, own_spec
+from rans.environment import choose, dense, observation_space, own_spec
 from rans.errors import ConfigError, NamedArguments, brief, checked, whole
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
 from rans.fast.stepping.step import Step
-from rans.model.fields import leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.settled import settled
 from rans.tasks import Task
 from rans.tasks.observation_terms import Dimension
-
-_WIDTH = 320
-_HEIGHT = 240
-"""Size of a frame, pixels."""
-_SHOWN = 16
-"""Largest number of environments in the window."""
 
 
 class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
@@ -75,8 +68,6 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         autoreset_mode: SAME_STEP; NEXT_STEP, where the step after an end begins the next episode and ignores its
             action; or DISABLED, where ``reset(options={"reset_mask": (N,) bool})`` begins it. The latter two copy
             the state once more per step.
-        render_mode: None; "rgb_array": `render` returns a frame of every environment; "human": every `reset` and
-            `step` displays the first 16 in the browser in real time (see `rans.window.Window`).
         max_episode_steps: control periods after which an episode is truncated, where the timing's are more, as
             ``gymnasium.make_vec(max_episode_steps=)`` has it of other environments; None: those of the timing.
 
@@ -86,8 +77,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
 
     metadata = {  # noqa: RUF012
         "autoreset_mode": AutoresetMode.SAME_STEP,
-        "render_modes": ["human", "rgb_array"],
-        "render_fps": 5,
+        "render_modes": [],
     }
 
     @settled
@@ -103,14 +93,12 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         device: str | torch.device = "cpu",
         dtype: torch.dtype = torch.float32,
         compiled: bool | None = None,
-        render_mode: str | None = None,
         conditions: str | Path | Conditions | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         plain: bool = False,
         max_episode_steps: int | None = None,
     ) -> None:
         """Make the environments: arguments are those of the class."""
-        self.render_mode = checked_render_mode(render_mode)
         self.autoreset_mode = _mode(autoreset_mode)
         craft, task = choose(task_name, dimension, spacecraft, task)
         if max_episode_steps is not None:
@@ -149,9 +137,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         self.metadata = {
             **self.metadata,
             "autoreset_mode": self.autoreset_mode,
-            "render_fps": 1.0 / self.engine.timing.control_period,
         }
-        self._film = None if render_mode is None else Film(self.engine, render_mode)
 
     _spec: EnvSpec | None = None
 
@@ -201,8 +187,6 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
             self._exchange(self._made(seed=seeds))
         observation = self._within(self.engine.reset(seeds))
         self._over.fill_(False)
-        if self._film is not None:
-            self._film.restart()
         return observation, {}
 
     @settled
@@ -219,12 +203,11 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
             ConfigError: the actions have another shape or are out of range.
             gymnasium.error.ResetNeeded: `reset` has not been called.
         """
-        self._require_reset()
+        if not self._seeded:
+            raise ResetNeeded("call reset() before step().")
         actions = self._actions.checked(actions)
         step = self._stepped(actions)
         ended = step.terminated | step.truncated
-        if self._film is not None:
-            self._film.advance(actions, ended)
         info = {
             **dict(zip(self._terms, step.terms, strict=True)),
             "final_obs": self._within(step.final_observation),
@@ -298,30 +281,6 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         """Continue with an engine whose environments have other seeds."""
         self.engine = engine
         self._actions = Actions(engine)
-        if self._film is not None:
-            self._film.engine = engine
-
-    def render(self) -> Any:
-        """Frames (240, 320, 3), uint8, of all environments in the mode "rgb_array", else None.
-
-        Raises:
-            gymnasium.error.ResetNeeded: `reset` has not been called.
-        """
-        self._require_reset()
-        return (
-            self._film.frames()
-            if self._film is not None and self.render_mode == "rgb_array"
-            else None
-        )
-
-    def _require_reset(self) -> None:
-        if not self._seeded:
-            raise ResetNeeded("call reset() before step() and render().")
-
-    def close_extras(self, **_: Any) -> None:
-        """Close the window, if there is one."""
-        if self._film is not None:
-            self._film.close()
 
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:
@@ -350,70 +309,3 @@ def _seeds(seed: Any, count: int) -> int | list[int] | None:
             f"of {count}, got {brief(seed)}."
         )
     return [int(x) for x in each] if len(each) > 1 else int(each[0])
-
-
-class Film:
-    """Renderer of the environments of an engine, see `SpacecraftVectorEnv`."""
-
-    def __init__(self, engine: Engine, render_mode: str) -> None:
-        from rans.drawing import Scene
-        from rans.window import Window
-
-        is_live = render_mode == "human"
-        self.engine = engine
-        self._count = min(engine.num_envs, _SHOWN) if is_live else engine.num_envs
-        self._scene = Scene(engine.craft, engine.task, _WIDTH, _HEIGHT)
-        self._window = Window(1.0 / engine.timing.control_period) if is_live else None
-
-    def restart(self) -> None:
-        """Clear all trails after new episodes have begun in all environments."""
-        self._commands = np.zeros((self._count, self.engine.craft.command_count))
-        self._trails: list[list[np.ndarray]] = [[] for _ in range(self._count)]
-        self._remember()
-
-    def advance(self, actions: Tensor, ended: Tensor) -> None:
-        """Record a step with these actions (N, commands); where ``ended`` (N,) bool, a new episode has begun."""
-        fresh = ended[: self._count].cpu().numpy()
-        self._commands = np.where(fresh[:, None], 0.0, actions[: self._count].cpu().numpy())
-        for index in np.flatnonzero(fresh):
-            self._trails[index] = []
-        self._remember()
-
-    def frames(self) -> tuple[np.ndarray, ...]:
-        """Frames (240, 320, 3), uint8, of the rendered environments as `_remember` last saw them."""
-        engine = self.engine
-        filmed = zip(
-            self._states, self._rows(self.engine.goal), self._commands, self._trails, strict=True
-        )
-        return tuple(
-            self._scene.render(
-                unflatten(engine.state, state),
-                unflatten(engine.goal, goal),
-                command,
-                np.array(trail[:-1]),
-            )
-            for state, goal, command, trail in filmed
-        )
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._window is not None:
-            self._window.close()
-            self._window = None
-
-    def _remember(self) -> None:
-        """Extend the trails by the present positions, and show the picture; changes `_states` and `_trails`."""
-        self._states = self._rows(self.engine.state)
-        for trail, state in zip(self._trails, self._states, strict=True):
-            trail.append(state[: self.engine.craft.dimension])
-        if self._window is not None:
-            from rans.window import tiled
-
-            self._window.show(tiled(list(self.frames())))
-
-    def _rows(self, states: Any) -> np.ndarray:
-        """Fields as rows (environments, fields), float64; the position comes first."""
-        columns = [
-            np.atleast_1d(torch.as_tensor(x).cpu().numpy())[: self._count] for x in leaves(states)
-        ]
-        return np.stack(np.broadcast_arrays(*columns), axis=1, dtype=np.float64)

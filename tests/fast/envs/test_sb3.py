@@ -3,7 +3,6 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -100,28 +99,6 @@ def test_ended_episodes_are_logged_without_a_monitor() -> None:
         for number, info in enumerate(infos):
             assert info["episode"]["l"] == 5
             assert info["episode"]["r"] == pytest.approx(total[number], abs=1e-5)
-
-
-def test_it_is_filmed_as_the_environments_of_gymnasium_are() -> None:
-    """Frame by frame against `make_vec` with the same seed and commands."""
-    made: Any = gymnasium.make_vec
-    other = made("rans/GoToPose2D-v0", num_envs=2, render_mode="rgb_array")
-    env = SB3VecEnv(Engine("floating-platform", "go-to-pose", num_envs=2), render_mode="rgb_array")
-    env.seed(4)
-    env.reset()
-    other.reset(seed=4)
-    commands = np.tile([1, 0, 0, 1, 0, 0, 0, 0], (2, 1))
-    for _ in range(3):
-        env.step(commands)
-        other.step(torch.as_tensor(commands))
-    frames = env.get_images()
-    np.testing.assert_array_equal(frames, other.render())
-    assert len(np.unique(np.asarray(frames))) > 10  # something is in them
-    tiled = env.render()
-    assert tiled is not None
-    assert tiled.shape == (240, 640, 3) or tiled.shape == (480, 320, 3)
-    with pytest.raises(ConfigError, match='render_mode="rgb_array"'):
-        SB3VecEnv(Engine("floating-platform", "go-to-pose", num_envs=2)).get_images()
 
 
 def test_an_option_that_it_has_not_is_a_sentence() -> None:
