@@ -23,12 +23,10 @@ if TYPE_CHECKING:
     from rans.cli.door import command_of as command_of
     from rans.cli.door import word as word
     from rans.deploy.columns import written_columns as written_columns
-    from rans.deploy.export import evaluated as evaluated
     from rans.deploy.program import Ports as Ports
     from rans.episode import Setup as Setup
     from rans.episode import World as World
     from rans.errors import ConfigError as ConfigError
-    from rans.errors import NonFiniteState as NonFiniteState
     from rans.errors import SolverFailed as SolverFailed
     from rans.errors import brief as brief
     from rans.errors import counted as counted
@@ -42,7 +40,6 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.contestant_name import ContestantName as ContestantName
     from rans.evaluation.fly.contestants import contestant as contestant
     from rans.evaluation.fly.episodes import fly_draws as fly_draws
-    from rans.evaluation.fly.protocols import fitting_protocols as fitting_protocols
     from rans.evaluation.measure.metrics import Sample as Sample
     from rans.fast.device import torch_device as torch_device
     from rans.fast.engine import Engine as Engine
@@ -50,7 +47,6 @@ if TYPE_CHECKING:
     from rans.fast.learn.algorithms import Algorithm as Algorithm
     from rans.fast.learn.config import PPOSettings as PPOSettings
     from rans.fast.learn.config import TrainConfig as TrainConfig
-    from rans.fast.learn.config import to_table as to_table
     from rans.fast.learn.rollout import Acted as Acted
     from rans.fast.learn.rollout import Rollout as Rollout
     from rans.fast.learn.rollout import remember as remember
@@ -94,7 +90,6 @@ if TYPE_CHECKING:
     from rans.model.random import Random as Random
     from rans.model.random import seed_words as seed_words
     from rans.model.spacecraft import Spacecraft as Spacecraft
-    from rans.model.spacecraft_file import to_toml as to_toml
     from rans.model.timing import MOST_STEPS as MOST_STEPS
     from rans.model.timing import Timing as Timing
     from rans.policy.network import Network as Network

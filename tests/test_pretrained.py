@@ -62,7 +62,7 @@ def test_every_agent_has_a_recipe_and_is_in_one_distribution() -> None:
     assert len(core) == 7
     assert not core & others
     assert pretrained_names() == sorted(core | others)
-    # The agents for any craft are trained by `python -m rans_any_craft`.
+    # The programs that trained the agents for any craft have left.
     assert agent_recipes() == sorted((core | others) - set(FOR_ANY_CRAFT.values()))
     assert missing_agents() == []
 

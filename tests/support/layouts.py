@@ -1,21 +1,10 @@
-"""What each thruster of a craft does to its twist, and random thrusters in the plane, for tests of any layout."""
+"""Random thrusters in the plane, for tests of any layout."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from rans.model.spacecraft_file import load_spacecraft
 from rans.model.twists import authority_margin
-
-
-def columns_of(name: str) -> np.ndarray:
-    """Change of the velocity and of the spin per second by each thruster at full force, (thrusters, 3 or 6)."""
-    craft = load_spacecraft(name)
-    wrenches = np.array(craft.wrench_map)
-    if craft.dimension == 2:
-        return wrenches / np.array([craft.mass, craft.mass, craft.inertia[2][2]])
-    angular = wrenches[:, 3:] @ np.linalg.inv(np.array(craft.inertia))
-    return np.column_stack([wrenches[:, :3] / craft.mass, angular])
 
 
 def sample_layout(seed: int, most: int = 8, least_margin: float = 0.25) -> np.ndarray:

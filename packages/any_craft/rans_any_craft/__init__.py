@@ -1,1 +1,1 @@
-"""Agents for any craft: their training, and spacecraft of other software's files."""
+"""Adaptation in flight of the agents for any craft, and spacecraft of other software's files."""

@@ -16,7 +16,8 @@ from rans.deploy.contract import (
     flights_of_policy,
     golden_of_policy,
 )
-from rans.deploy.export import check_alone
+from rans.deploy.export import check_alone, evaluated
+from rans.evaluation.fly.protocols import fitting_protocols
 from rans.extend import (
     EVALUATION_SEED,
     ConfigError,
@@ -26,15 +27,13 @@ from rans.extend import (
     TrainConfig,
     brief,
     contestant,
-    evaluated,
-    fitting_protocols,
     map_leaves,
     read_bytes,
-    to_toml,
     write_json,
     write_text,
 )
 from rans.files import replace_file
+from rans.model.spacecraft_file import to_toml
 from rans.tasks import registered_name
 from rans.tasks.derived import observation_width
 

@@ -168,7 +168,8 @@ def fly_on_robot(
     """
     from rans.api.states import read_state, read_zones
     from rans.evaluation.fly.exported import is_exported, read_contract
-    from rans.extend import ContestantName, RunFolder, contestant, doing, to_table
+    from rans.extend import ContestantName, RunFolder, contestant, doing
+    from rans.fast.learn.config import to_table
     from rans.tasks import registered_name
     from rans_robot.bag import index_bag
     from rans_robot.bus import opened_bus, ros_domain

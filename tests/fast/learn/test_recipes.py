@@ -77,7 +77,7 @@ def test_every_agent_that_comes_with_rans_has_its_recipe() -> None:
     from rans.fast.learn.run_folder import read_config
 
     for name in pretrained_names():
-        if name in FOR_ANY_CRAFT.values():  # which rans_any_craft trains, on craft of its own
+        if name in FOR_ANY_CRAFT.values():  # whose programs have left
             continue
         config = to_table(read_config(pretrained_folder(name) / "config.json"))
         again = to_table(training(_CONTINUED.get(name, name), device=config["device"]))

@@ -18,7 +18,8 @@ from types import ModuleType
 
 import numpy as np
 
-from rans.extend import ConfigError, NonFiniteState, Quat, Spacecraft, SpatialState, Vec3
+from rans.errors import NonFiniteState
+from rans.extend import ConfigError, Quat, Spacecraft, SpatialState, Vec3
 from rans.model.actuators import ON_OFF
 from rans.optimal.certificate.goal_set import (
     GoalSet,

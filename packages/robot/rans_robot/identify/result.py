@@ -19,10 +19,10 @@ from rans.extend import (
     Spacecraft,
     conditions_text,
     ready_folder,
-    to_toml,
     write_json,
     write_text,
 )
+from rans.model.spacecraft_file import to_toml
 from rans.randomization.conditions import (
     DisturbanceConditions,
     SensorConditions,
