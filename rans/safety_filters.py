@@ -8,7 +8,7 @@ from rans.episode import Guard, Setup
 from rans.registry import Registry
 
 _NAME = "constraints"
-FILTERS: Registry[Callable[[Setup, float | None], Guard]] = Registry(
+FILTERS: Registry[Callable[[Setup], Guard]] = Registry(
     kind="safety filter of",
     group="rans.safety_filters",
     built_in={},
@@ -17,14 +17,13 @@ FILTERS: Registry[Callable[[Setup, float | None], Guard]] = Registry(
 """Functions that make safety filters; `safety_filter` asks that of constraints."""
 
 
-def safety_filter(setup: Setup, slack: float | None = None) -> Guard:
+def safety_filter(setup: Setup) -> Guard:
     """Safety filter for the constraints of a task, with the spacecraft and conditions of a setup.
 
     Args:
         setup: spacecraft, task, timing and conditions.
-        slack: least margin in the unit of each constraint, in place of that for noise; None: that for noise.
 
     Raises:
         ConfigError: no installed package makes such filters, or there is none for this setup.
     """
-    return FILTERS[_NAME](setup, slack)
+    return FILTERS[_NAME](setup)

@@ -111,7 +111,6 @@ def evaluate(
     conditions: ConditionsLike | None = None,
     protocol: ProtocolName = "own",
     guard: bool = False,
-    guard_slack: float | None = None,
     start: State | None = None,
     goal: State | None = None,
     zones: Sequence[Sequence[float]] = (),
@@ -137,8 +136,6 @@ def evaluate(
             the same with a total of 1 N.
         guard: whether to fly behind a safety filter, which replaces commands that would violate a constraint
             (docs/missions/guard.md).
-        guard_slack: least margin that the filter keeps, in the unit of each constraint (m or m/s); by default
-            0.002, and a reserve for the conditions' noise.
         start: your own start in place of sampled ones. Episodes then differ in conditions only; without conditions
             there is one.
         goal: your own goal, in the same form; by default that of the scenario.
@@ -162,7 +159,7 @@ def evaluate(
             f"{run.controller.name}#{first}."
         )
     count = whole("episodes", episodes)
-    flying = run.under(conditions_if_named(conditions)).guarded(guard, guard_slack)
+    flying = run.under(conditions_if_named(conditions)).guarded(guard)
     return measure(flown(flying, count, seed, engine, endpoints=own_endpoints(start, goal, zones)))
 
 
@@ -176,10 +173,6 @@ def compare(
     seed: int = EVALUATION_SEED,
     engine: EngineName = "fast",
     guard: bool = False,
-    guard_slack: float | None = None,
-    start: State | None = None,
-    goal: State | None = None,
-    zones: Sequence[Sequence[float]] = (),
     period: float | None = None,
     full: bool = False,
     trust: bool = False,
@@ -210,10 +203,6 @@ def compare(
         seed: see `evaluate`.
         engine: see `evaluate`.
         guard: see `evaluate`.
-        guard_slack: see `evaluate`.
-        start: see `evaluate`; bounds and optimal trajectories are of this start too.
-        goal: see `evaluate`.
-        zones: see `evaluate`.
         period: control period, s, of controllers and of any-craft with a spacecraft; by default the first
             contestant's.
         full: whether to compare from more starts, in minutes, with the largest return of the task's reward too.
@@ -257,9 +246,8 @@ def compare(
         conditions_if_named(_conditions(contestants[0], conditions)),
         trust,
         guard,
-        guard_slack,
         period,
-    ).between(own_endpoints(start, goal, zones))
+    )
     result = Comparison(contest)
     flying = enlisted(entrants, contest, trust, period)
     folder = None if output is None else ready_folder(Path(output))

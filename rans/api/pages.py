@@ -131,7 +131,6 @@ def view(
     trust: bool = False,
     save: str | Path | None = None,
     guard: bool = False,
-    guard_slack: float | None = None,
     start: State | None = None,
     goal: State | None = None,
     zones: Sequence[Sequence[float]] = (),
@@ -157,7 +156,6 @@ def view(
         save: file to write the flights to: .html is a page that replays them offline and without RANS, .mp4 or .gif
             a film of all side by side, .png or .jpg one picture of ten instants of the first.
         guard: see `rans.api.judging.evaluate`.
-        guard_slack: see `rans.api.judging.evaluate`.
         start: see `rans.api.judging.evaluate`.
         goal: see `rans.api.judging.evaluate`.
         zones: see `rans.api.judging.evaluate`.
@@ -176,7 +174,7 @@ def view(
     first = whole("episode", episode, least=0)
     folders = [each for each in contestants if is_optimum(each)]
     others = tuple(each for each in contestants if not is_optimum(each))
-    runs = flyers(others, conditions, trust, guard, guard_slack)
+    runs = flyers(others, conditions, trust, guard)
     if folders and endpoints is not None:
         raise ConfigError(
             "start, goal and zones are for flights, and an optimum has its own: leave them out."
@@ -248,7 +246,6 @@ def flyers(
     conditions: ConditionsLike | None,
     trust: bool,
     guard: bool = False,
-    guard_slack: float | None = None,
 ) -> list[LoadedRun]:
     """Runs of contestants, behind the safety filter if asked for; a bare name after the first flies its setup.
 
@@ -262,7 +259,7 @@ def flyers(
     for entrant in contestants:
         setup = results[0].judged if results else None
         run = run_of(entrant) or contestant(text_of(entrant), default_setup=setup, trust=trust)
-        results.append(run.under(conditions_if_named(conditions)).guarded(guard, guard_slack))
+        results.append(run.under(conditions_if_named(conditions)).guarded(guard))
     return results
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @command_of(
     compare,
-    without=("workers", "show", "guard_slack"),
+    without=("workers", "show"),
     contestants=word("RUN...", tuple[str, ...]),
     beside=Annotated[tuple[str, ...] | None, arg(name="with", metavar="[NAME|optimal ...]")],
 )

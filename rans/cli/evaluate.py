@@ -67,11 +67,10 @@ class Evaluate(Options):
         "rans evaluate sb3:policy.zip:go-to-pose-2d --trust",
     )
 
-    trajectories: bool = False
-    """Also write all states and commands into episodes.npz; for a mission on an orbit also the first 16 flights as
-    CCSDS messages into a folder ccsds: OEM of craft and target (docs/missions/ccsds.md)."""
     full: bool = False
-    """Print all metrics, not only the most important ones. evaluation.json always has all."""
+    """Print all metrics, not only the most important ones, and write all states and commands into episodes.npz; of
+    a mission on an orbit also the first 16 flights as CCSDS messages into a folder ccsds: OEM of craft and target
+    (docs/missions/ccsds.md)."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
 
@@ -100,7 +99,7 @@ class Evaluate(Options):
 
         run = contestant(self.agent, self.protocol, trust=self.trust, period=self.period)
         run = run.under(conditions_if_named(self.conditions))
-        run = run.guarded(self.guard, self.guard_slack)
+        run = run.guarded(self.guard)
         name = self.agent
         if remark := getattr(run.controller, "remark", ""):
             Terminal().say(remark)
@@ -166,7 +165,7 @@ class Evaluate(Options):
                 before = {}
             made = about(str(self.agent), run.judged, "rans.evaluate")
             write_json(file, before | results | {"conditions": conditions, "about": made})
-        save_episodes(flight, folder / f"episodes{suffix}.npz", self.trajectories)
+        save_episodes(flight, folder / f"episodes{suffix}.npz", self.full)
         page = evaluation_page([*measured.values()], flight, command_line())
         page.write(inside(folder, f"evaluation{suffix}.html"))
         if is_installed("matplotlib"):
@@ -178,7 +177,7 @@ class Evaluate(Options):
 
     def _write_files(self, run: LoadedRun, flight: Flight) -> str:
         """Write flights in the forms of installed packages, if asked to; returns where, for a sentence."""
-        if not self.trajectories:
+        if not self.full:
             return ""
         folder, suffix = self._output(run)
         written = ""

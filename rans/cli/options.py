@@ -39,7 +39,7 @@ def _annotations(hint: Any) -> tuple[Any, ...]:
 
 
 def option_name(field: str, hint: Any) -> str:
-    """Option of a field, such as --guard-slack of guard_slack, unless its annotation has another name."""
+    """Option of a field, such as --failure-below of failure_below, unless its annotation has another name."""
     named = (getattr(annotation, "name", None) for annotation in _annotations(hint))
     return f"--{next(filter(None, named), field).replace('_', '-')}"
 

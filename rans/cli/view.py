@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rans.flight import Flight
 
 
-@command_of(view, without=("guard_slack",), contestants=word("RUN...", tuple[str, ...]))
+@command_of(view, contestants=word("RUN...", tuple[str, ...]))
 class View(Options):
     """Replay flights in three dimensions in the browser, in real time; Ctrl-C ends it.
 

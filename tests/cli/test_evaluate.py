@@ -68,7 +68,7 @@ def test_conditions_of_one_name_have_files_apart(
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_a_protocol_has_its_own_files(run_folder: Path) -> None:
-    options = "--episodes 3 --protocol original --trajectories"
+    options = "--episodes 3 --protocol original --full"
     assert main(f"evaluate {run_folder} {options}".split()) == 0
     written = json.loads((run_folder / "evaluation-original.json").read_text())
     assert (written["fast"]["spacecraft"], written["fast"]["steps"]) == (
@@ -145,7 +145,7 @@ def test_one_task_on_which_the_engines_disagree_is_enough(monkeypatch: pytest.Mo
 @pytest.mark.usefixtures("undrawn")
 def test_an_own_start_is_flown_once_and_has_files_of_its_own(run_folder: Path) -> None:
     command = f"evaluate {run_folder} --start 1 -0.5 90deg v.x=0.1"
-    assert main(f"{command} --trajectories".split()) == 0
+    assert main(f"{command} --full".split()) == 0
     [file] = run_folder.glob("episodes-own-*.npz")
     with np.load(file) as flown:
         first = flown["states"][0]

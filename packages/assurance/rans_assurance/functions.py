@@ -56,7 +56,6 @@ def stress(
     workers: int | None = None,
     output: str | Path | None = None,
     guard: bool = False,
-    guard_slack: float | None = None,
     show: Callable[[StressReport], object] | None = None,
 ) -> StressReport:
     """Robustness sweep: fly under one disturbance at a time, at increasing magnitude.
@@ -80,7 +79,6 @@ def stress(
         workers: number of processes; by default one per processor.
         output: folder of the results; by default that of the first contestant, and in Python none is written.
         guard: see `rans.api.judging.evaluate`.
-        guard_slack: see `rans.api.judging.evaluate`.
         show: function that is called with the report at the end, also after an interrupt or an error.
 
     Raises:
@@ -94,9 +92,7 @@ def stress(
 
     # Names and options, refused before anything flies.
     first, invited = invitations(contestants)
-    contest = contest_of(
-        first, whole("episodes", episodes), seed, trust=trust, guard=guard, slack=guard_slack
-    )
+    contest = contest_of(first, whole("episodes", episodes), seed, trust=trust, guard=guard)
     names = stress_conditions(conditions, only)
     sets = {name: load_conditions(name, contest.craft) for name in names}
     # Slow controllers fly 32 of 256 starts: their interval is then about three times as wide.

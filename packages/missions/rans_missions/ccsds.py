@@ -37,7 +37,7 @@ _ECCENTRICITY = 0.01
 """Eccentricity above which an orbit does not count as circular: Clohessy-Wiltshire's equations are then as wrong as
 at a distance of a hundredth of the radius."""
 _MESSAGES = 16
-"""Largest number of flights that ``rans evaluate --trajectories`` writes, two files each."""
+"""Largest number of flights that ``rans evaluate --full`` writes, two files each."""
 _STATE = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
 
 

@@ -38,7 +38,6 @@ CHASER = load_spacecraft("vbar-chaser")
 LANDER = load_spacecraft("mars-lander-steered")
 ELLIPSE = TargetOrbit(eccentricity=0.5, semi_major_axis_km=13_556.0)
 LOW = TargetOrbit(oblate=True, inclination_degrees=51.6)
-HOLD = Setup(CHASER, Hold())
 
 
 class Gated(Rendezvous):
@@ -93,7 +92,6 @@ CONTROLLERS: list[tuple[Callable[[], Any], str]] = [
 FILTERS: list[tuple[Callable[[], Any], str]] = [
     (lambda: safety_filter(Setup(PLATFORM, GoToPose())), "GoToPose has none"),
     (lambda: safety_filter(Setup(LANDER, Land())), r"cannot be shut|opposite"),
-    (lambda: safety_filter(HOLD, slack=0.0), "slack .*finite number above 0"),
 ]
 
 

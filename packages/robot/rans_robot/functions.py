@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 from rans.extend import (
     ConfigError,
-    EngineName,
     Spacecraft,
     SpacecraftLike,
     Terminal,
@@ -135,7 +134,6 @@ def fly_on_robot(
     goal: Sequence[str | float] = (),
     zones: Sequence[str] = (),
     guard: bool = False,
-    guard_slack: float | None = None,
     seconds: float | None = None,
     output: str | Path | None = None,
     trust: bool = False,
@@ -157,8 +155,6 @@ def fly_on_robot(
         zones: fixed keep-out zones for agents that avoid some, m; a radius includes that of the spacecraft.
         guard: whether to apply the safety filter, which replaces commands that would lead to a violated constraint
             (docs/missions/guard.md).
-        guard_slack: with --guard: least margin that it keeps, in the unit of each constraint (m or m/s); by default
-            0.002.
         seconds: length of the flight, s; by default until Ctrl-C.
         output: new folder for the bag and the exported agent; by default runs/flights/AGENT-TIME.
         trust: see `rans.api.judging.compare`.
@@ -240,7 +236,6 @@ def fly_on_robot(
         goal_velocity=velocity if aim.velocities else (),
         zones=tuple(chain(*read_zones(zones, craft.dimension, "--zones"))),
         guard=guard,
-        guard_slack=guard_slack,
         trade_off=trade_off,
         lost_after=max(1.0, 2.0 * period),
     )
@@ -280,21 +275,18 @@ def fly_on_robot(
 def twin(
     spacecraft: SpacecraftLike,
     *,
-    engine: EngineName = "fast",
     bus: str = "dds",
     robot: RobotName = "ros",
     period: float = 0.2,
     conditions: str | Path | None = None,
     rate: float = 100.0,
     start: Sequence[str | float] = (),
-    seed: int = 0,
     seconds: float = 600.0,
 ) -> Motion:
     """Simulate a robot for `rans fly`, which publishes its state on a bus and takes commands.
 
     Args:
         spacecraft: name of a spacecraft that comes with RANS, or your own TOML file.
-        engine: what computes the motion: RANS's own equations (fast), or Drake.
         bus: see `fly_on_robot`.
         robot: see `fly_on_robot`.
         period: control period at which the robot takes commands, s.
@@ -302,8 +294,7 @@ def twin(
             CONDITIONS`), your own TOML file, or the run folder of an agent, whose training's conditions are taken.
         rate: number of states published per second.
         start: start at rest: x, y (m) and heading, such as 3 1 40deg, in space x, y, z and perhaps roll, pitch,
-            yaw; angles are in degrees, or with a unit, such as 0.7rad. By default that of the seed.
-        seed: random seed of the start and the conditions.
+            yaw; angles are in degrees, or with a unit, such as 0.7rad. By default a sampled one.
         seconds: length of the simulation, s.
 
     Raises:
@@ -329,11 +320,9 @@ def twin(
         craft=craft,
         control_period=period,
         robot=robot,
-        engine=engine,
         conditions=met,
         rate=rate,
         start=begin.pose,
-        seed=seed,
         seconds=seconds,
     )
     # Simulate until the time is up or a signal comes; the bus is closed in any event.

@@ -152,8 +152,6 @@ class Plan:
     guard: bool = False
     """Whether the safety filter for the spacecraft and the task (`rans.safety_filters`) stands between the
     agent and the valves."""
-    guard_slack: float | None = None
-    """Slack of that filter, in the unit of each constraint, m or m/s; None: its own."""
     trade_off: float | None = None
     """Trade-off input of agents that have one, 0 (fast) to 1 (thrifty)."""
     pose_noise: tuple[float, float] = (0.002, 0.005)
@@ -203,9 +201,7 @@ def check_plan(plan: Plan, craft: Spacecraft, task: Task, period: float) -> None
     _goal(craft, task, plan)
     if plan.guard:
         setup = Setup(craft, task, replace(task.timing, control_period=period))
-        safety_filter(setup, plan.guard_slack)
-    elif plan.guard_slack is not None:
-        raise ConfigError("--guard-slack is the slack of a safety filter: add --guard.")
+        safety_filter(setup)
 
 
 @dataclass
@@ -259,7 +255,7 @@ class MessagePilot:
         if plan.guard:
             timing = replace(self._task.timing, control_period=self.period)
             setup = Setup(self.craft, self._task, timing)
-            self._world = World(setup._replace(guard=safety_filter(setup, plan.guard_slack)))
+            self._world = World(setup._replace(guard=safety_filter(setup)))
         self._filter: VelocityFilter | None = None
         if not self.interface.has_velocity:
             self._filter = VelocityFilter(_agility(self.craft), plan.pose_noise)

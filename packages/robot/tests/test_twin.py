@@ -104,12 +104,6 @@ def test_duties_of_pulsed_thrusters_fall_into_steps() -> None:
     assert given == pytest.approx([1, 1, 1, 0.7, 0, 0, 0, 0, 0, 0])
 
 
-def test_a_twin_of_no_episode_is_refused(refused: Any) -> None:
-    """Before a bus is opened: such an episode would be flown as another one, or end in a traceback."""
-    said = refused(f"twin {PLATFORM} --bus udp --seed {2**64}")
-    assert "the seed must be a whole number of at most 64 bits" in said
-
-
 def test_a_contract_tells_which_way_a_wheel_turns_the_craft() -> None:
     """Its sentence, beside the motion of the craft over one period of the command 1."""
     config = RunFolder(pretrained_folder("go-to-pose-2d")).config()

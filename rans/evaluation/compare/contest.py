@@ -6,7 +6,7 @@ Scores are (N,) by start, in SI units; tables, charts and files take them from h
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -30,7 +30,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.progress import Progress, unseen
 from rans.randomization.conditions import Conditions
-from rans.scenario import Endpoints, Scenario, scenarios
+from rans.scenario import Scenario, scenarios
 from rans.tasks import Task
 
 
@@ -51,32 +51,16 @@ class Contest:
     """Domain randomization, disturbances, faults and sensors; None: everything is nominal."""
     guard: Guard | None = None
     """Safety filter between every contestant and the effectors; None: every command passes."""
-    endpoints: Endpoints | None = None
-    """Start and goal of all episodes, of which only the conditions differ; None: they are sampled."""
 
     @cached_property
     def starts(self) -> Scenario:
         """All starts, whose fields are float64 arrays (N,)."""
-        sampled = scenarios(self.task, self.craft, self.seed, self.episodes)
-        return sampled if self.endpoints is None else self.endpoints.applied(sampled)
+        return scenarios(self.task, self.craft, self.seed, self.episodes)
 
     @property
     def duration(self) -> float:
         """Duration of an episode, s."""
         return self.timing.episode_steps * self.timing.control_period
-
-    def between(self, endpoints: Endpoints | None) -> Contest:
-        """The contest with this start and goal, in one episode where all would be the same; None: as it is.
-
-        Raises:
-            ConfigError: see `rans.scenario.Endpoints.applied`.
-        """
-        if endpoints is None:
-            return self
-        episodes = endpoints.episodes(self.episodes, self.conditions)
-        result = replace(self, endpoints=endpoints, episodes=episodes)
-        _ = result.starts  # a state of another dimension is refused before the flights
-        return result
 
     def start(self, k: int) -> Scenario:
         """Start number k alone, with fields (1,)."""
@@ -102,7 +86,6 @@ class Contest:
             self.engine,
             workers,
             progress,
-            endpoints=self.endpoints,
         )
 
     def title(self) -> str:
@@ -119,12 +102,6 @@ class Contest:
             deadlines = np.asarray(self.starts.goal.notes.deadline)
             time = f"deadlines of {deadlines.min():,.0f} to {deadlines.max():,.0f} s"
         starts = f"{counted(self.episodes, 'start')} of seed {self.seed}"
-        if self.endpoints is not None and self.endpoints.start is not None:
-            starts = (
-                "your start" if self.episodes == 1 else f"{self.episodes} flights of your start"
-            )
-        elif self.endpoints is not None:
-            starts += " to your goal" if self.endpoints.goal is not None else " among your zones"
         return (
             f"{starts}, {self.craft.name}, {time} at {1.0 / self.timing.control_period:g} Hz{world}"
         )

@@ -104,13 +104,12 @@ def contest_of(
     conditions: Conditions | None = None,
     trust: bool = False,
     guard: bool = False,
-    slack: float | None = None,
     period: float | None = None,
 ) -> Contest:
     """Contest in the setup of its first contestant.
 
     Conditions replace those of the setup. With ``guard`` all contestants fly
-    with the safety filter for spacecraft and task, and its slack (`rans.safety_filters`). For the control
+    with the safety filter for spacecraft and task (`rans.safety_filters`). For the control
     period, s, see `rans.evaluation.fly.contestants.contestant`.
 
     Raises:
@@ -124,7 +123,7 @@ def contest_of(
         name = ContestantName.parse(who)
         loaded = contestant(name, trust=trust, period=period)
         run = _single(name.text, name.controller, loaded).under(conditions)
-    craft, task, timing, world, guarded = run.guarded(guard, slack).judged
+    craft, task, timing, world, guarded = run.guarded(guard).judged
     seed_words(seed)  # A wrong seed is reported once, and not for every contestant.
     check_dimension(task, craft.dimension)
     return Contest(craft, task, timing, seed, episodes, engine, world, guarded)

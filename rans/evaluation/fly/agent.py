@@ -134,19 +134,14 @@ class LoadedRun(NamedTuple):
             warn_of_implausible(loaded, self.craft)
         return self._replace(controller=informed(self.controller, loaded), conditions=loaded)
 
-    def guarded(self, guard: bool = True, slack: float | None = None) -> LoadedRun:
+    def guarded(self, guard: bool = True) -> LoadedRun:
         """The run with the safety filter for its setup (`rans.safety_filters.safety_filter`), if ``guard``.
 
         Raises:
-            ConfigError: the task has no constraints, no filter knows the craft, or there is a slack but no
-                filter.
+            ConfigError: the task has no constraints, or no filter knows the craft.
         """
         if guard:
-            return self._replace(guard=safety_filter(self.judged, slack))
-        if slack is not None:
-            raise ConfigError(
-                "guard_slack is the least margin of a safety filter: fly behind one, by --guard or guard=True."
-            )
+            return self._replace(guard=safety_filter(self.judged))
         return self
 
 

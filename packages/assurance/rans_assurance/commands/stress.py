@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @command_of(
     stress,
-    without=("slow_episodes", "seed", "worst", "workers", "show", "guard_slack"),
+    without=("slow_episodes", "seed", "worst", "workers", "show"),
     contestants=word("RUN...", tuple[str, ...]),
 )
 class Stress(Options):
