@@ -10,7 +10,6 @@ import pytest
 import rans
 from rans.deploy.export import write_export
 from rans.episode import Setup
-from rans.evaluation.compare.optima import flights
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.exported import load_exported
 from rans.evaluation.fly.tuned import Tuned, arguments
@@ -22,7 +21,7 @@ from rans.show.pages.report import report_from_run
 from rans.tasks import GoToPose
 from tests.support.damage import check
 from tests.support.training import CONFIG
-from tests.support.written_files import RESULTS, TUNED, optimal_folder
+from tests.support.written_files import RESULTS, TUNED
 
 
 @pytest.fixture(scope="module")
@@ -53,11 +52,6 @@ def test_run_folders(trained: Path, tmp_path: Path) -> None:
     check(files, lambda: rans.load_agent(run), 0.5)
     files = [run / "checkpoint.safetensors", run / "metrics.jsonl"]
     check(files, lambda: (RunFolder(run).load_checkpoint("cpu"), RunFolder(run).metrics()))
-
-
-def test_optimal_folders(tmp_path: Path) -> None:
-    optimal_folder(tmp_path)
-    check([*tmp_path.iterdir()], lambda: flights(tmp_path), 2)
 
 
 @pytest.mark.parametrize("name", RESULTS)

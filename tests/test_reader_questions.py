@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 from rans_missions.ccsds import read_opm
 
-from rans.evaluation.compare.optima import flights
 from rans.evaluation.fly.exported import read_contract
 from rans.evaluation.fly.tuned import Tuned
 from rans.evaluation.fly.user_policy import user_policy
@@ -27,11 +26,9 @@ from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.run_folder import read_config
 from rans.fast.learn.sweep import read_configs
 from rans.files import write_json
-from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft, read_spacecraft
 from rans.pretrained import pretrained_folder
 from rans.randomization.conditions_file import load_conditions
-from rans.scenario import scenario
 from rans.tasks import GoToPose
 from tests.support.graphs import model_of, step
 from tests.support.processes import ROOT
@@ -45,7 +42,7 @@ from tests.support.reader_questions import (
     written,
 )
 from tests.support.sources import sources
-from tests.support.written_files import TUNED, optimal_folder
+from tests.support.written_files import TUNED
 
 # planted files
 
@@ -106,19 +103,6 @@ def policy(change: Callable[[dict[str, Any]], object]) -> Any:
 def contract(**changed: object) -> Any:
     about = {"task": "go-to-pose", "settings": {}, "control_period": 0.2} | changed
     return written("contract.json", json.dumps(about), lambda file: read_contract(file.parent))
-
-
-GOAL = len(leaves(scenario(GoToPose(), 2, seed=0, episode=0).goal))
-
-
-def optimum(**changed: Any) -> Any:
-    """A folder of `rans optimal` whose arrays say something else."""
-
-    def plant(folder: Path) -> Callable[[], object]:
-        optimal_folder(folder, **changed)
-        return lambda: flights(folder)
-
-    return plant
 
 
 def network(width: int = 10, memory: bool = False) -> Any:
@@ -266,17 +250,6 @@ ANSWERS: Answers = {
         "dropped": "a contract is for people and machines; what flights need is read",
         "sizes": "it is a table of texts, bounded as all JSON files are",
         "evidence": Answer(contract(settings=[1]), "settings must be a table"),
-    },
-    "flights": {
-        "units": "arrays have names, and each name its unit",
-        "frames": Answer(optimum(starts=np.zeros((1, 13))), "starts has the shape"),
-        "times": Answer(
-            optimum(control_period=np.full(1, -0.2)), "control_period must be a finite"
-        ),
-        "order": Answer(optimum(commands=np.full((1, 2, 8), 1.5)), "a command is not from 0 to 1"),
-        "dropped": "arrays of other names are another command's",
-        "sizes": Answer(optimum(commands=np.full((1, 2, 3), 0.5)), "commands has the shape"),
-        "evidence": Answer(optimum(starts=np.full((1, GOAL), np.nan)), r"optimal\.npz is damaged"),
     },
     "onnx": {
         "units": "a network's numbers have none",

@@ -12,7 +12,6 @@ import pytest
 
 from rans.archives import read_arrays
 from rans.errors import ConfigError
-from rans.evaluation.compare.optima import flights
 from rans.evaluation.fly.exported import code_of
 from rans.files import (
     open_regular,
@@ -22,7 +21,6 @@ from rans.files import (
     read_text,
 )
 from tests.support.sources import sources
-from tests.support.written_files import optimal_folder
 
 TABLES = tomllib.loads((Path(__file__).parent / "data" / "readers.toml").read_text("utf-8"))
 """Calls that read, modules that may, and why other modules have some of them."""
@@ -83,21 +81,6 @@ def test_files_are_opened_by_the_readers_alone() -> None:
 )
 def test_what_would_be_seen(text: str) -> None:
     assert opens(text)
-
-
-@pytest.mark.parametrize("name", ["optimal.json", "optimal.npz", "spacecraft.toml"])
-@pytest.mark.parametrize("kind", ["link", "pipe"])
-def test_an_optimal_folder_leads_nowhere_else(name: str, kind: str, tmp_path: Path) -> None:
-    folder = optimal_folder(tmp_path)
-    (folder / name).rename(tmp_path / "secret")
-    if kind == "link":
-        (folder / name).symlink_to(tmp_path / "secret")
-    else:
-        os.mkfifo(folder / name)
-    with pytest.raises(
-        ConfigError, match="symbolic link" if kind == "link" else "it is not a file"
-    ):
-        flights(folder)
 
 
 def test_what_is_trusted_is_the_text_that_lies_there(tmp_path: Path) -> None:

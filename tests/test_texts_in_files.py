@@ -18,14 +18,13 @@ import rans
 from rans.cli import main
 from rans.episode import Setup
 from rans.errors import RansError
-from rans.evaluation.compare.optima import flights
 from rans.evaluation.fly.tuned import Tuned
 from rans.fast.learn.config import to_table
 from rans.files import write_json
 from rans.structure import read_toml
 from tests.support import plugins
 from tests.support.training import CONFIG
-from tests.support.written_files import RESULTS, TUNED, optimal_folder
+from tests.support.written_files import RESULTS, TUNED
 
 plugins.register()
 
@@ -241,15 +240,6 @@ def test_tuned_settings(here: Path) -> None:
     for _, changed in texts(table):
         write_json(Path("lqr.json"), changed)
         call(lambda: Tuned.read(Path("lqr.json")).fits("lqr", setup))
-
-
-def test_optimal_folder(here: Path) -> None:
-    Path("optimal").mkdir()
-    folder = optimal_folder(Path("optimal"))
-    for _, changed in texts(json.loads((folder / "optimal.json").read_text())):
-        write_json(folder / "optimal.json", changed)
-        call(lambda: flights(folder))
-        call(command("view optimal --save page.html"))
 
 
 def test_plan_of_a_bag(here: Path, trained: Path) -> None:

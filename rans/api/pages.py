@@ -145,7 +145,6 @@ def view(
 
     Args:
         *contestants: run folders, agents that come with RANS, or any others, such as CONTROLLER:go-to-pose-3d.
-            A folder of `rans optimal` shows its trajectories, which Drake flies again.
             After the first, the name of a controller is enough, such as lqr.
         conditions: see `rans.api.judging.evaluate`.
         episodes: number of flights of each contestant; contestants of the same task have the same starts.
@@ -172,41 +171,13 @@ def view(
     endpoints = own_endpoints(start, goal, zones)
     count = whole("episodes", episodes)
     first = whole("episode", episode, least=0)
-    folders = [each for each in contestants if is_optimum(each)]
-    others = tuple(each for each in contestants if not is_optimum(each))
-    runs = flyers(others, conditions, trust, guard)
-    if folders and endpoints is not None:
-        raise ConfigError(
-            "start, goal and zones are for flights, and an optimum has its own: leave them out."
-        )
-    # Flights first, then optima; the replay shows them in this order.
+    runs = flyers(contestants, conditions, trust, guard)
     shown = [flown(run, count, seed, engine, first, endpoints) for run in runs]
-    for folder in folders:
-        shown += _optima(Path(str(folder)), range(first, first + count))
     label = None if conditions is None else str(getattr(conditions, "description", conditions))
     replay = Replay(shown, title_of(shown, label))
     if save is not None:
         replay.written = replay.write(Path(save))
     return replay
-
-
-def is_optimum(contestant: object) -> bool:
-    """Whether a contestant is a folder of `rans optimal`, which has trajectories and nobody who flies."""
-    return isinstance(contestant, str | Path) and (Path(contestant) / "optimal.npz").is_file()
-
-
-def _optima(folder: Path, starts: range) -> list[Flight]:
-    """Optimal trajectories of a folder from these starts, flown by Drake."""
-    from rans.evaluation.compare.optima import flights
-
-    every = flights(folder)
-    results = [flight for start, flight in every if start in starts]
-    if not results:
-        numbers = ", ".join(str(start) for start, _ in every) or "none"
-        raise ConfigError(
-            f"{folder} has no trajectory of start {starts[0]}; it has those of: {numbers}."
-        )
-    return results
 
 
 def check_file_of_flights(file: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import math
-import shlex
 from collections.abc import Callable
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -38,6 +37,8 @@ _CONTROL_PERIOD, _INTERVALS = (
     inspect.signature(optimal_trajectory).parameters[name].default
     for name in ("control_period", "intervals")
 )
+_REPLAYED = 8
+"""Largest number of trajectories in optimal.html, each a picture of its own."""
 
 
 @command_of(
@@ -51,8 +52,8 @@ class Optimal(Options):
 
     The trajectories are references: thrusters may open partly, so they are neither controllers nor
     certificates. Writes optimal.json (with residuals of the optimality conditions), optimal.npz (with
-    multipliers), optimal.csv and optimal.svg. The exit code is 1 if a start has no trajectory that Drake
-    flies.
+    multipliers), optimal.csv, optimal.svg and optimal.html, a replay. The exit code is 1 if a start has no
+    trajectory that Drake flies.
 
     For missions on an orbit (dock, hold, rendezvous) it computes the least impulse by a deadline, with a
     lower bound from a conic program and a flight in both engines, start by start. These missions and landings
@@ -95,6 +96,7 @@ class Optimal(Options):
         from rans.optimal.trajectory.objectives import objective_of
         from rans.show.figures.optimal_figure import optimal_figure
         from rans.show.figures.svg import svg
+        from rans.show.pages.replay import replay_page
         from rans.tasks.goal_set import aims
 
         self._check()
@@ -160,17 +162,20 @@ class Optimal(Options):
 
             with writing_at_end(write_bounds):
                 self._add_bounds(bounds, craft, task, objective, starts, answers)
+        flights = [answer.flight for answer in answers if answer.flight is not None]
+        if flights:
+            replay_page(flights[:_REPLAYED], f"{objective.name}: {self.task}").write(
+                folder / "optimal.html"
+            )
         lost = sum(not answer.good for answer in answers)
         Terminal().say(
             f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
-            f"{folder / 'optimal.json'}, optimal.npz, optimal.csv and optimal.svg."
+            f"{folder / 'optimal.html'}, optimal.json, optimal.npz, optimal.csv and optimal.svg."
         )
         # With a time of its own the objective may be too short for weak thrusters. Least time finds its own.
         if lost and self.objective != "time":
             longer = 2.0 * getattr(objective, "horizon", 0.0)
             Terminal().say(f"More time than {longer / 2.0:g} s may help: --horizon {longer:g}")
-        if not lost:
-            Terminal().suggest(shlex.join(["rans", "view", str(folder)]))
         return 1 if lost else 0
 
     def _bounds_alone(

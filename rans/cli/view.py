@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from rans.api.pages import flyers, is_optimum, view
+from rans.api.pages import flyers, view
 from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.cli.next_commands import after
@@ -23,7 +23,7 @@ class View(Options):
     """Replay flights in three dimensions in the browser, in real time; Ctrl-C ends it.
 
     All from the same starts fly in one picture. Open thrusters have orange plumes; the goal is green.
-    A bar has pause, time and speed. Folders of `rans optimal` show their trajectories, in Drake.
+    A bar has pause, time and speed.
     """
 
     group = "Show"
@@ -40,11 +40,8 @@ class View(Options):
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        # Others may fly another task or craft, which a comparison refuses; trajectories are no contestants.
-        first = self.contestants[0]
-        if is_optimum(first):
-            return ("rans list CONTROLLERS",)
-        return after(self, "view", first)
+        # Others may fly another task or craft, which a comparison refuses.
+        return after(self, "view", self.contestants[0])
 
     def run(self) -> int:
         """Serve the page until an interrupt, or write the requested files; the exit code is 0."""
@@ -63,8 +60,7 @@ class View(Options):
                 )
             return self._play()
         replay = self.call()
-        if not is_optimum(self.contestants[0]):
-            self._say_of_losses(replay.flights[0])
+        self._say_of_losses(replay.flights[0])
         if self.save is not None:
             Terminal().say(replay.written)
             return 0

@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from rans.cli import main
-from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenario, scenarios
+from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from tests.support.processes import PATIENCE, command
 
@@ -70,34 +69,6 @@ def test_what_changes_nothing_where_one_flies_is_refused(option: str, refused: A
     said = refused(f"view pretrained:go-to-pose-2d --play --save fly.html {option}")
     assert f"{option.split()[0]} would change nothing" in said
     assert not Path("fly.html").exists()
-
-
-@pytest.fixture
-def shown(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Flights of the page that the command would serve."""
-    flights: list[Any] = []
-    monkeypatch.setattr("rans.api.pages.Replay.html", lambda replay: flights.extend(replay.flights))
-    monkeypatch.setattr("rans.cli.view._serve", lambda page, *_: page())
-    return flights
-
-
-@pytest.mark.slow
-def test_optimal_trajectories_are_shown(
-    shown: list[Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A folder of `rans optimal`: Drake flies its commands from its starts again."""
-    monkeypatch.setattr("rans.cli.optimal._CONTROL_PERIOD", 1.0)
-    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})
-    assert main(["optimal", "go-to-pose", "--episodes", "2", "--output", "best"]) == 0
-    assert main(["view", "lqr:go-to-pose-2d", "best", "--episode", "1"]) == 0
-    assert [flight.engine for flight in shown] == ["fast", "drake"]
-    task = GoToPose().for_evaluation()
-    start = scenario(task, 2, 2023, 1).start
-    for flight in shown:
-        assert [float(x.flat[0]) for x in leaves(flight.states)] == pytest.approx(leaves(start))
-    capsys.readouterr()
-    assert main(["view", "best", "--episode", "7"]) == 2
-    assert "it has those of: 0, 1" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import rans
-from rans.files import write_json
-from rans.model.fields import leaves
-from rans.pretrained import pretrained_folder
-from rans.scenario import scenario
 
 TUNED = min((Path(rans.__file__).parent / "data" / "controllers").glob("lqr*.json"))
 """Settings of a controller as `rans tune` writes them."""
@@ -44,19 +37,3 @@ RESULTS: dict[str, Any] = {
     },
 }
 """What `rans report` reads, by the names of files."""
-
-
-def optimal_folder(folder: Path, **changed: Any) -> Path:
-    """Write what `rans optimal` does, with other arrays."""
-    like = scenario(rans.GoToPose(), 2, seed=0, episode=0)
-    about = {"task": "go-to-pose", "objective": "energy", "command": "c", "starts": []}
-    write_json(folder / "optimal.json", about)
-    shutil.copy(pretrained_folder("go-to-pose-2d") / "spacecraft.toml", folder)
-    arrays: dict[str, Any] = {
-        "commands": np.full((1, 2, 8), 0.5),
-        "control_period": np.full(1, 0.2),
-        "starts": np.array([leaves(like.start)]),
-        "goals": np.array([leaves(like.goal)]),
-    }
-    np.savez(folder / "optimal.npz", **(arrays | changed))
-    return folder

@@ -10,14 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from rans.archives import read_arrays
-from rans.errors import ConfigError, legible
 from rans.evaluation.measure.aggregate import save_arrays
-from rans.files import environment, inside, read_json, write_json, write_text
+from rans.files import environment, write_json, write_text
 from rans.flight import Flight
-from rans.model.fields import Heading, leaves, map_leaves, unflatten
+from rans.model.fields import Heading, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import read_spacecraft, to_toml
+from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
 from rans.optimal.trajectory.arrival import moves_goal
 from rans.optimal.trajectory.limits import PathLimits
@@ -26,9 +24,7 @@ from rans.optimal.trajectory.pool import solve_all
 from rans.optimal.trajectory.transcription import START_IS_GOAL, Trajectory, usual_guesses
 from rans.progress import Progress, unseen
 from rans.scenario import Scenario, each
-from rans.scenario import scenario as example
 from rans.table import Table
-from rans.tasks import TASKS
 from rans.tasks.base import Task
 from rans.tasks.quantities import QUANTITIES
 
@@ -45,8 +41,6 @@ _SENTENCES = {
 """Sentences for results of the optimiser. It searches locally: only a certificate proves that nothing arrives."""
 
 _AS_PLANNED = Timing(episode_steps=1)
-_ROUNDING = 1e-6
-"""Largest excess of a command of the optimiser over its bounds, which it keeps to 1e-8."""
 
 
 @dataclass(frozen=True)
@@ -243,14 +237,11 @@ def optima_table(title: str, objective: Objective, answers: Sequence[Optimum]) -
             lost.setdefault(answer.sentence, []).append(str(answer.start))
     notes = [f"Start {', '.join(starts)}: {sentence}." for sentence, starts in lost.items()]
     if any(answer.trajectory.attempts > 1 for answer in answers):
-        notes.append(
-            "guesses: those that led to this cost, of all; optima: different costs that they led to."
-        )
-    # Columns: cost, errors at the end, and how the solver got there.
+        notes.append("guesses: those that led to this cost, of all.")
+    # Columns: cost, errors at the end, and what agrees.
     names = list(next((answer.errors for answer in answers if answer.errors), {}))
     errors = [f"{name} {QUANTITIES[name].display[1]}" for name in names]
-    solver = ("guesses", "optima", "steps", "ms", "")
-    columns = ("start", objective.measure, *errors, "replay mm", *solver)
+    columns = ("start", objective.measure, *errors, "replay mm", "guesses", "")
     rows = []
     for answer in answers:
         path = answer.trajectory
@@ -264,9 +255,6 @@ def optima_table(title: str, objective: Objective, answers: Sequence[Optimum]) -
             str(answer.start),
             *cells,
             f"{path.agreeing} of {path.attempts}",
-            str(path.optima),
-            str(path.iterations),
-            f"{1e3 * path.seconds:.0f}",
             "solved" if answer.good else "lost",
         )
         rows.append(row)
@@ -317,93 +305,6 @@ def write(
         folder / "optimal.json",
         {**about, "environment": environment(), "starts": [answer.to_json() for answer in answers]},
     )
-
-
-def flights(folder: Path) -> list[tuple[int, Flight]]:
-    """Flights in Drake of the trajectories that `write` wrote, each with the number of its start.
-
-    Starts without a trajectory are left out.
-
-    Raises:
-        ConfigError: the folder has no such files, or one of them is damaged; or it names the module of a task,
-            which only files of authors that a user trusts may.
-    """
-    file = inside(folder, "optimal.json")
-    about = read_json(file)
-    if not isinstance(about, dict) or not {"task", "objective"} <= about.keys():
-        raise ConfigError(f"{file} is damaged: it has no task and objective.")
-    commands, periods, starts, goals = read_arrays(
-        inside(folder, "optimal.npz"), "commands", "control_period", "starts", "goals"
-    )
-    # Files of another version or of strangers: task, craft and shapes are checked.
-    try:
-        task = TASKS[about["task"]]().for_evaluation()
-    except ConfigError as error:
-        raise ConfigError(f"{file}: {error}") from error
-    craft = read_spacecraft(inside(folder, "spacecraft.toml"))
-    like = example(task, craft.dimension, seed=0, episode=0)
-    _check_trajectories(folder, craft, like, commands, periods, starts, goals)
-    results = []
-    # Starts without a solution have NaN in place of commands.
-    for k in range(len(commands)):
-        if not np.isfinite(commands[k]).all():
-            continue
-        scenario = Scenario(
-            unflatten(like.start, [float(x) for x in starts[k]]),
-            unflatten(like.goal, [float(x) for x in goals[k]]),
-        )
-        path = Trajectory(
-            objective=f"{legible(str(about['objective']))}, start {k}",
-            status="",
-            solved=True,
-            cost=math.nan,
-            states=None,
-            commands=commands[k],
-            control_period=float(periods[k]),
-            iterations=0,
-            seconds=0.0,
-        )
-        results.append((k, episode(craft, task, _AS_PLANNED, scenario, path)))
-    return results
-
-
-def _check_trajectories(
-    folder: Path,
-    craft: Spacecraft,
-    like: Scenario,
-    commands: np.ndarray,
-    periods: np.ndarray,
-    starts: np.ndarray,
-    goals: np.ndarray,
-) -> None:
-    """Reject (`ConfigError`) arrays of another task or craft, and numbers that no plan of `optima` has.
-
-    Commands of starts without a trajectory are NaN.
-    """
-    # Shapes, by the number of starts and what the craft and the task have.
-    file = folder / "optimal.npz"
-    count = len(commands) if commands.ndim == 3 else -1
-    shapes = {
-        "commands": (commands, (count, *commands.shape[1:2], craft.thruster_count)),
-        "control_period": (periods, (count,)),
-        "starts": (starts, (count, len(leaves(like.start)))),
-        "goals": (goals, (count, len(leaves(like.goal)))),
-    }
-    for name, (array, shape) in shapes.items():
-        if array.shape != shape:
-            raise ConfigError(
-                f"{file} is of another task or spacecraft than its folder names, or damaged: its array {name} has "
-                f"the shape {array.shape}."
-            )
-    # Numbers of the starts with a trajectory.
-    planned = np.isfinite(commands).all((1, 2))
-    low, high = -_ROUNDING, 1.0 + _ROUNDING
-    if not ((commands[planned] >= low) & (commands[planned] <= high)).all():
-        raise ConfigError(f"{file} is damaged: a command is not from 0 to 1.")
-    if not np.isfinite([*starts[planned].flat, *goals[planned].flat]).all():
-        raise ConfigError(f"{file} is damaged: a start or a goal is not finite.")
-    for period in periods[planned]:
-        Timing(control_period=float(period), episode_steps=max(1, commands.shape[1]))
 
 
 def _names(states: Any) -> list[str]:
