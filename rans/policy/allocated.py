@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import torch
@@ -30,8 +30,11 @@ from rans.policy.allocation import (
 from rans.policy.backbones import Backbone
 from rans.policy.heads import Patterns
 from rans.policy.holding import NUMBERS, Pulses, first, in_units, pulses_of, worth
-from rans.policy.parts import ArchitectureView, NetworkView
 from rans.policy.program import Program, inputs
+
+if TYPE_CHECKING:
+    from rans.policy.architecture import Architecture
+    from rans.policy.network import Network
 
 ON_OFF = 0.0
 SHARED = 1.0
@@ -65,11 +68,11 @@ class Allocated(Backbone):
 
     token_widths = 4, 7
 
-    def rows(self, architecture: ArchitectureView) -> int:
+    def rows(self, architecture: Architecture) -> int:
         """See `Backbone`."""
         return architecture.last.weights * _width(architecture.tokens)
 
-    def outputs(self, network: NetworkView, features: Tensor) -> Tensor:
+    def outputs(self, network: Network, features: Tensor) -> Tensor:
         """Outputs (N, n) for features (N, features and what is known): shares or log-odds; see `Backbone`."""
         architecture = network.architecture
         weight, bias = architecture.last.folded(*network.layer("action_net"))
@@ -114,7 +117,7 @@ class Allocated(Backbone):
             return torch.cat((opened + 0.5, torch.stack(turning, dim=-1)), dim=-1)
         return opened
 
-    def tables(self, architecture: ArchitectureView, like: Tensor) -> tuple[Tensor, ...]:
+    def tables(self, architecture: Architecture, like: Tensor) -> tuple[Tensor, ...]:
         """See `Backbone`: for a network that learns for its own craft, which has on/off thrusters alone."""
         kinds = {token[-1] for token in architecture.tokens}
         if architecture.authority or not kinds <= {ON_OFF, SHARED}:
@@ -125,11 +128,11 @@ class Allocated(Backbone):
         )
         return offset, slope, table[:, : len(architecture.tokens)] + 0.5
 
-    def patterns(self, network: NetworkView, features: Tensor) -> Patterns | None:
+    def patterns(self, network: Network, features: Tensor) -> Patterns | None:
         """See `Backbone`."""
         return Patterns(demand(network, features), *network.tables) if network.tables else None
 
-    def traced(self, program: Program, architecture: ArchitectureView, features: str) -> str:
+    def traced(self, program: Program, architecture: Architecture, features: str) -> str:
         """As `outputs`, written into a program whose row it returns; tests compare both. See `Backbone`."""
         width = _width(architecture.tokens)
         demand = program.dense(features, "head", width, architecture.features)
@@ -255,7 +258,7 @@ def _traced_hold(program: Program, opened: str, pulses: Pulses) -> str:
     return program.each(_mixed, opened, held, is_network)
 
 
-def demand(network: NetworkView, features: Tensor) -> Tensor:
+def demand(network: Network, features: Tensor) -> Tensor:
     """Change of twist (N, d) that a network of this backbone demands, of features (N, features)."""
     weight, bias = network.architecture.last.folded(*network.layer("action_net"))
     return functional.linear(features, weight, bias)
@@ -390,7 +393,7 @@ def wheels(tokens: Tokens) -> Tokens:
     return tuple(token for token in tokens if token[-1] == WHEEL)
 
 
-def _gentle(architecture: ArchitectureView, lost: Field) -> Field | None:
+def _gentle(architecture: Architecture, lost: Field) -> Field | None:
     """Whether wheels take up momentum with the speed, 1 or 0; None: they never do. ``lost``: of a thruster."""
     if architecture.farthest:
         return 1.0
@@ -410,13 +413,13 @@ class Filled(NamedTuple):
         return within((1.0 - way * self.momentum) * (1.0 / self.filling), 0.0, 1.0)
 
 
-def _filled(architecture: ArchitectureView, remembered: Sequence[Field]) -> list[Filled]:
+def _filled(architecture: Architecture, remembered: Sequence[Field]) -> list[Filled]:
     """Wheels of a policy that remembers their momenta (`rans.policy.adaptation.Estimate`); none of another."""
     return list(map(Filled, remembered[:-1], architecture.filling))
 
 
 def _checked(
-    commands: list[Field], architecture: ArchitectureView, remembered: Sequence[Field]
+    commands: list[Field], architecture: Architecture, remembered: Sequence[Field]
 ) -> list[Field]:
     """Commands, or in the first periods those that check thrusters, of a policy that remembers momenta.
 
@@ -442,7 +445,7 @@ def _checked(
     ]
 
 
-def has_checks(architecture: ArchitectureView) -> bool:
+def has_checks(architecture: Architecture) -> bool:
     """Whether a policy checks its thrusters: it remembers momenta, and would fly too fast without one of them."""
     return bool(architecture.filling) and not architecture.farthest
 

@@ -9,13 +9,17 @@ do not state it (`rans.policy.capabilities`) leave such a policy to torch.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING
 
 from torch import Tensor
 from torch.nn import functional
 
 from rans.policy.heads import Patterns
-from rans.policy.parts import ArchitectureView, NetworkView
 from rans.policy.program import Program
+
+if TYPE_CHECKING:
+    from rans.policy.architecture import Architecture
+    from rans.policy.network import Network
 
 
 class Backbone(ABC):
@@ -25,26 +29,26 @@ class Backbone(ABC):
     """Possible numbers of a token of `Architecture.tokens`; empty: it is not given the effectors of the craft."""
 
     @abstractmethod
-    def rows(self, architecture: ArchitectureView) -> int:
+    def rows(self, architecture: Architecture) -> int:
         """Rows of the last layer, whose weights are ``action_net``."""
 
     @abstractmethod
-    def outputs(self, network: NetworkView, features: Tensor) -> Tensor:
+    def outputs(self, network: Network, features: Tensor) -> Tensor:
         """Outputs (..., N, outputs n) of features (..., N, features); see `rans.policy.heads.Head`."""
 
-    def tables(self, architecture: ArchitectureView, like: Tensor) -> tuple[Tensor, ...]:
+    def tables(self, architecture: Architecture, like: Tensor) -> tuple[Tensor, ...]:
         """Constants of `patterns`, of the device and precision of ``like``; () if outputs decide.
 
-        A network makes them once, since neither a compiler nor a CUDA graph may: see `NetworkView.tables`.
+        A network makes them once, since neither a compiler nor a CUDA graph may: see `Network.tables`.
         """
         return ()
 
-    def patterns(self, network: NetworkView, features: Tensor) -> Patterns | None:
+    def patterns(self, network: Network, features: Tensor) -> Patterns | None:
         """Distribution for features (..., N, features) if on/off thrusters open together; None: by the outputs."""
         return None
 
     @abstractmethod
-    def traced(self, program: Program, architecture: ArchitectureView, features: str) -> str:
+    def traced(self, program: Program, architecture: Architecture, features: str) -> str:
         """Write `outputs` into a program: a row (N, outputs n) of a row of features (N, features).
 
         The last layer's parameters are those of "head", after `rans.policy.heads.Head.folded`.
@@ -54,15 +58,15 @@ class Backbone(ABC):
 class Dense(Backbone):
     """The last layer on the features."""
 
-    def rows(self, architecture: ArchitectureView) -> int:
+    def rows(self, architecture: Architecture) -> int:
         """See `Backbone`."""
         return architecture.last.weights * architecture.thrusters
 
-    def outputs(self, network: NetworkView, features: Tensor) -> Tensor:
+    def outputs(self, network: Network, features: Tensor) -> Tensor:
         """See `Backbone`."""
         weight, bias = network.architecture.last.folded(*network.layer("action_net"))
         return functional.linear(features, weight, bias)
 
-    def traced(self, program: Program, architecture: ArchitectureView, features: str) -> str:
+    def traced(self, program: Program, architecture: Architecture, features: str) -> str:
         """See `Backbone`."""
         return program.dense(features, "head", architecture.outputs, architecture.features)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -16,8 +17,10 @@ from torch.nn.functional import one_hot
 
 from rans.model.fields import Field, tanh, within
 from rans.policy.adaptation import Estimate, Rows
-from rans.policy.parts import PreprocessingView
 from rans.policy.symmetry import Symmetries
+
+if TYPE_CHECKING:
+    from rans.policy.architecture import Architecture
 
 
 def normalised(x: Field, mean: Field, scale: Field, clip: float) -> Field:
@@ -62,7 +65,7 @@ class TorchPreprocessor(ColumnExecutor):
     """By torch's operations."""
 
     def __init__(
-        self, architecture: PreprocessingView, views: Symmetries | None, like: Tensor | None = None
+        self, architecture: Architecture, views: Symmetries | None, like: Tensor | None = None
     ) -> None:
         self._architecture = architecture
         self._views = views

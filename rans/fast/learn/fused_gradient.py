@@ -5,14 +5,13 @@ They are computed in matrix products, forward and backward.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from typing import ClassVar, Protocol
 
 import torch
 from torch import Tensor
 
 from rans.compile.cuda.design import DoesNotFit
-from rans.compile.loss_gradient import STATISTICS, d_logit, opening_term, transition_losses
+from rans.compile.loss_gradient import d_logit, opening_term, transition_losses
 from rans.errors import is_installed
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import PPOSettings
@@ -40,23 +39,24 @@ class GradientBackend(Protocol):
         ...
 
 
-class FusedGradient(ABC):
-    """Gradients of minibatches on a GPU, written into an `Adam.gradient` without synchronisation.
+class MatrixGradient:
+    """Gradients of minibatches on a GPU in matrix products, of networks with two layers.
+
+    They are written into an `Adam.gradient` without synchronisation.
 
     Args:
-        design: layout of the computation for the network.
         network: network.
         adam: optimizer, whose `row` and `gradient` keep their addresses.
         settings: coefficients of the losses.
+
+    Raises:
+        DoesNotFit: the network is of another kind.
     """
 
-    description: ClassVar[str]
-    """Description of the computation for the log."""
+    description: ClassVar[str] = "products of matrices"
 
-    def __init__(
-        self, design: UpdateDesign, network: Network, adam: Adam, settings: PPOSettings
-    ) -> None:
-        self.design = design
+    def __init__(self, network: Network, adam: Adam, settings: PPOSettings) -> None:
+        self.design = design = UpdateDesign(network.architecture)
         self._network = network
         self._adam = adam
         self._settings = settings
@@ -96,30 +96,15 @@ class FusedGradient(ABC):
             self._sign[flat] = sign
         self._source = self._source[:zero]
         self._sign = self._sign[:zero]
+        self._activation = network.architecture.activation_module()
         self._pack = fused(self._packed, self._device)
         self._gather = fused(self._gathered, self._device)
-
-    @staticmethod
-    def made(
-        network: Network, adam: Adam, settings: PPOSettings, samples: int
-    ) -> GradientBackend | None:
-        """Fastest backend for a network and minibatches of ``samples`` transitions; None: autograd."""
-        row = adam.row
-        arguments = (network, adam, settings)
-        if row.device.type == "cpu":
-            if not is_installed("llvmlite"):
-                return None
-            from rans.fast.learn.cpu_gradient import (
-                CpuGradient,  # LLVM, which a GPU does not need
-            )
-
-            return CpuGradient(*arguments) if CpuGradient.fits(network, samples) else None
-        if not (network.architecture.bf16 and row.is_cuda and row.dtype == torch.float32):
-            return None
-        try:
-            return MatrixGradient(*arguments)
-        except DoesNotFit:
-            return None
+        # Two trunks are concatenated, which costs no time if compiled.
+        self._second_activation = (
+            self._activation if design.trunks == 1 else fused(self._joined_activation, self._device)
+        )
+        self._backward = fused(self._before_activation, self._device)
+        self._losses = fused(self._output_gradients, self._device)
 
     def inputs(
         self, seen: Tensor, memory: Tensor | None, privileged: Tensor | None = None
@@ -144,17 +129,6 @@ class FusedGradient(ABC):
         self._adam.gradient.copy_(gradient)
         return statistics.unbind()
 
-    @abstractmethod
-    def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
-        """Gradients and statistics, summed over parts of a minibatch, (parts, `UpdateDesign.size`).
-
-        Args:
-            weights: bfloat16, in the layout of `UpdateDesign.matrices`.
-            biases: float32, of the second layer, then of the heads.
-            x: `inputs` of the minibatch.
-            part: the minibatch.
-        """
-
     def _packed(self) -> tuple[Tensor, Tensor]:
         """Weights (bfloat16) and biases (float32) in the layout of `_sums`, from the flat parameters of Adam.
 
@@ -171,33 +145,21 @@ class FusedGradient(ABC):
         A thruster's logit is a difference of two outputs, so that a sum counts for one with +1 and for the other
         with -1.
         """
-        means = sums.sum(dim=0) / count
-        surrogate, value, *rest = means[self.design.end : self.design.end + STATISTICS].split(1)
+        means = sums / count
+        surrogate, value, *rest = means[self.design.end :].split(1)
         loss = surrogate + self._settings.vf_coef * value
         return means[self._source] * self._sign, torch.cat((loss, surrogate, value, *rest))
 
-
-class MatrixGradient(FusedGradient):
-    """Gradient backend in matrix products, forward and backward, of networks with two layers."""
-
-    description: ClassVar[str] = "products of matrices"
-
-    def __init__(self, network: Network, adam: Adam, settings: PPOSettings) -> None:
-        super().__init__(UpdateDesign(network.architecture), network, adam, settings)
-        self._activation = network.architecture.activation_module()
-        # Two trunks are concatenated, which costs no time if compiled.
-        self._second_activation = (
-            self._activation
-            if self.design.trunks == 1
-            else fused(self._joined_activation, self._device)
-        )
-        self._backward = fused(self._before_activation, self._device)
-        self._losses = fused(self._output_gradients, self._device)
-
     def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
-        """(1, size) sums of gradients and losses of a minibatch, laid out by `UpdateDesign`; see the base.
+        """Row of the sums of gradients, laid out by `UpdateDesign`, and of the statistics of a minibatch.
 
         All of it may be recorded in a CUDA graph: no shape and no branch depends on a value.
+
+        Args:
+            weights: bfloat16, in the layout of `UpdateDesign.matrices`.
+            biases: float32, of the second layer, then of the heads.
+            x: `inputs` of the minibatch.
+            part: the minibatch.
         """
         design = self.design
         first_weight, second_weight, head, head_remainder = design.matrices(weights)
@@ -240,9 +202,8 @@ class MatrixGradient(FusedGradient):
             d_second_bias,
             d_head_bias,
             statistics,
-            self._zero.expand(design.size - design.end - STATISTICS),
         ]
-        return torch.cat([tensor.flatten() for tensor in sums])[None]
+        return torch.cat([tensor.flatten() for tensor in sums])
 
     def _joined_activation(self, *parts: Tensor) -> Tensor:
         """Activations (N, units) of both trunks, side by side."""
@@ -305,6 +266,28 @@ class MatrixGradient(FusedGradient):
         gradient = torch.cat((d_logits, d_value, padding), dim=1)
         sums = torch.stack([x.sum() for x in losses.statistics])
         return gradient.bfloat16(), gradient.sum(dim=0), sums
+
+
+def gradient_backend(
+    network: Network, adam: Adam, settings: PPOSettings, samples: int
+) -> GradientBackend | None:
+    """Fastest backend for a network and minibatches of ``samples`` transitions; None: autograd."""
+    row = adam.row
+    arguments = (network, adam, settings)
+    if row.device.type == "cpu":
+        if not is_installed("llvmlite"):
+            return None
+        from rans.fast.learn.cpu_gradient import (
+            CpuGradient,  # LLVM, which a GPU does not need
+        )
+
+        return CpuGradient(*arguments) if CpuGradient.fits(network, samples) else None
+    if not (network.architecture.bf16 and row.is_cuda and row.dtype == torch.float32):
+        return None
+    try:
+        return MatrixGradient(*arguments)
+    except DoesNotFit:
+        return None
 
 
 def _product(a: Tensor, b: Tensor) -> Tensor:

@@ -15,7 +15,7 @@ from torch import Tensor
 from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import PPOSettings, ScheduleSettings
-from rans.fast.learn.fused_gradient import FusedGradient, GradientBackend
+from rans.fast.learn.fused_gradient import GradientBackend, gradient_backend
 from rans.fast.learn.graph import fused, graphed
 from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
 from rans.policy.network import Network
@@ -94,7 +94,7 @@ class PPOLearner:
         """What computes the gradients, made at the first iteration: an imitation needs none; None: autograd."""
         if self._samples is None:
             return None
-        return FusedGradient.made(self.network, self.adam, self.settings, self._samples)
+        return gradient_backend(self.network, self.adam, self.settings, self._samples)
 
     @property
     def description(self) -> str:

@@ -13,7 +13,6 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.compile.cuda.design import DoesNotFit, padded, up
-from rans.compile.loss_gradient import STATISTICS
 from rans.policy.activations import WITH_SLOPE
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.capabilities import Capabilities
@@ -92,13 +91,8 @@ class UpdateDesign:
         }
 
     @property
-    def size(self) -> int:
-        """Numbers of all sums."""
-        return up(self.end + STATISTICS, 4)
-
-    @property
     def end(self) -> int:
-        """Of the sums, where statistics begin."""
+        """Number of the sums, behind which statistics stand."""
         return sum(math.prod(shape) for shape in self.sums.values())
 
     def matrices(self, weights: Tensor) -> list[Tensor]:

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.fast.learn.config import MemorySettings
-from rans.fast.learn.fused_gradient import FusedGradient, MatrixGradient
+from rans.fast.learn.fused_gradient import MatrixGradient
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import Batch, minibatches
 from tests.support.engines import FLYER, PLATFORM
@@ -44,7 +44,7 @@ def rounding(activation: Callable[[Tensor], Tensor]) -> Callable[..., Tensor]:
     return through
 
 
-def agree(kernel: FusedGradient, learner: PPOLearner, batch: Batch, share: float) -> None:
+def agree(kernel: MatrixGradient, learner: PPOLearner, batch: Batch, share: float) -> None:
     """Within so large a share: where sums in another order are rounded to another neighbour, or once more."""
     network = learner.network
     learner.backend = kernel
