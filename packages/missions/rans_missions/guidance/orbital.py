@@ -9,25 +9,21 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from functools import cache, partial
-from itertools import combinations
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
-from rans.extend import Ball, Field, Vec3, absolute, at_least, map_leaves, sin, where
-from rans_missions.guidance.arrival import PLANS, TIME_ROUNDING, best_arrival, whole_periods
+from rans.extend import Ball, Field, Vec3, absolute, at_least, map_leaves, where
+from rans_missions.guidance.arrival import PLANS, best_arrival, whole_periods
 from rans_missions.guidance.coasts import COAST_POINTS, Coasts
 from rans_missions.guidance.few_burns import ArrivalTolerance, Coast, KeepOut
-from rans_missions.guidance.impulses import LEAST_SAVING, Pair, axis_price, two_impulses
+from rans_missions.guidance.impulses import axis_price
 from rans_missions.guidance.limits import Limits
 from rans_missions.orbits.reach import velocity_to_reach
 
-LATER_BURNS = tuple(200.0 * k for k in range(8, 0, -1))
-"""Times before the planned arrival to which a part of a single impulse may be postponed, s: evenly over the quarter
-of a low orbit in which that can be cheaper."""
 _SLOW_ARRIVAL = 0.9
-"""Part of the velocity tolerance below which the arrival must be for burns to be postponed, which makes it
-faster."""
+"""Part of the velocity tolerance below which the arrival must be for a burn across the plane to be postponed, which
+makes it faster."""
 _LIMIT_PRICE = 10.0
 """Price of a plan that violates a limit, m/s per unit of its margin: more than any transfer costs at a margin of
 1."""
@@ -142,7 +138,7 @@ class OrbitalGuidance(ABC):
 
 @dataclass(frozen=True)
 class SingleImpulse(OrbitalGuidance):
-    """Guidance by the velocity to gain: one impulse now, or parts of it later where that is cheaper.
+    """Guidance by the velocity to gain: one impulse now, or its part across the plane later where that is cheaper.
 
     The velocity to gain is the velocity change now with which the craft coasts to the goal by the planned arrival
     (R. H. Battin, "An Introduction to the Mathematics and Methods of Astrodynamics", 1999, chapter 11). Beside
@@ -152,12 +148,12 @@ class SingleImpulse(OrbitalGuidance):
     def velocity(
         self, state: Any, goal: Any, time_left: Field, deadline: Field, limits: Limits
     ) -> Any:
-        """Velocity in W, m/s, by one impulse now or a cheaper one later; see `OrbitalGuidance.velocity`."""
+        """See `OrbitalGuidance.velocity`; the part of the impulse across the plane may wait."""
         time = self._bounded(time_left)
         velocity = self._coasting_velocity(state.p, goal, time)
-        # Later burns are compared by closed forms of a circular orbit.
+        # The node is that of a circular orbit.
         if not self.brakes and isinstance(velocity, Vec3) and self.coasts.drift.steady:
-            velocity = self._now_or_later(state, goal, velocity - state.v, time) + state.v
+            velocity = self._in_plane(state, velocity - state.v, time) + state.v
         return self.coasts.within(limits, state, velocity, time)
 
     def price(self, state: Any, goal: Any, time_left: Field, limits: Limits) -> Field:
@@ -205,45 +201,17 @@ class SingleImpulse(OrbitalGuidance):
         late = at_least(time + delay - latest, 0.0)
         return price + braked + late * (_LIMIT_PRICE / self._bounded(latest))
 
-    def _now_or_later(self, state: Any, goal: Any, gain: Vec3, time: Field) -> Vec3:
-        """The part of the velocity to gain that is worth burning now, m/s.
+    def _in_plane(self, state: Any, gain: Vec3, time: Field) -> Vec3:
+        """The part of the velocity to gain that is worth burning now, m/s: that across the plane may wait.
 
-        Thrusters along the axes pay for the sum of the components. Across the orbital plane a burn does most a
-        quarter of an orbit before the arrival. In the plane, burns along one axis now and along one later, or
-        along both later, are compared with all of it now; later ones are at `LATER_BURNS` before the arrival.
-        Only burns are compared that no two others replace for less, so the cheapest of all is among them.
+        Across the orbital plane a burn does most a quarter of an orbit before the arrival. In the plane burns that
+        are postponed save 1 % by 2,000 s, and nothing by 1,000 s.
         """
-        n = self.mean_motion
-        drift = self.coasts.drift
-        miss = goal.p - drift.carry(state.p, state.v, time)[0]
-        missed = (miss.x, miss.y)
-        x, y = gain.x, gain.y
-        least = (absolute(x) + absolute(y)) * (1.0 - LEAST_SAVING)
-        zero = gain.x * 0.0
-        possible = time > LATER_BURNS[-1] + TIME_ROUNDING
-        later = _later_displacements(n, time)
-        # A burn along one axis now, and one later.
-        for axis, first in enumerate(_displacements(n, time)):
-            for second in later:
-                u, w = two_impulses(first, second, missed)
-                price = absolute(u) + absolute(w)
-                better = possible & (price < least)
-                least = where(better, price, least)
-                x = where(better, u if axis == 0 else zero, x)
-                y = where(better, u if axis == 1 else zero, y)
-        # Both burns later.
-        for first, second in combinations(later, 2):
-            u, w = two_impulses(first, second, missed)
-            price = absolute(u) + absolute(w)
-            better = possible & (price < least)
-            least = where(better, price, least)
-            x = where(better, zero, x)
-            y = where(better, zero, y)
-        z = where(time > 0.5 * math.pi / n, zero, gain.z)
         # A postponed burn makes the arrival faster, so it is allowed only while the arrival is slow enough.
-        _, at_goal = drift.carry(state.p, state.v + gain, time)
-        slow = at_goal.norm() < self.velocity_tolerance * _SLOW_ARRIVAL
-        return map_leaves(partial(where, slow), Vec3(x, y, z), gain)
+        _, at_goal = self.coasts.drift.carry(state.p, state.v + gain, time)
+        waits = at_goal.norm() < self.velocity_tolerance * _SLOW_ARRIVAL
+        waits = waits & (time > 0.5 * math.pi / self.mean_motion)
+        return replace(gain, z=where(waits, gain.z * 0.0, gain.z))
 
 
 @dataclass(frozen=True)
@@ -355,52 +323,3 @@ class FewBurns(OrbitalGuidance):
             if isinstance(ball.centre, Vec3):
                 return KeepOut(ball.centre, ball.radius + self.coasts.keep_out_reserve)
         return None
-
-
-def _displacements(n: float, time: Field) -> tuple[Pair, Pair]:
-    """Change of position in the orbital plane after a time, m, by 1 m/s along x and by 1 m/s along y."""
-    s = sin(n * time)
-    half = sin(0.5 * n * time)
-    across = 4.0 * half * half / n
-    return (s / n, 0.0 - across), (across, 4.0 * s / n - 3.0 * time)
-
-
-def _later_displacements(n: float, time: Field) -> tuple[Pair, ...]:
-    """Displacements, m, by 1 m/s of the later burns that are worth comparing in a time before the arrival, s.
-
-    If fewer are worth it than at another time, some are there twice.
-    """
-    soonest, *sooner = _useful_burns(n)
-    displacements = []
-    for k, (x, y) in enumerate(soonest):
-        at_x: Field = x
-        at_y: Field = y
-        for before, useful in zip(LATER_BURNS[-2::-1], sooner, strict=True):
-            possible = time > before + TIME_ROUNDING
-            at_x = where(possible, useful[k][0], at_x)
-            at_y = where(possible, useful[k][1], at_y)
-        displacements.append((at_x, at_y))
-    return tuple(displacements)
-
-
-@cache
-def _useful_burns(n: float) -> tuple[tuple[Pair, ...], ...]:
-    """Displacements, m, by 1 m/s of the later burns that no two others replace for less, by how many remain.
-
-    Such burns and their negatives are the corners of the convex hull of all displacements. The first entry is of
-    the last of `LATER_BURNS` alone, the next of the last two. Every entry has the same length: the last
-    displacement is repeated.
-    """
-    burns: list[Pair] = []
-    useful = []
-    for before in reversed(LATER_BURNS):
-        burns.extend((float(x), float(y)) for x, y in _displacements(n, before))
-        corners = []
-        for burn in burns:
-            others = [other for other in burns if other is not burn]
-            prices = (sum(map(abs, two_impulses(*pair, burn))) for pair in combinations(others, 2))
-            if min(prices, default=math.inf) > 1.0:
-                corners.append(burn)
-        useful.append(corners)
-    longest = max(map(len, useful))
-    return tuple((*corners, *corners[-1:] * (longest - len(corners))) for corners in useful)

@@ -1,8 +1,7 @@
-"""Guidance to a position on an orbit: it arrives, brakes, and postpones burns where that is cheaper."""
+"""Guidance to a position on an orbit: it arrives, brakes, and burns across the plane when that is cheapest."""
 
 from __future__ import annotations
 
-from itertools import combinations
 from types import SimpleNamespace
 from typing import Any
 
@@ -49,51 +48,25 @@ def flown(
     return np.array(positions), np.array(velocities), spent
 
 
-@pytest.mark.parametrize("n", [N, 0.004])
-def test_the_burn_now_is_of_the_cheapest_pair_of_all(n: float) -> None:
-    """From 60 states at rest, against the enumeration of every pair of burns with matrices."""
-    drift = ClohessyWiltshire(n)
+@pytest.mark.parametrize(("left", "waits"), [(1700.0, True), (1400.0, False)])
+def test_the_burn_across_the_plane_waits_for_a_quarter_of_an_orbit(
+    left: float, waits: bool
+) -> None:
+    """A quarter is 1,530 s. In the plane the burn is that of the Clohessy-Wiltshire matrix, written out here."""
     law = SingleImpulse(
-        Coasts(drift, 0.03, 4.0, 5.0, PERIOD, 1), n, PERIOD, 0.5, 1e3, False, 0.02, 20.0
+        Coasts(DRIFT, 0.03, 4.0, 5.0, PERIOD, 1), N, PERIOD, 0.5, 1e3, False, 0.02, 20.0
     )
-    random = np.random.default_rng(7)
-    count = 60
-    zero = np.zeros(count)
-    start = random.normal(0.0, 80.0, (2, count))
-    time = PERIOD * random.integers(10, round(0.9 * np.pi / n / PERIOD), count)
-    state: Any = SimpleNamespace(p=Vec3(start[0], start[1], zero), v=Vec3(zero, zero, zero))
-    goal: Any = SimpleNamespace(p=Vec3(zero, zero, zero), v=Vec3(zero, zero, zero))
+    x, y, z = 40.0, -90.0, 30.0
+    state: Any = SimpleNamespace(p=vector(x, y, z), v=vector(0.0, 0.0, 0.0))
+    goal: Any = SimpleNamespace(p=vector(0.0, 0.0, 0.0), v=vector(0.0, 0.0, 0.0))
+    time = np.array([left])
     burn = law.velocity(state, goal, time, time, Limits())
-
-    def response(t: float) -> np.ndarray:
-        """Displacement in the plane by an impulse, (2, 2): the Clohessy-Wiltshire matrix."""
-        s, c = np.sin(n * t), np.cos(n * t)
-        return np.array([[s, 2.0 * (1.0 - c)], [-2.0 * (1.0 - c), 4.0 * s - 3.0 * n * t]]) / n
-
-    postponed = 0
-    for k, left in enumerate(time):
-        coast, _ = drift.carry(Vec3(start[0, k], start[1, k], 0.0), Vec3(0.0, 0.0, 0.0), left)
-        missed = -np.array([coast.x, coast.y])
-        wanted = np.linalg.solve(response(left), missed)
-        least = 0.995 * np.abs(wanted).sum()
-        columns = [(response(left)[:, axis], axis) for axis in range(2)]
-        for before in range(200, 1601, 200):
-            if left > before:
-                columns += [(column, None) for column in response(before).T]
-        for (one, axis), (other, when) in combinations(columns, 2):
-            pair = np.column_stack([one, other])
-            # Both now is the price that they have to beat; parallel burns reach nothing else.
-            if axis is when is not None or {axis, when} == {0, 1} or np.linalg.cond(pair) > 1e9:
-                continue
-            sizes = np.linalg.solve(pair, missed)
-            if np.abs(sizes).sum() < least:
-                least = np.abs(sizes).sum()
-                wanted = np.zeros(2)
-                if axis is not None:
-                    wanted[axis] = sizes[0]
-                postponed += 1
-        np.testing.assert_allclose([burn.x[k], burn.y[k]], wanted, atol=1e-7)
-    assert postponed > 3
+    a = N * left
+    s, c = np.sin(a), np.cos(a)
+    response = np.array([[s, 2.0 * (1.0 - c)], [-2.0 * (1.0 - c), 4.0 * s - 3.0 * a]]) / N
+    coast = np.array([x * (4.0 - 3.0 * c), y + 6.0 * x * (s - a)])
+    np.testing.assert_allclose([burn.x[0], burn.y[0]], np.linalg.solve(response, -coast), atol=1e-9)
+    assert burn.z[0] == pytest.approx(0.0 if waits else -z * N * c / s)
 
 
 @pytest.mark.slow
