@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.extend import Body, ConfigError, Quat, Spacecraft, Wrench
+from rans.extend import Body, ConfigError, Quat, Spacecraft, Vec3, Wrench
 from rans.model.dynamics import thrust
 from rans_robot.identify.log import FlightLog
 
@@ -22,8 +22,9 @@ STEP = 0.02
 """s: longest step of the grid, in which thrust is constant. A valve that opens within one errs by a h^2 / 8:
 2e-4 rad under 4 rad/s^2, far below the noise of readings."""
 
-_FEW_WINDOWS = 16
-"""Up to so many windows in space are predicted one after the other, in floats: a step of floats takes a tenth of
+
+_FEW_WINDOWS = 4
+"""Up to so many windows in space are predicted one after the other, in floats: a step of floats takes a quarter of
 the time of one of arrays, however few their entries are."""
 
 
@@ -269,92 +270,42 @@ def _midpoints(constant: Sequence[np.ndarray], acting: Sequence[np.ndarray]) -> 
         constant: start (K, 13), inertia and its inverse (K, 3, 3), acceleration (K, 3) and torque (K, 3) in W.
         acting: length of each step (K, S), s, and what acts in it (K, S, 3): thrust per mass and torque in B.
     """
-    columns, inertia, inverse, push, twist = (_fields(x) for x in constant)
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia
-    (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = inverse
-    (push_x, push_y, push_z), (twist_x, twist_y, twist_z) = push, twist
-    x, y, z, *q, vx, vy, vz, wx, wy, wz = columns
+    columns, inertia, inverse, *loads = (_fields(x) for x in constant)
+    p, q, v, w = Vec3(*columns[:3]), Quat(*columns[3:7]), Vec3(*columns[7:10]), Vec3(*columns[10:])
+    push, twist = (Vec3(*x) for x in loads)
 
-    # Numbers and no vectors: a step of a hundred operations would make forty objects, which cost more than it.
-    def rate(w: Any, q: Any, torque: Any) -> tuple[Any, Any, Any]:
-        """Angular acceleration in B, rad/s^2: Euler's equations. Tuples of (K,) arrays."""
-        a, b, c = w
-        hx = xx * a + xy * b + xz * c
-        hy = xy * a + yy * b + yz * c
-        hz = xz * a + yz * b + zz * c
-        ox, oy, oz = _turned((q[0], -q[1], -q[2], -q[3]), twist_x, twist_y, twist_z)
-        tx = torque[0] + ox - (b * hz - c * hy)
-        ty = torque[1] + oy - (c * hx - a * hz)
-        tz = torque[2] + oz - (a * hy - b * hx)
-        return (
-            ixx * tx + ixy * ty + ixz * tz,
-            ixy * tx + iyy * ty + iyz * tz,
-            ixz * tx + iyz * ty + izz * tz,
-        )
+    def rate(w: Vec3, q: Quat, torque: Vec3) -> Vec3:
+        """Angular acceleration in B, rad/s^2: Euler's equations."""
+        total = torque + q.inverse().rotate(twist) - w.cross(_product(inertia, w))
+        return _product(inverse, total)
 
     # Euler's equations at the beginning and in the middle of each step.
     path = [columns]
-    for h, force, torque in zip(*(_fields(x) for x in acting), strict=True):
-        half = 0.5 * h
-        quarter = 0.25 * h
-        ax, ay, az = rate((wx, wy, wz), q, torque)
-        mx = wx + half * ax
-        my = wy + half * ay
-        mz = wz + half * az
-        middle = _after(q, quarter * (wx + mx), quarter * (wy + my), quarter * (wz + mz))
-        ax, ay, az = _turned(middle, *force)
-        ax = ax + push_x
-        ay = ay + push_y
-        az = az + push_z
-        x = x + h * (vx + half * ax)
-        y = y + h * (vy + half * ay)
-        z = z + h * (vz + half * az)
-        vx = vx + h * ax
-        vy = vy + h * ay
-        vz = vz + h * az
-        ax, ay, az = rate((mx, my, mz), middle, torque)
-        wx = wx + h * ax
-        wy = wy + h * ay
-        wz = wz + h * az
-        q = _after(q, h * mx, h * my, h * mz)
-        path.append([x, y, z, *q, vx, vy, vz, wx, wy, wz])
+    for h, *loads in zip(*(_fields(x) for x in acting), strict=True):
+        force, torque = (Vec3(*x) for x in loads)
+        halfway = w + rate(w, q, torque).scale(0.5 * h)
+        middle = _after(q, (w + halfway).scale(0.25 * h))
+        acceleration = middle.rotate(force) + push
+        p = p + (v + acceleration.scale(0.5 * h)).scale(h)
+        v = v + acceleration.scale(h)
+        w = w + rate(halfway, middle, torque).scale(h)
+        q = _after(q, halfway.scale(h))
+        path.append([*p.columns(), q.w, q.x, q.y, q.z, *v.columns(), *w.columns()])
     return np.moveaxis(np.array(path).reshape(len(path), 13, -1), -1, 0)
 
 
-def _turned(q: Any, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
-    """Entries of a vector (x, y, z) that a unit quaternion q (w first) turns; arrays of any one shape."""
-    w, a, b, c = q
-    cx = 2.0 * (b * z - c * y)
-    cy = 2.0 * (c * x - a * z)
-    cz = 2.0 * (a * y - b * x)
-    return (
-        x + w * cx + b * cz - c * cy,
-        y + w * cy + c * cx - a * cz,
-        z + w * cz + a * cy - b * cx,
-    )
+def _product(matrix: Sequence[Sequence[Any]], vector: Vec3) -> Vec3:
+    """Product of a matrix of fields, three rows of three, and a vector."""
+    return Vec3(*(a * vector.x + b * vector.y + c * vector.z for a, b, c in matrix))
 
 
-def _after(q: Any, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any, Any]:
-    """Unit quaternion after a rotation vector in B, rad, by a series whose error is 1e-6 rad for 1 rad.
-
-    q is (w, x, y, z), all of one shape.
-    """
-    squared = x * x + y * y + z * z
+def _after(q: Quat, turn: Vec3) -> Quat:
+    """Unit quaternion after a rotation vector in B, rad, by a series whose error is 1e-6 rad for 1 rad."""
+    squared = turn.dot(turn)
     cosine = 1.0 - squared * (0.125 - squared / 384.0)
     factor = 0.5 - squared * (1.0 / 48.0 - squared / 3840.0)
     scale = (cosine * cosine + factor * factor * squared) ** -0.5
-    cosine = cosine * scale
-    factor = factor * scale
-    x = factor * x
-    y = factor * y
-    z = factor * z
-    w, a, b, c = q
-    return (
-        w * cosine - a * x - b * y - c * z,
-        w * x + a * cosine + b * z - c * y,
-        w * y + b * cosine + c * x - a * z,
-        w * z + c * cosine + a * y - b * x,
-    )
+    return q.times(Quat(cosine * scale, *turn.scale(factor * scale).columns()))
 
 
 def _fields(table: np.ndarray) -> list[Any]:
