@@ -309,7 +309,6 @@ PARTS = {
     "read_text": "the same",
     "read_json": "the same",
     "read_json_lines": "the same",
-    "read_arrays": "the same",
     "load_spacecraft": "read_spacecraft reads the file",
     "load_exported": "read_contract, read_spacecraft and the network",
     "load_policy": "read_policy",

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from rans.archives import read_arrays
 from rans.errors import ConfigError
 from rans.evaluation.fly.exported import code_of
 from rans.files import (
@@ -101,7 +100,7 @@ def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     bounded = lambda x: read_bytes(x, 1)  # noqa: E731
-    for read in (open_regular, read_json, read_text, read_json_lines, bounded, read_arrays):
+    for read in (open_regular, read_json, read_text, read_json_lines, bounded):
         for place in (pipe, tmp_path, Path("/dev/zero")):
             with pytest.raises(
                 ConfigError, match="it is not a file, but a folder, a pipe or a device"

@@ -93,20 +93,10 @@ CONDITIONS = Registry(
 """Conditions by name."""
 
 
-def conditions_names() -> list[str]:
-    """Names of the conditions of RANS and of installed packages.
-
-    >>> from rans.randomization.conditions_file import conditions_names
-    >>> "lab" in conditions_names()
-    True
-    """
-    return list(CONDITIONS)
-
-
 def load_conditions(
     name_or_file: str | Path | Conditions, craft: Spacecraft | None = None
 ) -> Conditions:
-    """Load conditions by name (`conditions_names`), as MODULE:NAME, or from a path that ends in ``.toml``.
+    """Load conditions by name (`CONDITIONS`), as MODULE:NAME, or from a path that ends in ``.toml``.
 
     >>> rans.load_conditions("lab").body.mass
     (0.75, 1.25)
