@@ -308,8 +308,8 @@ class ValueLearner:
         """States (7, N) at which flights begin: half those of the task's episodes, half near the goal."""
         count = self._own.states
         chosen = self._pool[:, self._indices(self._pool.shape[1], count)]
-        # Trade-offs of all tasks, a twelfth of them at either end.
-        chosen[6] = (1.2 * self._uniform(count) - 0.1).clamp(min=0.0, max=1.0)
+        # Trade-offs of all tasks, a twelfth of them at either end, and more of long thrifty flights.
+        chosen[6] = (1.2 * self._uniform(count) - 0.1).clamp(min=0.0, max=1.0) ** 0.75
         near = self.problem.near(self._uniform(8, count), chosen)
         return torch.where(self._uniform(count) < 0.5, near, chosen)
 
@@ -328,12 +328,13 @@ class ValueLearner:
         # A state in which another trade-off may be asked for.
         ends[6] = torch.where(self._uniform(count) < 0.2, fresh[6], ends[6])
         state = torch.where(self._uniform(count) < _GOES_ON, ends, fresh)
+        # The cost of a command at random is no value, but where it leads to is a state like others.
+        other = (self._uniform(count, self.engine.craft.thruster_count) < 0.25).to(state.dtype)
+        disturbed, _, _ = self._period(state, other)
+        state = torch.where(self._uniform(count) < 0.25, disturbed, state)
         states, costs, discounts = [], [], []
-        for number in range(_PERIODS):
+        for _ in range(_PERIODS):
             command = self.greedy.command(state)
-            if not number:
-                other = (self._uniform(*command.shape) < 0.25).to(command.dtype)
-                command = torch.where(self._uniform(count, 1) < 0.25, other, command)
             states.append(state)
             state, cost, discount = self._period(state, command)
             costs.append(cost)

@@ -45,8 +45,9 @@ _APPROACH = 200.0
 _HOLD = 6.0
 """Time constants of the discount outside and inside the goal set, s. Flights are far shorter than the first; the
 second is long enough to hold, and short enough that holding does not delay arrival."""
-_HOLD_PRICE = 0.2
-"""Least price of the full thrust inside the goal set, s/s, where a quick flight gains nothing by thrust."""
+_HOLD_PRICE = (0.2, 0.7)
+"""Least and largest price of the full thrust inside the goal set, s/s: a quick flight gains nothing by it there,
+and a thrifty one shall not stay outside because holding is dear."""
 _ERROR = 0.3
 """Cost of a second at the borders of position and heading, s: the pose is held well within them, and errors of the
 value function, or of a policy that imitates its commands, leave no flight outside. It is linear in the error:
@@ -168,17 +169,18 @@ class PoseProblem:
     def waiting(self, state: Tensor) -> Tensor:
         """Cost of a control period by its state, s: of time outside, and of errors inside.
 
-        Those rise with the price of thrust, or a craft that saves thrust would drift over the border and back.
+        Those rise with the price of thrust, or a craft that saves thrust would drift over the border and back; but
+        at the border they cost less than to be outside.
         """
         within, is_in, error = self.inside(state)
-        held = _ERROR * error * (1.0 + self.price(state))
+        held = _ERROR * error * (1.0 + self.price(state).clamp(max=_HOLD_PRICE[1]))
         outside = torch.where(within, _RESTLESS, 1.0)
         return self.period * torch.where(is_in, held, outside)
 
     def thrust_price(self, state: Tensor) -> Tensor:
         """Price of the full thrust where holding the pose has a price of its own, seconds a second."""
         price = self.price(state)
-        return torch.where(self.inside(state)[1], price.clamp(min=_HOLD_PRICE), price)
+        return torch.where(self.inside(state)[1], price.clamp(*_HOLD_PRICE), price)
 
     def discount(self, state: Tensor) -> Tensor:
         """Discount of a control period."""
