@@ -34,22 +34,19 @@ def _load() -> None:
 
 _load()
 
-from matplotlib import rc_context, rcParams  # noqa: E402
+from matplotlib import rc_context  # noqa: E402
 from matplotlib.axes import Axes  # noqa: E402
 from matplotlib.axis import Axis  # noqa: E402
 from matplotlib.collections import LineCollection  # noqa: E402
 from matplotlib.colors import LinearSegmentedColormap  # noqa: E402
 from matplotlib.figure import Figure, SubFigure  # noqa: E402
-from matplotlib.patches import Circle, FancyBboxPatch, Rectangle  # noqa: E402
+from matplotlib.patches import Circle  # noqa: E402
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator  # noqa: E402
-from matplotlib.transforms import Bbox  # noqa: E402
 
 __all__ = [
     "Axes",
     "Axis",
-    "Bbox",
     "Circle",
-    "FancyBboxPatch",
     "Figure",
     "FuncFormatter",
     "LineCollection",
@@ -57,8 +54,6 @@ __all__ = [
     "LogLocator",
     "MaxNLocator",
     "NullLocator",
-    "Rectangle",
     "SubFigure",
-    "rcParams",
     "rc_context",
 ]
