@@ -1,8 +1,8 @@
 """Pictures of the pages: ``python -m campaigns.pictures [NAME ...]``.
 
 Those of `campaigns.charts` go into docs/pictures/diagrams, and thrusters of real craft into docs/pictures/craft.
-Pictures that no new measurement changes were drawn once: their code is in git, in 0019245f:campaigns/schemes.py and
-0019245f:campaigns/flight_paths.py, in af4f7ac0:campaigns/diagrams.py and af4f7ac0:campaigns/charts.py.
+Pictures that no new measurement changes were drawn once: their code is in git, in 9f8c3a10:campaigns/schemes.py and
+9f8c3a10:campaigns/flight_paths.py, in af4f7ac0:campaigns/diagrams.py and af4f7ac0:campaigns/charts.py.
 """
 
 from __future__ import annotations
