@@ -96,33 +96,6 @@ def test_what_is_short_is_shown_whole() -> None:
     assert brief("x" * 200) == "'" + "x" * 79 + " ... (202 characters)"
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        "ppo.layers=[1000000,1000000]",
-        "ppo.layers=[18446744073709551616]",
-        f"ppo.layers={[8] * 33}",
-        "ppo.n_envs=18446744073709551616",
-        "ppo.batch_size=18446744073709551616",
-        "ppo.memory.history=18446744073709551616",
-        "ppo.n_epochs=18446744073709551616",
-        "threads=9999999999",
-        "threads=18446744073709551616",
-        "total_timesteps=18446744073709551616",
-        "report_interval=18446744073709551616",
-        "seed=18446744073709551616",
-        "timing.episode_steps=18446744073709551616",
-        "timing.substeps=10001",
-    ],
-)
-def test_numbers_that_no_machine_holds(refused: Any, change: str) -> None:
-    key = change.rpartition("=")[0].rpartition(".")[2]
-    options = [word for one in change.split(";") for word in ("--set", one)]
-    sentence = refused("train go-to-pose --device cpu --output run", *options)
-    assert f"{key} must be" in sentence
-    assert not Path("run").exists()
-
-
 def test_a_spacecraft_of_thousands_of_thrusters(refused: Any) -> None:
     head, _, first = PLATFORM_TEXT.partition("[[thruster]]")
     thruster = "[[thruster]]" + first.partition("[[thruster]]")[0]

@@ -67,39 +67,6 @@ def said(code: str, *arguments: str, folder: Path) -> tuple[int, str]:
 
 
 @pytest.mark.slow
-def test_the_core_works_alone(tmp_path: Path) -> None:
-    """Training, evaluation, exports, a page that flies, environments; each extra is blocked."""
-    code = (
-        BLOCK
-        + f"""
-import gymnasium, numpy, rans
-from rans.cli import main
-for line in (
-    "train go-to-pose {TINY} --output run",
-    "evaluate run --episodes 4",
-    "export run --output agent --episodes 4 --force",
-    "export run --format numpy --output numpy --episodes 4 --force",
-    "export run --format c --output c --episodes 4 --force",
-    "view run --play --save page.html",
-    "view run lqr --episodes 2 --save replay.html",
-    "evaluate lqr:go-to-pose-2d --episodes 2",
-):
-    assert main(line.split()) == 0, line
-environment = gymnasium.make("rans/GoToPose2D-v0")
-observation, _ = environment.reset(seed=0)
-assert numpy.isfinite(environment.step(environment.action_space.sample())[0]).all()
-engine = rans.Engine("floating-platform", "go-to-pose", num_envs=8)
-engine.reset(seed=0)
-"""
-    )
-    code_of_exit, text = said(code, ",".join(EXTRAS), folder=tmp_path)
-    assert code_of_exit == 0, text
-    assert "[fast]" in text
-    assert (tmp_path / "page.html").stat().st_size > 10_000
-    assert not (tmp_path / "run/tensorboard").exists()
-
-
-@pytest.mark.slow
 def test_notebooks_show_values_with_plots_alone(tmp_path: Path) -> None:
     """What examples/notebook displays needs no package of optimal control."""
     code = (
@@ -119,13 +86,17 @@ for value in (rans.load_spacecraft("floating-platform"), agent, agent.evaluate(e
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows itself has nothing of POSIX")
 @pytest.mark.slow
-def test_the_core_needs_nothing_of_posix(tmp_path: Path) -> None:
-    """Training, evaluation, exports, locks, another process and the command's end, as on Windows."""
+def test_the_core_needs_no_extra_and_nothing_of_posix(tmp_path: Path) -> None:
+    """Training, evaluation, exports, pages, environments, locks, another process and the command's end.
+
+    README's commands without any extra are run in `tests.test_extras`.
+    """
     code = (
         WITHOUT_POSIX
         + BLOCK
         + f"""
 from pathlib import Path
+import gymnasium, numpy, rans
 from rans.cli import main
 from rans.errors import ConfigError
 from rans.files import Lock, append_text, read_bytes, replace_file
@@ -134,8 +105,14 @@ for line in (
     "train go-to-pose {TINY} --output run",
     "evaluate run --episodes 4",
     "export run --output agent --episodes 4 --force",
+    "export run --format numpy --output numpy --episodes 4 --force",
+    "export run --format c --output c --episodes 4 --force",
+    "view run --play --save page.html",
 ):
     assert main(line.split()) == 0, line
+environment = gymnasium.make("rans/GoToPose2D-v0")
+observation, _ = environment.reset(seed=0)
+assert numpy.isfinite(environment.step(environment.action_space.sample())[0]).all()
 
 first, second = Lock(Path("lock")), Lock(Path("lock"))
 first.take("free")
@@ -170,9 +147,12 @@ sys.argv = ["rans", "list"]
 rans_command.run()
 """
     )
-    blocked = "fcntl,grp,pwd,resource,termios"
-    code_of_exit, text = said(code, blocked, folder=tmp_path)
+    blocked = ("fcntl", "grp", "pwd", "resource", "termios", *EXTRAS)
+    code_of_exit, text = said(code, ",".join(blocked), folder=tmp_path)
     assert code_of_exit == 0, text
+    assert "[fast]" in text
+    assert (tmp_path / "page.html").stat().st_size > 10_000
+    assert not (tmp_path / "run/tensorboard").exists()
 
 
 MISSING = [
@@ -188,8 +168,7 @@ MISSING = [
         ("rans_agents", "view go-to-pose-2d-robust"),
         ("rans_agents", "list go-to-pose-2d-robust"),
     ],
-    [("pydrake", "validate --quick")],
-    [("clarabel", "optimal dock")],
+    [("pydrake", "validate --quick"), ("clarabel", "optimal dock")],
 ]
 """Modules, and commands that need them before anything else that is not of the core, a process each."""
 

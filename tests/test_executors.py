@@ -156,10 +156,6 @@ def of_this_file() -> Executor:
     return Serial()
 
 
-def test_commands_that_do_not_divide_their_work_refuse(refused: Any) -> None:
-    assert "rans list does not divide its work" in refused("list --executor=mpi")
-
-
 def flights(workers: int | None) -> tuple[list[np.ndarray], int]:
     """Three episodes in Drake, each a job of its own, and failures of the solver."""
     task = rans.GoToPose()

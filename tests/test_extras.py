@@ -14,7 +14,7 @@ from tests.support.hidden_modules import ran
 from tests.support.small_networks import damping, written
 
 README = (
-    "init own.toml --from atmos",
+    "init own.toml --from floating-platform",
     "list own.toml",
     "train go-to-pose --spacecraft own.toml --output runs/first",
     "evaluate runs/first",

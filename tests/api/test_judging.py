@@ -121,7 +121,6 @@ def file(model: A2C, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     "command",
     [
-        ["evaluate", "{}:go-to-pose-2d", "--episodes", "2", "--trust"],
         [
             "stress",
             "pretrained:go-to-pose-2d",
@@ -132,7 +131,6 @@ def file(model: A2C, tmp_path_factory: pytest.TempPathFactory) -> Path:
             "latency",
             "--trust",
         ],
-        ["view", "pretrained:go-to-pose-2d", "{}", "--save", "view.html", "--trust"],
         ["compare", "{}:go-to-pose-2d@floating-platform", "--with", "--episodes", "2", "--trust"],
     ],
     ids=lambda command: " ".join(command[:2]),

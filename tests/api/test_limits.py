@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -32,18 +30,6 @@ def test_a_goal_of_ones_own() -> None:
         start=rans.state((0.0, 0.0)), goal=rans.state((0.5, 0.0), attitude=1.0), horizon=8.0
     )
     np.testing.assert_allclose(found.x[-1, :3], (0.5, 0.0, 1.0), atol=1e-6)
-
-
-@pytest.mark.slow
-def test_a_certificate_from_ones_own_start_is_that_of_the_scenario() -> None:
-    """Scenario 3 given as a state has the bound of scenario 3."""
-    task = rans.GoToPose().for_evaluation()
-    from rans.scenario import scenario
-
-    start: Any = scenario(task, 2, 2023, 3).start
-    own = rans.state((start.p.x, start.p.y), start.attitude.angle, (start.v.x, start.v.y), start.w)
-    found = rans.certify(start=own, control_period=0.5)
-    assert (found.lower, found.upper) == (5.5, 5.5)
 
 
 def test_an_export_to_nowhere() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from typing import get_type_hints
 
 import pytest
@@ -50,10 +49,3 @@ def test_every_command_explains_its_options(
     for field, explanation in texts_of(described).items():
         if is_in_help(hints[field]):
             assert " ".join(explanation.replace("`", "").split()) in printed
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_examples_of_help_are_commands(command: str) -> None:
-    for line in COMMANDS[command].examples:
-        words = shlex.split(line)
-        cli._parse(words[words.index("rans") + 1 :])

@@ -32,13 +32,7 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     [
         *(
             ("evaluate run --episodes 2", name)
-            for name in (
-                "config.json",
-                "spacecraft.toml",
-                "policy.zip",
-                "agent.safetensors",
-                "evaluation.json",
-            )
+            for name in ("config.json", "policy.zip", "agent.safetensors", "evaluation.json")
         ),
         *(
             ("train --resume run", name)
@@ -50,7 +44,6 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("report run", "evaluation-of-a-stranger.json"),
         ("report run", "sweep.json"),
         ("sweep --resume sweep", "../sweep/configs.json"),
-        ("sweep --resume sweep", "../sweep/members/0/metrics.jsonl"),
     ],
 )
 def test_a_file_that_is_a_link_is_refused(
@@ -73,7 +66,6 @@ def test_a_file_that_is_a_link_is_refused(
         ("train --resume run", "tensorboard"),
         ("sweep --resume sweep", "../sweep/members"),
         ("sweep --resume sweep", "../sweep/members/0"),
-        ("sweep --resume sweep", "../sweep/members/0/tensorboard"),
         ("sweep --resume sweep", "../sweep/best"),
         ("stress run --episodes 2 --only latency", "stress"),
     ],

@@ -96,22 +96,16 @@ def test_whatever_a_module_has(listed: Any, name: str, told: str) -> None:
     assert told in listed(name)
 
 
-@pytest.mark.parametrize(
-    ("ending", "magic"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")]
-)
-def test_picture(listed: Any, tmp_path: Path, ending: str, magic: bytes) -> None:
-    file = tmp_path / f"x.{ending}"
+def test_picture(listed: Any, tmp_path: Path) -> None:
+    file = tmp_path / "x.pdf"
     assert str(file) in listed("free-flyer", "--picture", str(file)).replace("\n", "")
-    assert file.read_bytes().startswith(magic)
+    assert file.read_bytes().startswith(b"%PDF")
 
 
 def test_wrong_pictures(refused: Any, tmp_path: Path) -> None:
     picture = "list free-flyer --picture"
-    assert ".png, .svg or .pdf" in refused(f"{picture} {tmp_path}/x.gif")
     (tmp_path / "file").touch()
     assert "cannot write" in refused(f"{picture} {tmp_path}/file/x.png")
-    assert "name it" in refused("list --picture x.png")
-    assert "name it" in refused("list go-to-pose --picture x.png")
 
 
 def test_a_file_of_conditions_is_known_from_a_spacecraft(

@@ -47,16 +47,9 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -
     assert len(again) == 4
 
 
-@pytest.mark.parametrize("layer", ["period", pytest.param("optimal", marks=pytest.mark.slow)])
-def test_valves_that_pulse_are_validated(layer: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_valves_that_pulse_are_validated(capsys: pytest.CaptureFixture[str]) -> None:
     """Against Drake, which switches them itself; thrust of the same impulse is 0.1 mm off in a period."""
-    assert main(["validate", "--quick", "atmos", "--layer", layer]) == 0, capsys.readouterr()
-
-
-def test_an_unknown_layer_is_one_sentence(refused) -> None:
-    said = refused("validate --layer crust")
-    assert "no layer named 'crust'" in said
-    assert "accelerations" in said
+    assert main(["validate", "--quick", "atmos", "--layer", "period"]) == 0, capsys.readouterr()
 
 
 def test_a_spacecraft_drake_refuses_is_one_sentence(tmp_path, refused) -> None:

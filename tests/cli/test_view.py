@@ -28,10 +28,9 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", ["fast", "drake"])
-def test_a_replay_is_saved(engine: str, capsys: pytest.CaptureFixture[str]) -> None:
-    options = f"--episodes 2 --engine {engine} --save replay.html"
-    assert main(f"view lqr:go-to-pose-2d lqr:go-to-pose-3d {options}".split()) == 0
+def test_a_replay_is_saved(capsys: pytest.CaptureFixture[str]) -> None:
+    options = "--episodes 2 --engine drake --save replay.html"
+    assert main([*f"view lqr:go-to-pose-2d lqr:go-to-pose-3d {options}".split()]) == 0
     printed = capsys.readouterr().out
     assert printed.startswith("replay.html replays LQR in any browser.\n")
     assert Path("replay.html").stat().st_size < 5e5
@@ -52,23 +51,6 @@ def test_a_page_in_which_an_agent_flies(capsys: pytest.CaptureFixture[str], refu
         ("lqr:go-to-pose-2d --play", "no trained agent"),
     ):
         assert said in refused(f"view {wrong}")
-
-
-@pytest.mark.parametrize(
-    "option",
-    [
-        "--conditions lab",
-        "--engine drake",
-        "--episodes 2",
-        "--start 1 1 0",
-        "--goal 1 1 0",
-        "--zones 1,1,0.2",
-    ],
-)
-def test_what_changes_nothing_where_one_flies_is_refused(option: str, refused: Any) -> None:
-    said = refused(f"view pretrained:go-to-pose-2d --play --save fly.html {option}")
-    assert f"{option.split()[0]} would change nothing" in said
-    assert not Path("fly.html").exists()
 
 
 @pytest.mark.slow

@@ -125,12 +125,6 @@ def test_an_exported_agent_keeps_its_card(shipped: Path, tmp_path: Path) -> None
     assert write_export(shipped, tmp_path / "again", "numpy", episodes=1) == before
 
 
-def test_what_comes_with_the_package_is_exported_already(refused: Any) -> None:
-    for name in ("pretrained:go-to-pose-2d", "go-to-pose-2d"):
-        printed = refused(f"export {name} --format rans --output again")
-        assert "go-to-pose-2d comes with RANS in this format already" in printed
-
-
 def test_an_export_is_not_exported_again(refused: Any, tmp_path: Path) -> None:
     (tmp_path / "contract.json").write_text("{}")
     assert f"{tmp_path} is an export already: export the run" in refused(f"export {tmp_path}")
@@ -170,15 +164,6 @@ def test_an_agent_leaves_for_a_craft_of_a_file(
     # One that is not there is an agent without its craft, not a spacecraft.
     assert main(["export", "any-craft-2d@other.toml", "--format", "numpy"]) == 2
     assert "there is no spacecraft file other.toml" in " ".join(capsys.readouterr().err.split())
-
-
-@pytest.mark.parametrize(
-    "name", ["go-to-pose-2d-trade-off#0.4", "multi-task-2d#go-to-pose", "go-to-pose-2d#7"]
-)
-def test_an_agent_leaves_whole(name: str, tmp_path: Path, refused: Any) -> None:
-    printed = refused(f"export {name} --format numpy --output {tmp_path}/part")
-    assert f"name it without {name[name.index('#') :]}" in printed
-    assert not (tmp_path / "part").exists()
 
 
 def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -106,6 +107,7 @@ def overridable(model: Any) -> None:
     )
 
 
+@cache
 def ordinary() -> dict[str, bytes]:
     """Graphs of which each form is read."""
     gemm = "y = Gemm(x, W, b)"
@@ -247,6 +249,7 @@ def _two_versions(model: Any) -> None:
     model.opset_import[1].version = 6
 
 
+@cache
 def forged() -> dict[str, bytes]:
     """Graphs that an incautious reader takes for other networks, or that no reader knows."""
     gemm = "y = Gemm(x, W, b)"

@@ -92,14 +92,10 @@ def test_every_function_of_a_task_is_tried(kind: type[Task]) -> None:
 @pytest.mark.parametrize(
     "use",
     [
-        lambda: rans.Engine("free-flyer", FLAT, num_envs=2),
-        lambda: gymnasium.make("rans/GoToPose3D-v0", task=Flat()),
         lambda: gymnasium.make_vec("rans/GoToPose3D-v0", num_envs=2, task=Flat()),
-        lambda: rans.evaluate(f"lqr:{FLAT}-3d", episodes=2),
-        lambda: rans.compare(f"lqr:{FLAT}-3d", episodes=2),
         lambda: rans.optimal_trajectory(FLAT, "free-flyer"),
     ],
-    ids=["Engine", "make", "make_vec", "evaluate", "compare", "optimal"],
+    ids=["make_vec", "optimal"],
 )
 def test_whoever_flies_a_task_of_the_plane_in_space_is_told(use: Callable[[], object]) -> None:
     with pytest.raises(ConfigError, match=ANGLE) as told:

@@ -52,7 +52,6 @@ PX4_FLAGS = (
 """Of PX4-Autopilot, cmake/px4_add_common_flags.cmake."""
 BUILDS = {
     "PX4": ["gcc", "-O2", "-std=gnu11", *PX4_FLAGS, "-Wbad-function-cast", "-Wstrict-prototypes"],
-    "finite numbers alone": ["gcc", "-Ofast", "-std=c99", *PX4_FLAGS],
     "C++": ["g++", "-x", "c++", "-Ofast", "-std=c++17", *PX4_FLAGS],
 }
 

@@ -194,19 +194,12 @@ def test_times_that_bound_nothing(changes: dict[str, float], sentence: str) -> N
         list(bounds_in_parallel([one_start(**changes)], [0], 1))
 
 
-@pytest.mark.parametrize("horizon", [None, 4.0])
 @pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("w", math.nan),
-        ("p", Vec2(math.nan, 0.0)),
-        ("v", Vec2(math.inf, 0.0)),
-        ("attitude", Heading(math.nan)),
-    ],
+    ("field", "value"), [("v", Vec2(math.inf, 0.0)), ("attitude", Heading(math.nan))]
 )
-def test_what_is_not_finite_is_not_bounded(horizon: float | None, field: str, value: Any) -> None:
+def test_what_is_not_finite_is_not_bounded(field: str, value: Any) -> None:
     """It would compare with nothing, and so look impossible at every horizon."""
-    question = one_start(horizon=horizon)
+    question = one_start(horizon=4.0)
     one: Any = question.scenario
     for name in ("start", "goal"):
         wrong = replace(one, **{name: replace(getattr(one, name), **{field: value})})

@@ -87,7 +87,6 @@ WITH_SDE = ON_POLICY | {"use_sde": True}
     ("kind", "craft", "options"),
     [
         (PPO, CRAFT, ON_POLICY | {"batch_size": 16}),
-        (PPO, load_spacecraft("free-flyer"), ON_POLICY | {"batch_size": 16}),
         (PPO, THROTTLED, WITH_SDE | {"batch_size": 16, "policy_kwargs": {"squash_output": True}}),
         (A2C, THROTTLED, WITH_SDE),
         (SAC, THROTTLED, OFF_POLICY | {"use_sde": True}),

@@ -44,10 +44,6 @@ SETTLING = [
 ]
 
 
-def slow(*values: Any) -> Any:
-    return pytest.param(*values, marks=pytest.mark.slow)
-
-
 def name_of(value: Any) -> str | None:
     return getattr(value, "name", None)
 

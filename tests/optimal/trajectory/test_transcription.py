@@ -129,7 +129,7 @@ def test_space_arrives_in_drake() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("degrees", [0.0, 179.0, 180.0])
+@pytest.mark.parametrize("degrees", [179.0, 180.0])
 def test_never_arrives_the_wrong_way_round(degrees: float) -> None:
     """Conditions on a rotation's entries also vanish at opposite attitudes: it must not end there."""
     angle = math.radians(degrees)

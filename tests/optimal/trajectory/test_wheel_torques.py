@@ -157,8 +157,9 @@ def check_momenta(flight: Any) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [rans.LQR, rans.Switching])
-@pytest.mark.parametrize("name", ["roboran-platform", "afrl-12kg"])
+@pytest.mark.parametrize(
+    ("name", "kind"), [("roboran-platform", rans.Switching), ("afrl-12kg", rans.LQR)]
+)
 def test_real_craft_settle(name: str, kind: Any) -> None:
     flight = flights(name, kind, 2)
     # In the mean of the last fifth: the limit cycle of switching's pulses grazes the tolerance of 5 cm.

@@ -63,7 +63,7 @@ def test_least_fuel_against_brute_force(name: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["through", "doubled", "centred", "lopsided"])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_least_time_against_brute_force(name: str, seed: int) -> None:
     craft, most = CRAFTS[name]
     start, goal, _ = instance(craft, most, seed)
@@ -79,8 +79,8 @@ def test_least_time_against_brute_force(name: str, seed: int) -> None:
     assert (answer.lower, answer.upper) == pytest.approx((first * PERIOD, first * PERIOD))
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(("dead", "stuck"), [((0,), ()), ((), (1,)), ((2,), (0,)), ((), (0, 3))])
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(("dead", "stuck"), [((2,), (0,)), ((), (0, 3))])
 def test_least_time_of_failed_thrusters(
     dead: tuple[int, ...], stuck: tuple[int, ...], seed: int
 ) -> None:
@@ -109,7 +109,7 @@ def test_least_time_of_failed_thrusters(
     assert (answer.commands[:, list(stuck)] == 1).all()
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_without_patience_bounds_hold(seed: int) -> None:
     """What is left open counts as not excluded."""
     start, goal, flown = instance(PLATFORM, 2, seed)
