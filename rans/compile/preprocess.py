@@ -1,8 +1,7 @@
 """Preprocessing of observations as straight-line programs, instead of hundreds of torch's operations.
 
 There are up to three programs, each a function of one row (`row_programs`). On a GPU each is a CUDA kernel; on a
-CPU machine code runs them over NumPy arrays. Inside a function that torch compiles, torch's own operations are
-used, as torch fuses them.
+CPU machine code runs them over NumPy arrays.
 """
 
 from __future__ import annotations
@@ -226,12 +225,12 @@ class CpuPreprocessor(ColumnExecutor):
 class CudaPreprocessor(ColumnExecutor):
     """Preprocessor on a CUDA device: a kernel for each program, compiled at its first use.
 
-    Torch's compiler takes minutes over filters. So it treats the kernels of an architecture with filters as one
-    operation each, which it does not compile.
+    Torch's compiler takes seconds over views of a spacecraft and minutes over filters. So it treats each kernel as
+    one operation, which it does not compile (docs/decisions/kernels.md).
 
     Args:
         architecture: of the network.
-        plain: preprocessor for gradients, for compiled functions, and for what cannot be compiled.
+        plain: preprocessor for gradients, and for what cannot be compiled.
         device: a CUDA device.
         dtype: float32 or float64.
     """
@@ -247,34 +246,33 @@ class CudaPreprocessor(ColumnExecutor):
         self._plain = plain
         self._device = device
         self._real_type = _REAL_TYPES[dtype]
-        self._opaque = (
-            opaque(self) if architecture.filtering and self._functions is not None else None
-        )
+        self._opaque = None if self._functions is None else opaque(self)
 
     def in_body(self, observation: Tensor) -> Tensor:
         """See `ColumnExecutor`."""
-        return (
-            self.rows(_IN_BODY, observation)[0]
-            if self._can_run(observation)
-            else self._plain.in_body(observation)
-        )
+        result = self._run(_IN_BODY, observation)
+        return self._plain.in_body(observation) if result is None else result[0]
 
     def viewed(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """See `ColumnExecutor`."""
-        if self._opaque is not None:
-            return self._opaque(_VIEWED, rows)
-        return self.rows(_VIEWED, rows) if self._can_run(rows) else self._plain.viewed(rows)
+        result = self._run(_VIEWED, rows)
+        return self._plain.viewed(rows) if result is None else result
 
     def next_filter_memory(self, rows: Tensor) -> Tensor:
         """See `ColumnExecutor`."""
-        return (
-            self._plain.next_filter_memory(rows)
-            if self._opaque is None
-            else self._opaque(_NEXT_FILTER_MEMORY, rows)[0]
-        )
+        result = self._run(_NEXT_FILTER_MEMORY, rows)
+        return self._plain.next_filter_memory(rows) if result is None else result[0]
 
-    def _can_run(self, rows: Tensor) -> bool:
-        return _is_plain_forward(rows) and self._functions is not None
+    def _run(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor] | None:
+        """Outputs and integers as `rows` has them; None if torch's operations must compute them.
+
+        An operation of torch's imports its compiler at the first call, so that only compiled functions have it.
+        """
+        if self._opaque is None or rows.requires_grad:
+            return None
+        return (
+            self._opaque(number, rows) if torch.compiler.is_compiling() else self.rows(number, rows)
+        )
 
     @cached_property
     def _functions(self) -> Sequence[Function] | None:
@@ -359,5 +357,5 @@ def source(program: RowProgram, width: int, real: str) -> str:
 
 
 def _is_plain_forward(rows: Tensor) -> bool:
-    """Whether rows need neither gradients nor torch's compiler, which fuses torch's operations better."""
+    """Whether rows need neither gradients nor torch's compiler, which has no machine code."""
     return not (torch.compiler.is_compiling() or rows.requires_grad)

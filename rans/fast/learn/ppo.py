@@ -78,14 +78,8 @@ class PPOLearner:
         self._ceiling = self.adam.rate.new_tensor(settings.schedule.max_learning_rate)
         self._act = fused(act, device, plain)
         self._remember = fused(remember, device, plain)
-        self._gae = fused(gae, device, plain)
         self._preprocess = fused(preprocessed, device, plain)
         self._losses = fused(losses, device, plain)
-        self._value = fused(
-            lambda columns, memory, privileged: network.evaluate(columns, memory, privileged).value,
-            device,
-            plain,
-        )
         self.collect = graphed(self._collect, device, plain)
         self.update = graphed(self._update, device, plain)
 
@@ -175,20 +169,18 @@ class PPOLearner:
         steps = self.rollout.all
         rollout = self.rollout
         privileged = self._privileged()
-        values = self._value(
+        values = self.network.evaluate(
             torch.cat((self.engine.observe(), rollout.cut)),
             None
             if rollout.memory is None or rollout.cut_memory is None
             else torch.cat((rollout.memory, rollout.cut_memory)),
             None if privileged is None else privileged.repeat(2, 1),
-        )
+        ).value
         last, beyond = values.chunk(2)
         # Advantages.
         settings = self.settings
         reward = steps.reward * settings.reward_scale + settings.gamma * steps.truncated * beyond
-        advantage = self._gae(
-            reward, steps.value, steps.ended, last, settings.gamma, settings.gae_lambda
-        )
+        advantage = gae(reward, steps.value, steps.ended, last, settings.gamma, settings.gae_lambda)
         # Inputs of the network, which are the same in every epoch.
         memory, privileged_columns = (
             None if x is None else x.flatten(0, 1) for x in (steps.memory, steps.privileged)

@@ -184,8 +184,7 @@ def gae(
     result = torch.empty_like(delta)
     running = torch.zeros_like(last_value)
     for t in reversed(range(len(delta))):
-        running = delta[t] + decay[t] * running
-        result[t] = running
+        running = torch.add(delta[t], decay[t] * running, out=result[t])
     return result
 
 
