@@ -178,12 +178,6 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
-@pytest.fixture
-def unswept(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Comparisons fly no curve of a controller's weights."""
-    monkeypatch.setattr("rans.evaluation.compare.entrants.swept", lambda *_: [])
-
-
 @pytest.fixture(params=FREE_CRAFT)
 def shipped(request: pytest.FixtureRequest) -> Spacecraft:
     """Every spacecraft that comes with the package and flies every task."""

@@ -73,7 +73,6 @@ SLOW_EXAMPLES = {
         for one in examples()
     ],
 )
-@pytest.mark.usefixtures("unswept")
 def test_examples_in_docstrings(example: doctest.DocTest, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RANS_TRUST", "")  # one of them sets it for the rest of the process
     # The first figures of a benchmark, of which all take 40 s.
@@ -222,7 +221,6 @@ def test_a_protocol_changes_what_a_loaded_agent_flies_in() -> None:
     assert rans.evaluate(agent, episodes=2).steps == 125
 
 
-@pytest.mark.usefixtures("unswept")
 @pytest.mark.slow
 def test_one_name_beside_is_one_controller() -> None:
     """Of a text, no letter is one."""
@@ -246,7 +244,6 @@ class Coasting:
         return np.zeros((len(observation), self._count))
 
 
-@pytest.mark.usefixtures("unswept")
 @pytest.mark.slow
 def test_controllers_compete_as_objects_and_by_their_classes() -> None:
     """As they are: who is named has its tuned settings instead."""

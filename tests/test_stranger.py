@@ -99,7 +99,7 @@ def test_trust_is_asked_for_what_no_package_has(request: pytest.FixtureRequest) 
     assert trust_option(config, CRAFT) == []
 
 
-@pytest.mark.usefixtures("installed", "unswept")
+@pytest.mark.usefixtures("installed")
 def test_rivals_that_nobody_asked_for_and_cannot_fly_are_one_sentence(tmp_path: Path) -> None:
     file = tmp_path / "blown.toml"
     file.write_text(to_toml(CRAFT), "utf-8")

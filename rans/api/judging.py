@@ -292,8 +292,6 @@ def compare(
                 result.waiting = ()
                 with watched() as shown:
                     fly(later, slow, stages=noting(shown))
-            with watched() as shown:
-                result.sweep(quick, noting(shown), workers)
         except KeyboardInterrupt:
             result.note_interrupt(begun, bounded, cache is not None)
             raise

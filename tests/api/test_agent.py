@@ -71,7 +71,6 @@ def test_a_saved_agent_flies_as_before(tmp_path: Path) -> None:
         agent.save(tmp_path / "copy")
 
 
-@pytest.mark.usefixtures("unswept")
 @pytest.mark.slow
 def test_conditions_of_an_agent_are_those_it_is_compared_under() -> None:
     robust = rans.load_agent("go-to-pose-2d").under("lab")

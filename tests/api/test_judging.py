@@ -35,7 +35,6 @@ def model() -> A2C:
     return A2C("MlpPolicy", rans.SB3VecEnv(engine), seed=0, policy_kwargs={"net_arch": [8]})
 
 
-@pytest.mark.usefixtures("unswept")
 @pytest.mark.slow
 def test_objects_fly_in_every_function(model: A2C) -> None:
     for policy in (model, shut, Aft()):

@@ -28,7 +28,7 @@ from rans.optimal.trajectory.objectives import Objective
 IDLE = "python:tests.support.policies:idle"
 
 
-@pytest.mark.usefixtures("undrawn", "unswept")
+@pytest.mark.usefixtures("undrawn")
 def test_writes_page_and_numbers(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -350,13 +350,3 @@ def simple_controller(name: str, contest: Contest) -> Contestant:
     """
     model_controller = controller(name, contest.setup)
     return Contestant(model_controller.name, model_controller, _MODEL, _budget(name, contest))
-
-
-def swept(name: str, contest: Contest) -> list[Contestant]:
-    """Contestants with the weights of a controller's ``sweep``; none if it has no such method."""
-    sweep = getattr(CONTROLLERS[name], "sweep", None)
-    result = sweep(*contest.setup[:3]) if sweep else {}
-    return [
-        Contestant(title, controller, _MODEL, f"one of {len(result)} weights")
-        for title, controller in result.items()
-    ]

@@ -66,8 +66,6 @@ class Comparison(NotebookRepr):
     contest: Contest
     entries: list[Entry] = field(default_factory=list)
     """Entries of the contestants in their order; the others are compared with the first."""
-    curve: list[Entry] = field(default_factory=list)
-    """Entries of LQRs with other weights."""
     relaxed: dict[str, list[Relaxed]] = field(default_factory=dict)
     """Optima from every start, by objective."""
     certified: list[Bound] = field(default_factory=list)
@@ -171,7 +169,7 @@ class Comparison(NotebookRepr):
         return [
             f"{entry.name} beats the certified bound from start {k}: the certificate or a flight is "
             "wrong."
-            for entry in (*self.entries, *self.curve)
+            for entry in self.entries
             for k in self._beaten(entry)
         ]
 
@@ -265,14 +263,6 @@ class Comparison(NotebookRepr):
             _find_relaxed(self, stages, workers, returns)
             _find_certified(self, certified, cache, stages, workers)
             self.failures += self.impossible()
-
-    def sweep(self, opponents: Sequence[str], stages: Stages, workers: int | None) -> None:
-        """Fly controllers with other weights, which only pages have; failures are noted."""
-        others = {"optimal", *(name for names in self.grounded.values() for name in names)}
-        for name in (x for x in opponents if x not in others):
-            with _noted(self, name):
-                for contestant in entrants.swept(name, self.contest):
-                    self.curve.append(_entry(self, contestant, stages, workers))
 
     def _ground(self, name: str, reason: str, sentences: list[str]) -> None:
         """Say that an opponent cannot fly; those of one reason have one sentence."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -28,9 +27,6 @@ from rans.tasks.base import Task
 
 _WEIGHTS = Weights()
 _DEADBAND = Deadband()
-
-SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
-"""Factors on the default weights: from twice as stiff to four times as lazy."""
 
 
 class LQR(ModelBased):
@@ -72,20 +68,6 @@ class LQR(ModelBased):
         self._rounding = rounding(
             craft, self._timing.control_period, self._regulator.carried(craft)
         )
-
-    @classmethod
-    def sweep(cls, craft: Spacecraft, task: Task, timing: Timing) -> dict[str, LQR]:
-        """One for every factor of `SWEEP` on its weights, by name; fronts of comparisons fly them."""
-        weights = asdict(_WEIGHTS)
-        return {
-            f"{cls.name} x {factor:g}": cls(
-                craft,
-                task,
-                timing,
-                Weights(**{name: factor * value for name, value in weights.items()}),
-            )
-            for factor in SWEEP
-        }
 
     def expecting(self, conditions: Conditions | None) -> Controller:
         """This regulator without the thrusters that are dead from the start in every episode of the conditions.

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from rans.errors import counted
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.run import Comparison
@@ -26,7 +25,7 @@ def plane_chart(comparison: Comparison) -> Chart:
     """
     starts = comparison.certified_starts() or list(range(comparison.contest.episodes))
     bootstrap = Bootstrap(len(starts))
-    series = [*_relaxed(comparison, starts), *_swept(comparison, starts)]
+    series = [*_relaxed(comparison, starts)]
     series += [
         _contestant(entry, starts, bootstrap, k) for k, entry in enumerate(comparison.entries)
     ]
@@ -94,18 +93,6 @@ def _relaxed(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
     if marks:
         suffix = ", where found" if lost else ""
         yield Series(f"relaxed thrust, exact goal (no controller{suffix})", marks, RELAXED, "x")
-
-
-def _swept(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
-    """Median time and impulse of the LQR of all weights, in their order, as one line."""
-    marks = []
-    for entry in comparison.curve:
-        x, y = (
-            float(np.median(values[starts])) for values in (entry.arrival, entry.arrival_thrust)
-        )
-        marks.append(Mark(x, y))
-    if marks:
-        yield Series(f"LQR with {counted(len(marks), 'weighting')}", marks, GREY, ".", "solid")
 
 
 def _contestant(entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: int) -> Series:

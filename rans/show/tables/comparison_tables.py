@@ -408,7 +408,6 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
             },
             "per_start": {
                 "contestants": {e.name: [*_starts(e)] for e in comparison.entries},
-                "lqr_weights": {e.name: [*_starts(e)] for e in comparison.curve},
                 "relaxed": {
                     name: [_relaxed_row(row) for row in rows]
                     for name, rows in comparison.relaxed.items()

@@ -18,7 +18,6 @@ from rans.flight import fly
 from rans.model.timing import Timing
 from rans.optimal.certificate.problem import SearchEffort
 from rans.optimal.trajectory.objectives import MaximumReward
-from rans.progress import unseen_stages
 from rans.show.pages.comparison_page import page
 from rans.show.pages.report import comparison_section
 from rans.show.tables.comparison_tables import (
@@ -33,7 +32,6 @@ from rans.tasks.goal_set import arrived
 from tests.support.contests import CONTEST, IDLE
 from tests.support.played import Played
 
-SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 SPECS = ["lqr:go-to-pose-2d", IDLE, "python:tests.support.policies:broken"]
 
 
@@ -159,7 +157,7 @@ def test_relaxed_optima(comparison: Comparison) -> None:
     assert max(errors) < 1e-3
     best = best_returns(comparison)
     assert best is not None
-    for entry in (*comparison.entries, *comparison.curve):
+    for entry in comparison.entries:
         assert (entry.returns < best).all()
 
 
@@ -200,7 +198,5 @@ def test_nobody_flies_twice_and_names_differ(monkeypatch: pytest.MonkeyPatch) ->
     found = Comparison(replace(CONTEST, episodes=1, timing=Timing(episode_steps=3)))
     thrice = ["lqr:go-to-pose-2d", "lqr:go-to-pose-2d", "lqr:go-to-pose-2d@floating-platform"]
     found.fly(enlisted(thrice, found.contest), ["lqr"])
-    found.sweep(["lqr", "optimal"], unseen_stages, 1)
     assert [entry.name for entry in found.entries] == ["LQR", "lqr:go-to-pose-2d@floating-platform"]
-    assert len(found.curve) == len(SWEEP)
     assert found.failures == []

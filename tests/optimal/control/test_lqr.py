@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +16,9 @@ from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
-from rans.optimal.control.regulator import Weights, distance_scale
+from rans.optimal.control.regulator import distance_scale
 from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose
-from tests.support.states import planar
 
 TASK = GoToPose().for_evaluation()
 
@@ -50,20 +48,6 @@ def test_wrench_by_hand() -> None:
 def batch(state: PlanarState) -> Any:
     """Of one."""
     return map_leaves(lambda x: np.array([x]), state)
-
-
-def test_the_sweep_goes_from_stiff_to_lazy() -> None:
-    """A factor multiplies what deviation is worth full thrust: of 0.6 m for a half 0.3 m, for four 2.4 m."""
-    craft = load_spacecraft("floating-platform")
-    goal = planar()
-    sweep = LQR.sweep(craft, TASK, Timing())
-    state = replace(goal, p=Vec2(0.1, 0.0))
-    assert [*sweep] == [f"LQR x {factor}" for factor in ("0.5", "0.7", "1", "1.4", "2", "2.8", "4")]
-    push = {name: abs(one.wrench(batch(state), batch(goal))[0, 0]) for name, one in sweep.items()}
-    assert sorted(push.values(), reverse=True) == [*push.values()]
-    for name, deviation in (("LQR x 0.5", 0.3), ("LQR x 1", 0.6), ("LQR x 4", 2.4)):
-        alone = LQR(craft, TASK, Timing(), Weights(position=deviation))
-        assert push[name] == pytest.approx(abs(alone.wrench(batch(state), batch(goal))[0, 0]))
 
 
 def test_near_starts_keep_the_weights() -> None:

@@ -110,7 +110,6 @@ def test_a_known_force_does_not_lead_the_filter_astray() -> None:
     assert impulses(trusting).mean() > 1.1 * impulses(ours).mean()
 
 
-@pytest.mark.usefixtures("unswept")
 @pytest.mark.slow
 def test_commands_tell_it_the_conditions(monkeypatch: pytest.MonkeyPatch) -> None:
     """In an evaluation and a comparison, of which the beginning is flown; named by its module it expects none."""
