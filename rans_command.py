@@ -79,7 +79,7 @@ def says_that_it_loads(words: list[str]) -> Iterator[None]:
     """Context with a line on the terminal, as "rans train: loading ...", until anything else is printed.
 
     Torch and the other libraries of a command take seconds to import. Nothing is printed in a pipe or log,
-    nor for help and versions, JSON, and processes of torchrun.
+    nor for help, versions and processes of torchrun.
 
     Args:
         words: that follow ``rans``.
@@ -89,7 +89,7 @@ def says_that_it_loads(words: list[str]) -> Iterator[None]:
         or not words
         or not (words[0].isascii() and words[0].isalpha())
         or words[0] in ("help", "version")
-        or not {"-h", "--help", "--json"}.isdisjoint(words)
+        or not {"-h", "--help"}.isdisjoint(words)
         or "WORLD_SIZE" in os.environ
     ):
         yield

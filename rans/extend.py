@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from rans.api.names import load_conditions as load_conditions
     from rans.api.names import load_spacecraft as load_spacecraft
     from rans.choices import EngineName as EngineName
-    from rans.cli import check_count as check_count
     from rans.cli.door import Options as Options
     from rans.cli.door import command_of as command_of
     from rans.cli.door import word as word

@@ -125,16 +125,6 @@ def _end_of_user_code(error: Exception) -> int:
     return _end(f"rans: {text}\nRANS_TRACEBACK=1 prints the whole traceback.", 2)
 
 
-def check_count(option: str, value: int | None) -> None:
-    """Reject a number of flights or processes that is not from 1 to 2^31 - 1; None is accepted.
-
-    Raises:
-        ConfigError: the number is out of range.
-    """
-    if value is not None and not 1 <= value < 2**31:
-        raise ConfigError(f"{option} must be >= 1 and < 2^31, got {value}.")
-
-
 def _run(arguments: list[str]) -> int:
     """Read the arguments, run the command here or on an executor, and return its exit code."""
     if arguments in (["--version"], ["-V"], ["-v"], ["version"]):

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import arg
 
 from rans.api.judging import compare
-from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.cli.next_commands import after
 from rans.errors import ConfigError, RansError, counted
@@ -76,7 +75,6 @@ class Compare(Options):
                 raise ConfigError(
                     f"--with takes names with spaces between them: write --with {spaced}."
                 )
-        check_count("--episodes", self.episodes)
 
 
 def _without_training(contestants: Sequence[ContestantName], contest: Contest) -> str:

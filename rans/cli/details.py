@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from rans.api.names import load_conditions, load_spacecraft, load_task
 from rans.cli.overview import named, or_why_not
@@ -20,7 +18,6 @@ from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import CONDITIONS
 from rans.registry import resolve_typed, typed
 from rans.show.tables.listing import (
-    reward_text,
     settings_listing,
     spacecraft_listing,
     task_listings,
@@ -28,7 +25,7 @@ from rans.show.tables.listing import (
 )
 from rans.structure import LARGEST_TOML
 from rans.table import Table
-from rans.tasks import TASKS, Task, gymnasium_ids, observation_columns
+from rans.tasks import TASKS, Task, gymnasium_ids
 from rans.tasks.derived import dimensions
 from rans.terminal import doing
 
@@ -164,33 +161,6 @@ def _environments(task: str) -> tuple[str, ...]:
     return () if ":" in task else tuple(gymnasium_ids(task).values())
 
 
-def _task_facts(name: str) -> dict[str, Any]:
-    """A task as data for `rans list NAME --json`; keys are an interface that other programs read."""
-    task: Any = load_task(name)
-    parts = task.parts()
-    works = dimensions(task)
-    return {
-        "summary": _summary(type(task)),
-        "gymnasium": _environments(name),
-        "settings": asdict(task),
-        "flag": getattr(task, "flag", None),
-        "reward": {part or name: reward_text(subtask) for part, subtask in parts.items()},
-        "tolerances": {part or name: subtask.tolerances() for part, subtask in parts.items()},
-        "observation": {str(work): observation_columns(task, work) for work in works},
-    }
-
-
-def _spacecraft_facts(name: str) -> dict[str, Any]:
-    """A spacecraft as data for `rans list NAME --json`, in SI units; keys are an interface of other programs."""
-    craft = load_spacecraft(name)
-    return asdict(craft) | {
-        "actuators": {"kind": craft.actuators.kind, **asdict(craft.actuators)},
-        "wrench_map": craft.wrench_map,
-        "commands": [command._asdict() for command in craft.commands],
-        "stores": [store._asdict() for store in craft.stores],
-    }
-
-
 def _summary(described: object) -> str:
     text = (described.__doc__ or "").strip()
     if text.startswith(f"{getattr(described, '__name__', '')}("):  # a signature, by `dataclass`
@@ -208,14 +178,3 @@ PARTS: dict[str, Callable[[str], Iterable[str | Table]]] = {
     "agent": _agent_details,
 }
 """Printed parts of an object, by its kind."""
-
-
-FACTS: dict[str, Callable[[str], Any]] = {
-    "spacecraft": _spacecraft_facts,
-    "task": _task_facts,
-    "agent": pretrained_card,
-    "conditions": lambda name: asdict(load_conditions(name)),
-    "controller": lambda name: {"summary": _summary(CONTROLLERS[name])},
-    "all training": lambda _: {part.title: part.to_json() for part in _training_details("")},
-}
-"""Plain values of an object for JSON, by its kind."""

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from rans.api.judging import evaluate, flown, own_endpoints
 from rans.choices import EngineName
-from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.cli.next_commands import after
 from rans.cli.options import Trust
-from rans.errors import ConfigError, is_installed
+from rans.errors import ConfigError, is_installed, whole
 from rans.files import (
     command_line,
     distinct,
@@ -82,7 +81,7 @@ class Evaluate(Options):
         """Print the tables of metrics; a multi-task agent is evaluated on each of its tasks."""
         from rans.evaluation.fly.contestants import judged_separately
 
-        check_count("--episodes", self.episodes)
+        whole("--episodes", self.episodes)
         if self.episodes > _KEPT:
             raise ConfigError(
                 f"rans evaluate stores every flight, of {_KEPT:,} at most, got {self.episodes:,}: "

@@ -8,7 +8,6 @@ from typing import Annotated
 from tyro.conf import arg
 
 from rans.api.pages import export, exported
-from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.files import read_json, write_json
 from rans.terminal import Terminal, doing
@@ -42,7 +41,6 @@ class Export(Options):
         from rans.evaluation.fly.contestant_name import ContestantName
         from rans.evaluation.fly.contestants import contestant
 
-        check_count("--episodes", self.episodes)
         with doing(f"flying {self.agent} for its contract and its card"):
             output, card = exported(
                 self.agent, self.output, self.format, self.episodes, self.force, self.name

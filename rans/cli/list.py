@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from tyro import conf
 from rans.cli import overview
 from rans.errors import ConfigError, brief
 from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.files import plain, read_text
+from rans.files import read_text
 from rans.model.foreign import is_foreign
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.pretrained import missing_agents, pretrained_names
@@ -45,13 +44,11 @@ class List:
     training."""
     picture: Annotated[Path | None, conf.arg(metavar="FILE")] = None
     """Save a drawing of the spacecraft's thrusters to this file (.png, .svg or .pdf)."""
-    json: bool = False
-    """Print JSON for other programs."""
 
     def following(self) -> tuple[str, ...]:
-        """Commands to run next with what was listed; none for programs (--json) and conditions."""
+        """Commands to run next with what was listed; none for conditions."""
         kind = self._kind()
-        if self.json or kind == "conditions":
+        if kind == "conditions":
             return ()
         if kind == "spacecraft":
             from rans.cli.next_commands import with_spacecraft
@@ -81,26 +78,18 @@ class List:
             from rans.show.figures.picture_file import save_picture
 
             save_picture(draw_layout(load_spacecraft(typed(self._named))), self.picture)
-        if self.json:
-            facts = (
-                overview.FACTS[kind]()
-                if kind in overview.FACTS
-                else _details().FACTS[kind](self._named)
-            )
-            print(json.dumps(plain(facts), indent=2, ensure_ascii=False))
-        else:
-            console = Terminal()
-            parts = (
-                overview.PARTS[kind]()
-                if kind in overview.PARTS
-                else _details().PARTS[kind](self._named)
-            )
-            for part in parts:
-                if isinstance(part, Table):
-                    console.table(part)
-                else:
-                    console.say(part)
-        if self.picture is not None and not self.json:
+        console = Terminal()
+        parts = (
+            overview.PARTS[kind]()
+            if kind in overview.PARTS
+            else _details().PARTS[kind](self._named)
+        )
+        for part in parts:
+            if isinstance(part, Table):
+                console.table(part)
+            else:
+                console.say(part)
+        if self.picture is not None:
             Terminal().say(f"Picture: {self.picture}")
         return 0
 

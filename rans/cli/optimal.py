@@ -14,10 +14,9 @@ import tyro
 from rans.api.judging import own_endpoints
 from rans.api.limits import optimal_trajectory, setup_of
 from rans.api.states import read_zones
-from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import named_numbers
-from rans.errors import ConfigError, require
+from rans.errors import ConfigError, require, whole
 from rans.files import distinct, ready_folder, write_json, write_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import spacecraft_label
@@ -209,7 +208,7 @@ class Optimal(Options):
         return 0
 
     def _check(self) -> None:
-        check_count("--episodes", self.episodes)
+        whole("--episodes", self.episodes)
         if not self.certify_seconds > 0:
             raise ConfigError(f"--certify-seconds must be > 0, got {self.certify_seconds:g}.")
         if self.certify and self.objective not in ("fuel", "time"):

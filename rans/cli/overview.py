@@ -128,29 +128,3 @@ PARTS: dict[str, Callable[[], Iterable[str | Table]]] = {
     "all conditions": lambda: [_all_conditions()],
 }
 """Printed lists, by what they are of."""
-
-
-def _names() -> dict[str, list[str]]:
-    """Names of everything by kind, for `rans list --json`; keys are an interface of other programs."""
-    return {
-        "spacecraft": list(SPACECRAFT),
-        "tasks": list(TASKS),
-        "agents": pretrained_names(),
-        "conditions": list(CONDITIONS),
-        "controllers": list(CONTROLLERS),
-        "learners": list(LEARNERS),
-        "effectors": list(EFFECTORS),
-    }
-
-
-FACTS: dict[str, Callable[[], Any]] = {
-    "everything": _names,
-    "all spacecraft": lambda: list(SPACECRAFT),
-    "all tasks": lambda: list(TASKS),
-    "all agents": pretrained_names,
-    "all controllers": lambda: list(CONTROLLERS),
-    "all conditions": lambda: {
-        name: CONDITIONS[name].conditions.description for name in CONDITIONS
-    },
-}
-"""Plain values of these lists for JSON."""

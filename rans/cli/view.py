@@ -8,10 +8,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from rans.api.pages import flyers, view
-from rans.cli import check_count
 from rans.cli.door import Options, command_of, word
 from rans.cli.next_commands import after
-from rans.errors import ConfigError
+from rans.errors import ConfigError, whole
 from rans.terminal import Terminal, doing
 
 if TYPE_CHECKING:
@@ -47,7 +46,7 @@ class View(Options):
         """Serve the page until an interrupt, or write the requested files; the exit code is 0."""
         if not self.contestants:
             raise ConfigError("name at least one contestant, as in `rans view runs/first`.")
-        check_count("--episodes", self.episodes)
+        whole("episodes", self.episodes)
         if not 0 <= self.episode < 2**31 - self.episodes:
             raise ConfigError(
                 f"--episode must be >= 0 and < 2^31 with all that follow, got {self.episode}."

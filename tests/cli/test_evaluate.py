@@ -123,7 +123,7 @@ def test_the_seed_decides(run_folder: Path, capsys: pytest.CaptureFixture[str]) 
 
 def test_wrong_arguments(refused: Any, run_folder: Path, tmp_path: Path) -> None:
     said = refused(f"evaluate {run_folder} --episodes 0")
-    assert "--episodes must be >= 1 and < 2^31, got 0" in said
+    assert "--episodes must be a whole number >= 1 and < 2^31, got 0" in said
     assert "is not a run folder" in refused(f"evaluate {tmp_path}/nowhere")
     (run_folder / "agent.safetensors").write_bytes(b"rubbish")
     assert "agent.safetensors is damaged" in refused(f"evaluate {run_folder}")

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from importlib import resources
@@ -114,7 +113,6 @@ def test_a_file_of_conditions_is_known_from_a_spacecraft(
     file = tmp_path / "mine.toml"
     file.write_text("[thrusters]\nlatency = [0.0, 0.1]\n")
     assert listed(str(file)) == file.read_text()
-    assert json.loads(listed(str(file), "--json"))["thrusters"]["latency"] == [0.0, 0.1]
     file.write_text('base = "lab"\ndescription = "as in the laboratory"\n')
     assert listed(str(file)) == file.read_text()
     file.write_text("[thrusters]\nlatncy = 0.1\n")
@@ -123,16 +121,6 @@ def test_a_file_of_conditions_is_known_from_a_spacecraft(
     assert "unknown key 'wings'" in refused(f"list {file}")
     file.write_text("mas = 3.0\n")
     assert "did you mean mass?" in refused(f"list {file}")
-
-
-def test_json_has_numbers_as_numbers(listed: Any) -> None:
-    craft = json.loads(listed("floating-platform", "--json"))
-    assert (craft["mass"], craft["wrench_map"][0][2]) == (5.32, pytest.approx(-0.31, abs=1e-3))
-    task = json.loads(listed("go-to-pose", "--json"))
-    assert task["settings"]["spawn_distance"] == [0.5, 4.5]
-    assert "exp(-distance / scale)" in task["reward"]["go-to-pose"]
-    assert set(json.loads(listed("--json"))["tasks"]) == set(TASKS)
-    assert json.loads(listed("multi-task", "--json"))["reward"].keys() >= {"go-to-pose"}
 
 
 def test_a_task_tells_its_reward_ends_and_keys(listed: Any) -> None:
@@ -148,4 +136,4 @@ def test_a_task_tells_its_reward_ends_and_keys(listed: Any) -> None:
 
 
 def test_a_task_of_a_module_has_no_id_of_gymnasium(listed: Any) -> None:
-    assert json.loads(listed("tests.cli.test_list:Own", "--json"))["gymnasium"] == []
+    assert "rans.SpacecraftEnv('tests.cli.test_list:Own', 2)" in listed("tests.cli.test_list:Own")

@@ -143,7 +143,6 @@ def test_a_folder_of_bytes_that_are_no_letters(tmp_path: Path) -> None:
     [
         (["compare", "x"], True),
         (["list"], True),
-        (["list", "--json"], False),
         (["train", "--help"], False),
         (["help", "train"], False),
         (["--version"], False),

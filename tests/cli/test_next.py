@@ -125,8 +125,3 @@ def test_what_comes_next_is_printed_once_and_after_success(
 ) -> None:
     assert cli._followed(command) == command.code
     assert capsys.readouterr().out == printed
-
-
-def test_for_programs_nothing_follows(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["list", "floating-platform", "--json"]) == 0
-    assert "Next" not in capsys.readouterr().out

@@ -6,7 +6,7 @@ import inspect
 import shlex
 from typing import TYPE_CHECKING
 
-from rans.extend import Options, Terminal, check_count, command_of, word
+from rans.extend import Options, Terminal, command_of, whole, word
 from rans.show.pages.page import say
 from rans_assurance.functions import ASSURED, assure
 
@@ -47,7 +47,7 @@ class Assure(Options):
         if self.episodes == 0:
             _print_plan(self.failure_below)
             return 0
-        check_count("--episodes", self.episodes)
+        whole("--episodes", self.episodes)
         shown: list[Assurance] = []
 
         def show(assurance: Assurance) -> None:

@@ -8,7 +8,6 @@ from rans.extend import (
     EVALUATION_SEED,
     Options,
     Terminal,
-    check_count,
     command_of,
     ready_folder,
     word,
@@ -45,7 +44,6 @@ class Follow(Options):
         """
         from rans.extend import ContestantName, contestant
 
-        check_count("--episodes", self.episodes)
         contestant(self.agent)  # reject a wrong name before a folder is created
         file = ready_folder(ContestantName.parse(self.agent).output_folder)
         file = file / "follow-circle.json"

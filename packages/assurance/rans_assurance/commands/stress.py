@@ -10,7 +10,6 @@ from rans.extend import (
     Options,
     Terminal,
     are_files_trusted,
-    check_count,
     command_of,
     word,
 )
@@ -53,7 +52,6 @@ class Stress(Options):
 
         if not self.contestants:
             raise ConfigError("name at least one contestant, for example a run folder.")
-        check_count("--episodes", self.episodes)
         folder = self.output or ContestantName.parse(self.contestants[0]).output_folder
         report = self.call(output=folder, show=_show)
         return 1 if report.stress.failures else 0

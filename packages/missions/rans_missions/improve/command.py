@@ -16,12 +16,12 @@ from rans.extend import (
     ConfigError,
     Options,
     Terminal,
-    check_count,
     command_of,
     counted,
     load_spacecraft,
     progress,
     ready_folder,
+    whole,
     word,
 )
 from rans.terminal import stages
@@ -62,8 +62,8 @@ def improve(
     from rans.registry import typed
     from rans_missions.improve import search
 
-    check_count("--episodes", episodes)
-    check_count("--rounds", rounds)
+    whole("--episodes", episodes)
+    whole("--rounds", rounds)
     file = Path(output)
     if file.suffix != ".csv":
         raise ConfigError(f"--output must end in .csv, got {str(file)!r}.")
