@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cached_property
@@ -18,7 +17,7 @@ from torch import Tensor
 
 from rans.effectors.commands import check_commands, is_identity, is_possible, of_outputs
 from rans.episode import Episode, Guard, Setup, World
-from rans.errors import ConfigError, brief, checked, counted
+from rans.errors import ConfigError, brief, checked
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.privileged import PrivilegedObservation
 from rans.fast.stepping.compiled import stepping
@@ -27,7 +26,7 @@ from rans.fast.stepping.step import (
     Backend,
     Step,
     copy_into,
-    divisible,
+    environment_count,
     restore,
     restoring,
     snapshot,
@@ -63,9 +62,7 @@ class Engine:
         task: task, or its name in `rans.tasks.TASKS`.
         num_envs: number of environments, N.
         timing: control period, substeps, checks and length of an episode; None: those of the task.
-        seed: seed, which together with the number of an episode determines its start, goal and draws. Several seeds
-            are those of equal, contiguous parts of the environments, whose episodes are each counted from zero, as
-            `rans.VectorEnv` has one for every environment.
+        seed: seed, which together with the number of an episode determines its start, goal and draws.
         device: torch device of the state.
         dtype: torch.float32, or torch.float64 for comparisons.
         compiled: whether a step is one compiled kernel; by default on a GPU only. Otherwise a CPU runs the same
@@ -97,7 +94,7 @@ class Engine:
         num_envs: int,
         timing: Timing | None = None,
         *,
-        seed: int | Sequence[int] = 0,
+        seed: int = 0,
         device: str | torch.device = "cpu",
         dtype: torch.dtype = torch.float32,
         compiled: bool | None = None,
@@ -115,8 +112,7 @@ class Engine:
                 "plain=True steps by single operations of torch, and compiled=True by a "
                 "compiled kernel: give one of them."
             )
-        seeds = seed if isinstance(seed, Sequence) else [seed]
-        num_envs = divisible(num_envs, len(seeds))
+        num_envs = environment_count(num_envs)
         self._backend = backend = Backend.of(device, dtype, compiled, plain)
         is_craft_named = isinstance(craft, str | Path)
         if not isinstance(task, Task):
@@ -142,14 +138,12 @@ class Engine:
         """Whether steps evaluate single operations of torch, see the class."""
         self.compiled = not plain and (self.device.type == "cuda" if compiled is None else compiled)
         self.processes = processes
-        self.members = len(seeds)
-        each = num_envs // len(seeds)
         # The world and its buffers, one row for every environment.
         observed = example(task, craft.dimension)
         self.layout = observed.layout()
         self.observation_bounds = observed.bounds()
         """Largest absolute value of each column of an observation."""
-        first = np.arange(num_envs) % each * processes.size + processes.rank
+        first = np.arange(num_envs) * processes.size + processes.rank
         nominal = Body.of(craft)
         self.observation_width = self.layout.width
         """Number of columns of an observation."""
@@ -162,10 +156,12 @@ class Engine:
             self._world, self.body, torch.ones(num_envs, dtype=dtype, device=backend.device)
         )
         """Quantities of `privileged`."""
+        low, high = (backend.put(word, torch.int32) for word in seed_words(seed))
         self._draws = draws = Draws(
-            *backend.words(seeds, each),
+            low,
+            high,
             backend.put(first, torch.int32),
-            each * processes.size,
+            num_envs * processes.size,
             backend.fields,
         )
         buffers = self._world, self.body, num_envs, draws
@@ -173,15 +169,13 @@ class Engine:
         self.episode = backend.episodes(*buffers, remember)
         self._kernel = None
         if generated and self.compiled and self.device.type == "cuda":
-            self._kernel = Kernel.made(
-                self._world, self.episode, draws, processes, dtype, self.members
-            )
+            self._kernel = Kernel.made(self._world, self.episode, draws, processes, dtype)
         if self._kernel is None:
             self.episode = backend.episodes(*buffers, remember=True)
         self._step = stepping(backend, self.compiled and self._kernel is None, plain)
         self.state, self.goal = self.episode.state, self.episode.goal
         """State and goal of the running episodes; the next step overwrites their tensors; constants are floats."""
-        self.reset(seeds)
+        self.reset(seed)
 
     def __repr__(self) -> str:
         task = type(self.task).__name__
@@ -209,28 +203,19 @@ class Engine:
         return tuple(reward_terms(self.task, transition, done, violated))
 
     @settled
-    def reset(self, seed: int | Sequence[int] | None = None) -> Tensor:
+    def reset(self, seed: int | None = None) -> Tensor:
         """Start a new episode in every environment; returns the observation (N, width).
 
         Args:
-            seed: seed, or one for each part of the environments; episodes are counted from zero. None:
-                continue with the next episodes.
-
-        Raises:
-            ConfigError: the number of seeds is neither one nor that of the parts.
+            seed: seed, whose episodes are counted from zero; None: continue with the next episodes.
         """
-        _check_seeds(seed, self.members)
         world = self._world
         now = self.episode
         if seed is None:
             copy_into([now.clock], [world.timing.next_episode(now.clock)])
         else:
-            each = self.num_envs // self.members
             # Numbers are written without a copy from the CPU, which CUDA graphs cannot record.
-            words = (
-                self._backend.words(seed, each) if isinstance(seed, Sequence) else seed_words(seed)
-            )
-            copy_into((self._draws.low, self._draws.high), words)
+            copy_into((self._draws.low, self._draws.high), seed_words(seed))
             copy_into([now.clock], [0])
         begun = world.begin(
             *world.scenario(now.clock, self._draws), now.clock, self._draws, now.body
@@ -394,13 +379,4 @@ def _check_range(actions: np.ndarray, craft: Spacecraft, is_usual: bool) -> None
         raise ConfigError(
             f"actions must be numbers from 0 (shut) to 1 (open), got numbers from {least} to {largest}; "
             "the usual cause is a policy output that was not clipped or rounded."
-        )
-
-
-def _check_seeds(seed: int | Sequence[int] | None, members: int) -> None:
-    """Reject (`ConfigError`) several seeds that are not one per member."""
-    if isinstance(seed, Sequence) and len(seed) not in (1, members):
-        raise ConfigError(
-            f"an engine of {counted(members, 'member')} is reset by one seed or by one "
-            f"for each, got {len(seed)}."
         )

@@ -162,14 +162,6 @@ def test_what_no_thruster_can_be_told_is_told_at_once_on_a_cpu(
     assert torch.equal(engine.observe(), before)
 
 
-def test_seeds_are_as_many_as_members() -> None:
-    engine = Engine(PLATFORM, NEAR, 4, SHORT, seed=[1, 2])
-    assert engine.reset([3, 4]).shape == (4, 10)
-    for wrong in ([], [1, 2, 3]):
-        with pytest.raises(ConfigError, match="2 members is reset by one seed or by one for each"):
-            engine.reset(wrong)
-
-
 SHUT = torch.zeros(2, 8)
 
 

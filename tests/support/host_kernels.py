@@ -44,7 +44,6 @@ class HostKernel(Kernel):
             engine._draws,
             engine.processes,
             engine.dtype,
-            engine.members,
         )
         self._folder = folder
         self._libraries: dict[torch.dtype | None, CDLL] = {}

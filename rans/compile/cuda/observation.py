@@ -37,12 +37,11 @@ class Observation:
             tuple(parameter for parameter in (*memory, *settings) if parameter.symbol in needed),
         )
 
-    def source(self, real: Real, members: bool) -> str:
+    def source(self, real: Real) -> str:
         """CUDA C++ of a kernel ``observe``.
 
-        Its arguments are the seed's low and high word, one for each spacecraft where there are ``members``,
-        the columns, the inputs; the number of spacecraft and of those of a member, the rank of this process
-        and the number of processes.
+        Its arguments are the seed's low and high word, the columns, the inputs; the number of spacecraft, the
+        rank of this process and the number of processes.
         """
         arguments = (
             "const int* low_at",
@@ -50,7 +49,6 @@ class Observation:
             "real* columns",
             *(f"const {parameter.type}* {parameter.symbol.value}_at" for parameter in self.inputs),
             "const int count",
-            "const int each",
             "const int rank",
             "const int processes",
         )
@@ -60,23 +58,22 @@ class Observation:
                 files("rans.compile.cuda").joinpath("functions.cuh").read_text(),
                 f'extern "C" __global__ void __launch_bounds__({THREADS}) observe(',
                 f"    {', '.join(arguments)}) {{",
-                *indented(self._body(members)),
+                *indented(self._body()),
                 "}\n",
             )
         )
 
-    def _body(self, members: bool) -> Iterator[str]:
+    def _body(self) -> Iterator[str]:
         """Lines of the kernel that computes the observation of every episode.
 
-        An episode's number follows from member, process and place as in the step's kernel, so that noise is the
+        An episode's number follows from process and place as in the step's kernel, so that noise is the
         same.
         """
         lines = Lines()
-        seeds = "[i]" if members else "[0]"
         yield "const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;"
         yield "if (i >= count) return;"
-        yield "const int first = int(i) % each * processes + rank, stride = each * processes;"
-        yield from (f"const int {word} = {word}_at{seeds};" for word in ("low", "high"))
+        yield "const int first = int(i) * processes + rank, stride = count * processes;"
+        yield from (f"const int {word} = {word}_at[0];" for word in ("low", "high"))
         yield from (
             f"const {parameter.symbol.kind} {parameter.symbol.value} = {parameter.symbol.value}_at"
             f"{'[i]' if parameter.each else '[0]'};"

@@ -32,17 +32,15 @@ def source(
     action: Action,
     real: Real,
     together: int,
-    members: bool = False,
 ) -> str:
     """CUDA C++ of a kernel ``step``.
 
     Its arguments are the action, the seed's low and high word, the results' reals, final observations and
-    flags, the memory, the settings; the number of spacecraft and of those of a member, the rank of this
-    process, the number of processes, and how many blocks ahead memory is fetched.
+    flags, the memory, the settings; the number of spacecraft, the rank of this process, the number of
+    processes, and how many blocks ahead memory is fetched.
 
     Rows of an action have so many thrusters and follow one another. A thread steps one spacecraft or several
-    ``together``: their number, and every array's start, is a multiple of it. Several members share the
-    spacecraft, each with a seed of its own.
+    ``together``: their number, and every array's start, is a multiple of it.
     """
     arguments = (
         f"const {action}* action",
@@ -56,7 +54,6 @@ def source(
             for parameter in (*program.memory, *program.settings)
         ),
         "const int count",
-        "const int each",
         "const int rank",
         "const int processes",
         "const int ahead",
@@ -68,7 +65,7 @@ def source(
             files("rans.compile.cuda").joinpath("functions.cuh").read_text(),
             f'extern "C" __global__ void __launch_bounds__({THREADS}) step(',
             f"    {', '.join(arguments)}) {{",
-            *indented(_Writer(program, together, members).body(thrusters, action)),
+            *indented(_Writer(program, together).body(thrusters, action)),
             "}\n",
         )
     )
@@ -116,18 +113,16 @@ def _literal(value: float) -> str:
 class _Writer(Lines):
     """Writes the text of a step's kernel; what is rare stands where an episode has ended (`StepProgram.rare`)."""
 
-    def __init__(self, program: StepProgram, together: int, members: bool) -> None:
+    def __init__(self, program: StepProgram, together: int) -> None:
         # What is rare is read and computed only where an episode ended: memory traffic is what a step costs.
         super().__init__()
         self._program = program
         self._together = together
-        self._members = members
         inputs = (*program.memory, *program.settings)
         self._places = {
             parameter.symbol: "[i]" if parameter.each else "[0]" for parameter in inputs
         }
-        seeds = "[i]" if members else "[0]"
-        self._places |= {Symbol.input(word, "int"): seeds for word in ("low", "high")}
+        self._places |= {Symbol.input(word, "int"): "[0]" for word in ("low", "high")}
         self._rare = program.rare()
         often = (
             set(ordered([program.ended, *(store.value for store in program.always)])) - self._rare
@@ -152,7 +147,7 @@ class _Writer(Lines):
         yield "const unsigned group = blockIdx.x * blockDim.x + threadIdx.x;"
         yield f"if (group >= count / {together}) return;"
         yield "const size_t rows = count;"
-        yield "const int stride = each * processes;"
+        yield "const int stride = count * processes;"
         yield from self._fetch(thrusters)
         yield from (
             f"const auto {s.value}_in = read<{together}>({s.value}_at, group);" for s in self._own
@@ -164,7 +159,7 @@ class _Writer(Lines):
         yield "#pragma unroll"
         yield f"for (int k = 0; k < {together}; ++k) {{"
         yield f"  const unsigned i = group * {together} + k;"
-        yield f"  const int first = {'(i % each)' if self._members else 'i'} * processes + rank;"
+        yield "  const int first = i * processes + rank;"
         yield from (f"  const {s.kind} {s.value} = {s.value}_in.of[k];" for s in self._own)
         yield from indented((*commands, *self._step()))
         yield "}"

@@ -5,9 +5,7 @@ Row i is the single environment with the same seed and number i (`tests/fast/env
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +42,8 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
     ``gymnasium.wrappers.vector.ArrayConversion(env, torch, numpy)``.
 
     One seed serves the whole batch: environment i has episodes i, i + N, i + 2 N, ... of it, and episode k is the
-    same for any N, here and in `SpacecraftEnv`. With a list of N seeds environment i is the single environment of
-    seed i. By default episodes restart in the step that ends them (``AutoresetMode.SAME_STEP``).
+    same for any N, here and in `SpacecraftEnv`. By default episodes restart in the step that ends them
+    (``AutoresetMode.SAME_STEP``).
 
     No step waits for the device. The ``info`` of every step therefore has the same keys: "final_obs" (N, width) and
     "final_info" {"is_success": (N,)}, valid where the masks "_final_obs" and "_final_info" are true, and every term
@@ -105,8 +103,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
             usual = task.timing if timing is None else checked("timing", timing, Timing)
             step_limit = whole("max_episode_steps", max_episode_steps)
             timing = replace(usual, episode_steps=min(step_limit, usual.episode_steps))
-        self._made = partial(
-            Engine,
+        self.engine = Engine(
             craft,
             task,
             num_envs,
@@ -117,7 +114,6 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
             conditions=conditions,
             plain=plain,
         )
-        self.engine = self._made()
         self._actions = Actions(self.engine)
         self._over = torch.zeros(num_envs, dtype=torch.bool, device=self.engine.device)
         self.num_envs, self.device = num_envs, self.engine.device
@@ -155,14 +151,14 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
     def reset(
         self,
         *,
-        seed: int | Sequence[int | None] | None = None,
+        seed: int | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Tensor, dict[str, Any]]:
         """Start new episodes; returns the observation (N, width) and an empty info.
 
         Args:
-            seed: seed, whose episodes are counted from 0, or a list with one seed per environment; None: the next
-                episodes, or at first those of a random seed.
+            seed: seed, whose episodes are counted from 0; None: the next episodes, or at first those of a random
+                seed.
             options: {"reset_mask": (N,) bool} with AutoresetMode.DISABLED: start new episodes there only.
 
         Raises:
@@ -176,16 +172,12 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
                 self.engine.reset()
             self._over &= ~mask
             return self._within(self.engine.observe()), {}
-        seeds = _seeds(seed, self.num_envs)
-        super().reset(seed=seeds if isinstance(seeds, int) else None)
-        if seeds is None and not self._seeded:
-            seeds = int(self.np_random.integers(2**63))
+        chosen = None if seed is None else whole("the seed", seed, 0, 64)
+        super().reset(seed=chosen)
+        if chosen is None and not self._seeded:
+            chosen = int(self.np_random.integers(2**63))
         self._seeded = True
-        if seeds is not None and self.engine.members != (
-            1 if isinstance(seeds, int) else self.num_envs
-        ):
-            self._exchange(self._made(seed=seeds))
-        observation = self._within(self.engine.reset(seeds))
+        observation = self._within(self.engine.reset(chosen))
         self._over.fill_(False)
         return observation, {}
 
@@ -277,11 +269,6 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
             )
         return mask
 
-    def _exchange(self, engine: Engine) -> None:
-        """Continue with an engine whose environments have other seeds."""
-        self.engine = engine
-        self._actions = Actions(engine)
-
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:
     """Gymnasium's mode of resets, by its name in any case (`ConfigError`)."""
@@ -292,20 +279,3 @@ def _mode(mode: AutoresetMode | str) -> AutoresetMode:
             f"autoreset_mode must be one of {', '.join(AutoresetMode.__members__)}, got "
             f"{brief(mode)}."
         ) from error
-
-
-def _seeds(seed: Any, count: int) -> int | list[int] | None:
-    """Seed of all environments, or a list with one per environment, as ints; `ConfigError` for anything else."""
-    if seed is None:
-        return None
-    is_list = isinstance(seed, list | tuple) or getattr(seed, "ndim", 0) > 0
-    each: list[Any] = list(seed) if is_list else [seed]
-    whole = all(
-        isinstance(x, int | np.integer) and not isinstance(x, bool) and 0 <= x < 2**64 for x in each
-    )
-    if not whole or (is_list and len(each) != count):
-        raise ConfigError(
-            "the seed must be one whole number for the whole batch, >= 0 and < 2^64, or a list "
-            f"of {count}, got {brief(seed)}."
-        )
-    return [int(x) for x in each] if len(each) > 1 else int(each[0])

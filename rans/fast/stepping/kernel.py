@@ -38,7 +38,6 @@ class Kernel:
     """One kernel that steps N spacecraft, compiled for each type of action at its first call.
 
     A CUDA graph may record it once it is compiled: episodes and the two words of the seed have constant addresses.
-    Of several members, each counts the episodes of an equal part of the spacecraft.
 
     Raises:
         TypeError: the task does more than arithmetic on fields, or the settings of a curriculum are on another
@@ -52,7 +51,6 @@ class Kernel:
         draws: Draws,
         processes: Processes,
         dtype: torch.dtype,
-        members: int = 1,
     ) -> None:
         self._program = trace_step(world, episode, dtype)
         self._observation = Observation.of(world, episode, dtype)
@@ -60,7 +58,6 @@ class Kernel:
             parameter.source for parameter in (*self._program.memory, *self._program.settings)
         ]
         self._seed = (draws.low, draws.high)
-        self._members = members
         self._thrusters = world.craft.command_count
         self._real, self._device, self._count = dtype, self._inputs[0].device, len(self._inputs[0])
         is_vectorized = self._count >= MANY and self._count % 2 == 0
@@ -73,7 +70,6 @@ class Kernel:
                 )
         self._numbers = (
             self._count,
-            self._count // members,
             processes.rank,
             processes.size,
             self._blocks_ahead(),
@@ -99,14 +95,13 @@ class Kernel:
     def source(self, action: torch.dtype | None) -> str:
         """CUDA C++ of the kernel for actions of bytes or reals; None: of the kernel of observations."""
         if action is None:
-            return self._observation.source(_C_TYPES[self._real], self._members > 1)
+            return self._observation.source(_C_TYPES[self._real])
         return source(
             self._program,
             self._thrusters,
             _C_TYPES[action],
             _C_TYPES[self._real],
             self._together,
-            self._members > 1,
         )
 
     def function(self, action: torch.dtype | None) -> Function:

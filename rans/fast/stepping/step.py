@@ -20,7 +20,7 @@ from rans.fast.distributed import Processes
 from rans.model.body import Body
 from rans.model.dynamics import NODES
 from rans.model.fields import map_leaves
-from rans.model.random import Draws, seed_words
+from rans.model.random import Draws
 from rans.tasks.base import goal_after
 from rans.tasks.rewards import paid
 
@@ -199,22 +199,12 @@ class Backend:
             violated=None if new.violated is None else self.put(zeros, real),
         )
 
-    def words(self, seeds: Sequence[int], each: int) -> tuple[Any, Any]:
-        """The words of a seed, two int32 (); of several members two of each environment's member, (N,)."""
-        table = (
-            np.repeat([seed_words(seed) for seed in seeds], each, axis=0).T
-            if len(seeds) > 1
-            else (seed_words(seeds[0]))
-        )
-        low, high = (self.put(word, torch.int32) for word in table)
-        return low, high
 
-
-def divisible(num_envs: object, members: int) -> int:
+def environment_count(num_envs: object) -> int:
     """Number of environments, checked.
 
     Raises:
-        ConfigError: it is no whole number >= 1, or not divisible by the number of members.
+        ConfigError: it is no whole number >= 1, or too large.
     """
     count = whole("the number of environments", num_envs)
     if count > MOST_ENVS:
@@ -222,8 +212,6 @@ def divisible(num_envs: object, members: int) -> int:
             f"the number of environments must be at most {MOST_ENVS:,}, got {count:,}, which would need about "
             f"{count * 1e-6:,.0f} GB of memory."
         )
-    if not members or count % members:
-        raise ConfigError(f"{count} environments cannot be divided among {members} members.")
     return count
 
 

@@ -90,8 +90,8 @@ def test_without_a_seed_episodes_are_random() -> None:
 
 def test_wrong_arguments() -> None:
     env = make()
-    with pytest.raises(ConfigError, match="one whole number for the whole batch"):
-        env.reset(seed=[1, 2, 3, 4, 5])
+    with pytest.raises(ConfigError, match="the seed must be a whole number"):
+        env.reset(seed=[1, 2, 3, 4, 5])  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match=r"is for AutoresetMode\.DISABLED"):
         env.reset(options={"reset_mask": np.ones(6, dtype=bool)})
     with pytest.raises(ConfigError, match="unknown option 'mask'"):
