@@ -18,7 +18,7 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from rans.effectors.commands import action_space
-from rans.environment import choose, dense, observation_space, own_spec
+from rans.environment import choose, observation_space, own_spec
 from rans.errors import ConfigError, NamedArguments, brief, checked, whole
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
@@ -63,9 +63,8 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
             None: everything is nominal.
         plain: whether steps evaluate single operations of torch, so that breakpoints in the task work, see
             `Engine`.
-        autoreset_mode: SAME_STEP; NEXT_STEP, where the step after an end begins the next episode and ignores its
-            action; or DISABLED, where ``reset(options={"reset_mask": (N,) bool})`` begins it. The latter two copy
-            the state once more per step.
+        autoreset_mode: SAME_STEP; or NEXT_STEP, where the step after an end begins the next episode and ignores its
+            action, which copies the state once more per step.
         max_episode_steps: control periods after which an episode is truncated, where the timing's are more, as
             ``gymnasium.make_vec(max_episode_steps=)`` has it of other environments; None: those of the timing.
 
@@ -159,19 +158,13 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         Args:
             seed: seed, whose episodes are counted from 0; None: the next episodes, or at first those of a random
                 seed.
-            options: {"reset_mask": (N,) bool} with AutoresetMode.DISABLED: start new episodes there only.
+            options: None or an empty dict; there are none.
 
         Raises:
             ConfigError: a seed or an option is wrong.
         """
-        mask = self._mask(checked("the options of reset", options or {}, dict), seed)
-        if mask is not None:
-            with self.engine.holding(
-                ~mask | self._over
-            ):  # where an episode is over, the next one is already prepared
-                self.engine.reset()
-            self._over &= ~mask
-            return self._within(self.engine.observe()), {}
+        for option in checked("the options of reset", options or {}, dict):
+            raise ConfigError(f"unknown option {brief(option)} of reset; there are none.")
         chosen = None if seed is None else whole("the seed", seed, 0, 64)
         super().reset(seed=chosen)
         if chosen is None and not self._seeded:
@@ -208,7 +201,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
             "_final_info": ended,
         }
         observation = step.observation
-        if self.autoreset_mode != AutoresetMode.SAME_STEP:
+        if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             observation = torch.where(ended[:, None], step.final_observation, observation)
             self._over = ended
         return self._within(observation), step.reward, step.terminated, step.truncated, info
@@ -224,12 +217,6 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         """
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
             return self.engine.step(actions)
-        if self.autoreset_mode == AutoresetMode.DISABLED and self._over.any():
-            over = self._over.nonzero().flatten().tolist()
-            raise ResetNeeded(
-                f"the episodes of environments {brief(over)} are over: reset them with "
-                'options={"reset_mask": ...}.'
-            )
         held = self._over
         with self.engine.holding(held):
             step = self.engine.step(actions)
@@ -242,40 +229,11 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
             terms=step.terms.masked_fill(held, 0.0),
         )
 
-    def _mask(self, options: dict[str, Any], seed: Any) -> Tensor | None:
-        """Mask (N,) of the environments that start a new episode; None: all."""
-        if unknown := sorted(options.keys() - {"reset_mask"}):
-            raise ConfigError(
-                f'unknown option {brief(unknown[0])} of reset; the only one is "reset_mask".'
-            )
-        if not options:
-            return None
-        if self.autoreset_mode != AutoresetMode.DISABLED or seed is not None or not self._seeded:
-            raise ConfigError(
-                'the option "reset_mask" of reset is for AutoresetMode.DISABLED, after a first '
-                "reset and without a seed."
-            )
-        try:
-            mask = torch.as_tensor(dense(options["reset_mask"]), device=self.device)
-        except (TypeError, ValueError, RuntimeError) as error:
-            raise ConfigError(
-                f"reset_mask must be {self.num_envs} of True and False, got "
-                f"{brief(options['reset_mask'])}."
-            ) from error
-        if mask.dtype != torch.bool or mask.shape != (self.num_envs,):
-            raise ConfigError(
-                f"reset_mask must be {self.num_envs} of True and False, got {mask.dtype} of "
-                f"shape {tuple(mask.shape)}."
-            )
-        return mask
-
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:
     """Gymnasium's mode of resets, by its name in any case (`ConfigError`)."""
-    try:
-        return mode if isinstance(mode, AutoresetMode) else AutoresetMode[str(mode).upper()]
-    except KeyError as error:
-        raise ConfigError(
-            f"autoreset_mode must be one of {', '.join(AutoresetMode.__members__)}, got "
-            f"{brief(mode)}."
-        ) from error
+    known = {x.name: x for x in (AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP)}
+    name = mode.name if isinstance(mode, AutoresetMode) else str(mode).upper()
+    if name not in known:
+        raise ConfigError(f"autoreset_mode must be one of {', '.join(known)}, got {brief(mode)}.")
+    return known[name]

@@ -29,9 +29,7 @@ def _envs() -> dict[str, tuple[Any, Tensor]]:
     """Environments after their reset, and an action for each."""
     single = gymnasium.make("rans/GoToPose2D-v0")
     single.reset(seed=1)
-    batched: Any = gymnasium.make_vec(
-        "rans/GoToPose2D-v0", num_envs=COUNT, autoreset_mode="disabled"
-    )
+    batched: Any = gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=COUNT)
     batched.reset(seed=1)
     around = rans.SB3VecEnv(rans.Engine("floating-platform", "go-to-pose", COUNT))
     around.reset()
@@ -58,12 +56,6 @@ def test_complex_ones_are_refused_and_those_that_are_negated_later_taken() -> No
         later = action.to(torch.complex64).conj().imag
         assert later.is_neg()
         env.step(later)
-
-
-def test_masks_that_are_sparse_are_refused() -> None:
-    env, _ = _envs()["batched"]
-    with pytest.raises(ConfigError, match=r"got a torch\.sparse_coo one"):
-        env.reset(options={"reset_mask": torch.ones(COUNT, dtype=torch.bool).to_sparse()})
 
 
 def test_ordinary_ones_are_not_copied() -> None:

@@ -92,8 +92,10 @@ def test_wrong_arguments() -> None:
     env = make()
     with pytest.raises(ConfigError, match="the seed must be a whole number"):
         env.reset(seed=[1, 2, 3, 4, 5])  # type: ignore[arg-type]
-    with pytest.raises(ConfigError, match=r"is for AutoresetMode\.DISABLED"):
-        env.reset(options={"reset_mask": np.ones(6, dtype=bool)})
+    with pytest.raises(ConfigError, match="one of SAME_STEP, NEXT_STEP, got 'disabled'"):
+        make(autoreset_mode="disabled")
+    with pytest.raises(ConfigError, match="the options of reset must be a dict, got 3"):
+        env.reset(options=3)  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match="unknown option 'mask'"):
         env.reset(options={"mask": np.ones(6, dtype=bool)})
     env.reset(seed=1)
