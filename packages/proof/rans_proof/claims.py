@@ -28,36 +28,11 @@ def whole(low: int, high: int) -> Kind:
     return Kind(words, lambda x: type(x) is int and low <= x <= high)
 
 
-def number_in(low: float, high: float) -> Kind:
-    """Numbers within bounds, both of which are allowed."""
-    words = f"number from {low:g} to {high:g}"
-    return Kind(words, lambda x: type(x) in (int, float) and low <= x <= high)
-
-
-def one_of(*values: Any) -> Kind:
-    """Values that are equal to one of some, and of its type."""
-    words = f"{values[0]!r}"
-    return Kind(words, lambda x: any(type(x) is type(v) and x == v for v in values))
-
-
 def list_of(kind: Kind, low: int, high: int) -> Kind:
     """Lists of so many values of a kind."""
     words = f"list of {low} to {high}, each a {kind.words}"
     return Kind(
         words, lambda x: isinstance(x, list) and low <= len(x) <= high and all(map(kind.fits, x))
-    )
-
-
-def table_of(kinds: dict[str, Kind]) -> Kind:
-    """Kind of tables of exactly these keys, each of its kind."""
-    words = "table of " + ", ".join(f"{key} ({kind.words})" for key, kind in kinds.items())
-    return Kind(
-        words,
-        lambda x: (
-            isinstance(x, dict)
-            and x.keys() == kinds.keys()
-            and all(kind.fits(x[key]) for key, kind in kinds.items())
-        ),
     )
 
 

@@ -50,6 +50,18 @@ _ATTRIBUTES: dict[str, dict[str, Any]] = {
     "Relu": {},
 }
 """Operations that are read, and their attributes with what they are where a file leaves them out."""
+_ALLOWED: dict[str, set[Any]] = {
+    "allowzero": {0},
+    "auto_pad": {b"NOTSET", b"VALID"},
+    "axis": {1},
+    "dilations": {1},
+    "group": {1},
+    "pads": {0},
+    "strides": {1},
+    "transA": {0},
+    "transB": {0, 1},
+}
+"""Values that attributes, or entries of their lists, may have; of others any."""
 
 _PROBES = 1000
 """States on which layers are compared with ONNX Runtime, half of them around the starts; it takes some 20 ms."""
@@ -64,9 +76,9 @@ _TINY = 1e-30
 class Rounding(NamedTuple):
     """Sizes of the terms of a layer's sums, as a machine rounds them one operation after the other."""
 
-    weight: np.ndarray
-    """(outputs, inputs) sums of absolute products along the joined operations."""
-    bias: np.ndarray
+    weight: Any
+    """(outputs, inputs) sums of absolute products along the joined operations; an array, or a tensor."""
+    bias: Any
     """(outputs,)."""
     times: int
     """Roundings of a term at most."""
@@ -89,9 +101,9 @@ class Rounding(NamedTuple):
 class Layer(NamedTuple):
     """Layer y = activation(weight x + bias)."""
 
-    weight: np.ndarray
-    """(outputs, inputs)."""
-    bias: np.ndarray
+    weight: Any
+    """(outputs, inputs), an array, or a tensor where sets of states go through it."""
+    bias: Any
     """(outputs,)."""
     activation: str
     """ "tanh", "sigmoid", "relu" or "" for none."""
@@ -131,97 +143,23 @@ def network_of(
         model = onnx.load_model_from_string(content)
     except Exception as error:  # a damaged file may raise anything
         raise ConfigError(f"{where} is no ONNX network: {first_line(error)}.") from error
-    _refuse_beside_the_graph(model, where)
-    graph = model.graph
-    tables = _tables(onnx, graph, where)
-    taken = _input(graph, tables, where)
-    # One operation after another, joined where they are linear.
-    chain = _Chain(tables, taken)
-    for number, node in enumerate(graph.node):
-        title = f"{where}: node {number} ({brief(node.op_type)[1:-1]}"
-        title += f" {brief(node.name)})" if node.name else ")"
-        try:
-            with np.errstate(all="ignore"):  # products of huge weights, which are refused below
-                chain.append(onnx, node)
-        except _Unread as reason:
-            raise ConfigError(f"{title} {reason}.") from None
-    if [tensor.name for tensor in graph.output] != [chain.current]:
-        raise ConfigError(
-            f"{where} must have one output, that of its last node, and has "
-            f"{brief([tensor.name for tensor in graph.output])}."
-        )
-    if graph.output[0].type.tensor_type.elem_type != onnx.helper.np_dtype_to_tensor_dtype(
-        taken.precision
-    ):
-        raise ConfigError(f"{where} must give numbers of the precision that it takes.")
-    layers = chain.layers()
-    if not layers:
-        raise ConfigError(f"{where} has no layer.")
-    if not all(
-        np.isfinite(layer.weight).all() and np.isfinite(layer.bias).all() for layer in layers
-    ):
-        raise ConfigError(f"{where} has a weight that is not finite.")
-    for layer in layers:
-        assert layer.rounding is not None
-        if not sum(layer.rounding.growth) < layer.rounding.largest:
-            raise ConfigError(
-                f"{where} has weights whose products and sums may be too large for the precision of the file, and "
-                "gives no number then."
-            )
+    try:
+        with np.errstate(all="ignore"):  # products of huge weights, which are refused
+            layers, taken = _read(onnx, model)
+    except _Unread as reason:
+        raise ConfigError(f"{where} {reason}.") from None
     _compare(content, where, layers, taken, around)
     return layers
 
 
 class _Unread(Exception):
-    """A node that is not read; the message continues a sentence that begins with its name."""
+    """A network that is not read; the message continues a sentence that begins with the name of its file."""
 
 
-def _refuse_beside_the_graph(model: Any, where: object) -> None:
-    """Refuse (`ConfigError`) functions, sparse weights and other operator sets: they change what a graph means.
-
-    `rans_proof.network_reader` refuses the same by its own lines; neither may rely on the other.
-    """
-    versions = [entry.version for entry in model.opset_import if entry.domain == ""]
-    if len(versions) != 1 or versions[0] not in _OPSETS:
-        raise ConfigError(
-            f"{where} must import ONNX's operations once, in a version from {_OPSETS.start} to "
-            f"{_OPSETS.stop - 1}, and has {brief(versions)}."
-        )
-    if len(model.graph.node) > _LONGEST:
-        raise ConfigError(
-            f"{where} has {len(model.graph.node):,} nodes, and at most {_LONGEST} are read."
-        )
-    if model.functions:
-        raise ConfigError(f"{where} defines operations of its own (functions), which are not read.")
-    if model.graph.sparse_initializer:
-        raise ConfigError(f"{where} has a sparse weight, which is not read.")
-
-
-def _tables(onnx: Any, graph: Any, where: object) -> dict[str, np.ndarray]:
-    """Weights (arrays) by name in the file's precision.
-
-    External, unnamed or infinite ones are refused (`ConfigError`).
-    """
-    tables: dict[str, np.ndarray] = {}
-    for tensor in graph.initializer:
-        name = brief(tensor.name)
-        if not tensor.name or tensor.name in tables:
-            raise ConfigError(f"{where} has two weights of the name {name}, or one without a name.")
-        if tensor.data_location or tensor.external_data:
-            raise ConfigError(
-                f"{where} keeps the weight {name} in another file, which no hash would cover: save the network "
-                "as one file."
-            )
-        try:
-            table = onnx.numpy_helper.to_array(tensor)
-        except Exception as error:  # of damaged data anything
-            raise ConfigError(
-                f"{where} has a weight {name} that cannot be read: {first_line(error)}."
-            ) from error
-        if table.dtype.kind == "f" and not np.isfinite(table).all():
-            raise ConfigError(f"{where} has a weight {name} that is not finite.")
-        tables[tensor.name] = table
-    return tables
+def _need(condition: object, reason: str) -> None:
+    """Refuse (`_Unread`) a network that does not meet a condition."""
+    if not condition:
+        raise _Unread(reason)
 
 
 class _Input(NamedTuple):
@@ -234,22 +172,96 @@ class _Input(NamedTuple):
     """Of the state, and so of every weight."""
 
 
-def _input(graph: Any, tables: dict[str, np.ndarray], where: object) -> _Input:
-    """The graph's one input: its name, shape with one state, and precision (`ConfigError` for others)."""
+def _read(onnx: Any, model: Any) -> tuple[list[Layer], _Input]:
+    """Layers of a model whose graph is one chain, and what it takes; `_Unread` for others.
+
+    Functions, sparse weights and other operator sets change what a graph means. `rans_proof.network_reader` refuses
+    the same by its own lines; neither may rely on the other.
+    """
+    graph = model.graph
+    versions = [entry.version for entry in model.opset_import if entry.domain == ""]
+    _need(
+        len(versions) == 1 and versions[0] in _OPSETS,
+        f"must import ONNX's operations once, in a version from {_OPSETS.start} to {_OPSETS.stop - 1}, and has "
+        f"{brief(versions)}",
+    )
+    count = len(graph.node)
+    _need(count <= _LONGEST, f"has {count:,} nodes, and at most {_LONGEST} are read")
+    _need(not model.functions, "defines operations of its own (functions), which are not read")
+    _need(not graph.sparse_initializer, "has a sparse weight, which is not read")
+    tables = _tables(onnx, graph)
+    taken = _input(graph, tables)
+    # One operation after another, joined where they are linear.
+    chain = _Chain(tables, taken)
+    for number, node in enumerate(graph.node):
+        try:
+            chain.append(onnx, node)
+        except _Unread as reason:
+            title = (
+                f"{brief(node.op_type)} {brief(node.name)}" if node.name else brief(node.op_type)
+            )
+            raise _Unread(f"is not read at node {number} ({title}): it {reason}") from None
+    outputs = [tensor.name for tensor in graph.output]
+    _need(
+        outputs == [chain.current],
+        f"must have one output, that of its last node, and has {brief(outputs)}",
+    )
+    precision = onnx.helper.np_dtype_to_tensor_dtype(taken.precision)
+    _need(
+        graph.output[0].type.tensor_type.elem_type == precision,
+        "must give numbers of the precision that it takes",
+    )
+    layers = chain.layers()
+    _need(layers, "has no layer")
+    for layer in layers:
+        is_finite = np.isfinite(layer.weight).all() and np.isfinite(layer.bias).all()
+        _need(is_finite, "has a weight that is not finite")
+        assert layer.rounding is not None
+        _need(
+            sum(layer.rounding.growth) < layer.rounding.largest,
+            "has weights whose products and sums may be too large for the precision of the file, and "
+            "gives no number then",
+        )
+    return layers, taken
+
+
+def _tables(onnx: Any, graph: Any) -> dict[str, np.ndarray]:
+    """Weights (arrays) by name in the file's precision; external, unnamed or infinite ones are refused."""
+    tables: dict[str, np.ndarray] = {}
+    for tensor in graph.initializer:
+        name = brief(tensor.name)
+        is_new = tensor.name and tensor.name not in tables
+        _need(is_new, f"has two weights of the name {name}, or one without a name")
+        _need(
+            not (tensor.data_location or tensor.external_data),
+            f"keeps the weight {name} in another file, which no hash would cover: save the network as one file",
+        )
+        try:
+            table = onnx.numpy_helper.to_array(tensor)
+        except Exception as error:  # of damaged data anything
+            raise _Unread(
+                f"has a weight {name} that cannot be read: {first_line(error)}"
+            ) from error
+        is_finite = table.dtype.kind != "f" or np.isfinite(table).all()
+        _need(is_finite, f"has a weight {name} that is not finite")
+        tables[tensor.name] = table
+    return tables
+
+
+def _input(graph: Any, tables: dict[str, np.ndarray]) -> _Input:
+    """The graph's one input that is no weight."""
     inputs = [tensor for tensor in graph.input if tensor.name not in tables]
-    if len(inputs) != 1:
-        raise ConfigError(f"{where} has {len(inputs)} inputs; a proof is about a network of one.")
+    _need(len(inputs) == 1, f"has {len(inputs)} inputs; a proof is about a network of one")
     kind = inputs[0].type.tensor_type
     precisions = {1: np.dtype(np.float32), 11: np.dtype(np.float64)}  # of TensorProto.DataType
-    if kind.elem_type not in precisions:
-        raise ConfigError(f"{where} takes no numbers of single or double precision.")
+    _need(kind.elem_type in precisions, "takes no numbers of single or double precision")
     # A first axis of any length is that of a batch.
     shape = [axis.dim_value if axis.HasField("dim_value") else 0 for axis in kind.shape.dim]
-    if not (len(shape) >= 2 and shape[0] in (0, 1) and all(0 < n <= _WIDEST for n in shape[1:])):
-        raise ConfigError(
-            f"{where} takes the shape {shape}, and must take (N, states), whose first axis is that of a batch (0 "
-            "stands for any length)."
-        )
+    _need(
+        len(shape) >= 2 and shape[0] in (0, 1) and all(0 < n <= _WIDEST for n in shape[1:]),
+        f"takes the shape {shape}, and must take (N, states), whose first axis is that of a batch (0 "
+        "stands for any length)",
+    )
     return _Input(inputs[0].name, (1, *shape[1:]), precisions[kind.elem_type])
 
 
@@ -266,7 +278,7 @@ class _Chain:
         self._shape = taken.shape
         self._tables = tables
         self._precision = taken.precision
-        self._names = {taken.name, *tables}
+        self._names = {"", taken.name, *tables}
         self._layers: list[Layer] = []
         self._weight: np.ndarray | None = None  # of linear operations since the last activation
         self._bias = np.zeros(int(np.prod(taken.shape)))
@@ -291,38 +303,37 @@ class _Chain:
         """Append an operation. It joins the layer that is open, or begins one.
 
         Raises:
-            _Unread: it is not one that is read.
+            _Unread: it is not one that is read; the message continues a sentence about the operation.
         """
         kind = node.op_type
-        if node.domain or kind not in _ATTRIBUTES:
-            raise _Unread(
-                f"of the domain {brief(node.domain)} is not read; known are ONNX's own {', '.join(_ATTRIBUTES)}"
-            )
+        _need(
+            not node.domain and kind in _ATTRIBUTES,
+            f"is of the domain {brief(node.domain)}; known are ONNX's own {', '.join(_ATTRIBUTES)}",
+        )
         settings = _settings(onnx, node)
         inputs = list(node.input)
         while inputs and not inputs[-1]:  # an optional operand that is left out
             inputs.pop()
-        if inputs.count(self.current) != 1:
-            raise _Unread("must take the answer of the node before it, once")
-        position = inputs.index(self.current)
+        is_next = inputs.count(self.current) == 1
+        _need(is_next, "must take the answer of the node before it, once")
         others = [name for name in inputs if name != self.current]
-        if not all(name in self._tables for name in others):
-            raise _Unread(
-                "has an operand that is neither a weight of the file nor what comes before it"
-            )
+        _need(
+            all(name in self._tables for name in others),
+            "has an operand that is neither a weight of the file nor what comes before it",
+        )
+        is_new = len(node.output) == 1 and node.output[0] not in self._names
+        _need(is_new, "must have one output, of a name of its own")
         operands = [self._tables[name] for name in others]
-        if any(x.dtype != self._precision for x in operands) and kind != "Reshape":
-            raise _Unread("has a weight of another precision than the network's input")
-        if len(node.output) != 1 or node.output[0] in self._names | {""}:
-            raise _Unread("must have one output, of a name of its own")
         if kind != "Reshape":
+            is_same = all(x.dtype == self._precision for x in operands)
+            _need(is_same, "has a weight of another precision than the network's input")
             operands = [x.astype(np.float64) for x in operands]
         terms = len(self._bias) if kind in ("MatMul", "Gemm", "Conv") else 1
-        self._apply(kind, position, operands, settings)
+        self._apply(kind, inputs.index(self.current), operands, settings)
         if kind not in ("Flatten", "Reshape", *ACTIVATIONS):
             self._grow(terms, [*operands, *(x for x in settings.values() if type(x) is float)])
-        if not 0 < len(self._bias) <= _WIDEST:
-            raise _Unread(f"gives {len(self._bias)} numbers; known are 1 to {_WIDEST}")
+        count = len(self._bias)
+        _need(0 < count <= _WIDEST, f"gives {count} numbers; known are 1 to {_WIDEST}")
         self.current = node.output[0]
         self._names.add(self.current)
 
@@ -333,41 +344,62 @@ class _Chain:
 
         `_Unread` where its operands are not those that are read.
         """
-        least, largest = {"Gemm": (1, 2), "Conv": (1, 2)}.get(
-            kind, (int(kind not in ("Flatten", *ACTIVATIONS)),) * 2
-        )
-        if not least <= len(operands) <= largest:
-            raise _Unread(f"has {len(operands)} operands beside its data")
-        if position != 0 and kind not in ("Add", "Sub", "Mul"):
-            raise _Unread("must have its data as its first operand")
-        match kind:
-            case "MatMul":
-                self._multiply(operands[0])
-            case "Gemm":
-                self._gemm(operands, settings)
-            case "Conv":
-                self._convolve(operands, settings)
-            case "Add":
-                self._affine(np.ones(len(self._bias)), self._spread(operands[0]))
-            case "Sub":
-                sign = -1.0 if position else 1.0
-                self._affine(sign * np.ones(len(self._bias)), -sign * self._spread(operands[0]))
-            case "Mul":
-                self._affine(self._spread(operands[0]), np.zeros(len(self._bias)))
-            case "Div":
-                divisor = self._spread(operands[0])
-                if not divisor.all():
-                    raise _Unread("divides by 0")
-                self._affine(1.0 / divisor, np.zeros(len(self._bias)))
-                self._grow(1, [1.0 / divisor])
-            case "Flatten":
-                if settings["axis"] != 1:
-                    raise _Unread(f"has the axis {settings['axis']}; known is 1")
-                self._shape = (1, len(self._bias))
-            case "Reshape":
-                self._reshape(operands[0], settings)
+        shape = self._shape
+        count = len(self._bias)
+        is_first = position == 0
+        match kind, operands:
+            case "MatMul", [table] if (
+                is_first and table.ndim == 2 and shape[-1] == count == len(table)
+            ):
+                self._affine(table.T)
+                self._shape = (*shape[:-1], table.shape[1])
+            case "Gemm", [table, *shifts] if is_first and table.ndim == 2 and len(shifts) <= 1:
+                table = table if settings["transB"] else table.T
+                width = table.shape[1]
+                _need(shape == (1, width), f"takes {width} numbers, and is given the shape {shape}")
+                self._shape = (1, len(table))
+                shift = sum(
+                    (settings["beta"] * self._spread(x) for x in shifts), np.zeros(len(table))
+                )
+                self._affine(settings["alpha"] * table, shift)
+            case "Conv", [kernel, *shifts] if is_first and len(shape) > 2 and len(shifts) <= 1:
+                # A kernel as large as what it takes makes the convolution one product.
+                is_whole = kernel.shape[1:] == shape[1:]
+                is_whole &= settings["kernel_shape"] in ([], list(kernel.shape[2:]))
+                _need(
+                    is_whole,
+                    f"has a kernel {kernel.shape} that is not as large as the shape {shape}",
+                )
+                is_fine = all(x.shape == (len(kernel),) for x in shifts)
+                _need(is_fine, f"has a bias of another size than {len(kernel)}")
+                self._affine(kernel.reshape(len(kernel), -1), *shifts)
+                self._shape = (1, len(kernel)) + (1,) * (len(shape) - 2)
+            case "Add", [operand]:
+                self._affine(np.ones(count), self._spread(operand))
+            case "Sub", [operand]:
+                sign = 1.0 if is_first else -1.0
+                self._affine(sign * np.ones(count), -sign * self._spread(operand))
+            case "Mul", [operand]:
+                self._affine(self._spread(operand))
+            case "Div", [operand] if is_first:
+                _need(operand.all(), "divides by 0")
+                self._affine(1.0 / self._spread(operand))
+                self._grow(1, [1.0 / operand])
+            case "Flatten", []:
+                self._shape = (1, count)
+            case "Reshape", [target] if is_first:
+                self._reshape(target)
+            case (("Tanh" | "Sigmoid" | "Relu"), []):
+                _need(self._weight is not None, "is an activation without weights right before it")
+                self._layers.append(self._layer(ACTIVATIONS[kind]))
+                self._growth = 1.0, 0.0
+                self._weight = None
+                self._bias = np.zeros(count)
             case _:
-                self._bend(ACTIVATIONS[kind])
+                raise _Unread(
+                    f"takes data of the shape {shape} as operand {position}, and weights of the shapes "
+                    f"{[x.shape for x in operands]}"
+                )
 
     def _grow(self, terms: int, numbers: Sequence[Any]) -> None:
         """Bound the partial sums of an operation of so many terms and these numbers, in any order.
@@ -383,92 +415,31 @@ class _Chain:
             size = np.inf
         self._growth = terms * size * factor, terms * size * constant + size
 
-    def _multiply(self, table: np.ndarray) -> None:
-        """Product x W of one row x."""
-        if table.ndim != 2 or self._shape[-1] != len(table) or len(self._bias) != len(table):
-            raise _Unread(
-                f"multiplies the shape {self._shape} by {table.shape}, which is no row by a matrix"
-            )
-        self._affine(table.T, np.zeros(table.shape[1]))
-        self._shape = (*self._shape[:-1], table.shape[1])
-
-    def _gemm(self, operands: list[np.ndarray], settings: dict[str, Any]) -> None:
-        """Append alpha x B + beta C, where B may be marked as transposed; `_Unread` for other shapes."""
-        if settings["transA"] or settings["transB"] not in (0, 1) or operands[0].ndim != 2:
-            raise _Unread("has another transA, transB or shape than those that are read")
-        table = operands[0] if settings["transB"] else operands[0].T
-        if self._shape != (1, table.shape[1]):
-            raise _Unread(f"multiplies the shape {self._shape} by {table.shape[::-1]}")
-        shift = np.zeros(len(table))
-        self._shape = (1, len(table))
-        if len(operands) == 2:
-            shift = settings["beta"] * _broadcast(operands[1], self._shape)
-        self._affine(settings["alpha"] * table, shift)
-
-    def _convolve(self, operands: list[np.ndarray], settings: dict[str, Any]) -> None:
-        """A convolution whose kernel is as large as what it takes, so that it is one product.
-
-        Changes shape and layer.
-        """
-        kernel = operands[0]
-        axes = len(self._shape) - 2
-        plain = {
-            "auto_pad": [b"NOTSET", b"VALID"],
-            "dilations": [[], [1] * axes],
-            "group": [1],
-            "kernel_shape": [[], list(kernel.shape[2:])],
-            "pads": [[], [0] * 2 * axes],
-            "strides": [[], [1] * axes],
-        }
-        for name, values in plain.items():
-            if settings[name] not in values:
-                raise _Unread(f"has {name} {brief(settings[name])}; known is {values[-1]}")
-        if axes < 1 or kernel.shape[1:] != self._shape[1:]:
-            raise _Unread(
-                f"has a kernel {kernel.shape} for the shape {self._shape}; known are those as large as that"
-            )
-        count = len(kernel)
-        shift = np.zeros(count)
-        if len(operands) == 2:
-            if operands[1].shape != (count,):
-                raise _Unread(f"has a bias of shape {operands[1].shape} for {count} outputs")
-            shift = operands[1]
-        self._affine(kernel.reshape(count, -1), shift)
-        self._shape = (1, count) + (1,) * axes
-
-    def _reshape(self, target: np.ndarray, settings: dict[str, Any]) -> None:
+    def _reshape(self, target: np.ndarray) -> None:
         """Another shape of the same numbers, whose first axis is still one. It changes `_shape` alone."""
-        if (
-            settings["allowzero"]
-            or target.dtype != np.int64
-            or target.ndim != 1
-            or not 2 <= len(target) <= 8
-        ):
-            raise _Unread("must have the axes of its new shape in a list of 2 to 8 whole numbers")
-        shape = [int(n) for n in target]
-        if any(n == 0 for n in shape[len(self._shape) :]) or min(shape) < -1:
-            raise _Unread("keeps an axis that is not there, or has a negative one")
-        shape = [self._shape[k] if n == 0 else n for k, n in enumerate(shape)]
+        is_list = target.dtype == np.int64 and target.ndim == 1 and 2 <= len(target) <= 8
+        _need(is_list, "must have the axes of its new shape in a list of 2 to 8 whole numbers")
+        axes = [int(n) for n in target]
+        is_there = all(axes[len(self._shape) :]) and min(axes) >= -1
+        _need(is_there, "keeps an axis that is not there, or has a negative one")
+        axes = [self._shape[k] if n == 0 else n for k, n in enumerate(axes)]
         try:
-            new = np.empty(self._shape, dtype=bool).reshape(shape).shape
+            new = np.empty(self._shape, dtype=bool).reshape(axes).shape
         except ValueError as error:
             raise _Unread(f"has a shape that does not fit: {error}") from None
-        if new[0] != 1:
-            raise _Unread(f"makes the shape {new}, whose first axis must be that of the batch")
+        _need(new[0] == 1, f"makes the shape {new}, whose first axis must be that of the batch")
         self._shape = new
 
-    def _bend(self, activation: str) -> None:
-        if self._weight is None:
-            raise _Unread("is an activation without weights right before it")
-        self._layers.append(self._layer(activation))
-        self._growth = 1.0, 0.0
-        self._weight = None
-        self._bias = np.zeros(len(self._bias))
-
     def _spread(self, operand: np.ndarray) -> np.ndarray:
-        return _broadcast(operand, self._shape)
+        """Entries of an operand for every number of the shape that is reached."""
+        try:
+            return np.broadcast_to(operand, self._shape).ravel()
+        except ValueError:
+            raise _Unread(
+                f"has an operand of the shape {operand.shape} for {self._shape}"
+            ) from None
 
-    def _affine(self, table: np.ndarray, shift: np.ndarray) -> None:
+    def _affine(self, table: np.ndarray, shift: np.ndarray | float = 0.0) -> None:
         """Append table x + shift; a table of one axis is a diagonal matrix.
 
         What rounding may cost is counted beside it (`_sizes`, `_count`).
@@ -491,30 +462,25 @@ def _settings(onnx: Any, node: Any) -> dict[str, Any]:
     """Attributes of a node of `_ATTRIBUTES`, defaults where it has none.
 
     Raises:
-        _Unread: one is unknown, of another type, or there twice.
+        _Unread: one is unknown, there twice, of another type or value.
     """
     defaults = _ATTRIBUTES[node.op_type]
     settings = dict(defaults)
     names = [item.name for item in node.attribute]
     for item in node.attribute:
-        if item.name not in defaults or names.count(item.name) > 1 or item.ref_attr_name:
-            raise _Unread(f"has an attribute {brief(item.name)} that is not read")
+        name = brief(item.name)
+        is_known = item.name in defaults and names.count(item.name) == 1
+        _need(is_known and not item.ref_attr_name, f"has an attribute {name} that is not read")
         value = onnx.helper.get_attribute_value(item)
         value = list(value) if isinstance(defaults[item.name], list) else value
-        if type(value) is not type(defaults[item.name]) or (
-            isinstance(value, float) and not np.isfinite(value)
-        ):
-            raise _Unread(f"has an attribute {brief(item.name)} of another type than ONNX's")
+        is_typed = type(value) is type(defaults[item.name])
+        is_typed = is_typed and not (isinstance(value, float) and not np.isfinite(value))
+        _need(is_typed, f"has an attribute {name} of another type than ONNX's")
+        entries = set(value if isinstance(value, list) else [value])
+        is_allowed = entries <= _ALLOWED.get(item.name, entries)
+        _need(is_allowed, f"has the {name} {brief(value)}, which is not read")
         settings[item.name] = value
     return settings
-
-
-def _broadcast(operand: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Entries of an operand for every number of a shape."""
-    try:
-        return np.broadcast_to(operand, shape).ravel()
-    except ValueError:
-        raise _Unread(f"has an operand of the shape {operand.shape} for {shape}") from None
 
 
 def _compare(

@@ -329,20 +329,9 @@ def problem_of(text: str, where: object = "the problem") -> Problem:
         earliest,
     )
     # Refuses what is no formula.
-    problem.rates([_Anything()] * count, [_Anything()] * commands)
+    anything = np.full(1, np.nan)
+    problem.rates([anything] * count, [anything] * commands)
     return problem
-
-
-class _Anything:
-    """Value of a variable of which formulas are only read."""
-
-    def _same(self, *_: Any) -> _Anything:
-        return self
-
-    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = (
-        _same
-    )
-    __neg__ = function = _same
 
 
 def _end(table: Any, count: int, steps: int, where: object) -> tuple[Box, int]:

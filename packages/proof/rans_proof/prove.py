@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -18,7 +19,7 @@ from rans_proof.motion import TaylorPlant
 from rans_proof.network import Layer
 from rans_proof.plants import LinearPlant, Piece, Plant
 from rans_proof.problem import HalfSpaces, KeepOut, Problem, SpeedLimit, StayIn
-from rans_proof.relaxation import Planes, Rounding, TorchLayer, Zonotope, enclose
+from rans_proof.relaxation import Planes, Zonotope, enclose
 
 _DIRECTIONS = 64
 """Directions of a speed: their polygon is outside the circle by a factor of 1 / cos(pi / 64), 0.12 %."""
@@ -26,9 +27,10 @@ _BATCH = {"cpu": 512, "cuda": 8192}
 """Cells proved together."""
 _GENERATORS = 48
 """Generators of a set that are kept, at least, once there are twice as many."""
-_FLAT, _SMALLER = 1e-9, 1.0 / 16.0
-"""Side of a box, as a part of its set, below which it is flat; by how much its sides are
-shorter along main axes in the mean, as a logarithm, where these are taken."""
+_FLAT = 1e-9
+"""Side of a box, as a part of its set, below which it is flat."""
+_SMALLER = 1.0 / 16.0
+"""By how much a box's sides are shorter along main axes in the mean, as a logarithm, where these are taken."""
 _MOST_CELLS = 20_000_000
 """Cells that are looked at; more are a problem for another method."""
 
@@ -266,27 +268,16 @@ class ClosedLoop:
         angles = 2.0 * torch.pi * torch.arange(_DIRECTIONS, dtype=torch.float64) / _DIRECTIONS
         self._round = torch.stack((angles.cos(), angles.sin()), 1).to(device)
 
-    def _on_device(self, layer: Layer) -> TorchLayer:
-        """A layer in double tensors on the device, with what a machine's rounding adds.
-
-        The part that a machine's order of sums makes of the bound is multiplied in here, once.
-        """
-
-        def tensor(array: np.ndarray) -> Tensor:
-            return torch.tensor(array, dtype=torch.float64, device=self.device)
-
-        rounding = layer.rounding
-        machine = None
+    def _on_device(self, layer: Layer) -> Layer:
+        """A layer in double tensors on the device."""
+        weight, bias, activation, rounding = layer
         if rounding is not None:
-            part = rounding.part
-            machine = Rounding(
-                tensor(part * rounding.weight),
-                tensor(part * rounding.bias),
-                rounding.unit,
-                rounding.growth,
-                rounding.largest,
-            )
-        return TorchLayer(tensor(layer.weight), tensor(layer.bias), layer.activation, machine)
+            weights = self._tensor(rounding.weight)
+            rounding = rounding._replace(weight=weights, bias=self._tensor(rounding.bias))
+        return Layer(self._tensor(weight), self._tensor(bias), activation, rounding)
+
+    def _tensor(self, array: Any) -> Tensor:
+        return torch.tensor(array, dtype=torch.float64, device=self.device)
 
     @torch.no_grad()
     def margins(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -295,7 +286,7 @@ class ClosedLoop:
         Cells are independent of each other, and a batch is only for speed. What is lost is dropped from it on the
         way.
         """
-        ends = [torch.tensor(x, dtype=torch.float64, device=self.device) for x in (low, high)]
+        ends = [self._tensor(x) for x in (low, high)]
         radius = 0.5 * (ends[1] - ends[0])
         centre = 0.5 * (ends[0] + ends[1])
         # The centre and radius are rounded, which the box makes up for.
@@ -309,14 +300,15 @@ class ClosedLoop:
         cells = torch.arange(len(margins), device=self.device)
         for number in range(self.problem.steps):
             planes = enclose(self._layers, states)
-            # A network that may give no number is lost at once.
-            holds = planes.error.isfinite().all(dim=1)
-            if not bool(holds.all()):
-                cells = cells[holds]
-                least = least[holds]
-                at_end = at_end[holds]
-                states = Zonotope(*(x[holds] for x in states))
-                planes = Planes(*(x[holds] for x in planes))
+            # Lost cells would need ever shorter steps; so would those whose network may give no number.
+            holds = (least > 0.0) & states.size.isfinite().all(dim=1)
+            holds &= planes.error.isfinite().all(dim=1)
+            margins[cells[~holds]] = torch.where(least > 0.0, -torch.inf, least)[~holds]
+            cells = cells[holds]
+            least = least[holds]
+            at_end = at_end[holds]
+            states = Zonotope(*(x[holds] for x in states))
+            planes = Planes(*(x[holds] for x in planes))
             if not len(cells):
                 break
             for piece in self._plant.move(states, planes):
@@ -327,16 +319,6 @@ class ClosedLoop:
                 still = Piece(states, states, torch.zeros_like(states.centre))
                 at_end = torch.maximum(at_end, self._faces(still, end.inside()))
             states = reduced(states)
-            # Cells that are lost already would need ever shorter steps.
-            holds = (least > 0.0) & states.size.isfinite().all(dim=1)
-            if not bool(holds.all()):
-                margins[cells[~holds]] = torch.where(least > 0.0, -torch.inf, least)[~holds]
-                cells = cells[holds]
-                least = least[holds]
-                at_end = at_end[holds]
-                states = Zonotope(*(x[holds] for x in states))
-            if not len(cells):
-                break
         margins[cells] = least if end is None else torch.minimum(least, at_end)
         first = self._layers[0].weight
         worth = radius * torch.linalg.vector_norm(first, dim=0)
@@ -364,8 +346,8 @@ class ClosedLoop:
 
     def _faces(self, piece: Piece, keep: HalfSpaces) -> Tensor:
         """Least values (pieces,) of all linear functions together, or of the best one."""
-        functions = torch.tensor(keep.rows, dtype=torch.float64, device=self.device)
-        constants = torch.tensor(keep.offsets, dtype=torch.float64, device=self.device)
+        functions = self._tensor(keep.rows)
+        constants = self._tensor(keep.offsets)
         lowest = torch.stack([-end.highest(-functions[None]) for end in (piece.begin, piece.end)])
         value = lowest.amin(dim=0) + constants - piece.sag @ functions.abs().T * (1.0 + 1e-9)
         value = value - 2.0**-50 * (lowest.abs().amax(dim=0) + constants.abs())

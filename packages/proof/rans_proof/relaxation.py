@@ -15,6 +15,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from rans_proof.network import Layer, Rounding
+
 _UNIT = 2.0**-53
 """Unit roundoff of double precision."""
 _ULPS = 8.0
@@ -62,39 +64,15 @@ class Planes(NamedTuple):
     """(B, p)."""
 
 
-class TorchLayer(NamedTuple):
-    """Layer of `rans_proof.network` as tensors."""
+def rounding_error(rounding: Rounding, reach: Tensor) -> Tensor:
+    """Errors (B, outputs) of a machine's sums over numbers of absolute values up to (B, inputs).
 
-    weight: Tensor
-    bias: Tensor
-    activation: str
-    rounding: Rounding | None = None
-    """None: computed exactly."""
-
-
-class Rounding(NamedTuple):
-    """Errors of the machine that computes a layer: at most weight |x| + bias of its sums."""
-
-    weight: Tensor
-    """(outputs, inputs)."""
-    bias: Tensor
-    """(outputs,)."""
-    unit: float
-    """Unit roundoff; an activation errs by `_ULPS` of them."""
-    growth: tuple[float, float]
-    """Factor and constant of a bound of all partial sums by the largest number that the layer takes, 1 at least."""
-    largest: float
-    """Bound of a partial sum, from which the machine may give no number."""
-
-    def error(self, reach: Tensor) -> Tensor:
-        """Errors (B, outputs) of sums over numbers of absolute values up to (B, inputs).
-
-        Infinite where a partial sum, in any order, may be too large for the machine's precision.
-        """
-        off = (reach @ self.weight.T + self.bias) * (1.0 + 1e-9)
-        factor, constant = self.growth
-        sums = factor * reach.amax(dim=1, keepdim=True).clamp(min=1.0) + constant
-        return torch.where(sums < self.largest, off, torch.inf)
+    Infinite where a partial sum, in any order, may be too large for the machine's precision.
+    """
+    off = (reach @ rounding.weight.T + rounding.bias) * (rounding.part * (1.0 + 1e-9))
+    factor, constant = rounding.growth
+    sums = factor * reach.amax(dim=1, keepdim=True).clamp(min=1.0) + constant
+    return torch.where(sums < rounding.largest, off, torch.inf)
 
 
 def parallel_lines(low: Tensor, high: Tensor, activation: str) -> tuple[Tensor, Tensor, Tensor]:
@@ -133,7 +111,7 @@ def parallel_lines(low: Tensor, high: Tensor, activation: str) -> tuple[Tensor, 
 _BENDS = {"tanh": torch.tanh, "sigmoid": torch.sigmoid, "relu": torch.relu}
 
 
-def enclose(layers: Sequence[TorchLayer], states: Zonotope) -> Planes:
+def enclose(layers: Sequence[Layer], states: Zonotope) -> Planes:
     """Planes around a network over zonotopes, as a machine computes it that rounds each layer.
 
     Errors of an activation stay linear until they reach the output, so that those of several layers may cancel.
@@ -157,7 +135,7 @@ def enclose(layers: Sequence[TorchLayer], states: Zonotope) -> Planes:
         offset = offset @ weight.T + bias
         size = size @ weight.abs().T + bias.abs()
         rounding = rounding @ weight.abs().T + 2.0 * depth * _UNIT * size
-        wrong = torch.zeros_like(offset) if machine is None else machine.error(reach)
+        wrong = torch.zeros_like(offset) if machine is None else rounding_error(machine, reach)
         error = rounding + _passed(layers, slopes, errors, number) + wrong
         if not activation:
             return Planes(gain.mT, offset, error)
@@ -186,7 +164,7 @@ def _rows(gain: Tensor, values: Tensor) -> Tensor:
 
 
 def _passed(
-    layers: Sequence[TorchLayer], slopes: Sequence[Tensor], errors: Sequence[Tensor], number: int
+    layers: Sequence[Layer], slopes: Sequence[Tensor], errors: Sequence[Tensor], number: int
 ) -> Tensor:
     """What errors of earlier activations add up to at the sums of a layer, (B, units).
 

@@ -249,8 +249,7 @@ class Prover:
     def enclosure(self, network: Sequence[Layer], states: Set) -> tuple[np.ndarray, ...]:
         """Gain, offset and error; the last generators are a box where they are one."""
         tensors = [
-            self.relaxation.TorchLayer(self.torch.tensor(w), self.torch.tensor(b), kind)
-            for w, b, kind, _ in network
+            Layer(self.torch.tensor(w), self.torch.tensor(b), kind) for w, b, kind, _ in network
         ]
         count = len(states.centre)
         box = states.generators[:, -count:]
