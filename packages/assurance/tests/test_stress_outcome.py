@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_assurance.stress.outcome import BreakEven, StressOutcome, break_even, holds_to
+from rans_assurance.stress.outcome import StressOutcome, holds_to
 
 from rans.evaluation.measure.metrics import solved
 from rans.evaluation.measure.statistics import Estimate
@@ -74,24 +74,3 @@ def test_to_which_size_somebody_holds(
     """A size counts only if all smaller ones are flown and solved too."""
     rates = [None if value is None else shares(value)[0] for value in values]
     assert holds_to([0.0, 1.0, 2.0], rates) == limit
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "found", "text"),
-    [
-        ((1.0, 1.0, 0.9), (1.0, 0.99, 0.9), BreakEven(None, 0, 0), "alike throughout"),
-        ((1.0, 1.0, 0.2), (1.0, 1.0, 0.9), BreakEven(1.0, 0, -1), "alike to 1 s, then B"),
-        ((1.0, 0.9, 0.0), (0.8, 0.8, 0.0), BreakEven(None, 1, 1), "A throughout"),
-        # The lead of 0.3 at 1 s is one of -0.1 for A at 2 s: zero three quarters of the way.
-        ((1.0, 0.9, 0.2), (1.0, 0.6, 0.3), BreakEven(1.75, 1, -1), "A to 1.75 s, then B"),
-    ],
-)
-def test_who_bears_more(
-    first: tuple[float, ...], second: tuple[float, ...], found: BreakEven, text: str
-) -> None:
-    """And the other way round when they change places."""
-    answer = break_even([0.0, 1.0, 2.0], shares(*first), shares(*second))
-    assert answer == (pytest.approx(found.size), found.before, found.after)
-    assert answer.text("A", "B", "s") == text
-    turned = break_even([0.0, 1.0, 2.0], shares(*second), shares(*first))
-    assert turned == (pytest.approx(found.size), -found.before, -found.after)

@@ -32,12 +32,11 @@ def stress_section(_: Path, stress: Mapping[str, Any]) -> Section:
     ]
     tables = [Table(("solved", *names), shares, f"{stress['title']}")]
     if effects:
-        rivals = (f"{first} or {rival}" for rival in names[1:])
         tables.append(
             Table(
-                ("disturbance", "unit", *names, *rivals),
+                ("disturbance", "unit", *names),
                 [
-                    [name, effect["unit"], *_reaches(effect, names)]
+                    [name, effect["unit"], *(_reach(effect, who) for who in names)]
                     for name, effect in effects.items()
                 ],
                 f"Size of a disturbance up to which {_part(stress, names)} are solved",
@@ -95,14 +94,6 @@ def _percent(result: Mapping[str, Any] | None) -> str:
     if result is None:
         return "-"
     return "{value:.1%} ({low:.1%} to {high:.1%})".format(**result["held"])
-
-
-def _reaches(effect: Mapping[str, Any], names: list[str]) -> Iterator[str]:
-    """To which size each solves 99 %, and where the first and another are equally good."""
-    yield from (_reach(effect, name) for name in names)
-    for rival in names[1:]:
-        pair = effect["break_even_of_first"].get(rival)
-        yield pair["text"] if pair else "-"
 
 
 def _reach(effect: Mapping[str, Any], name: str) -> str:

@@ -44,8 +44,6 @@ class Level:
 class Effect:
     """Disturbance, fault or error whose size can vary."""
 
-    group: str
-    """Heading of the group in tables and pages."""
     name: str
     unit: str
     """Unit of the sizes."""
@@ -99,19 +97,16 @@ def _only(part: str, name: str, unit: float = 1.0) -> Callable[[float], Conditio
 
 def _of_valves(craft: Spacecraft, timing: Timing) -> Iterator[Effect]:
     """Effects on valves and thrusts: delays, least times and forces."""
-    group = "Valves"
-    yield Effect(
-        group, "latency", "s", 0.0, (0.025, 0.05, 0.1, 0.2, 0.3), _only("thrusters", "latency")
-    )
-    yield Effect(group, "rise", "s", 0.0, (0.05, 0.1, 0.2, 0.4), _only("thrusters", "rise"))
+    yield Effect("latency", "s", 0.0, (0.025, 0.05, 0.1, 0.2, 0.3), _only("thrusters", "latency"))
+    yield Effect("rise", "s", 0.0, (0.05, 0.1, 0.2, 0.4), _only("thrusters", "rise"))
     # A throttle has no on-time.
     if not craft.actuators.is_continuous:
         period = timing.control_period
         periods = tuple(round(k * period, 6) for k in (2, 3, 4, 5))
         make = _only("thrusters", "least_on")
-        yield Effect(group, "least on-time", "s", period, periods, make)
-    yield Effect(group, "thrust of each off by", "%", 0.0, (10.0, 25.0, 50.0, 75.0), _uneven)
-    yield Effect(group, "one thruster weaker by", "%", 0.0, (25.0, 50.0, 75.0, 100.0), _weak)
+        yield Effect("least on-time", "s", period, periods, make)
+    yield Effect("thrust of each off by", "%", 0.0, (10.0, 25.0, 50.0, 75.0), _uneven)
+    yield Effect("one thruster weaker by", "%", 0.0, (25.0, 50.0, 75.0, 100.0), _weak)
 
 
 def _uneven(percent: float) -> Conditions:
@@ -128,13 +123,12 @@ def _weak(percent: float) -> Conditions:
 
 def _of_body() -> Iterator[Effect]:
     """Effects on mass and inertia (factors) and on the centre of mass (cm), from the nominal size upwards."""
-    group = "Body"
     for quantity in ("mass", "inertia"):
         make = _only("body", quantity)
-        yield Effect(group, f"more {quantity}", "times", 1.0, (1.25, 1.5, 2.0, 3.0), make)
-        yield Effect(group, f"less {quantity}", "times", 1.0, (0.8, 0.65, 0.5, 0.35), make)
+        yield Effect(f"more {quantity}", "times", 1.0, (1.25, 1.5, 2.0, 3.0), make)
+        yield Effect(f"less {quantity}", "times", 1.0, (0.8, 0.65, 0.5, 0.35), make)
     centre = _only("body", "centre", 0.01)
-    yield Effect(group, "centre of mass", "cm", 0.0, (1.0, 2.0, 3.0, 5.0, 8.0), centre)
+    yield Effect("centre of mass", "cm", 0.0, (1.0, 2.0, 3.0, 5.0, 8.0), centre)
 
 
 def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
@@ -153,14 +147,13 @@ def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
             for fraction in (0.1, 0.2, 0.3, 0.5, 0.7)
             if largest > 0.0
         )
-        yield Effect("Disturbances", name, unit, 0.0, sizes, _only("disturbances", name))
+        yield Effect(name, unit, 0.0, sizes, _only("disturbances", name))
 
 
 def _readings() -> Iterator[Effect]:
     """Effects on the readings: delay, noise, missed readings and outages."""
-    group = "Readings"
     late = _only("sensors", "delay")
-    yield Effect(group, "readings late by", "periods", 0.0, (1.0, 2.0, 3.0), late)
+    yield Effect("readings late by", "periods", 0.0, (1.0, 2.0, 3.0), late)
     # Noise of each quantity, in units that a datasheet has.
     for quantity, unit, factor in (
         ("position", "cm", 0.01),
@@ -169,13 +162,13 @@ def _readings() -> Iterator[Effect]:
         ("spin", "degrees/s", radians(1.0)),
     ):
         noisy = partial(_noisy, quantity, factor)
-        yield Effect(group, f"noise of {quantity}", unit, 0.0, (1.0, 2.0, 3.0, 5.0), noisy)
+        yield Effect(f"noise of {quantity}", unit, 0.0, (1.0, 2.0, 3.0, 5.0), noisy)
     for quantity in ("position", "attitude", "velocity", "spin", "all"):
         missed = partial(_missed, quantity)
         name = f"missed readings of {quantity}"
-        yield Effect(group, name, "%", 0.0, (3.0, 10.0, 30.0, 50.0), missed)
+        yield Effect(name, "%", 0.0, (3.0, 10.0, 30.0, 50.0), missed)
     outage = _only("sensors", "outage")
-    yield Effect(group, "outages every 5 s of", "s", 0.0, (0.4, 1.0, 2.0), outage)
+    yield Effect("outages every 5 s of", "s", 0.0, (0.4, 1.0, 2.0), outage)
 
 
 def _noisy(quantity: str, factor: float, size: float) -> Conditions:

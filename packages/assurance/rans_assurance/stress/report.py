@@ -28,8 +28,7 @@ TEXT = (
     "An episode is solved if it is within all tolerances of the task at every step of its last fifth, by the "
     "true state; a mission if it is won and no limit is broken. All contestants fly the same episodes of one "
     "craft. A disturbance comes alone, of the same size in every episode; its direction and position are drawn "
-    "anew and hidden from the contestants. Shares have Wilson's 95 % intervals. A contestant is ahead where two "
-    "intervals share no point."
+    "anew and hidden from the contestants. Shares have Wilson's 95 % intervals."
 )
 """How it is judged."""
 
@@ -198,10 +197,9 @@ class StressReport:
     def _effect(self, effect: Effect) -> dict[str, Any]:
         """Row of an effect in stress.json.
 
-        Its sizes, up to where each holds, and where the first and another break even.
+        Its sizes, and up to where each holds.
         """
         stress = self.stress
-        pairs = {rival: stress.break_even(effect, rival) for rival in stress.names[1:]}
         limits = {name: stress.limit(effect, name) for name in stress.names}
         return {
             "unit": effect.unit,
@@ -213,16 +211,4 @@ class StressReport:
             "not_finished": {
                 name: limit.size for name, limit in limits.items() if not limit.is_known
             },
-            "break_even_of_first": {
-                name: pair and {**pair._asdict(), "text": _lead(stress, effect, name)}
-                for name, pair in pairs.items()
-            },
         }
-
-
-def _lead(stress: Stress, effect: Effect, rival: str) -> str:
-    result = stress.break_even(effect, rival)
-    first = stress.names[0]
-    if result is not None and result.size == effect.nominal:
-        return f"{first if result.after == 1 else rival} from {effect.sizes[0]:g} {effect.unit} on"
-    return "-" if result is None else result.text(first, rival, effect.unit)

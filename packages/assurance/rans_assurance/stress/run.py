@@ -28,13 +28,7 @@ from rans.extend import (
 from rans.flight import informed
 from rans.progress import Stages, unseen_stages
 from rans_assurance.stress.effects import Effect, Level, applicable_effects, failure_levels
-from rans_assurance.stress.outcome import (
-    BreakEven,
-    Limit,
-    StressOutcome,
-    break_even,
-    holds_to,
-)
+from rans_assurance.stress.outcome import Limit, StressOutcome, holds_to
 
 _PERFECT = Level("perfect", None, Conditions())
 _SHARE = 1024
@@ -105,16 +99,6 @@ class Stress:
             (size, None if outcome is None else outcome.share)
             for size, outcome in zip(sizes, outcomes, strict=True)
         ]
-
-    def break_even(self, effect: Effect, rival: str) -> BreakEven | None:
-        """Size at which the first contestant and another are equally good; None: one has not flown every size."""
-        first, second = (self._rates(effect, name) for name in (self.names[0], rival))
-        pairs = [
-            (size, rate, other)
-            for (size, rate), (_, other) in zip(first, second, strict=True)
-            if rate is not None and other is not None
-        ]
-        return break_even(*zip(*pairs, strict=True)) if len(pairs) == len(first) else None
 
     def fly(self, stages: Stages = unseen_stages, workers: int | None = None) -> None:
         """Fly all contestants; one that fails is noted in ``failures`` and flies no more.
