@@ -17,7 +17,7 @@ from rans.api.states import read_zones
 from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import named_numbers
 from rans.errors import ConfigError, require, whole
-from rans.files import distinct, ready_folder, write_json, write_text
+from rans.files import distinct, ready_folder, write_json
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import spacecraft_label
 from rans.progress import Progress
@@ -51,7 +51,7 @@ class Optimal(Options):
 
     The trajectories are references: thrusters may open partly, so they are neither controllers nor
     certificates. Writes optimal.json (with residuals of the optimality conditions), optimal.npz (with
-    multipliers), optimal.csv, optimal.svg and optimal.html, a replay. The exit code is 1 if a start has no
+    multipliers), optimal.csv and optimal.html, a replay. The exit code is 1 if a start has no
     trajectory that Drake flies.
 
     For missions on an orbit (dock, hold, rendezvous) it computes the least impulse by a deadline, with a
@@ -93,8 +93,6 @@ class Optimal(Options):
         from rans.optimal.trajectory.allocation import check_aims, check_relaxation
         from rans.optimal.trajectory.arrival import check_goal
         from rans.optimal.trajectory.objectives import objective_of
-        from rans.show.figures.optimal_figure import optimal_figure
-        from rans.show.figures.svg import svg
         from rans.show.pages.replay import replay_page
         from rans.tasks.goal_set import aims
 
@@ -148,10 +146,11 @@ class Optimal(Options):
         )
         # Before all that takes long and may be interrupted.
         write(folder, about, answers, craft, starts)
-        write_text(
-            folder / "optimal.svg",
-            svg(optimal_figure(answers, () if limits is None else limits.keep_out)),
-        )
+        flights = [answer.flight for answer in answers if answer.flight is not None]
+        if flights:
+            replay_page(flights[:_REPLAYED], f"{objective.name}: {self.task}").write(
+                folder / "optimal.html"
+            )
         if self.certify:
             bounds: list[Bound] = []
 
@@ -161,15 +160,10 @@ class Optimal(Options):
 
             with writing_at_end(write_bounds):
                 self._add_bounds(bounds, craft, task, objective, starts, answers)
-        flights = [answer.flight for answer in answers if answer.flight is not None]
-        if flights:
-            replay_page(flights[:_REPLAYED], f"{objective.name}: {self.task}").write(
-                folder / "optimal.html"
-            )
         lost = sum(not answer.good for answer in answers)
         Terminal().say(
             f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
-            f"{folder / 'optimal.html'}, optimal.json, optimal.npz, optimal.csv and optimal.svg."
+            f"{folder / 'optimal.html'}, optimal.json, optimal.npz and optimal.csv."
         )
         # With a time of its own the objective may be too short for weak thrusters. Least time finds its own.
         if lost and self.objective != "time":
