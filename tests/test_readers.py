@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import ast
 import os
-import py_compile
 import tomllib
 from pathlib import Path
 
 import pytest
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.exported import code_of
 from rans.files import (
     open_regular,
     read_bytes,
@@ -80,20 +78,6 @@ def test_files_are_opened_by_the_readers_alone() -> None:
 )
 def test_what_would_be_seen(text: str) -> None:
     assert opens(text)
-
-
-def test_what_is_trusted_is_the_text_that_lies_there(tmp_path: Path) -> None:
-    """A `__pycache__` beside it, which nobody reads, would be imported in its place."""
-    file = tmp_path / "agent.py"
-    file.write_text("value = 'evil'\n")
-    unchecked = py_compile.PycInvalidationMode.UNCHECKED_HASH
-    py_compile.compile(str(file), invalidation_mode=unchecked)
-    assert list((tmp_path / "__pycache__").iterdir())
-    file.write_text("value = 'mine'\n")
-    assert code_of(file).value == "mine"
-    file.write_text("import sys\nsys.exit(0)\n")
-    with pytest.raises(ConfigError, match="cannot be loaded: SystemExit"):
-        code_of(file)
 
 
 def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:

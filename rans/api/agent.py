@@ -102,7 +102,7 @@ class Agent(AgentData):
         """
         from rans.effectors.commands import action_space, of_outputs
         from rans.evaluation.fly.agent import Agent as Network
-        from rans.evaluation.fly.exported import OBSERVERS
+        from rans.evaluation.fly.user_policy import UserPolicy
         from rans.policy.predict import predict
 
         controller = self.run.controller
@@ -126,7 +126,7 @@ class Agent(AgentData):
                 axis=-1,
             )
             return commands.astype(dtype), memory
-        if not isinstance(controller, OBSERVERS):
+        if not isinstance(controller, UserPolicy):
             raise ConfigError(
                 f"{self.name} decides from the state, which an observation does not have: "
                 "rans.Pilot(agent, env) flies it in a Gymnasium loop."

@@ -22,7 +22,7 @@ ExecutorText = Suppress[Annotated[str, _Everywhere()]]
 """Type of the field with the text of --executor, of a command that hands it to another program."""
 EVERYWHERE = {
     "--trust": "Allow code: open and run what files name, which are the module of a task (MODULE:NAME), the "
-    "agent.py of an export, and pickles of sb3:. Only if you know their authors.",
+    "agent.py of a flight, and pickles of sb3:. Only if you know their authors.",
     "--executor": f"Run flights, bounds, trajectories and proofs on other machines: {FORMS}. Results are those of "
     "this machine.",
 }

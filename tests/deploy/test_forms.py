@@ -22,7 +22,6 @@ from rans.deploy.export import Form, write_agent
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.exported import ExportedPython
 from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.learn.config import FilterSettings, MemorySettings, PPOSettings
 from rans.fast.learn.run_folder import RunFolder
@@ -300,26 +299,6 @@ def test_places_are_about_the_centre_of_mass() -> None:
     )
     for a, b in zip(there["thrusters"], here["thrusters"], strict=True):
         assert np.subtract(b["position"], a["position"]) == pytest.approx([0.01, -0.02, 0.0])
-
-
-def test_what_an_exported_agent_remembers_ends_with_its_episode(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As an object, whose states are with the caller: two flights by turns do not mix."""
-    monkeypatch.setenv("RANS_TRUST", "1")
-    network, setup, seen = remembering()
-    written(tmp_path, network, "numpy")
-    agent = ExportedPython(tmp_path, setup.craft)
-    agent.reset(4)
-    alone = [agent.act(None, None, rows) for rows in seen[:8]]
-    first = second = None
-    for k, rows in enumerate(seen[:8]):
-        command, first = agent.decide(rows, first)
-        np.testing.assert_array_equal(command, alone[k])
-        _, second = agent.decide(seen[7 - k], second)
-    begins = np.array([True, True, False, False])
-    again, _ = agent.decide(seen[0], first, begins)
-    np.testing.assert_array_equal(again[:2], alone[0][:2])
 
 
 @pytest.mark.slow

@@ -9,9 +9,12 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from statistics import median
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,12 +23,7 @@ from rans.deploy.contract import PAIRED, RecordedFlights, contract, flights_of_t
 from rans.deploy.export import write_agent
 from rans.effectors.commands import command_bounds
 from rans.evaluation.fly.agent import load_policy
-from rans.evaluation.fly.exported import (
-    code_of,
-    failing_as_config_error,
-    load_exported,
-    read_contract,
-)
+from rans.evaluation.fly.exported import load_exported, read_contract
 from rans.extend import (
     Ball,
     ConfigError,
@@ -42,6 +40,7 @@ from rans.extend import (
     Vec3,
     World,
     brief,
+    first_line,
     inside,
     is_finite,
     map_leaves,
@@ -551,6 +550,36 @@ def runs_code(folder: Path) -> bool:
     return not any((folder / name).exists() for name in ("agent.onnx", EXCITATION))
 
 
+def code_of(file: Path) -> ModuleType:
+    """Module of an exported agent.py, from the text of this file.
+
+    Python's own import would run a ``__pycache__`` beside it in its place, which a user who has read agent.py and
+    trusts it has not seen.
+
+    Raises:
+        ConfigError: the file cannot be read, or its code fails.
+    """
+    text = read_text(file)
+    module = ModuleType(file.stem)
+    module.__file__ = str(file)
+    with _failing(file):
+        exec(compile(text, str(file), "exec", dont_inherit=True), module.__dict__)
+    return module
+
+
+@contextmanager
+def _failing(file: Path) -> Iterator[None]:
+    """Context that converts whatever the code of an exported agent.py raises to a `ConfigError`."""
+    try:
+        yield
+    except ConfigError:
+        raise
+    except (Exception, SystemExit) as error:  # somebody else's code raises anything
+        raise ConfigError(
+            f"{file} cannot be loaded: {type(error).__name__}: {first_line(error)}."
+        ) from error
+
+
 def exported_agent(folder: Path) -> Any:
     """The agent of an exported folder, whose golden pairs come out as they should.
 
@@ -570,11 +599,11 @@ def exported_agent(folder: Path) -> Any:
     if not runs_code(folder):
         agent: Any = _Network(folder) if (folder / "agent.onnx").exists() else Excited(folder)
         file = inside(folder, "golden.json")
-        with failing_as_config_error(file):
+        with _failing(file):
             right, count = _right_pairs(agent, read_json(file))
     else:
         module = code_of(file)
-        with failing_as_config_error(file):
+        with _failing(file):
             right, count = module.check()
             agent = module.Agent()
     if right != count:

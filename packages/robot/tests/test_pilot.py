@@ -8,6 +8,7 @@ import gc
 import io
 import json
 import os
+import py_compile
 import random
 import signal
 import subprocess
@@ -30,7 +31,7 @@ from rans_robot.bag import bag_entries
 from rans_robot.interfaces import RobotName, interface
 from rans_robot.messages import TEXT, text_message, unpack
 from rans_robot.node import END_TOPIC, Inbox, Report, fly_over, planned_task, replay_bag
-from rans_robot.pilot import AGENT_TOPIC, MessagePilot
+from rans_robot.pilot import AGENT_TOPIC, MessagePilot, code_of
 
 from rans.errors import ConfigError
 from tests.support.processes import PATIENCE
@@ -530,3 +531,17 @@ def test_a_flood_is_bounded(quick: Path, tmp_path: Path) -> None:
     # 2,000 a second of 0.01 s are 20 a control period.
     assert len(kept) <= 20 * (report.decisions + 1)
     assert not bus.commands[-1].any()
+
+
+def test_what_is_trusted_is_the_text_that_lies_there(tmp_path: Path) -> None:
+    """A `__pycache__` beside it, which nobody reads, would be imported in its place."""
+    file = tmp_path / "agent.py"
+    file.write_text("value = 'evil'\n")
+    unchecked = py_compile.PycInvalidationMode.UNCHECKED_HASH
+    py_compile.compile(str(file), invalidation_mode=unchecked)
+    assert list((tmp_path / "__pycache__").iterdir())
+    file.write_text("value = 'mine'\n")
+    assert code_of(file).value == "mine"
+    file.write_text("import sys\nsys.exit(0)\n")
+    with pytest.raises(ConfigError, match="cannot be loaded: SystemExit"):
+        code_of(file)

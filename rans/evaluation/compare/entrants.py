@@ -28,12 +28,13 @@ from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import CONTROLLERS, MODULES, Maker, default_opponents
 from rans.evaluation.fly.episodes import EngineName
-from rans.evaluation.fly.exported import OBSERVERS, is_exported
+from rans.evaluation.fly.exported import is_exported
 from rans.evaluation.fly.flights_file import FlightsFile
 from rans.evaluation.fly.make_controller import CheckedController, controller
 from rans.evaluation.fly.object_policy import ObjectPolicy
 from rans.evaluation.fly.trade_off import without_trade_off
 from rans.evaluation.fly.tuned import tuned
+from rans.evaluation.fly.user_policy import UserPolicy
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import inside, read_json
 from rans.flight import Controller
@@ -194,7 +195,7 @@ def _with_setup(run: LoadedRun, contest: Contest) -> Contestant:
     name = run.controller.name
     _check_same(name, run, contest)
     run = run.under(contest.conditions or Conditions())
-    sees = _OBSERVATION if isinstance(run.controller, (Agent, *OBSERVERS)) else _MODEL
+    sees = _OBSERVATION if isinstance(run.controller, Agent | UserPolicy) else _MODEL
     return Contestant(name, run.controller, sees, _UNKNOWN)
 
 

@@ -55,20 +55,6 @@ def test_a_network_for_a_batch_of_one_is_asked_row_by_row(folder: Path, tmp_path
     )
 
 
-@pytest.mark.slow
-def test_python_code_flies_only_where_it_is_trusted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("RANS_TRUST", "")
-    written = rans.export("go-to-pose-2d", tmp_path / "mine", "numpy", episodes=2)
-    with pytest.raises(ConfigError, match=r"agent\.py is Python code.*add --trust"):
-        rans.load_agent(written)
-    monkeypatch.setenv("RANS_TRUST", "1")
-    np.testing.assert_array_equal(
-        rans.load_agent(written).fly(3).commands, rans.load_agent("go-to-pose-2d").fly(3).commands
-    )
-
-
 def test_a_damaged_contract_is_a_sentence(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "contract.json").write_text('{"task": "go-to-pose"}')
     with pytest.raises(ConfigError, match=r"contract\.json is damaged: settings must be a table"):
