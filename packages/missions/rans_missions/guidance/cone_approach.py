@@ -24,9 +24,7 @@ from rans.extend import (
     Vec3,
     absolute,
     at_least,
-    cos,
     map_leaves,
-    sin,
     sqrt,
     where,
 )
@@ -151,7 +149,7 @@ class ConeApproach:
     @cached_property
     def _response_now(self) -> ImpulseResponse:
         """Response at the arrival to an impulse now."""
-        return self._response_after(self._time)
+        return ImpulseResponse.after(self.n, self._time)
 
     @cached_property
     def _later_responses(self) -> list[ImpulseResponse]:
@@ -160,12 +158,10 @@ class ConeApproach:
         responses = []
         for k in BURN_TIMES:
             rest = time_in_cone * k
-            responses.append(self._response_after(where(rest < self._time, rest, self._time)))
+            responses.append(
+                ImpulseResponse.after(self.n, where(rest < self._time, rest, self._time))
+            )
         return responses
-
-    def _response_after(self, time: Field) -> ImpulseResponse:
-        """Response to an impulse after a time, s."""
-        return ImpulseResponse(time, sin(self.n * time), 1.0 - cos(self.n * time))
 
     def _response(self, start: int) -> ImpulseResponse:
         """Response at the arrival to an impulse now (0) or at the kth of `BURN_TIMES`."""
@@ -349,7 +345,7 @@ class ConeApproach:
         _, at_goal = ClohessyWiltshire(self.n).carry(self.p, self.v, after)
         brake = _clipped(at_goal, unbraked(at_goal, self.speed)) - at_goal
         # In the rest of the period the frame turns the brake.
-        _, aside = self._response_after(0.5 * after).velocity_change(0)
+        _, aside = ImpulseResponse.after(self.n, 0.5 * after).velocity_change(0)
         at_goal = at_goal + Vec3(0.0 - brake.y * aside, brake.x * aside, brake.z * 0.0)
         return _clipped(at_goal, unbraked(at_goal, self.speed)) - at_goal
 

@@ -6,7 +6,7 @@ from functools import reduce
 from operator import add
 from typing import NamedTuple
 
-from rans.extend import Field, Vector, absolute, where
+from rans.extend import Field, Vector, absolute, sin, where
 
 SINGULAR_OFFSET = 1e-9
 """Added to determinants and other divisors that may be zero, in the units of each: a division by nearly nothing
@@ -28,6 +28,12 @@ class ImpulseResponse(NamedTuple):
     """sin(n t)."""
     versine: Field
     """1 - cos(n t)."""
+
+    @classmethod
+    def after(cls, n: float, time: Field) -> ImpulseResponse:
+        """Response after a time, s, at the mean motion n, rad/s; the half angle keeps digits at short times."""
+        half = sin(time * (0.5 * n))
+        return cls(time, sin(time * n), 2.0 * half * half)
 
     def displacement(self, n: float, axis: int) -> Pair:
         """Change of position in the orbital plane, m, by 1 m/s along an axis of it, at the mean motion n, rad/s."""

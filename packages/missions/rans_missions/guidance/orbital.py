@@ -16,7 +16,7 @@ from typing import Any
 from rans.extend import Ball, Field, Vec3, absolute, at_least, map_leaves, where
 from rans_missions.guidance.arrival import PLANS, best_arrival, whole_periods
 from rans_missions.guidance.coasts import COAST_POINTS, Coasts
-from rans_missions.guidance.few_burns import ArrivalTolerance, Coast, KeepOut
+from rans_missions.guidance.few_burns import ArrivalTolerance, Transfer, cheapest_transfer
 from rans_missions.guidance.impulses import axis_price
 from rans_missions.guidance.limits import Limits
 from rans_missions.orbits.reach import velocity_to_reach
@@ -218,8 +218,8 @@ class SingleImpulse(OrbitalGuidance):
 class FewBurns(OrbitalGuidance):
     """Guidance by transfers of few burns (`rans_missions.guidance.few_burns`), with a brake around the arrival.
 
-    A coast goes around the first keep-out ball of a mission by a transfer that is cheapest beside it, and is moved
-    out of all balls as by `SingleImpulse`, repeatedly. Small corrections wait until near the arrival.
+    A coast is moved out of all balls as by `SingleImpulse`, repeatedly. Small corrections wait until near the
+    arrival.
     """
 
     def velocity(
@@ -228,7 +228,7 @@ class FewBurns(OrbitalGuidance):
         """Velocity in W, m/s, by few burns with a brake around the arrival; see `OrbitalGuidance.velocity`."""
         period = self.period
         time = self._bounded(time_left)
-        transfer = self._coast(state, goal, time).cheapest(self._keep_out(limits))
+        transfer = self._transfer(state, goal, time)
         # Too late for the plan: go to the goal within a few periods, within the limits as on any other coast.
         away = (goal.p - state.p).norm() > self.position_tolerance
         late = (time_left < -period) & away
@@ -252,12 +252,12 @@ class FewBurns(OrbitalGuidance):
 
     def price(self, state: Any, goal: Any, time_left: Field, limits: Limits) -> Field:
         """See `OrbitalGuidance.price`; limits are ignored."""
-        return self._coast(state, goal, self._bounded(time_left)).burning_now().price
+        return self._transfer(state, goal, self._bounded(time_left)).price
 
     def _planned_price(
         self, start: Any, goal: Any, time: Field, latest: Field, deadline: Field, limits: Limits
     ) -> Field:
-        transfer = self._coast(start, goal, time).burning_now()
+        transfer = self._transfer(start, goal, time)
         late = at_least(time + self._braking_after(transfer.brake) - deadline, 0.0)
         return transfer.price + late * _LATE_PRICE
 
@@ -308,18 +308,11 @@ class FewBurns(OrbitalGuidance):
         duration = brake * (_FLOWN_BRAKE / self.braking) + _BRAKE_ROUNDING * self.period
         return whole_periods(duration, self.period)
 
-    def _coast(self, state: Any, goal: Any, time: Field) -> Coast:
-        """The coast from a state for a time, s, from which transfers are computed."""
+    def _transfer(self, state: Any, goal: Any, time: Field) -> Transfer:
+        """The cheapest transfer from a state in a time, s."""
         tolerance = ArrivalTolerance(
             self.position_tolerance * _AIM_IN_PLANE,
             self.position_tolerance * _AIM_ACROSS,
             self.velocity_tolerance * _SPEED_LEFT,
         )
-        return Coast(self.mean_motion, state.p, state.v, goal.p, time, tolerance, self.braking)
-
-    def _keep_out(self, limits: Limits) -> KeepOut | None:
-        """The first keep-out ball, with its reserve."""
-        for ball in limits.balls:
-            if isinstance(ball.centre, Vec3):
-                return KeepOut(ball.centre, ball.radius + self.coasts.keep_out_reserve)
-        return None
+        return cheapest_transfer(self.mean_motion, state.p, state.v, goal.p, time, tolerance)
