@@ -5,15 +5,13 @@ sums of what every burn does (`rans_missions.guidance.impulses`). Thrusters are 
 is constant during a control period, which is as good as an impulse in its middle. The last burn is in the period
 before the arrival. It brakes no more than the mission asks, because the velocity that remains needs no impulse.
 
-Two transfers are computed: the cheapest one, and the cheapest one that stays inside the cone. Transfers to the same
-position may be mixed, because the motion is linear, and a mixture of two points of a cone is inside it. The craft
-flies a mixture: as much of the cheapest transfer as the cone allows. It is traced into kernels and pages with the
-mission's step: only arithmetic on fields is allowed.
+A transfer burns now, or now and once more along y, so much that it arrives just inside the cone; the cheapest
+that is inside is flown. It is traced into kernels and pages with the mission's step: only arithmetic on fields is
+allowed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from typing import NamedTuple
@@ -32,6 +30,8 @@ from rans_missions.guidance.impulses import (
     LEAST_SAVING,
     SINGULAR_OFFSET,
     ImpulseResponse,
+    Pair,
+    axis_price,
     larger,
     two_impulses,
 )
@@ -55,17 +55,6 @@ _LEAST_CLOSING_SPEED = 0.01
 """Lower bound of the speed along the axis of the cone in divisions, m/s."""
 
 
-class Burn(NamedTuple):
-    """A burn along an axis."""
-
-    axis: int
-    """0, 1, 2: x, y, z."""
-    size: Field
-    """Velocity change, m/s."""
-    start: int
-    """0: now; k: at the kth of `BURN_TIMES`."""
-
-
 class Transfer(NamedTuple):
     """A transfer that reaches the goal."""
 
@@ -82,11 +71,6 @@ class Transfer(NamedTuple):
             lambda mine, its: where(better, its, mine), tuple(self), tuple(candidate)
         )
         return Transfer(*leaves)
-
-    def mixed(self, other: Transfer, fraction: Field) -> Transfer:
-        """A mixture with a fraction of another transfer; its true price is at most that of the mixture."""
-        mixture = map_leaves(lambda a, b: a + (b - a) * fraction, tuple(self), tuple(other))
-        return Transfer(*mixture)
 
 
 @dataclass(frozen=True)
@@ -122,12 +106,9 @@ class ConeApproach:
 
         The last period brakes whatever the plan is, and shortly before it nothing is postponed any more.
         """
-        cheapest = self._cheapest()
-        inside = self._cheapest_inside()
-        mixture = cheapest.mixed(inside, self._inside_fraction(cheapest, inside))
         committed = self.time_left < _COMMITTED_PERIODS * self.period
         last_period = self.time_left < 1.5 * self.period
-        burn = mixture.replaced_where(committed, self._burning_now).burn
+        burn = self._cheapest_inside().replaced_where(committed, self._burning_now).burn
         return map_leaves(
             lambda brake, other: where(last_period, brake, other), self._brake(), burn
         )
@@ -163,14 +144,10 @@ class ConeApproach:
             )
         return responses
 
-    def _response(self, start: int) -> ImpulseResponse:
-        """Response at the arrival to an impulse now (0) or at the kth of `BURN_TIMES`."""
-        return self._later_responses[start - 1] if start else self._response_now
-
     @cached_property
     def _direct(self) -> Transfer:
         """The transfer with a burn now to the goal itself, as if there were no brake."""
-        return self._transfer(self._burns(0, 0, 1, 0, self.goal - self._coast[0]), None)
+        return self._transfer(self._burn_now(self.goal - self._coast[0]))
 
     @cached_property
     def _unbraked(self) -> Field:
@@ -186,98 +163,61 @@ class ConeApproach:
     @cached_property
     def _burning_now(self) -> Transfer:
         """The transfer whose burns are all now."""
-        return self._transfer(self._burns(0, 0, 1, 0, self._missed), self._unbraked)
+        return self._transfer(self._burn_now(self._missed), self._unbraked)
 
-    def _burns(self, a: int, j: int, b: int, k: int, missed: Vec3, across: int = 0) -> list[Burn]:
-        """Burns that together displace the craft by a vector, m.
+    def _burn_now(self, missed: Vec3) -> Vec3:
+        """Velocity change now, m/s, that displaces the craft by a vector, m."""
+        response = self._response_now
+        x, y = (response.displacement(self.n, axis) for axis in (0, 1))
+        in_plane = two_impulses(x, y, (missed.x, missed.y))
+        return Vec3(*in_plane, missed.z * self.n / response.sine)
+
+    def _transfer(
+        self, burn: Vec3, unbraked: Field | None = None, bend: Field = 0.0, turn: Pair = (0.0, 0.0)
+    ) -> Transfer:
+        """The transfer by a burn now and perhaps one later.
 
         Args:
-            a: axis of the first burn in the orbital plane.
-            j: its start.
-            b: axis of the second burn in the plane.
-            k: its start.
-            missed: displacement, m.
-            across: start of the burn across the plane.
+            burn: velocity change now, m/s.
+            unbraked: size up to which components of the last velocity stay, m/s; None: all of it stays.
+            bend: velocity change along y later, m/s.
+            turn: what 1 m/s of it changes the last velocity by, in the plane.
         """
-        first = self._response(j).displacement(self.n, a)
-        second = self._response(k).displacement(self.n, b)
-        sizes = two_impulses(first, second, (missed.x, missed.y))
-        height = missed.z * self.n / self._response(across).sine
-        return [Burn(a, sizes[0], j), Burn(b, sizes[1], k), Burn(2, height, across)]
-
-    def _transfer(self, burns: Sequence[Burn], unbraked: Field | None) -> Transfer:
-        """The transfer by burns (fields); its last velocity keeps components up to a size, m/s; None: all of it.
-
-        Only burns that begin now are its command; later ones count in its price and its last velocity.
-        """
-        price = self._time * 0.0
-        now = [price, price, price]
-        v = list(self._coast[1].columns())
-        for axis, size, start in burns:
-            response = self._response(start)
-            price = price + absolute(size)
-            if axis == 2:
-                v[2] = v[2] + size * (1.0 - response.versine)
-            else:
-                change = response.velocity_change(axis)
-                v[0] = v[0] + size * change[0]
-                v[1] = v[1] + size * change[1]
-            if start == 0:
-                now[axis] = now[axis] + size
+        response = self._response_now
+        x, y = (response.velocity_change(axis) for axis in (0, 1))
+        at_goal = self._coast[1] + Vec3(
+            burn.x * x[0] + burn.y * y[0] + bend * turn[0],
+            burn.x * x[1] + burn.y * y[1] + bend * turn[1],
+            burn.z * (1.0 - response.versine),
+        )
+        price = axis_price(burn) + absolute(bend)
         if unbraked is not None:
-            for speed in v:
+            for speed in at_goal.columns():
                 price = price + at_least(absolute(speed) - unbraked, 0.0)
-        return Transfer(price, Vec3(*now), Vec3(*v))
-
-    @cached_property
-    def _postponed(self) -> list[tuple[Field, Transfer]]:
-        """Transfers of which burns are later, and whether (fields) there is time for each.
-
-        Their order decides ties.
-        """
-        transfers = []
-        for j in range(1, len(BURN_TIMES) + 1):
-            possible = self._response(j).time < self._time
-            for across in (0, j):
-                # Axes of both burns in the plane, and the start of the first one.
-                for a, b, first in ((0, 1, 0), (1, 0, 0), (0, 0, 0), (1, 1, 0), (0, 1, j)):
-                    burns = self._burns(a, first, b, j, self._missed, across)
-                    transfers.append((possible, self._transfer(burns, self._unbraked)))
-        return transfers
-
-    def _cheapest(self) -> Transfer:
-        """The cheapest transfer, inside the cone or not."""
-        best = self._burning_now
-        for possible, candidate in self._postponed:
-            better = possible & (candidate.price < best.price * (1.0 - LEAST_SAVING))
-            best = best.replaced_where(better, candidate)
-        return best
+        return Transfer(price, burn, at_goal)
 
     def _cheapest_inside(self) -> Transfer:
         """The cheapest transfer that is inside the cone, or the one that is least outside.
 
-        Postponed burns count only where they save more than `LEAST_SAVING`, or the law would wait for ever.
+        A later burn counts only where it saves more than `LEAST_SAVING`, or the law would wait for ever.
         """
         best = self._penalized(self._burning_now)
-        others = [*self._postponed, *(self._bent(j) for j in range(1, len(BURN_TIMES) + 1))]
-        for possible, transfer in others:
-            candidate = self._penalized(transfer)
-            better = possible & (candidate.price < best.price * (1.0 - LEAST_SAVING))
+        for later in self._later_responses:
+            candidate = self._penalized(self._bent(later))
+            better = (later.time < self._time) & (
+                candidate.price < best.price * (1.0 - LEAST_SAVING)
+            )
             best = best.replaced_where(better, candidate)
         return best
 
-    def _bent(self, j: int) -> tuple[Field, Transfer]:
-        """The transfer with a burn now and one along y later, just so large that it arrives inside the cone (W).
-
-        Args:
-            j: start of the later burn.
-        """
-        later = self._response(j)
-        displacement, change = later.displacement(self.n, 1), later.velocity_change(1)
-        x, y = (self._response_now.displacement(self.n, axis) for axis in (0, 1))
-        # Burns now, along x and y, that undo the displacement by 1 m/s later.
-        u, w = two_impulses(x, y, (0.0 - displacement[0], 0.0 - displacement[1]))
-        by_x, by_y = self._response_now.velocity_change(0), self._response_now.velocity_change(1)
+    def _bent(self, later: ImpulseResponse) -> Transfer:
+        """The transfer with a burn now and one along y later, just so large that it arrives inside the cone (W)."""
+        x, y = later.displacement(self.n, 1)
+        change = later.velocity_change(1)
+        # A burn now that undoes the displacement by 1 m/s later.
+        undoing = self._burn_now(Vec3(0.0 - x, 0.0 - y, self._time * 0.0))
+        u, w = undoing.x, undoing.y
+        by_x, by_y = (self._response_now.velocity_change(axis) for axis in (0, 1))
         # Change of the velocity at the arrival by all three.
         ahead = u * by_x[0] + w * by_y[0] + change[0]
         aside = u * by_x[1] + w * by_y[1] + change[1]
@@ -296,10 +236,8 @@ class ConeApproach:
                 larger_one = absolute(change_in_y) > absolute(correction)
                 correction = where(larger_one, change_in_y, correction)
             size = correction * aside / (aside * aside + SINGULAR_OFFSET)
-        burns = self._burns(0, 0, 1, 0, self._missed)
-        burns[0] = burns[0]._replace(size=burns[0].size + u * size)
-        burns[1] = burns[1]._replace(size=burns[1].size + w * size)
-        return later.time < self._time, self._transfer([*burns, Burn(1, size, j)], self._unbraked)
+        burn = self._burning_now.burn + undoing.scale(size)
+        return self._transfer(burn, self._unbraked, size, change)
 
     def _cone_checks(self) -> list[tuple[float, float]]:
         """Speed across the axis by which the arc of a coast differs from a line, m/s, and slope of the cone there.
@@ -325,19 +263,6 @@ class ConeApproach:
         """The transfer with a price for being outside the cone."""
         over = at_least(reduce(larger, self._excess_slopes(transfer.at_goal)), 0.0)
         return transfer._replace(price=transfer.price + over * _OUTSIDE_PRICE)
-
-    def _inside_fraction(self, cheapest: Transfer, inside: Transfer) -> Field:
-        """Least fraction (field) of the transfer inside the cone with which a mixture is inside, too.
-
-        Excesses are mixed linearly, which is never less than the mixture's own, since the cone is convex.
-        """
-        fraction = self._time * 0.0
-        slopes = self._excess_slopes(cheapest.at_goal), self._excess_slopes(inside.at_goal)
-        for far, near in zip(*slopes, strict=True):
-            over = at_least(far, 0.0)
-            under = at_least(0.0 - near, 0.0)
-            fraction = larger(fraction, over / (over + under + SINGULAR_OFFSET))
-        return fraction
 
     def _brake(self) -> Vec3:
         """Velocity change of the brake in a period that begins now, m/s."""
