@@ -105,8 +105,6 @@ class OrbitState:
     """Position, (3,) m."""
     v: np.ndarray
     """Velocity, (3,) m/s."""
-    is_leap_second: bool = False
-    """Whether the instant is in a leap second, 23:59:60 UTC: one second after `epoch`, which cannot hold it."""
 
 
 def is_on_orbit(task: Task, dimension: int) -> bool:
@@ -180,7 +178,7 @@ def write_ccsds(
     if not 0 <= episode < count:
         raise ConfigError(f"the flight has episodes 0 to {count - 1}, got {episode}.")
     # States up to the end of the episode, in the Hill frame.
-    start, _ = _instant(epoch, "epoch")
+    start = _instant(epoch, "epoch")
     steps = len(flight.commands) if flight.lengths is None else int(flight.lengths[episode])
     times = flight.times[: steps + 1]
     columns = [*flight.states.p.columns(), *flight.states.v.columns()]
@@ -278,11 +276,11 @@ def read_opm(file: str | Path) -> OrbitState:
             RansWarning,
             stacklevel=2,
         )
-    epoch, is_leap_second = _instant(fields.get("EPOCH", ""), f"EPOCH of {file}")
+    epoch = _instant(fields.get("EPOCH", ""), f"EPOCH of {file}")
     name = fields.get("OBJECT_NAME", "")
     if name:
         one_line(f"OBJECT_NAME of {file}", name)
-    return OrbitState(name, frame, epoch, p, v, is_leap_second)
+    return OrbitState(name, frame, epoch, p, v)
 
 
 _LARGEST = 2**20
@@ -371,14 +369,12 @@ def _row(fields: dict[str, str], parts: list[str], last: datetime | None, what: 
             f"{what} must be an epoch and six numbers, perhaps with three accelerations, got "
             f"{brief(' '.join(parts))}."
         )
-    time, is_leap_second = _instant(parts[0], f"the epoch in {what}")
-    time += timedelta(seconds=is_leap_second)
+    time = _instant(parts[0], f"the epoch in {what}")
     earliest, name = last, "the state before it"
     if last is None:
         name = "START_TIME"
         if name in fields:
-            earliest, is_leap_second = _instant(fields[name], name)
-            earliest += timedelta(seconds=is_leap_second)
+            earliest = _instant(fields[name], name)
         fields.update(zip(("EPOCH", *_STATE), parts, strict=False))
     if earliest is not None and time < earliest:
         raise ConfigError(f"{what} must not be earlier than {name}, got {parts[0]}.")
@@ -440,8 +436,7 @@ def relative_state(target: OrbitState, craft: OrbitState) -> tuple[float, np.nda
     for name, state in (("target", target), ("craft", craft)):
         checked(name, state, OrbitState)
         _check_frame(state.frame, f"the frame of the {name}")
-    instants = [(state.epoch, state.is_leap_second) for state in (target, craft)]
-    if instants[0] != instants[1] or target.frame.upper() != craft.frame.upper():
+    if target.epoch != craft.epoch or target.frame.upper() != craft.frame.upper():
         raise ConfigError(
             f"target and craft must have one epoch and frame, got {target.epoch} in {target.frame} and "
             f"{craft.epoch} in {craft.frame}."
@@ -470,8 +465,8 @@ _INSTANT = re.compile(
 """Year, month and day or day of the year, hour, minute, second and its decimals: CCSDS 301.0-B-4, codes A and B."""
 
 
-def _instant(text: str, what: str) -> tuple[datetime, bool]:
-    """An instant of UTC to the microsecond, and whether it is in a leap second, one second after it."""
+def _instant(text: str, what: str) -> datetime:
+    """An instant of UTC to the microsecond; leap seconds, which `datetime` has not, are refused."""
     match = _INSTANT.fullmatch(text.strip())
     try:
         if match is None:
@@ -482,18 +477,16 @@ def _instant(text: str, what: str) -> tuple[datetime, bool]:
             if of_year
             else datetime(int(year), int(month), int(day))
         )
-        # Leap seconds end a June or a December, of UTC.
-        is_leap = second == "60" and (date.month, date.day, hour, minute) in (
-            (6, 30, "23", "59"),
-            (12, 31, "23", "59"),
-        )
         if date.year != int(year):
             raise ValueError
         micro = int(f"{decimals or 0:0<6}"[:6])
-        whole = 59 if is_leap else int(second or 0)
         return date.replace(
-            hour=int(hour), minute=int(minute), second=whole, microsecond=micro, tzinfo=UTC
-        ), is_leap
+            hour=int(hour),
+            minute=int(minute),
+            second=int(second or 0),
+            microsecond=micro,
+            tzinfo=UTC,
+        )
     except (ValueError, OverflowError):
         raise ConfigError(
             f"{what} must be an instant such as 2026-01-01T00:00:00, got {brief(text)}."
