@@ -79,8 +79,8 @@ def cheapest_transfer(
     arrived, at_goal = ClohessyWiltshire(n).carry(p, v, time)
     missed = goal - arrived
     across, price, brake = _across(n, missed.z, at_goal.z, time, tolerance)
-    in_plane, other, *now = _in_plane(n, missed, at_goal, time, tolerance)
-    return Transfer(Vec3(*now, across), in_plane + price, larger(other, brake))
+    in_plane, other, u, w = _in_plane(n, missed, at_goal, time, tolerance)
+    return Transfer(Vec3(u, w, across), in_plane + price, larger(other, brake))
 
 
 def _across(
