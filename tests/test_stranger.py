@@ -14,8 +14,8 @@ from rans.cli import main
 from rans.cli.next_commands import with_spacecraft
 from rans.cli.train import trust_option
 from rans.evaluation.fly.controllers import CONTROLLERS
+from rans.fast.learn.algorithms import LEARNERS
 from rans.fast.learn.config import TrainConfig
-from rans.fast.learn.learners import LEARNERS
 from rans.model.spacecraft import CommandRange
 from rans.model.spacecraft_file import EFFECTORS, load_spacecraft, to_toml
 from rans.show.tables.listing import spacecraft_listing

@@ -7,7 +7,7 @@ from typing import Any
 
 from rans.errors import EXTRAS, ConfigError, counted, installing
 from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.fast.learn.learners import LEARNERS
+from rans.fast.learn.algorithms import LEARNERS
 from rans.model.spacecraft_file import EFFECTORS, SPACECRAFT
 from rans.pretrained import PACKAGE, missing_agents, pretrained_card, pretrained_names
 from rans.randomization.conditions_file import CONDITIONS

@@ -214,7 +214,7 @@ class Train(Options):
 
     def _next(self, trainer: Trainer) -> list[str]:
         """Commands to run next, with the options that this run needs too (`tests/cli/test_printed.py`)."""
-        from rans.fast.learn.learners import LEARNERS
+        from rans.fast.learn.algorithms import LEARNERS
 
         path = str(trainer.run.path)
         guard = ["--guard"] if trainer.config.guard else []

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from rans.fast.learn.learners import LEARNERS
+from rans.errors import ConfigError, brief
+from rans.registry import Registry
+from rans.structure import structure
 
 if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig
@@ -58,15 +61,32 @@ class Algorithm(ABC):
         """
 
 
-class PPOAlgorithm(Algorithm):
-    """Proximal policy optimization (`rans.fast.learn.ppo`)."""
+def _checked(loaded: Any) -> type[Algorithm]:
+    """The class, checked to be derived from `Algorithm`."""
+    if not (isinstance(loaded, type) and issubclass(loaded, Algorithm)):
+        raise ConfigError(
+            "a learner must be a class derived from rans.fast.learn.algorithms.Algorithm, got "
+            f"{brief(loaded)}."
+        )
+    return loaded
 
-    @classmethod
-    def making(cls, config: TrainConfig, craft: Spacecraft, own: Any) -> Making[Any]:
-        """See `Algorithm`."""
-        from rans.fast.learn.ppo import PPOLearner
 
-        return PPOLearner
+LEARNERS = Registry(
+    "learner",
+    "rans.learners",
+    {"ppo": "rans.fast.learn.ppo:PPOAlgorithm"},
+    _checked,
+)
+"""Class of every learning algorithm by its name in ``rans train --set algorithm=NAME``."""
+
+
+def own_settings(algorithm: str, table: Mapping[str, Any]) -> Any:
+    """Settings of an algorithm from a table of them, with defaults for those that it lacks.
+
+    Raises:
+        ConfigError: there is no such algorithm, or it has no such setting.
+    """
+    return structure(dict(table), LEARNERS[algorithm].settings, "learner")
 
 
 def with_algorithm(config: TrainConfig, algorithm: str) -> TrainConfig:

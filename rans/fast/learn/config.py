@@ -22,8 +22,8 @@ from rans.choices import Quality
 from rans.display import Settings
 from rans.errors import ConfigError, brief, fits, meant, meant_file, one_of, whole
 from rans.fast.device import torch_device
+from rans.fast.learn.algorithms import LEARNERS, own_settings
 from rans.fast.learn.curriculum import Ramp, check_ramps
-from rans.fast.learn.learners import LEARNERS, complete
 from rans.files import read_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, load_spacecraft
@@ -382,7 +382,8 @@ class TrainConfig:
             self, "in (0, 1], or null", lambda x: x is None or 0 < x <= 1, "solved_share"
         )
         if self.algorithm != "ppo" or self.learner:
-            object.__setattr__(self, "learner", complete(self.algorithm, self.learner))
+            own = own_settings(self.algorithm, self.learner)
+            object.__setattr__(self, "learner", dataclasses.asdict(own))
         if self.plain and self.compiled:
             raise ConfigError(
                 "plain computes by single operations of torch, and compiled has torch's compiler make "
@@ -703,7 +704,7 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
         inner = inner[parent]
     inner[last] = _typed(value)
     if entry == "algorithm":  # whose own settings are others
-        table["learner"] = complete(table["algorithm"], {})
+        table["learner"] = dataclasses.asdict(own_settings(table["algorithm"], {}))
 
 
 def entry_named(table: Mapping[str, Any], name: str) -> str:

@@ -14,10 +14,12 @@ from torch import Tensor
 
 from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
-from rans.fast.learn.config import PPOSettings, ScheduleSettings
+from rans.fast.learn.algorithms import Algorithm
+from rans.fast.learn.config import PPOSettings, ScheduleSettings, TrainConfig
 from rans.fast.learn.fused_gradient import GradientBackend, gradient_backend
 from rans.fast.learn.graph import fused, graphed
 from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
+from rans.model.spacecraft import Spacecraft
 from rans.policy.network import Network
 
 MIN_LEARNING_RATE = 1e-5
@@ -309,3 +311,12 @@ def losses(network: Network, batch: Batch, settings: PPOSettings) -> Losses:
         divergence = ((ratio - 1) - log_ratio).mean()
         clip_fraction = ((ratio - 1).abs() > clip_range).to(ratio.dtype).mean()
     return Losses(loss, surrogate, value, entropy, divergence, clip_fraction)
+
+
+class PPOAlgorithm(Algorithm):
+    """Proximal policy optimization."""
+
+    @classmethod
+    def making(cls, config: TrainConfig, craft: Spacecraft, own: Any) -> type[PPOLearner]:
+        """See `Algorithm`."""
+        return PPOLearner

@@ -28,13 +28,13 @@ from rans.fast.agent_files.agent import agent_bytes
 from rans.fast.agent_files.tensors import pack_tensors
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
+from rans.fast.learn.algorithms import LEARNERS, own_settings
 from rans.fast.learn.any_craft import imitate, teacher
 from rans.fast.learn.beginning import begin, statistics
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.events import Events
 from rans.fast.learn.graph import as_written, calls_until_recorded
-from rans.fast.learn.learners import LEARNERS, own_settings
 from rans.fast.learn.policy_file import begin_from
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
