@@ -101,7 +101,6 @@ EVERY = (
     "evaluate own.toml",
     "view lqr:go-to-pose-2d@own.toml",
     "optimal go-to-pose --spacecraft own.toml --episodes 1 --output optimum",
-    "view optimum",
     "export runs/first --format c --output c",
     "export go-to-pose-2d --format onnx --output onnx",
     "export go-to-pose-2d --format numpy --output numpy",

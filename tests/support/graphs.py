@@ -155,30 +155,26 @@ def ordinary() -> dict[str, bytes]:
     }
 
 
-def _functions(kind: str) -> Callable[[Any], None]:
+def _own_tanh(model: Any) -> None:
     """Define an operation of another domain, -3 times its argument."""
+    from onnx import helper, numpy_helper
 
-    def change(model: Any) -> None:
-        from onnx import helper, numpy_helper
-
-        table = numpy_helper.from_array(np.array(-3.0, np.float32), "")
-        model.functions.append(
-            helper.make_function(
-                "own",
-                kind,
-                ["a", "r"] if kind == "Reshape" else ["a"],
-                ["b"],
-                [
-                    helper.make_node("Constant", [], ["c"], value=table),
-                    helper.make_node("Mul", ["a", "c"], ["b"]),
-                ],
-                [helper.make_opsetid("", 17)],
-            )
+    table = numpy_helper.from_array(np.array(-3.0, np.float32), "")
+    model.functions.append(
+        helper.make_function(
+            "own",
+            "Tanh",
+            ["a"],
+            ["b"],
+            [
+                helper.make_node("Constant", [], ["c"], value=table),
+                helper.make_node("Mul", ["a", "c"], ["b"]),
+            ],
+            [helper.make_opsetid("", 17)],
         )
-        model.opset_import.append(helper.make_opsetid("own", 1))
-        model.graph.node[-1].domain = "own"
-
-    return change
+    )
+    model.opset_import.append(helper.make_opsetid("own", 1))
+    model.graph.node[-1].domain = "own"
 
 
 def _outside(model: Any) -> None:
@@ -228,7 +224,7 @@ def _whole_numbers(model: Any) -> None:
 
 def _another_tanh(model: Any) -> None:
     """A function in the place of ONNX's own operation."""
-    _functions("Tanh")(model)
+    _own_tanh(model)
     model.functions[0].domain = ""
     model.graph.node[-1].domain = ""
 
@@ -258,31 +254,19 @@ def forged() -> dict[str, bytes]:
     flat = "y = Flatten(c)"
     chain = "y = MatMul(x, W); z = Tanh(y)"
     return {
-        "matrix before a vector": graph("y = MatMul(W, x)", shape=[2]),
         "matrix before a batch": graph("y = MatMul(W, x)", shape=[2, 1]),
-        "product after the output": graph(f"{gemm}; z = MatMul(y, W)"),
         "activation after the output": graph(chain),
         "two outputs": graph(chain, outputs=["y", "z"]),
-        "two outputs, turned": graph(chain, outputs=["z", "y"]),
         "a dead branch": graph(f"d = MatMul(x, W); {gemm}"),
         "a branch that joins": graph("m = MatMul(x, W); y = Add(m, x)"),
         "the input twice": graph("m = Mul(x, x); y = MatMul(m, W)"),
-        "operands exchanged": graph("y = Gemm(W, c, x)", shape=[2, 2], c=np.eye(2)),
         "data as the bias": graph("y = Gemm(b, W, x)", b=np.ones((1, 2))),
         "transposed data": graph("y = Gemm(x, W, b, transA=1)", shape=[1, 2]),
         "divided by the state": graph("m = Div(b, x); y = MatMul(m, W)"),
         "divided by zero": graph("m = Div(x, b); y = MatMul(m, W)", b=np.zeros(2)),
         "activations in a row": graph("m = MatMul(x, W); r = Relu(m); y = Tanh(r)"),
-        "three in a row": graph("m = MatMul(x, W); r = Tanh(m); s = Sigmoid(r); y = Tanh(s)"),
         "an activation first": graph("t = Tanh(x); y = MatMul(t, W)"),
-        "an operation of its own": graph(
-            "m = MatMul(x, W); y = Tanh(m)", change=_functions("Tanh")
-        ),
-        "a reshape of its own": graph(
-            "m = MatMul(x, W); y = Reshape(m, r)",
-            r=np.array([0, -1]),
-            change=_functions("Reshape"),
-        ),
+        "an operation of its own": graph("m = MatMul(x, W); y = Tanh(m)", change=_own_tanh),
         "weights in another file": graph(gemm, change=_outside),
         "a sparse weight": graph("y = MatMul(x, W)", change=_sparse),
         "a weight twice": graph(gemm, change=_twice),
@@ -315,7 +299,6 @@ def forged() -> dict[str, bytes]:
         ),
         "an attribute of another type": graph(gemm, change=_attribute("alpha", 2)),
         "an operation before its time": graph(gemm, opset=6),
-        "an operation of the future": graph(gemm, opset=99),
         "operations of tomorrow": graph(gemm, opset=28),
         "an output of another precision": graph(gemm, change=_another_output),
         "an axis of minus two": graph("f = Reshape(x, r); y = MatMul(f, W)", r=np.array([1, -2])),
@@ -336,21 +319,11 @@ def forged() -> dict[str, bytes]:
         ),
         "whole numbers": graph(gemm, change=_whole_numbers),
         "a batch of two": graph(gemm, shape=[2, 2]),
-        "any number of states": graph(gemm, shape=["N", "M"]),
         "a column": graph("y = MatMul(W, x)", shape=["N", 2, 1]),
-        "columns": graph(
-            "m = MatMul(x, v); f = Flatten(m); y = MatMul(f, W)",
-            shape=["N", 2, 1],
-            v=np.full((1, 1), 3.0),
-        ),
-        "an output of a weight": graph(gemm, outputs=["W"]),
-        "an output of nothing": graph(gemm, outputs=["q"]),
         "an output in between": graph("m = MatMul(x, W); y = MatMul(m, W)", outputs=["m"]),
-        "the input as the output": graph(gemm, outputs=["x"]),
         "a name of two": graph("y = MatMul(x, W); z = Tanh(y); y = MatMul(z, W)"),
         "a name of a weight": graph("b = MatMul(x, W); y = Add(b, b)"),
         "an operand left out": graph("y = Gemm(x, None, b)"),
-        "no weight": graph("y = Gemm(x)"),
         "two weights": graph("y = MatMul(x, W, W)"),
         "another precision": graph(gemm, change=_another_precision),
         "an activation's attribute": graph(
