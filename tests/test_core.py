@@ -108,6 +108,7 @@ for line in (
     "export run --format numpy --output numpy --episodes 4 --force",
     "export run --format c --output c --episodes 4 --force",
     "view run --play --save page.html",
+    "assure run --episodes 20",
 ):
     assert main(line.split()) == 0, line
 environment = gymnasium.make("rans/GoToPose2D-v0")
@@ -151,6 +152,8 @@ rans_command.run()
     code_of_exit, text = said(code, ",".join(blocked), folder=tmp_path)
     assert code_of_exit == 0, text
     assert "[fast]" in text
+    assert "fail again in NumPy" in text
+    assert "fail again in Drake" not in text
     assert (tmp_path / "page.html").stat().st_size > 10_000
     assert not (tmp_path / "run/tensorboard").exists()
 
@@ -168,7 +171,8 @@ MISSING = [
         ("rans_agents", "view go-to-pose-2d-robust"),
         ("rans_agents", "list go-to-pose-2d-robust"),
     ],
-    [("pydrake", "validate --quick"), ("clarabel", "optimal dock")],
+    [("pydrake", "validate --quick")],
+    [("clarabel", "optimal dock")],
 ]
 """Modules, and commands that need them before anything else that is not of the core, a process each."""
 

@@ -199,9 +199,7 @@ def test_a_folder_is_made_ready_before_the_work(tmp_path: Path) -> None:
     "command",
     [
         "optimal go-to-pose --episodes 4 --output file",
-        "validate --quick --output file/x",
         "benchmark --quick --output file/x.json",
-        "compare lqr:go-to-pose-2d --episodes 4 --output file",
     ],
 )
 def test_long_work_does_not_begin_without_a_place_for_its_results(

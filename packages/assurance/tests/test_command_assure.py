@@ -132,26 +132,3 @@ def test_a_bound_that_is_refuted_ends_with_1(
     monkeypatch.setitem(DEFAULTS, "confidence", 0.6)
     assert main(f"{LAB} --failure-below 3e-3 --episodes 400".split()) == 1
     assert "Refuted" in capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_it_needs_neither_drake_nor_pictures(tmp_path: Path) -> None:
-    code = """
-import sys
-for name in ("pydrake", "matplotlib", "casadi", "stable_baselines3", "numba", "tensorboard", "PIL"):
-    sys.modules[name] = None
-import importlib.util
-find = importlib.util.find_spec
-importlib.util.find_spec = lambda name, *rest: None if sys.modules.get(name, 0) is None else find(name, *rest)
-from rans.cli import main
-sys.exit(main(["assure", sys.argv[1], "--conditions", "lab", "--episodes", "20", "--output", sys.argv[2]]))
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", code, AGENT, str(tmp_path)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert "fail again in NumPy" in done.stdout
-    assert "fail again in Drake" not in done.stdout

@@ -41,7 +41,6 @@ def ran(folder: Path, program: str, **variables: str) -> str:
     [
         ("module://no_such_package.backend", "module://no_such_package.backend"),
         ("module://matplotlib_inline.backend_inline", None),  # of a notebook's kernel
-        pytest.param("no-such-backend", None, marks=pytest.mark.slow),
         ("svg", "svg"),  # a user's script keeps what it asks for
     ],
 )
@@ -52,23 +51,7 @@ def test_a_backend_that_is_not_installed(name: str, then: str | None, tmp_path: 
         assert printed == then
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "backend: no-such-backend",
-        pytest.param("backend: module://nowhere.b", marks=pytest.mark.slow),
-    ],
-)
-def test_a_backend_of_a_configuration_file(line: str, tmp_path: Path) -> None:
-    (tmp_path / "matplotlibrc").write_text(f"{line}\n")
+def test_a_backend_of_a_configuration_file(tmp_path: Path) -> None:
+    (tmp_path / "matplotlibrc").write_text("backend: no-such-backend\n")
     ran(tmp_path, PROGRAM, MATPLOTLIBRC=str(tmp_path))
     assert (tmp_path / "layout.svg").exists()
-
-
-@pytest.mark.slow
-def test_a_command_in_a_notebook_of_another_environment(tmp_path: Path) -> None:
-    program = "from rans.cli import main; raise SystemExit(main({!r}))"
-    words = ["train", "go-to-pose", "--output", "run", "--total-timesteps", "70000"]
-    kernel = {"MPLBACKEND": "module://matplotlib_inline.backend_inline"}
-    ran(tmp_path, program.format(words), **kernel)
-    ran(tmp_path, program.format(["report", "run"]), **kernel)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from importlib.resources import files
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -141,8 +142,8 @@ def run_folder() -> dict[str, Any]:
 
 UNSEEN = {"assurance-lab.json"}
 """Files of which a page says no text as it stands, but numbers, and words of its own."""
-MANY_TEXTS = {"config.json", "evaluation.json", "stress.json"}
-"""Files of so many texts that a page with each takes seconds."""
+MANY_TEXTS = {"config.json": 1, "evaluation.json": 9, "stress.json": 1}
+"""Files of so many texts that a page with each takes seconds; of rows that are alike every so manieth is enough."""
 
 
 def planted(value: Any) -> Iterator[Any]:
@@ -176,7 +177,7 @@ def test_a_report_of_a_stranger_is_text(name: str, tmp_path: Path) -> None:
     """Every text and every key of every file in turn: a page in which it is a text, or a sentence."""
     written(tmp_path, {})
     shown = 0
-    for content in planted(run_folder()[name]):
+    for content in islice(planted(run_folder()[name]), None, None, MANY_TEXTS.get(name, 1)):
         write_json(tmp_path / name, content)
         try:
             html = report_from_run(tmp_path).html()

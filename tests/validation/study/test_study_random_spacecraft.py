@@ -27,7 +27,7 @@ def _short_coasts(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("dimension", "examples"), [(2, 60), (3, 2)])
+@pytest.mark.parametrize(("dimension", "examples"), [(2, 20), (3, 2)])
 def test_any_spacecraft(dimension: Literal[2, 3], examples: int) -> None:
     # A failure is not explained, which takes longer than to find it.
     @settings(
