@@ -97,9 +97,7 @@ class Nested:
 
 FLYERS: dict[str, Any] = {
     "history": lambda: of_agent("go-to-pose-2d-faults"),
-    "filters": lambda: of_agent("go-to-pose-2d-robust"),
     "adaptive": lambda: of_agent("adaptive:any-craft-2d"),
-    "trade-off": lambda: of_agent("any-craft-2d#0.5"),
     "recurrent of SB3": lambda: of_agent(Counting(), "go-to-pose"),
     "own": lambda: (Delayed(), of_agent("go-to-pose-2d")[1]),
 } | {name: lambda name=name: of_controller(name) for name in CONTROLLERS}

@@ -109,8 +109,7 @@ def test_no_sequence_costs_less_than_any_costate_says(name: str, seed: int, spin
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("build", [lopsided, equal, crossed])
-@pytest.mark.parametrize("seed", [4, 5])
+@pytest.mark.parametrize(("build", "seed"), [(lopsided, 4), (equal, 5), (crossed, 4)])
 def test_least_fuel_and_time_are_below_those_of_every_sequence(
     build: Callable[[], Spacecraft], seed: int
 ) -> None:
