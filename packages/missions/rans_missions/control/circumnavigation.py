@@ -15,7 +15,7 @@ import numpy as np
 from rans.extend import ConfigError, Spacecraft, Task, Timing, Vec3, leaves, map_leaves
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.velocity_guidance import VelocityGuidance
-from rans_missions.convex.inspecting import InspectionSearch
+from rans_missions.convex.inspecting import Burns, InspectionSearch
 from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.passive_safety import carried
 from rans_missions.tasks.hold import Hold, HoldPlan
@@ -32,6 +32,10 @@ _HOPS = 8
 """Number of times that the search begins again: 30 lower the mean price of 12 starts by 2 %."""
 _TRIM = 0.001
 """Error of velocity that is left alone, m/s: an orbit whose speed is off by it drifts by 18 m a turn."""
+_LATER = (0, 20, 40, 80, 120, 160, 200, 260, 320, 400, 500, 640, 800, 1200, 1600, 2400)
+"""Times after enough has been in light by which a team tries to end, s: later, all must be kept in the zone."""
+_BEST = 2
+"""Number of these from which the search begins in all ways: most often the price has one valley."""
 _ABOVE = 0.05
 """Height above the horizon of a point from which it counts as seen in a search, m: for rounding."""
 _BESIDE = 0.2
@@ -59,7 +63,7 @@ class _Searched:
 
 
 class Circumnavigation(VelocityGuidance[Inspect]):
-    """Inspects a target for little impulse, and then stays behind it.
+    """Inspects a target for little impulse, alone or as a team, and then stays behind it.
 
     >>> rans.Circumnavigation("afrl-deputy", "inspect")
     <circumnavigation: Inspect for afrl-deputy>
@@ -69,6 +73,9 @@ class Circumnavigation(VelocityGuidance[Inspect]):
     it sees the lit side of the target all the time. From some of these ellipses, and from the coast without a burn,
     a search for the cheapest flight begins, by linear programs over burns in any direction
     (`rans_missions.convex.inspecting`), about a second of a core.
+
+    Deputies of an `rans_missions.team.task.InspectTeam` are searched together, in about three seconds: points are
+    divided by who sees each best, and the end is the one of several that is cheapest.
 
     Errors of more than 1 mm/s are corrected on the way. If a flight has ended and too little was seen, the next one
     is searched. Once enough has been seen, or while no flight is found, the craft goes to a point behind the target
@@ -108,6 +115,9 @@ class Circumnavigation(VelocityGuidance[Inspect]):
                 "circumnavigation searches flights that see points down to their horizons: view_degrees must be "
                 f"90, got {self.task.view_degrees:g}."
             )
+        # Of an `rans_missions.team.task.InspectTeam`; a craft alone is a team of one.
+        self._deputies: int = getattr(self.task, "deputies", 1)
+        self._apart: float = getattr(self.task, "keep_apart", 0.0)
         self._length = self._period * self._timing.episode_steps
         self._within = self._length if within is None else within
         self._searched: _Searched | None = None
@@ -144,7 +154,7 @@ class Circumnavigation(VelocityGuidance[Inspect]):
         searched = self._searched
         enough = np.broadcast_to(self.task.unseen(goal) < self.task.unseen_tolerance, size)
         searched.flying &= ~enough
-        for row in np.flatnonzero((now > searched.finish) & ~enough):
+        for row in np.flatnonzero((now > searched.finish) & ~enough)[:: self._deputies]:
             self._search(int(row), state, goal, now, searched)
 
         change = self._change_by_search(state, searched)
@@ -162,7 +172,7 @@ class Circumnavigation(VelocityGuidance[Inspect]):
         """
         zero = np.zeros(np.shape(state.p.x))
         still = Vec3(zero, zero, zero)
-        behind = replace(still, y=zero - _BEHIND)
+        behind = replace(still, y=zero - _BEHIND * (1 + np.arange(len(zero)) % self._deputies))
         goal = replace(state, p=behind, v=still, notes=HoldPlan(zero, zero, zero, held=zero - 1.0))
         goal = self._afterwards.goal(state, goal)
         velocity = self._hold.recommended(state, goal, self._hold.arrival(goal))
@@ -190,47 +200,70 @@ class Circumnavigation(VelocityGuidance[Inspect]):
         return planned.T + np.where(corrects, missing, 0.0)
 
     def _search(self, row: int, state: Any, goal: Any, now: float, searched: _Searched) -> None:
-        """Set the cheapest flight that a search finds in the row of one craft; none is found: it waits."""
-        state_now, target_now = map_leaves(lambda x: float(x[row]), (state, goal))
-        start = motion_of(state_now)
-        sun = target_now.notes.sun
-        inspected = np.array([bool(x) for word in self.task._known(target_now) for x in word])
-        searched.flying[row] = False
-        searched.finish[row] = now + _AWAY
+        """Set the cheapest flight that a search finds in the rows of a team; none is found: it waits."""
+        team = slice(row, row + self._deputies)
+        starts = np.atleast_2d(motion_of(map_leaves(lambda x: x[team], state)))
+        target = map_leaves(lambda x: float(x[row]), goal)
+        sun = target.notes.sun
+        inspected = np.array([bool(x) for word in self.task._known(target) for x in word])
+        searched.flying[team] = False
+        searched.finish[team] = now + _AWAY
         for within in dict.fromkeys((self._within - now, self._length - now, self._length)):
             if within <= self._period:
                 continue
-            search = InspectionSearch(
+            burns = self._cheapest(starts, sun, inspected, within)
+            if burns is not None:
+                searched.flying[team] = True
+                searched.finish[team] = now + burns.finish
+                searched.changes[team] = 0.0
+                searched.changes[team, burns.periods] = burns.changes
+                half = np.full(len(starts), 0.5 * self._period)
+                searched.middle[team] = carried(self.task.mean_motion, starts, half)
+                return
+
+    def _cheapest(
+        self, starts: np.ndarray, sun: float, inspected: np.ndarray, within: float
+    ) -> Burns | None:
+        """The cheapest flight found from starts (D, 6) within a time, s; for a team, of several times up to it."""
+
+        def search(within: float) -> InspectionSearch:
+            return InspectionSearch(
                 self.task,
                 self._timing,
-                start,
+                starts,
                 sun,
                 inspected,
                 within,
                 self._most,
                 _ABOVE,
                 _BESIDE,
+                self._apart + _BESIDE,
             )
-            burns = search.best(self._beginnings(search, sun), _HOPS)
-            if burns is not None:
-                searched.flying[row] = True
-                searched.finish[row] = now + burns.finish
-                searched.changes[row] = 0.0
-                searched.changes[row, burns.periods] = burns.changes
-                half = np.array([0.5 * self._period])
-                searched.middle[row] = carried(self.task.mean_motion, start[None], half)[0]
-                return
+
+        whole = search(within)
+        searches = [whole]
+        if len(starts) > 1:
+            ends = [self._period * math.ceil((whole.earliest + x) / self._period) for x in _LATER]
+            searches = [search(end) for end in ends if end < within] + searches
+            scanned = [(one.best([one.coast], 0), k) for k, one in enumerate(searches)]
+            cheap = sorted(((burns.price, k) for burns, k in scanned if burns is not None))
+            searches = [searches[k] for _, k in cheap[:_BEST]] or [whole]
+        found = [one.best(self._beginnings(one, sun), _HOPS) for one in searches]
+        return min(filter(None, found), key=lambda burns: burns.price, default=None)
 
     def _beginnings(self, search: InspectionSearch, sun: float) -> list[np.ndarray]:
-        """Paths (T, 3), m, from which a search begins: the coast, and ways to ellipses around the target."""
+        """Paths (D, T, 3), m, from which a search begins: the coast, and ways of a craft to ellipses."""
         times, coast = search.times, search.coast
         turned = self.task.mean_motion * times
         blend = np.minimum(turned / (2.0 * math.pi * _BLEND), 1.0)[:, None]
         paths = [coast]
-        for phase in _PHASES:
-            angle = sun - turned + phase
-            ellipse = _HALF_WIDTH * np.stack(
-                [np.cos(angle), 2.0 * np.sin(angle), 0.0 * angle], axis=1
-            )
-            paths.append(coast + blend * (ellipse - coast))
+        for craft in range(len(coast)):
+            for phase in _PHASES:
+                angle = sun - turned + phase
+                ellipse = _HALF_WIDTH * np.stack(
+                    [np.cos(angle), 2.0 * np.sin(angle), 0.0 * angle], axis=1
+                )
+                path = coast.copy()
+                path[craft] += blend * (ellipse - path[craft])
+                paths.append(path)
         return paths

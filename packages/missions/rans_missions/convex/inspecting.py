@@ -10,10 +10,11 @@ of velocity (m/s); `tests/convex/test_inspecting.py` compares prices with certif
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import linprog
@@ -58,7 +59,7 @@ class Burns(NamedTuple):
     periods: np.ndarray
     """Control periods from the start that have a burn, (K,), in order."""
     changes: np.ndarray
-    """Changes of velocity in W in them, (K, 3) m/s."""
+    """Changes of velocity in W in them of D craft, (D, K, 3) m/s."""
     finish: float
     """Time at which enough has been seen, s."""
 
@@ -69,53 +70,57 @@ class _Found:
 
     price: float
     burns: np.ndarray
-    """Changes of velocity by slot and axis, (3 K,) m/s."""
+    """Changes of velocity by craft, slot and axis, (3 D K,) m/s."""
     finish: int
     """Check at which enough has been seen."""
     checks: np.ndarray
-    """Check at which each point is seen, (points,)."""
+    """Check at which each point is seen, counted through the checks of one craft after another, (points,)."""
     dear: np.ndarray
     """Points that raise the price, (M,)."""
 
 
 class InspectionSearch:
-    """Search for the cheapest flight from one start that inspects enough.
+    """Search for the cheapest flight of one craft, or of D craft together, that inspects enough.
 
-    A burn of a control period acts as an impulse in its middle.
+    A point that any craft sees counts. A burn of a control period acts as an impulse in its middle.
 
     Args:
         task: the inspection, whose points are seen from above their horizon.
         timing: control period and checks.
-        start: position (m) and velocity (m/s) in W, (6,).
+        starts: position (m) and velocity (m/s) in W of each craft, (D, 6).
         sun: angle of the sun at the start, rad.
         inspected: which points have been seen before, (points,).
         within: time within which enough is to be seen, s.
         most: largest change of velocity of a control period along an axis, m/s.
         above: height above the horizon of a point from which it counts as seen, m.
         clear: distance from the keep-out ball and from the end of the zone that the flight keeps, m.
+        apart: distance from one another that several craft keep, m.
     """
 
     def __init__(
         self,
         task: Inspect,
         timing: Timing,
-        start: np.ndarray,
+        starts: np.ndarray,
         sun: float,
         inspected: np.ndarray,
         within: float,
         most: float,
         above: float,
         clear: float,
+        apart: float = 0.0,
     ) -> None:
         self._task = task
         self._period = timing.control_period
-        self._start = start
+        self._starts = starts
         self._sun = sun
         self._known = inspected
         self._most = most
         self._above = above
         self._nearest = task.keep_out + clear
         self._farthest = task.fail_distance - clear
+        self._apart = apart
+        self._pairs = list(itertools.combinations(range(len(starts)), 2))
         self._within = within
         allowed = math.ceil(task.unseen_tolerance * task.points - 1e-9) - 1
         self._asked = task.points - max(allowed, 0)
@@ -130,7 +135,7 @@ class InspectionSearch:
         Burns are columns by slot and then by axis, in the order of `Burns`.
         """
         times = step * np.arange(1, int(self._within / step + 1e-9) + 1)
-        p, v = Vec3(*self._start[:3]), Vec3(*self._start[3:])
+        p, v = (Vec3(*x.T[:, :, None]) for x in (self._starts[:, :3], self._starts[:, 3:]))
         since = np.maximum(times[:, None] - (slots + 0.5) * self._period, 0.0)
         axes = [self._task.drift.kicked(Vec3(*row), since)[0] for row in np.eye(3)]
         effect = np.stack([components(axis, since.shape) for axis in axes], axis=-1)
@@ -140,7 +145,7 @@ class InspectionSearch:
         return _Grid(
             slots,
             times,
-            components(self._task.drift.carry(p, v, times)[0], times.shape),
+            components(self._task.drift.carry(p, v, times)[0], (len(self._starts), len(times))),
             np.ascontiguousarray(effect.transpose(0, 2, 1, 3)).reshape(len(times), 3, -1),
             np.where(lit, -self._task.surface_distance, _NEVER),
         )
@@ -152,14 +157,21 @@ class InspectionSearch:
 
     @property
     def coast(self) -> np.ndarray:
-        """Positions (T, 3) of the flight without a burn, m."""
+        """Positions (D, T, 3) of the flight without a burn, m."""
         return self._grid.free
+
+    @property
+    def earliest(self) -> float:
+        """Time before which too few points have been in light, s; infinite: they never are."""
+        lit = np.logical_or.accumulate(self._grid.base > 0.5 * _NEVER, axis=0) | self._known
+        enough = lit.sum(axis=1) >= self._asked
+        return float(self._grid.times[enough.argmax()]) if enough.any() else math.inf
 
     def best(self, paths: Sequence[np.ndarray], hops: int) -> Burns | None:
         """The cheapest flight that the search finds; None: it finds none.
 
         Args:
-            paths: paths from which it begins, (T, 3) each at `times`, m; none need be flown or inspect anything.
+            paths: paths from which it begins, (D, T, 3) each at `times`, m; none need be flown or inspect anything.
             hops: number of times that it begins again from the best flight, changed at random.
         """
         found = [one for one in (self._descend(path) for path in paths) if one is not None]
@@ -205,7 +217,7 @@ class InspectionSearch:
         """Programs from a path until the price no longer falls.
 
         Args:
-            path: (T, 3).
+            path: (D, T, 3).
             best: price of the best flight known, m/s.
             later: a point that the first program does not see between two checks.
             out: points that the first program leaves out.
@@ -213,7 +225,7 @@ class InspectionSearch:
         result: _Found | None = None
         last = math.inf
         for turn in range(_ROUNDS):
-            heights = self._grid.heights(path, self._normals)
+            heights = self._heights(self._grid, path)
             if turn == 0 and later is not None:
                 point, begin, end = later
                 heights[max(begin, 0) : end, point] = _NEVER
@@ -242,19 +254,21 @@ class InspectionSearch:
 
         None: it inspects too little.
         """
-        used = np.flatnonzero(np.abs(best.burns).reshape(-1, 3).max(axis=1))
+        count = len(self._starts)
+        found = best.burns.reshape(count, -1, 3)
+        used = np.flatnonzero(np.abs(found).max(axis=(0, 2)))
         slots = self._grid.slots[used, None] + np.arange(-_AROUND, _AROUND + 1)
         slots = slots[(slots >= 0) & (slots < int(self._within / self._period))]
         # Some starts need no burn; a program without any has no form.
         slots = np.unique([0, *slots])
         grid = self._gridded(self._check_time, slots)
         # The same flight on the finer grid.
-        burns = np.zeros((len(slots), 3))
-        burns[np.searchsorted(slots, self._grid.slots[used])] = best.burns.reshape(-1, 3)[used]
+        burns = np.zeros((count, len(slots), 3))
+        burns[:, np.searchsorted(slots, self._grid.slots[used])] = found[:, used]
         result: Burns | None = None
         path = grid.path(burns.ravel())
         for _ in range(_PATIENT):
-            heights = grid.heights(path, self._normals)
+            heights = self._heights(grid, path)
             highest = heights.max(axis=0)
             points = self._easiest(highest)
             solved = self._solved(grid, path, points, heights.argmax(axis=0), highest)
@@ -264,10 +278,15 @@ class InspectionSearch:
             path = grid.path(flown)
             finish = self._judged(grid, path)
             if finish is not None and (result is None or price < result.price):
-                changes = flown.reshape(-1, 3)
-                kept = np.flatnonzero(np.abs(changes).max(axis=1))
-                result = Burns(price, slots[kept], changes[kept], float(grid.times[finish]))
+                changes = flown.reshape(count, -1, 3)
+                kept = np.flatnonzero(np.abs(changes).max(axis=(0, 2)))
+                result = Burns(price, slots[kept], changes[:, kept], float(grid.times[finish]))
         return result
+
+    def _heights(self, grid: _Grid, path: np.ndarray) -> np.ndarray:
+        """Heights above the horizons of all points at the checks of one craft after another, (D T, points) m."""
+        heights = path @ self._normals.T + grid.base
+        return heights.reshape(-1, len(self._normals))
 
     def _easiest(self, highest: np.ndarray) -> np.ndarray:
         """The points that are easiest to see, as many as are asked for, without those seen before, (M,).
@@ -279,19 +298,22 @@ class InspectionSearch:
         return points[~self._known[points]]
 
     def _judged(self, grid: _Grid, path: np.ndarray) -> int | None:
-        """Check at which a path (T, 3) (m) has inspected enough.
+        """Check at which paths (D, T, 3) (m) have inspected enough.
 
-        None: never, or it comes too near or leaves before.
+        None: never, or one comes too near to the target or to another, or leaves before.
         """
-        seen = grid.heights(path, self._normals) > 0.0
+        seen = (path @ self._normals.T + grid.base > 0.0).any(axis=0)
         count = (np.logical_or.accumulate(seen, axis=0) | self._known).sum(axis=1)
         if count[-1] < self._asked:
             return None
         finish = int(np.argmax(count >= self._asked))
-        distance = np.linalg.norm(path[: finish + 1], axis=1)
+        path = path[:, : finish + 1]
+        distance = np.linalg.norm(path, axis=2)
         # Tangents are between two checks of the search: a part of the margin is for what they miss.
         margin = 0.5 * (self._nearest - self._task.keep_out)
         near = distance.min() < self._nearest - margin
+        for i, j in self._pairs:
+            near |= np.linalg.norm(path[i] - path[j], axis=1).min() < self._apart - margin
         return None if near or distance.max() > self._farthest + margin else finish
 
     def _solved(
@@ -302,37 +324,54 @@ class InspectionSearch:
         checks: np.ndarray,
         highest: np.ndarray,
     ) -> tuple[float, np.ndarray, np.ndarray] | None:
-        """Price, burns (3 K,), and points that raise the price, of the program that a path begins; None: no flight.
+        """Price, burns (3 D K,), and dear points of the program that a path begins; None: no flight.
 
         Args:
             grid: times of checks and burns.
-            path: (T, 3), whose tangents keep out of the ball.
+            path: (D, T, 3), whose tangents keep out of the balls.
             points: that are to be seen, (M,).
-            checks: at which every point is seen, (points,).
+            checks: at which every point is seen, (points,), see `_Found`.
             highest: height of the path above each horizon then, m.
         """
-        when = checks[points]
-        effect, free = grid.effect, grid.free
-        rows = [np.einsum("pi,pik->pk", self._normals[points], effect[when])]
+        count, instants = path.shape[:2]
+        size = grid.effect.shape[2]
+        normals = self._normals[points]
+        who, when = np.divmod(checks[points], instants)
+        last = when.max(initial=0) + 1
+
+        def row(directions: np.ndarray, craft: Any, at: np.ndarray) -> np.ndarray:
+            """What burns (3 D K,) add to positions along directions (M, 3), of these craft at these instants."""
+            result = np.zeros((len(directions), count, size))
+            effect = np.einsum("mi,mik->mk", directions, grid.effect[at])
+            result[np.arange(len(directions)), craft] = effect
+            return result.reshape(len(directions), count * size)
+
+        rows = [row(normals, who, when)]
         least = self._task.surface_distance + self._above
-        sides = [least - np.einsum("pi,pi->p", self._normals[points], free[when])]
-        # Where the path is near the ball or far away, until the last point is seen.
-        last = when.max(initial=0)
-        distance = np.linalg.norm(path[: last + 1], axis=1)
-        unit = path[: last + 1] / distance[:, None]
+        sides = [least - np.einsum("mi,mi->m", normals, grid.free[who, when])]
         begins = [highest[points] < _LAZY]
-        for chosen, side, limit in (
-            (distance < self._nearest + _NEAR, 1.0, self._nearest),
-            (distance > _FAR * self._farthest, -1.0, -self._farthest),
-        ):
-            rows.append(side * np.einsum("ti,tik->tk", unit[chosen], effect[: last + 1][chosen]))
-            free_distance = np.einsum("ti,ti->t", unit[chosen], free[: last + 1][chosen])
-            sides.append(limit - side * free_distance)
-            begins.append(side * distance[chosen] < limit + 0.5)
+        # Where a path is near the ball or far away, or near another, until the last point is seen.
+        for i, j in [*((i, None) for i in range(count)), *self._pairs]:
+            way, free = path[i, :last], grid.free[i, :last]
+            limits = [(1.0, self._nearest), (-1.0, -self._farthest)]
+            if j is not None:
+                way, free = way - path[j, :last], free - grid.free[j, :last]
+                limits = [(1.0, self._apart)]
+            distance = np.linalg.norm(way, axis=1)
+            unit = way / distance[:, None]
+            for side, limit in limits:
+                near = distance < limit + _NEAR if side > 0.0 else distance > -_FAR * limit
+                at = np.flatnonzero(near)
+                effect = row(side * unit[at], i, at)
+                if j is not None:
+                    effect -= row(unit[at], j, at)
+                rows.append(effect)
+                sides.append(limit - side * np.einsum("ti,ti->t", unit[at], free[at]))
+                begins.append(side * distance[at] < limit + 0.5)
         matrix, side = np.concatenate(rows), np.concatenate(sides)
         used = np.concatenate(begins)
         if not len(matrix):
-            return 0.0, np.zeros(effect.shape[2]), points
+            return 0.0, np.zeros(count * size), points
         if not used.any():
             used[0] = True
 
@@ -368,17 +407,14 @@ class _Grid:
     times: np.ndarray
     """(T,) s."""
     free: np.ndarray
-    """Positions without burns, (T, 3) m."""
+    """Positions without burns, (D, T, 3) m."""
     effect: np.ndarray
     """Change of the position by a change of velocity in each slot along each axis, (T, 3, 3 K) s."""
     base: np.ndarray
     """What the height above each horizon has beside a . p, (T, points) m: -R, and `_NEVER` without light."""
 
     def path(self, burns: np.ndarray) -> np.ndarray:
-        """Positions (T, 3) m of a flight with burns (3 K,) m/s."""
-        used = np.flatnonzero(burns)
-        return self.free + self.effect[:, :, used] @ burns[used]
-
-    def heights(self, path: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """Heights above the horizons of all points, (T, points) m."""
-        return path @ normals.T + self.base
+        """Positions (D, T, 3) m of flights with burns (3 D K,) m/s."""
+        burns = burns.reshape(len(self.free), -1)
+        used = np.flatnonzero(burns.any(axis=0))
+        return self.free + np.moveaxis(self.effect[:, :, used] @ burns[:, used].T, 2, 0)

@@ -25,7 +25,7 @@ def searched(task: Inspect, start: Any) -> Burns:
     known = np.zeros(task.points, bool)
     sun = float(start.goal.notes.sun)
     search = InspectionSearch(
-        task, task.timing, state_of(start), sun, known, WITHIN, 20.0 / MASS, 0.05, 0.2
+        task, task.timing, state_of(start)[None], sun, known, WITHIN, 20.0 / MASS, 0.05, 0.2
     )
     found = search.best([search.coast], 8)
     assert found is not None
@@ -44,7 +44,7 @@ def test_flights_that_are_found_inspect_at_little_more_than_the_bound() -> None:
         finish = np.inf
         nearest = np.inf
         for check in range(1, int(WITHIN / 10.0) + 1):
-            pushes = burns.changes[burns.periods == (check - 1) // 2].sum(axis=0) / 20.0
+            pushes = burns.changes[0, burns.periods == (check - 1) // 2].sum(axis=0) / 20.0
             x = (move @ np.concatenate([x, pushes]))[:6]
             angle = float(start.goal.notes.sun) - task.mean_motion * 10.0 * check
             lit = normals @ [np.cos(angle), np.sin(angle), 0.0] > 0.0
