@@ -32,8 +32,6 @@ class Validate(Options):
     guide = "docs/verification.md"
     examples = ("rans validate mine.toml --quick", "rans validate --judges")
 
-    full: bool = False
-    """Print every check, as with `--layer`, and not one line for each layer."""
     judges: bool = False
     """Compare with figures that others computed instead, such as NASA's JEOD (docs/missions/judges.md)."""
     output: Path | None = None
@@ -53,8 +51,7 @@ class Validate(Options):
         if self.output is not None:
             ready_folder(self.output)
         report: Study = self.call()
-        every = self.full or self.layer is not None
-        console.table(report.table() if every else report.layers())
+        console.table(report.layers() if self.layer is None else report.table())
         failed = [check for check in report.checks if not check.passed]
         for check in failed:
             console.print(

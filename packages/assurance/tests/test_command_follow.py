@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from rans_assurance.commands.follow import Follow
 
-from rans.errors import ConfigError
 from rans.tasks import TrackVelocity
 from tests.support.training import CONFIG, tiny_trainer
 
@@ -44,14 +43,3 @@ def test_the_same_seed_gives_the_same_flights(run: Path, monkeypatch: pytest.Mon
         assert Follow(str(run), episodes=2).run() == 0
         results.append(json.loads((run / "follow-circle.json").read_text())["quantities"])
     assert results[0] == results[1] != results[2]
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ({"episodes": 0}, "--episodes must be >= 1 and < 2\\^31, got 0"),
-    ],
-)
-def test_a_wrong_option_is_a_sentence(wrong: dict[str, object], said: str, run: Path) -> None:
-    with pytest.raises(ConfigError, match=said):
-        replace(Follow(str(run)), **wrong).run()  # type: ignore[arg-type]

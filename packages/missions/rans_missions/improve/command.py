@@ -35,7 +35,6 @@ def improve(
     *contestants: str,
     spacecraft: str | Path | None = None,
     episodes: int = 4,
-    seed: int = EVALUATION_SEED,
     rounds: int = 200,
     output: str | Path = Path("least.csv"),
 ) -> Improved:
@@ -48,7 +47,6 @@ def improve(
         spacecraft: name of a spacecraft that comes with RANS, or your own TOML file; by default that of the task,
             or of the agent.
         episodes: number of starts.
-        seed: seed of the starts.
         rounds: rounds of the search, with 256 flights of each start: some seconds of processor time each.
         output: file of the flights.
 
@@ -95,7 +93,7 @@ def improve(
         contestant(text, default_setup=throttled if text.endswith(".csv") else setup).controller
         for text in contestants
     ]
-    starts = scenarios(mission, setup.craft, seed, episodes)
+    starts = scenarios(mission, setup.craft, EVALUATION_SEED, episodes)
     with progress() as bars:
         step = stages(bars)("search", rounds)
         found = search.improve(setup, starts, seeds, rounds, report=lambda *_: step(1))
