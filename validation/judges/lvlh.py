@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rans.model.arc import along_arc
 from rans.model.fields import Vec3
+from validation.judges.arc import along_arc
 from validation.judges.judge import Judge, Largest, Row
 from validation.study.checks import Check
 

@@ -1,4 +1,4 @@
-"""Formulas of problems: numbers, names, arithmetic and a few functions, of whatever can be computed with."""
+"""Formulas of problems: numbers, names, arithmetic and a few functions, of numbers, arrays or nodes of a tape."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from rans.extend import ConfigError, brief
 FUNCTIONS = ("sin", "cos", "tan", "exp", "sqrt")
 """Functions of one argument that formulas may have."""
 _DEEPEST = 50
-"""Operations within operations at most, which is fewer than the checkers read; a + b + c has two."""
+"""Operations within operations at most, which is fewer than the checker reads; a + b + c has two."""
+_MOST_NODES = 20_000
+"""Operations of a tape at most."""
 
 
 def formula_value(text: str, values: Mapping[str, Any]) -> Any:
@@ -102,3 +104,69 @@ def _function(name: str, argument: Any, text: str) -> Any:
     if isinstance(argument, np.ndarray):
         return getattr(np, name)(argument)
     return argument.function(name)
+
+
+class Tape:
+    """Operations of formulas in the order in which they are computed; equal ones are computed once."""
+
+    def __init__(self, width: int) -> None:
+        self.operations: list[tuple[Any, ...]] = []
+        self._numbers: dict[tuple[Any, ...], int] = {}
+        self.variables = [self.add("variable", k) for k in range(width)]
+
+    def add(self, *operation: Any) -> Node:
+        """The node of an operation: its name, and numbers of nodes or a constant."""
+        if operation not in self._numbers:
+            if len(self.operations) >= _MOST_NODES:
+                raise ConfigError(f"the plant has more than {_MOST_NODES:,} operations.")
+            self._numbers[operation] = len(self.operations)
+            self.operations.append(operation)
+        return Node(self, self._numbers[operation])
+
+    def node(self, value: Any) -> Node:
+        """The node of a number, or of a node."""
+        return value if isinstance(value, Node) else self.add("constant", float(value))
+
+
+class Node:
+    """Result of an operation on a tape."""
+
+    def __init__(self, tape: Tape, number: int) -> None:
+        self.tape = tape
+        self.number = number
+
+    def __add__(self, other: Any) -> Node:
+        return self.tape.add("sum", self.number, self.tape.node(other).number)
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Node:
+        return self.tape.add("multiple", self.number, -1.0)
+
+    def __sub__(self, other: Any) -> Node:
+        return self + -self.tape.node(other)
+
+    def __rsub__(self, other: Any) -> Node:
+        return -self + other
+
+    def __mul__(self, other: Any) -> Node:
+        if isinstance(other, Node):
+            return self.tape.add("product", self.number, other.number)
+        return self.tape.add("multiple", self.number, float(other))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Node:
+        return self * self.tape.node(other).function("inverse")
+
+    def __rtruediv__(self, other: Any) -> Node:
+        return other * self.function("inverse")
+
+    def function(self, name: str) -> Node:
+        """One of `FUNCTIONS`, or the inverse."""
+        if name == "tan":
+            return self.function("sin") / self.function("cos")
+        if name in ("sin", "cos"):  # the coefficients of each follow from those of the other
+            both = self.tape.add("turn", self.number)
+            return self.tape.add(name, both.number)
+        return self.tape.add(name, self.number)

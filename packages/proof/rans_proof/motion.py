@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from rans.extend import ConfigError
+from rans_proof.formula import Node, Tape
 from rans_proof.plants import Piece
 from rans_proof.problem import Problem
 from rans_proof.relaxation import Planes, Zonotope
@@ -31,8 +31,6 @@ _REST = 0.01, 1e-6
 _UNIT = 2.0**-53
 _ULPS = 8.0
 """Errors of sin, cos, exp and their like, in units in the last place; of libraries in use they are below 2."""
-_MOST_NODES = 20_000
-"""Operations of a plant at most."""
 
 
 class Form(NamedTuple):
@@ -175,72 +173,6 @@ def _inverse(x: Form) -> Form:
         for c, sign in zip((torch.minimum(*curves), torch.maximum(*curves)), (-1, 1), strict=True)
     ]
     return bent(x, value, -(value**2), (widened[0], widened[1]))
-
-
-class Tape:
-    """Operations of formulas in the order in which they are computed; equal ones are computed once."""
-
-    def __init__(self, width: int) -> None:
-        self.operations: list[tuple[Any, ...]] = []
-        self._numbers: dict[tuple[Any, ...], int] = {}
-        self.variables = [self.add("variable", k) for k in range(width)]
-
-    def add(self, *operation: Any) -> Node:
-        """The node of an operation: its name, and numbers of nodes or a constant."""
-        if operation not in self._numbers:
-            if len(self.operations) >= _MOST_NODES:
-                raise ConfigError(f"the plant has more than {_MOST_NODES:,} operations.")
-            self._numbers[operation] = len(self.operations)
-            self.operations.append(operation)
-        return Node(self, self._numbers[operation])
-
-    def node(self, value: Any) -> Node:
-        """The node of a number, or of a node."""
-        return value if isinstance(value, Node) else self.add("constant", float(value))
-
-
-class Node:
-    """Result of an operation on a tape."""
-
-    def __init__(self, tape: Tape, number: int) -> None:
-        self.tape = tape
-        self.number = number
-
-    def __add__(self, other: Any) -> Node:
-        return self.tape.add("sum", self.number, self.tape.node(other).number)
-
-    __radd__ = __add__
-
-    def __neg__(self) -> Node:
-        return self.tape.add("multiple", self.number, -1.0)
-
-    def __sub__(self, other: Any) -> Node:
-        return self + -self.tape.node(other)
-
-    def __rsub__(self, other: Any) -> Node:
-        return -self + other
-
-    def __mul__(self, other: Any) -> Node:
-        if isinstance(other, Node):
-            return self.tape.add("product", self.number, other.number)
-        return self.tape.add("multiple", self.number, float(other))
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Any) -> Node:
-        return self * self.tape.node(other).function("inverse")
-
-    def __rtruediv__(self, other: Any) -> Node:
-        return other * self.function("inverse")
-
-    def function(self, name: str) -> Node:
-        """A function of `rans_proof.formula`, or the inverse."""
-        if name == "tan":
-            return self.function("sin") / self.function("cos")
-        if name in ("sin", "cos"):  # the coefficients of each follow from those of the other
-            both = self.tape.add("turn", self.number)
-            return self.tape.add(name, both.number)
-        return self.tape.add(name, self.number)
 
 
 class Series:

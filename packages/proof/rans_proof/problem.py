@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rans.extend import ConfigError, brief, counted, read_text, read_toml
-from rans_proof.formula import formula_value
+from rans_proof.formula import Tape, formula_value
 
 MOST_STATES = 16
 """Largest number of states."""
@@ -191,63 +191,33 @@ def linear_function(text: str, names: Sequence[str]) -> np.ndarray:
         NotLinear: the formula is no linear function.
         ConfigError: it is no formula.
     """
-    values = {
-        name: _Linear(row)
-        for name, row in zip(names, np.eye(len(names), len(names) + 1), strict=True)
-    }
-    return _as_row(formula_value(text, values), len(names) + 1)
+    tape = Tape(len(names))
+    variables = dict(zip(names, tape.variables, strict=True))
+    result = tape.node(formula_value(text, variables))
+    eye = np.eye(len(names) + 1)
+    rows: list[np.ndarray] = []
+    for operation in tape.operations:
+        match operation:
+            case "variable", number:
+                row = eye[number]
+            case "constant", value:
+                row = value * eye[-1]
+            case "sum", first, second:
+                row = rows[first] + rows[second]
+            case "multiple", first, factor:
+                row = factor * rows[first]
+            case "product", first, second if not rows[second][:-1].any():
+                row = rows[second][-1] * rows[first]
+            case "inverse", first if not rows[first][:-1].any():
+                row = eye[-1] / rows[first][-1]
+            case _:
+                raise NotLinear
+        rows.append(row)
+    return rows[result.number]
 
 
 class NotLinear(Exception):
     """A product or function of variables."""
-
-
-class _Linear:
-    """Linear function of all variables, whose last coefficient is the constant."""
-
-    def __init__(self, row: np.ndarray) -> None:
-        self.row = row
-
-    def __add__(self, other: Any) -> _Linear:
-        return _Linear(self.row + _as_row(other, len(self.row)))
-
-    __radd__ = __add__
-
-    def __neg__(self) -> _Linear:
-        return _Linear(-self.row)
-
-    def __sub__(self, other: Any) -> _Linear:
-        return self + -other
-
-    def __rsub__(self, other: Any) -> _Linear:
-        return -self + other
-
-    def __mul__(self, other: Any) -> _Linear:
-        if isinstance(other, _Linear):
-            raise NotLinear
-        return _Linear(other * self.row)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Any) -> _Linear:
-        if isinstance(other, _Linear):
-            raise NotLinear
-        return _Linear(self.row / other)
-
-    def __rtruediv__(self, other: Any) -> _Linear:
-        raise NotLinear
-
-    def function(self, name: str) -> _Linear:
-        """See `rans_proof.formula`; none of the functions is linear."""
-        raise NotLinear
-
-
-def _as_row(value: Any, width: int) -> np.ndarray:
-    if isinstance(value, _Linear):
-        return value.row
-    row = np.zeros(width)
-    row[-1] = value
-    return row
 
 
 def read_problem(file: Path) -> Problem:

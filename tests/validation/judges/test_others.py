@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rans.model.arc import along_arc, from_arc
 from rans.model.fields import Vec3
 from validation.judges import brick, lvlh
+from validation.judges.arc import along_arc, from_arc
 
 
 @pytest.mark.parametrize("judge", [brick, lvlh])

@@ -27,8 +27,8 @@ from rans.extend import (
     read_toml,
     structure,
 )
-from rans.model.arc import from_arc
 from rans_missions.orbits.elliptic import MOST_ECCENTRIC, EllipticOrbit, eccentric_anomaly
+from validation.judges.arc import from_arc
 from validation.judges.judge import Judge, Largest, Row
 from validation.study.checks import Check
 
