@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
-from rans.model.dynamics import NODES, AnyState, Rotors, Wrench, advance
+from rans.model.dynamics import NODES, AnyState, Emptied, Rotors, Wrench, advance
 from rans.model.fields import Field, Vec3, leaves, unflatten
 from rans.model.trace import Symbol
 from rans.policy.program import inputs
@@ -82,6 +82,7 @@ class Substeps:
         momentum: tuple[Vec3, Vec3] | None = None,
         growth: tuple[Field, Field] | None = None,
         rotors: Rotors | None = None,
+        tank: tuple[Emptied, Emptied] | None = None,
     ) -> AnyState:
         """`rans.model.dynamics.advance` on symbols: the motion over a part of a control period.
 
@@ -89,6 +90,7 @@ class Substeps:
         """
         # Where loads change from substep to substep, one function makes all of them.
         constant = last is None and momentum is None and growth is None and drift.steady
+        constant = constant and tank is None
         grows = rotors is not None and rotors[1] is not None
         together = 1 if constant else substeps
         repeats = substeps // together
@@ -99,6 +101,7 @@ class Substeps:
             momentum,
             growth,
             rotors if grows else None,
+            tank,
             duration / repeats,
         )
         constants = (Body(body.mass, body.inertia), disturbance, drift)
@@ -113,6 +116,7 @@ class Substeps:
             growth is None,
             disturbance is None,
             grows or rotors,
+            tank is None,
             tuple(None if isinstance(x, Symbol) else x for x in leaves(constants)),
         )
         # A kind that was not there yet is traced once.
@@ -120,7 +124,7 @@ class Substeps:
             before = inputs("state", len(leaves(state)))
             read = inputs("load", len(leaves(loads)) + len(varying))
             entries = iter(read)
-            first, end, wheels, swell, grown, step = unflatten(loads, entries)
+            first, end, wheels, swell, grown, lacks, step = unflatten(loads, entries)
             fixed, push, motion = unflatten(
                 constants,
                 [next(entries) if isinstance(x, Symbol) else x for x in leaves(constants)],
@@ -138,6 +142,7 @@ class Substeps:
                 wheels,
                 swell,
                 grown if grows else rotors,
+                lacks,
             )
             self._kinds[key] = Substep(
                 f"substep{len(self._kinds)}", tuple(before), tuple(read), _symbols(leaves(after))

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from rans.model.body import Body
 from rans.model.drift import Drift
-from rans.model.dynamics import Rule, Wrench
+from rans.model.dynamics import Emptied, Rule, Wrench
 from rans.model.fields import Field, Vec2, Vec3, map_leaves
 from rans.model.spacecraft import CommandRange, Spacecraft, Store
 from rans.model.timing import Timing
@@ -89,13 +89,17 @@ class Push:
     """Upper bound on the duration, s."""
     growth: Growth | None = None
     """Full mass over mass; None: the craft has no propellant."""
+    turning: Growth | None = None
+    """The same for torques, which differs in the plane where a tank is not at the centre of mass."""
+    tank: tuple[Emptied, Emptied] | None = None
+    """What a craft with a tank at a place lacks at the start and at the end; None: there is none."""
     momentum: tuple[Any, Any] | None = None
     """Angular momentum of wheels inside the craft in B, N m s, at the start, and its change until the end; vectors
     in space, scalars about z in the plane. None: no wheels."""
 
     def with_torque(self, torque: Any) -> Push:
         """The part with an additional constant torque in B, N m, which grows as the part's own wrench does."""
-        begins, ends = (torque, torque) if self.growth is None else self.growth.line(torque)
+        begins, ends = (torque, torque) if self.turning is None else self.turning.line(torque)
         last = self.last
         return replace(
             self,

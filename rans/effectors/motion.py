@@ -118,7 +118,9 @@ def states_at_checks(
             if push.growth is not None and disturbance is not None:
                 growth = push.growth.constant
             # The wheels stay as the propellant leaves: beside a full craft they grow.
-            rotors = (inertia, None) if push.growth is None else push.growth.line(inertia)
+            rotors = None
+            if inertia:
+                rotors = (inertia, None) if push.growth is None else push.growth.line(inertia)
             state = integrate(
                 state,
                 push.first,
@@ -131,7 +133,7 @@ def states_at_checks(
                 push.last,
                 momentum,
                 growth,
-                *([rotors] if inertia else []),
+                *([rotors, push.tank] if rotors or push.tank else []),
             )
             drift = drift.later(duration)
         state = state.normalised()
@@ -162,7 +164,9 @@ def effectors_of(craft: Spacecraft) -> tuple[Effector, ...]:
     if craft.propellant is not None:
         flow = sum(thruster.force for thruster in craft.thrusters) / craft.propellant.exhaust_speed
         fastest = flow / (craft.mass * craft.lightest)
-        results.append(PropellantTank(craft.propellant, craft.stores[0], fastest))
+        place = craft.propellant.position
+        arm = place and tuple(a - b for a, b in zip(place, craft.centre_of_mass, strict=True))
+        results.append(PropellantTank(craft.propellant, craft.stores[0], fastest, arm))
     if craft.wheels:
         ranges = craft.commands[craft.wheel_commands]
         tanks = int(craft.propellant is not None)

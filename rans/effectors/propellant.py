@@ -3,44 +3,103 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from rans.effectors.effector import Action, Begun, Effector, Growth, Push
 from rans.model.body import Body
-from rans.model.dynamics import RULES, Piece, Wrench
-from rans.model.fields import Field, at_least, fraction_of, map_leaves, sqrt
+from rans.model.dynamics import RULES, Emptied, Piece, Wrench
+from rans.model.fields import Field, Vec2, Vec3, at_least, fraction_of, map_leaves, sqrt
 from rans.model.spacecraft import CommandRange, Propellant, Store
 
-_MOST_BURNED = 0.02
-"""Largest share of its mass that a craft may burn in one part of a period: 25 s are then within 1e-5 m and 1e-5 rad
-for craft that turn by up to 1.5 rad in a period (`tests.effectors.test_pairs`). All craft that come with RANS
-burn less in a whole period."""
+_MOST_BURNED = 0.01
+"""Largest share of its mass that a craft may burn in one part of a period: 5 s are then within 4e-8 m and 7e-9 rad
+for craft that burn a third of their mass in them (`tests.effectors.test_pairs`), and errors fall with its fourth
+power. All craft that come with RANS burn less in a whole period."""
 _MOST_PARTS = 16
 """Largest number of parts, which bounds the length of generated programs."""
 
 
 @dataclass(frozen=True)
 class Tank:
-    """Propellant tank of a craft with a given mass.
+    """Propellant tank of a craft.
 
-    Mass and inertia decrease in the same proportion. A craft with a share s of its full mass therefore moves
-    under a load as the full craft does under 1 / s times that load, and motion is computed in this way: the
-    body is constant, and thrust, disturbances, motor torques and momenta of wheels are scaled.
+    A craft with a share s of its full mass moves under a load as the full craft does under 1 / s times that load,
+    and motion is computed in this way: the body is constant, and thrust, disturbances, motor torques and momenta
+    of wheels are scaled. Inertia decreases in the same proportion, unless the tank has a place: with g = 1 / s
+    the centre of mass is then at (1 - g) a from B's origin and g times the inertia is that of the full craft
+    I + (g - 1) (I - k M) - g (g - 1) M (a.a 1 - a a'), with the tank's arm a, the full mass M and the liquid's
+    own inertia k for each kilogram. What leaves takes no momentum but that of a part of the craft.
     """
 
     propellant: Propellant
-    full_mass: Field
-    """Mass of the craft with a full tank, kg."""
-
-    @classmethod
-    def of(cls, propellant: Propellant, body: Body) -> Tank:
-        """Tank of a craft from its body with a full tank."""
-        return cls(propellant, body.mass)
+    body: Body
+    """With a full tank."""
+    arm: tuple[Field, ...] | None
+    """From B's origin to the liquid, m: two entries in the plane; None: it is spread as the craft's mass is."""
 
     def growth(self, left: Field) -> Field:
         """Full mass over the mass with ``left`` kilograms of propellant."""
-        return self.full_mass / (self.full_mass - (self.propellant.mass - left))
+        return self.body.mass / (self.body.mass - (self.propellant.mass - left))
+
+    def _push(
+        self,
+        piece: Piece,
+        values: Sequence[Field],
+        grown: Callable[[Sequence[Field]], Growth],
+    ) -> Push:
+        """A part of a period under a wrench, in which full mass over mass has these values.
+
+        Args:
+            piece: the part, with the wrench on the true craft about the centre of mass with a full tank.
+            values: at the nodes of a rule, or one that does not change.
+            grown: lines of such values.
+        """
+        duration, first, last, longest = piece
+        first = replace(first, exhaust=None)
+        last = None if last is None else replace(last, exhaust=None)
+        growth = turning = grown(values)
+        begins, ends = growth.line(first, last)
+        if self.arm is None:
+            return Push(duration, begins, ends, longest, growth, growth)
+        # The lever arms of thrusters change by (g - 1) a.
+        levers = [g * (g - 1.0) for g in values]
+        arm: Any = (Vec2 if len(self.arm) == 2 else Vec3)(*self.arm)
+        own = 0.4 * self.propellant.radius**2 * self.body.mass
+        away = [x * self.body.mass for x in _second_moments(self.arm)]
+        rounds = (1.0,) if len(away) == 1 else (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
+        slower = [i - own * one for i, one in zip(self.body.inertia, rounds, strict=True)]
+
+        def excess(g: Field, lever: Field) -> tuple[Field, ...]:
+            return tuple((g - 1.0) * x - lever * y for x, y in zip(slower, away, strict=True))
+
+        if len(away) == 1:
+            inertia = self.body.inertia[0]
+            shares = [
+                inertia / (inertia + excess(g, lever)[0])
+                for g, lever in zip(values, levers, strict=True)
+            ]
+            levers, values = (
+                [x * share for x, share in zip(one, shares, strict=True)]
+                for one in (levers, values)
+            )
+            turning = grown(values)
+        lever = grown(levers)
+        torques = zip(
+            turning.line(first.torque, None if last is None else last.torque),
+            lever.line(*(_moment(arm, x) for x in (first, last) if x is not None)),
+            strict=True,
+        )
+        begins, ends = (
+            replace(wrench, torque=own + levered)
+            for wrench, (own, levered) in zip((begins, ends), torques, strict=True)
+        )
+        lacks = [
+            Emptied(arm.scale(1.0 - g), excess(g, x) if len(away) == 6 else (), turn)
+            for g, x, turn in zip(growth.constant, lever.constant, turning.constant, strict=True)
+        ]
+        return Push(duration, begins, ends, longest, growth, turning, (lacks[0], lacks[1]))
 
     def burned(self, piece: Piece, left: Field) -> Iterator[tuple[Push, Field]]:
         """Divide a piece into parts with thrust and with an empty tank, each with the propellant left after it.
@@ -80,25 +139,27 @@ class Tank:
             pace = duration * open_part * (1.0 / self.propellant.exhaust_speed)
             bend = 0.5 * (end.exhaust - flow)
             masses = (left - pace * (flow * node + bend * (node * node)) for node, _ in rule)
-        growth = Growth.of([self.growth(mass) for mass in masses], rule)
-        starts, stops = growth.line(first, None if last is None else end)
-        yield (
-            Push(
-                duration * open_part,
-                _without_exhaust(starts),
-                _without_exhaust(stops),
-                longest,
-                growth,
-            ),
-            after,
-        )
-        nothing = _without_exhaust(map_leaves(lambda x: x * 0.0, first))
-        empty = Growth.steady(self.growth(after))
-        yield Push(duration * (1.0 - open_part), nothing, None, longest, empty), after
+        lit = (duration * open_part, first, None if last is None else end, longest)
+        values = [self.growth(mass) for mass in masses]
+        yield self._push(lit, values, lambda values: Growth.of(values, rule)), after
+        nothing = map_leaves(lambda x: x * 0.0, first)
+        empty = (duration * (1.0 - open_part), nothing, None, longest)
+        push = self._push(empty, [self.growth(after)], lambda values: Growth.steady(*values))
+        yield replace(push, first=replace(nothing, exhaust=None), last=None), after
 
 
-def _without_exhaust(wrench: Wrench) -> Wrench:
-    return replace(wrench, exhaust=None)
+def _second_moments(arm: Sequence[Field]) -> tuple[Field, ...]:
+    """Moments of inertia of 1 kg at an arm, m^2: one about z in the plane, else the six entries of a tensor."""
+    if len(arm) == 2:
+        return (arm[0] * arm[0] + arm[1] * arm[1],)
+    x, y, z = arm
+    return (y * y + z * z, -(x * y), -(x * z), x * x + z * z, -(y * z), x * x + y * y)
+
+
+def _moment(arm: Any, wrench: Wrench) -> Any:
+    """Torque of a wrench's force at an arm."""
+    force: Any = wrench.force
+    return arm.cross(force) if isinstance(arm, Vec3) else arm.x * force.y - arm.y * force.x
 
 
 def divided(piece: Piece, count: int) -> Iterator[Piece]:
@@ -125,6 +186,8 @@ class PropellantTank(Effector):
     store: Store
     fastest: float
     """Largest loss of mass of the nearly empty craft with all thrusters open, a share of its mass per second."""
+    arm: tuple[float, ...] | None = None
+    """From the designed centre of mass with a full tank to the tank, axes of G, m; None: it has no place."""
 
     @property
     def commands(self) -> tuple[CommandRange, ...]:
@@ -138,7 +201,13 @@ class PropellantTank(Effector):
 
     def begin(self, begun: Begun) -> Action:
         """Action over a control period: consume propellant and scale wrenches."""
-        return _Burning(Tank.of(self.propellant, begun.body), begun.stores[0], self.fastest)
+        body = begun.body
+        arm: Any = self.arm
+        if arm is not None:
+            centre = body.centre or arm[:0]
+            arm = arm[: 2 if len(body.inertia) == 1 else 3]
+            arm = tuple(a - b for a, b in zip(arm, centre, strict=True)) if centre else arm
+        return _Burning(Tank(self.propellant, body, arm), begun.stores[0], self.fastest)
 
 
 class _Burning(Action):

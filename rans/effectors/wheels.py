@@ -60,9 +60,9 @@ class _Spinning(Action):
             before = along_axes(wheels, self.stores(self._elapsed))
             after = before + times(turn, push.duration)
             begins = ends = turn
-            if push.growth is not None:
-                begins, ends = push.growth.line(turn)
-                before, after = push.growth.line(before, after)
+            if push.turning is not None:
+                begins, ends = push.turning.line(turn)
+                before, after = push.turning.line(before, after)
             first = replace(push.first, torque=push.first.torque - begins)
             last = push.last
             last = last if last is None else replace(last, torque=last.torque - ends)

@@ -76,7 +76,7 @@ def chosen(
         ConfigError: one command moves or turns the craft too far in a period for its state to be represented.
     """
     period = timing.control_period
-    alpha = spin_up(craft, body) / _lightest(craft, body) * period**2
+    alpha = _most_spin_up(craft, body) * period**2
     _check_range(craft, body, alpha, period)
     if timing.substeps is not None:
         return timing
@@ -137,7 +137,7 @@ def _longest(craft: Spacecraft, body: Body | None, uneven: float = _UNEVEN) -> f
 
 
 def _lightest(craft: Spacecraft, body: Body | None) -> float:
-    """Least mass with an empty tank over mass with a full tank of several bodies; inertia has the same ratio."""
+    """Least mass with an empty tank over mass with a full tank of several bodies."""
     if craft.propellant is None or body is None:
         return craft.lightest
     return float(np.min(1.0 - craft.propellant.mass / numbers(body.mass)))
@@ -148,8 +148,18 @@ def gyroscopic_rate(craft: Spacecraft, body: Body | None = None) -> float:
     if craft.dimension == 2 or not craft.wheels:
         return 0.0
     momentum = math.hypot(*(wheel.max_momentum for wheel in craft.wheels))
-    least = float(np.linalg.eigvalsh(_tensors(body or Body.of(craft))).min())
-    return momentum / (least * _lightest(craft, body))
+    light = body or Body.of(craft)
+    if craft.propellant is not None:
+        light = light.emptied(craft)
+    return momentum / float(np.linalg.eigvalsh(_tensors(light)).min())
+
+
+def _most_spin_up(craft: Spacecraft, body: Body | None) -> float:
+    """Largest angular acceleration of any command with a full or an empty tank, rad/s^2."""
+    if craft.propellant is None or craft.propellant.position is None:
+        return spin_up(craft, body) / _lightest(craft, body)
+    full = body or Body.of(craft)
+    return max(spin_up(craft, full), spin_up(craft, full.emptied(craft)))
 
 
 def spin_up(craft: Spacecraft, body: Body | None = None) -> float:

@@ -266,15 +266,19 @@ class Propellant:
     >>> round(Propellant(mass=400.0, specific_impulse=225.0).exhaust_speed, 3)
     2206.496
 
-    Thrusters with the forces F_i use sum(F_i) / exhaust_speed kilograms per second. The mass and inertia of the
-    craft are those with a full tank; both decrease in the same proportion, and the centre of mass does not
-    move. Thrust ends when the tank is empty.
+    Thrusters with the forces F_i use sum(F_i) / exhaust_speed kilograms per second. Mass, inertia and centre of
+    mass of the craft are those with a full tank. Thrust ends when the tank is empty.
     """
 
     mass: float
     """Propellant in a full tank, kg: a part of the craft's mass."""
     specific_impulse: float
     """Specific impulse of all thrusters, s."""
+    position: tuple[float, float, float] | None = None
+    """Centre of the tank in G, m: centre of mass and inertia follow as it empties. None: the propellant is spread
+    as the craft's mass is, so that inertia decreases in proportion about a centre that does not move."""
+    radius: float = 0.0
+    """Radius of a spherical tank there, m, which the propellant fills evenly, as gas does; 0: a point."""
 
     @property
     def exhaust_speed(self) -> float:

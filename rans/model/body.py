@@ -6,14 +6,14 @@ Every engine, kernel and Drake take it as it is; values are numbers or fields (N
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from rans.errors import ConfigError, checked
 from rans.model.fields import Field
-from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft import Spacecraft, emptied, is_rigid_body
 
 _MOMENTS = {
     1: {"I_zz": "> 0"},
@@ -64,6 +64,13 @@ class Body:
         count = craft.thruster_count
         moments = (zz,) if craft.dimension == 2 else (xx, xy, xz, yy, yz, zz)
         return cls(craft.mass, moments, (0.0,) * craft.dimension, (1.0,) * count, (0.0,) * count)
+
+    def emptied(self, craft: Spacecraft) -> Body:
+        """The body of a craft with propellant when its tank is empty, as arrays (N,) or of no dimension."""
+        inertia = tuple(map(numbers, self.inertia))
+        centre = tuple(map(numbers, self.centre or (0.0,) * craft.dimension))
+        mass, inertia, centre = emptied(craft, numbers(self.mass), inertia, centre)
+        return replace(self, mass=mass, inertia=inertia, centre=centre)
 
 
 def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]) -> Body:
@@ -138,6 +145,11 @@ def check_stores(craft: Spacecraft, body: Body) -> None:
             f"the body's mass, {least:g} kg, includes a full tank, and the propellant of {craft.name!r}, "
             f"{tank.mass:g} kg, may be 99.9 % of it at most. The usual cause is the mass with an empty tank."
         )
+    if tank is not None and not np.all(is_rigid_body(body.emptied(craft).inertia, 1e-6)):
+        raise ConfigError(
+            f"the body leaves no rigid craft to {craft.name!r} with an empty tank: without {tank.mass:g} kg at "
+            "the tank's position its inertia is not that of a body. Give it more inertia, or less propellant."
+        )
     further: tuple[Any, ...] = craft.further_effectors
     for effector in further:
         effector.check_body(craft, body)
@@ -184,11 +196,10 @@ def _placed(name: str, bound: str, value: Any, count: int, field: Callable[[Any]
 def _check_rigid(inertia: tuple[Any, ...]) -> None:
     """Reject moments of inertia (kg m^2, also arrays) that no body has, with a tolerance for float32."""
     entries = np.stack(np.broadcast_arrays(*map(numbers, inertia)), axis=-1)
-    tensors = entries[..., ((0, 1, 2), (1, 3, 4), (2, 4, 5))]
-    low, middle, high = np.moveaxis(np.linalg.eigvalsh(tensors), -1, 0)
-    wrong = (low <= 0) | (high > (low + middle) * (1 + 1e-6))
+    wrong = ~is_rigid_body(tuple(np.moveaxis(entries, -1, 0)), 1e-6)
     if wrong.any():
-        moments = ", ".join(f"{float(moment[wrong].flat[0]):.4g}" for moment in (low, middle, high))
+        tensor = entries[wrong].reshape(-1, 6)[0][[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+        moments = ", ".join(f"{moment:.4g}" for moment in np.linalg.eigvalsh(tensor))
         raise ConfigError(
             "principal moments of inertia must be > 0 and none above the sum of the other two, "
             f"got {moments} kg m^2."

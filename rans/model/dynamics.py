@@ -1,9 +1,9 @@
 """Equations of motion, written once over fields; torch, NumPy and CasADi run the same source.
 
-World frame W, body frame B at the centre of mass. Thrust is constant in B over a control period (zero-order hold)
-or over each of its pieces. Disturbances are constant in W. Without both, a spacecraft follows its drift
-(`rans.model.drift`); there is no friction. Kernels, controllers and certificates trace this source: the order of
-operations decides recorded flights bit by bit.
+World frame W, body frame B at the centre of mass with a full tank. Thrust is constant in B over a control period
+(zero-order hold) or over each of its pieces. Disturbances are constant in W. Without both, a spacecraft follows its
+drift (`rans.model.drift`); there is no friction. Kernels, controllers and certificates trace this source: the order
+of operations decides recorded flights bit by bit.
 """
 
 from __future__ import annotations
@@ -238,6 +238,22 @@ Piece = tuple[Field, Wrench, Wrench | None, float]
 between (end None: constant); and an upper bound on its duration, s."""
 
 
+@dataclass(frozen=True)
+class Emptied:
+    """What a craft with a tank at a place lacks at an instant, beside the full craft that moves in its stead.
+
+    Motion is that of the full craft under loads in proportion to full mass over mass (`rans.effectors.propellant`).
+    """
+
+    centre: Any
+    """Centre of mass in B, m: a vector."""
+    inertia: tuple[Field, ...]
+    """In space, what full mass over mass times the inertia exceeds the full craft's by, as six entries, kg m^2; in
+    the plane empty: its torques are in proportion to full inertia over inertia."""
+    turning: Field | None
+    """In the plane full inertia over inertia, which a torque in W is multiplied by; in space None."""
+
+
 def undelayed(
     craft: Spacecraft, body: Body, command: Sequence[Field], period: float
 ) -> Iterator[Piece]:
@@ -260,6 +276,7 @@ def advance(
     momentum: tuple[Vec3, Vec3] | None = None,
     growth: tuple[Field, Field] | None = None,
     rotors: Rotors | None = None,
+    tank: tuple[Emptied, Emptied] | None = None,
 ) -> AnyState:
     """State after a wrench, constant or linear in time in B, has acted on the body for a duration.
 
@@ -282,41 +299,57 @@ def advance(
             propellant; None: 1.
         rotors: moments of inertia that the wheels add to those of the body where gravity turns it
             (`rans.model.drift.Drift.gradient`); None: no wheels.
+        tank: what the craft lacks at the start and at the end, linear in time; None: its centre of mass does not
+            move. The state is that of B's origin before and after it.
     """
+
     # Changes in a substep of what is linear in time.
+    def line(begin: Any, end: Any) -> Any:
+        if begin is None or end is None:
+            return begin, None
+        return begin, map_leaves(lambda a, b: (b - a) * (1.0 / substeps), begin, end)
+
     h = duration / substeps
-    change = None
-    if last is not None:
-        change = map_leaves(lambda a, b: (b - a) * (1.0 / substeps), applied, last)
-    if momentum is not None:
-        momentum = (momentum[0], momentum[1].scale(1.0 / substeps))
-    swell = None
-    if growth is not None:
-        swell = (growth[0], (growth[1] - growth[0]) * (1.0 / substeps))
-    wheels: list[Sequence[Field]] = []
-    if rotors is not None:
-        begin, end = rotors
-        wheels = [begin]
-        if end is not None:
-            wheels.append([(b - a) * (1.0 / substeps) for a, b in zip(begin, end, strict=True)])
+    turning = None if momentum is None else momentum[1].scale(1.0 / substeps)
+    lines: list[Any] = [
+        line(applied, last),
+        (None if momentum is None else momentum[0], turning),
+        line(*(growth or (None, None))),
+        line(*(rotors or (None, None))),
+        line(*(tank or (None, None))),
+    ]
+    # In substeps the state is that of the point of the body in which the centre of mass is in the mean.
+    middle = None
+    if tank is not None:
+        middle = (tank[0].centre + tank[1].centre).scale(0.5)
+        state = _at_point(state, middle, 1.0)
     # Each substep begins where the lines of the wrench then are.
     state = _relative_to(state, drift, 1.0)
     for _ in range(substeps):
-        load = _Load(applied, change, disturbance, body, drift, momentum, swell, wheels)
+        load = _Load(*lines, disturbance=disturbance, body=body, drift=drift, point=middle)
         if isinstance(state, PlanarState):
             state = _advance_planar(state, load, h, nodes)  # pyrefly: ignore[bad-assignment]
         else:
             state = _advance_spatial(state, load, h)  # pyrefly: ignore[bad-assignment]
-        if change is not None:
-            applied = map_leaves(operator.add, applied, change)
-        if momentum is not None:
-            momentum = (momentum[0] + momentum[1], momentum[1])
-        if swell is not None:
-            swell = (swell[0] + swell[1], swell[1])
-        if len(wheels) == 2:
-            wheels = [[a + b for a, b in zip(*wheels, strict=True)], wheels[1]]
+        lines = [
+            (begin if change is None else map_leaves(operator.add, begin, change), change)
+            for begin, change in lines
+        ]
         drift = drift.later(h)
-    return _relative_to(state, drift, -1.0)
+    state = _relative_to(state, drift, -1.0)
+    return state if middle is None else _at_point(state, middle, -1.0)
+
+
+def _at_point(state: Any, point: Any, sign: float) -> Any:
+    """State of a point of the body, given in B (sign 1), from that of B's origin, or the other way (-1)."""
+    arm = state.attitude.rotate(point.scale(sign))
+    speed = state.attitude.rotate(_across(state.w, point.scale(sign)))
+    return replace(state, p=state.p + arm, v=state.v + speed)
+
+
+def _across(w: Any, arm: Any) -> Any:
+    """Vector product of an angular velocity (a scalar about z in the plane) with a vector."""
+    return w.cross(arm) if isinstance(w, Vec3) else Vec2(-(w * arm.y), w * arm.x)
 
 
 def _relative_to(state: AnyState, drift: Drift, sign: float) -> AnyState:
@@ -331,33 +364,50 @@ def _relative_to(state: AnyState, drift: Drift, sign: float) -> AnyState:
 class _Load:
     """Wrenches on a body over one substep, and the drift."""
 
-    thrust: Wrench
-    change: Wrench | None
-    """Change of the thrust until the end of the substep, linear in time."""
+    thrust: tuple[Wrench, Wrench | None]
+    """At the start, and its change until the end of the substep, as of all pairs; None: constant."""
+    momentum: tuple[Vec3 | None, Vec3 | None]
+    """Angular momentum of the reaction wheels in B, N m s; None: no wheels."""
+    swell: tuple[Field | None, Field | None]
+    """Factor on the disturbance; None: 1."""
+    rotors: tuple[Sequence[Field] | None, Sequence[Field] | None]
+    """Moments of inertia of the wheels, kg m^2; see `advance`."""
+    tank: tuple[Emptied | None, Emptied | None]
+    """What the craft lacks; None: its centre of mass does not move."""
     disturbance: Wrench | None
     body: Body
     drift: Drift
-    momentum: tuple[Vec3, Vec3] | None = None
-    """Angular momentum of the reaction wheels in B and its change until the end, N m s."""
-    swell: tuple[Field, Field] | None = None
-    """Factor on the disturbance and its change until the end; None: 1."""
-    rotors: Sequence[Sequence[Field]] = ()
-    """Moments of inertia of the wheels by powers of the elapsed share, kg m^2; see `advance`."""
+    point: Any
+    """Point of the body whose state it is, in B, m; None: B's origin."""
 
-    def pushes(self) -> Callable[[float], Any]:
-        """Acceleration by the thrust in B, m/s^2, as a function of the elapsed share of the substep."""
-        first: Any = self.thrust.force.scale(1.0 / self.body.mass)
-        if self.change is None:
-            return lambda _: first
-        more = self.change.force.scale(1.0 / self.body.mass)
-        return lambda elapsed: first + more.scale(elapsed)
+    def pushes(self, turns: Callable[[float], tuple[Any, Any]]) -> Callable[[float], Any]:
+        """Acceleration of the point by the thrust in B, m/s^2, as a function of the elapsed share of the substep.
+
+        Args:
+            turns: angular velocity in axes that do not turn and its derivative, in B, as a function of this share.
+        """
+        begin, change = self.thrust
+        first: Any = begin.force.scale(1.0 / self.body.mass)
+        more = None if change is None else change.force.scale(1.0 / self.body.mass)
+        empty, emptier = self.tank
+
+        def push(elapsed: float) -> Any:
+            result = first if more is None else first + more.scale(elapsed)
+            if empty is None or emptier is None:
+                return result
+            # The centre of mass, which has this acceleration, is away from the point.
+            away = empty.centre + emptier.centre.scale(elapsed) - self.point
+            w, faster = turns(elapsed)
+            return result - _across(faster, away) - _across(w, _across(w, away))
+
+        return push
 
     def pulls(self) -> tuple[Any, ...]:
         """Acceleration by the disturbance in W by powers of the elapsed share, m/s^2; empty without one."""
         if self.disturbance is None:
             return ()
         steady = self.disturbance.force.scale(1.0 / self.body.mass)
-        return (steady,) if self.swell is None else tuple(steady.scale(x) for x in self.swell)
+        return tuple(steady.scale(x) for x in self.swell if x is not None) or (steady,)
 
 
 def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> PlanarState:
@@ -368,17 +418,29 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
     The order of its operations decides recorded flights bit by bit.
     """
     # Torque at the start, and its change until the end.
-    torque = load.thrust.torque
-    rise = None if load.change is None else load.change.torque
+    begin, change = load.thrust
+    torque = begin.torque
+    rise = None if change is None else change.torque
     if load.disturbance is not None:
         pull = load.disturbance.torque
-        if load.swell is not None:
-            pull, more_pull = (pull * x for x in load.swell)
+        swell = load.swell
+        if load.tank[0] is not None and load.tank[1] is not None:
+            swell = (load.tank[0].turning, load.tank[1].turning)
+        if swell[0] is not None and swell[1] is not None:
+            pull, more_pull = pull * swell[0], pull * swell[1]
             rise = more_pull if rise is None else rise + more_pull
         torque = torque + pull
     spin_up = torque * (1.0 / load.body.inertia[0])
     more = None if rise is None else rise * (1.0 / load.body.inertia[0])
-    push = load.pushes()
+
+    def turns(elapsed: float) -> tuple[Field, Field]:
+        frame: Any = load.drift.rate()
+        w = state.w if frame is None else state.w + frame.z
+        if more is None:
+            return w + (elapsed * h) * spin_up, spin_up
+        return w + (elapsed * h) * (spin_up + more * (0.5 * elapsed)), spin_up + more * elapsed
+
+    push = load.pushes(turns)
 
     # Where the rate of W changes, heading and spin relative to it change by as much in the other direction.
     rate = None if load.drift.steady else load.drift.rate()
@@ -399,7 +461,7 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
 
     # A thrust that is constant in B is rotated once, after its directions are summed.
     rule = RULES[nodes]
-    grows = load.change is not None
+    grows = change is not None
     pushes = (times(turn(node), push(node)) if grows else turn(node) for node, _ in rule)
     in_world = (lambda u, s: u.scale(s)) if grows else (lambda u, s: times(u, push(0.0)).scale(s))
     p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.pulls())
@@ -430,7 +492,10 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
         frames: list[Any] = [drift.turn(node * h) for node, _ in rule]
         starts = [frame.inverse().times(state.attitude) for frame in frames]
     # Spin and attitude in the axes of B at the start; torques constant in W turn with it.
-    torque = [load.thrust.torque, *([] if load.change is None else [load.change.torque])]
+    begin, change = load.thrust
+    torque = [begin.torque, *([] if change is None else [change.torque])]
+    added = [x.inertia for x in load.tank if x is not None]
+    stored = [x for x in load.momentum if x is not None]
     steady = None
     carried = []
     gradient = _gradient(drift, h)
@@ -440,21 +505,23 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
         steady = None if pull is None else into_body.rotate(pull.torque)
         radial = into_body.rotate(Vec3(1.0, 0.0, 0.0)) if gradient else None
         carried = [into_body.rotate(rate) for rate in _rates_of_frame(drift, h)]
-    rate = spin_series(
+    swell = [x for x in load.swell if x is not None]
+    rate, faster = spin_series(
         state.w,
         torque,
         inertia,
         h,
         steady,
-        load.momentum,
-        load.swell,
+        stored,
+        swell,
         carried,
         radial,
         gradient,
-        load.rotors,
+        [x for x in load.rotors if x is not None],
+        added,
     )
     rotation = Rotation(rate, h)
-    push = load.pushes()
+    push = load.pushes(lambda elapsed: (at(rate, elapsed), at(faster, elapsed)))
     turns = [(rotation.vector(node), node, weight) for node, weight in rule]
     pushes = (turned(turn, push(node)) for turn, node, _ in turns)
     if whole is not None:
@@ -466,13 +533,11 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
     p, v = moved(state.p, state.v, h, drift, rule, pushes, in_world, load.pulls())
     turn = rotation.whole
     w = at(rate, 1.0)
-    if pull is not None and steady is not None and even(inertia) and load.momentum is None:
+    if pull is not None and steady is not None and even(inertia) and not (stored or added):
         pulls = [steady] * len(rule)
         if whole is not None:
             pulls = [start.inverse().rotate(pull.torque) for start in starts]
-        once, twice = (
-            x.scale(h * (1.0 / inertia[0])) for x in pulled(torque, turns, pulls, load.swell)
-        )
+        once, twice = (x.scale(h * (1.0 / inertia[0])) for x in pulled(torque, turns, pulls, swell))
         turn = (state.w + twice).scale(h) + rotation.brackets
         w = state.w + once
     attitude = state.attitude.times(exponential(turn))

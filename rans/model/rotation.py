@@ -44,14 +44,15 @@ def spin_series(
     inertia: Sequence[Field],
     h: Field,
     steady: Vec3 | None,
-    stored: Sequence[Vec3] | None = None,
-    swell: tuple[Field, Field] | None = None,
+    stored: Sequence[Vec3] = (),
+    swell: Sequence[Field] = (),
     carried: Sequence[Vec3] = (),
     radial: Vec3 | None = None,
     gradient: Sequence[Field] = (),
     rotors: Sequence[Sequence[Field]] = (),
-) -> Series:
-    """Taylor series of the angular velocity in the elapsed share of a step.
+    added: Sequence[Sequence[Field]] = (),
+) -> tuple[Series, Series]:
+    """Taylor series of the angular velocity and of its derivative in the elapsed share of a step.
 
     Euler's equation is I w' = tau - w x ((I - I_zz 1) w + H), with the angular momentum H of the wheels: a
     multiple of the unit tensor does not contribute to w x I w. The series of a body with three equal moments of
@@ -66,30 +67,36 @@ def spin_series(
         inertia: the six entries (I_xx, I_xy, I_xz, I_yy, I_yz, I_zz), kg m^2.
         h: length of the step, s.
         steady: second torque, constant in W, expressed in B at the start, N m.
-        stored: angular momentum of the wheels in B by powers of the elapsed share, N m s; None: no wheels.
-        swell: factor on the second torque by powers of the elapsed share; None: 1.
+        stored: angular momentum of the wheels in B by powers of the elapsed share, N m s; empty: no wheels.
+        swell: factor on the second torque by powers of the elapsed share; empty: 1.
         carried: angular velocity of W by powers of the elapsed share, expressed in B at the start, rad/s; at most
             two entries; none: W does not turn.
         radial: unit vector away from the planet, constant in W, expressed in B at the start; None: no planet.
         gradient: 3 mu / R^3 by powers of the elapsed share, 1/s^2.
         rotors: what the wheels add to the inertia on which gravity acts, as its six entries, by powers of the
             elapsed share; at most two; empty: nothing.
+        added: what the inertia exceeds ``inertia`` by, likewise, two or none.
     """
+    is_even = even(inertia) and not added
+    rises: Sequence[Sequence[Field]] = added[1:]
+    if added:
+        inertia = [x + y for x, y in zip(inertia, added[0], strict=True)]
     xx, xy, xz, yy, yz, zz = inertia
     # The part of the tensor that contributes, and how many terms the series has.
     excess = (_less(xx, zz), xy, xz, _less(yy, zz), yz, 0.0)
     mobility = symmetric_inverse(inertia)
-    is_even = even(inertia)
-    calm = is_even and stored is None
+    calm = is_even and not stored
     order = _ORDER if not calm else len(torque) if steady is None else _EVEN_ORDER
     turning = [] if steady is None else [steady]
     pulled_on: Sequence[Field] = excess
     if rotors:
         pulled_on = tuple(x + y for x, y in zip(excess, rotors[0], strict=True))
+    pulled_rises = [*rotors[1:], *rises]
     outwards = [] if radial is None or (is_even and not rotors) else [radial]
     stretched: list[Vec3] = []
     tides: list[Vec3] = []
     rate = [w]
+    faster: list[Vec3] = []
     # Vectors that are constant in axes that do not turn, as B sees them.
     frame: list[list[Vec3]] = [[vector] for vector in carried]
     relative = [w - carried[0]] if carried else rate
@@ -101,28 +108,31 @@ def spin_series(
             turning.append(last_product(turning, relative).scale(h / (k + 1)))
         if outwards:
             stretched.append(symmetric_times(pulled_on, outwards[k]))
-            if k and len(rotors) == 2:
-                stretched[k] += symmetric_times(rotors[1], outwards[k - 1])
+            for rise in pulled_rises if k else ():
+                stretched[k] += symmetric_times(rise, outwards[k - 1])
             tides.append(last_product(outwards, stretched))
             torques += _swollen(tides, gradient)
             outwards.append(last_product(outwards, relative).scale(h / (k + 1)))
         if not calm:
             own = [] if is_even else [symmetric_times(excess, rate[k])]
-            own += (stored or ())[k : k + 1]
+            own += stored[k : k + 1]
+            own += [symmetric_times(rise, rate[k - 1]) for rise in rises if k]
             momentum.append(reduce(add, own) if own else Vec3(0.0, 0.0, 0.0))
             torques.append(last_product(momentum, rate))
+        torques += [symmetric_times(rise, faster[k - 1]).scale(-1.0) for rise in rises if k]
         for seen in frame:
             seen.append(last_product(seen, rate).scale(h / (k + 1)))
-        rate.append(symmetric_times(mobility, reduce(add, torques)).scale(h / (k + 1)))
+        faster.append(symmetric_times(mobility, reduce(add, torques)))
+        rate.append(faster[k].scale(h / (k + 1)))
         if frame:
             later = [seen[-1 - power] for power, seen in enumerate(frame)]
             relative.append(rate[-1] - reduce(add, later))
-    return rate
+    return rate, faster
 
 
-def _swollen(turning: Series, swell: Sequence[Field] | None) -> Series:
-    """Terms of the last coefficient of a series times a factor by powers of the elapsed share; None: 1."""
-    if swell is None:
+def _swollen(turning: Series, swell: Sequence[Field]) -> Series:
+    """Terms of the last coefficient of a series times a factor by powers of the elapsed share; empty: 1."""
+    if not swell:
         return turning[-1:]
     return [x.scale(factor) for x, factor in zip(reversed(turning), swell, strict=False)]
 
@@ -228,7 +238,7 @@ def pulled(
     torque: Sequence[Any],
     turns: Sequence[tuple[Vec3, float, float]],
     steady: Sequence[Vec3],
-    swell: tuple[Field, Field] | None = None,
+    swell: Sequence[Field] = (),
 ) -> tuple[Vec3, Vec3]:
     """First and second integral over a step of a torque in B plus a torque that is constant in W.
 
@@ -239,10 +249,10 @@ def pulled(
         torque: torque in B by powers of the elapsed share, N m.
         turns: rotation vectors at the nodes of a quadrature rule, the nodes and their weights.
         steady: torque that is constant in W at each node, expressed in B at the start, N m.
-        swell: factor on it by powers of the elapsed share; None: 1.
+        swell: factor on it by powers of the elapsed share; empty: 1.
     """
     rotated = [turned(turn.scale(-1.0), u) for (turn, _, _), u in zip(turns, steady, strict=True)]
-    if swell is not None:
+    if swell:
         rotated = [
             vector.scale(swell[0] + swell[1] * node)
             for vector, (_, node, _) in zip(rotated, turns, strict=True)

@@ -367,7 +367,7 @@ class Spacecraft(NotebookRepr):
 
     @property
     def lightest(self) -> float:
-        """Mass with an empty tank over mass with a full tank; inertia has the same ratio."""
+        """Mass with an empty tank over mass with a full tank."""
         return 1.0 if self.propellant is None else 1.0 - self.propellant.mass / self.mass
 
     @property
@@ -636,6 +636,67 @@ def _check_propellant(craft: Spacecraft) -> None:
     _require(possible, craft, "propellant mass", tank.mass, below)
     value = tank.specific_impulse
     _require(_positive(value), craft, "specific_impulse", value, f"{_POSITIVE} s")
+    size = f"a number from 0 to {_LARGEST:g} m, and 0 for propellant without a position"
+    sized = _number(tank.radius) and tank.radius >= 0.0
+    possible = sized and (tank.position is not None or tank.radius == 0.0)
+    _require(possible, craft, "propellant radius", tank.radius, size)
+    if tank.position is None:
+        return
+    _require(_triple(tank.position), craft, "propellant position", tank.position, f"{_TRIPLE} m")
+    off = craft.dimension == 2 and abs(tank.position[2] - craft.centre_of_mass[2])
+    bound = f"in the plane of the centre of mass (z = {craft.centre_of_mass[2]:g} m)"
+    _require(off <= _PLANE_TOLERANCE, craft, "propellant position", tank.position, bound)
+    tensor = np.array(craft.inertia)
+    moments = (tensor[2, 2],) if craft.dimension == 2 else tuple(tensor[np.triu_indices(3)])
+    _, inertia, _ = emptied(craft, craft.mass, moments, (0.0,) * craft.dimension)
+    bound = (
+        "a place that leaves a rigid body when the tank is empty, whose moments of inertia are > 0 and none above "
+        "the sum of the other two"
+    )
+    _require(bool(is_rigid_body(inertia)), craft, "propellant position", tank.position, bound)
+
+
+def emptied(
+    craft: Spacecraft, mass: Any, inertia: tuple[Any, ...], centre: tuple[Any, ...]
+) -> tuple[Any, tuple[Any, ...], tuple[Any, ...]]:
+    """Mass, inertia and offset of the centre of mass with an empty tank, from those with a full one.
+
+    Args:
+        craft: with propellant.
+        mass: kg; a number or (N,), as all others.
+        inertia: about the centre of mass, kg m^2: one moment in the plane, six entries in space.
+        centre: offset of the centre of mass from the designed one, m: two or three entries.
+    """
+    tank = craft.propellant
+    assert tank is not None
+    left = 1.0 - tank.mass / mass
+    if tank.position is None:
+        return mass * left, tuple(x * left for x in inertia), centre
+    places = zip(tank.position, craft.centre_of_mass, centre, strict=False)
+    arm = [place - nominal - offset for place, nominal, offset in places]
+    # The liquid's own inertia goes, and what it and the rest have from their distance.
+    own = 0.4 * tank.mass * tank.radius**2
+    square = sum(x * x for x in arm)
+    pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+    gone = [(i == j) * (own + square * tank.mass / left) for i, j in pairs]
+    if len(arm) == 3:
+        gone = [
+            x - arm[i] * arm[j] * tank.mass / left for x, (i, j) in zip(gone, pairs, strict=True)
+        ]
+    moments = tuple(x - y for x, y in zip(inertia, gone, strict=False))
+    moved = tuple(c - (1.0 / left - 1.0) * a for c, a in zip(centre, arm, strict=True))
+    return mass * left, moments, moved
+
+
+def is_rigid_body(inertia: tuple[Any, ...], tolerance: float = 1e-9) -> Any:
+    """Whether moments of inertia (one in the plane, six entries in space; numbers or (N,)) are those of a body."""
+    entries = np.stack(np.broadcast_arrays(*inertia), axis=-1)
+    if len(inertia) == 1:
+        return entries[..., 0] > 0.0
+    low, middle, high = np.moveaxis(
+        np.linalg.eigvalsh(entries[..., ((0, 1, 2), (1, 3, 4), (2, 4, 5))]), -1, 0
+    )
+    return (low > 0.0) & (high <= (low + middle) * (1.0 + tolerance))
 
 
 def _check_further(craft: Spacecraft) -> None:
@@ -643,6 +704,11 @@ def _check_further(craft: Spacecraft) -> None:
     for effector in craft.further_effectors:
         effector.check_craft(craft)
         one_line(f"spacecraft {craft.name!r}: the label of an effector", effector.label)
+    if craft.propellant is not None and craft.propellant.position and not craft.is_rigid:
+        raise ConfigError(
+            f"spacecraft {craft.name!r} has a tank with a position, whose emptying moves the centre of mass, and "
+            "an effector that moves the craft itself: take the position out of [propellant], or the effector."
+        )
     for part in (*craft.commands, *craft.stores):
         one_line(f"spacecraft {craft.name!r}: the name of a command or store", part.name)
     moving = [e.label for e in craft.further_effectors if e.moves_mass]

@@ -34,6 +34,9 @@ def _lines(craft: Spacecraft, origin: Sequence[str]) -> Iterator[str]:
         yield "[propellant]"
         yield f"mass = {craft.propellant.mass!r}  # kg in a full tank, part of the craft's mass; source:"
         yield f"specific_impulse = {craft.propellant.specific_impulse!r}  # s; source:"
+        if craft.propellant.position is not None:
+            yield f"position = {list(craft.propellant.position)}  # m, of the tank in G"
+            yield f"radius = {craft.propellant.radius!r}  # m, of the tank"
     for index, thruster in enumerate(craft.thrusters):
         yield ""
         yield f"[[thruster]]  # {index}"

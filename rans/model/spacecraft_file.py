@@ -232,6 +232,8 @@ def to_toml(craft: Spacecraft) -> str:
         if value != defaults[key] or craft.actuators.kind == "pulsed"
     }
     tank = table.pop("propellant")
+    if tank is not None and tank["position"] is None:
+        del tank["position"], tank["radius"]
     propellant = "" if tank is None else f"\n[propellant]\n{_lines(tank)}"
     wheels = "".join(f"\n[[wheel]]\n{_lines(each)}" for each in table.pop("wheels"))
     single = len(craft.supplies) == 1
@@ -285,7 +287,7 @@ def _build(table: dict[str, Any]) -> Spacecraft:
         "centre_of_mass": partial(_vector, lengths=lengths),
         "radius": _number,
         "actuators": _actuators,
-        "propellant": _propellant,
+        "propellant": partial(_propellant, lengths=lengths),
         "wheel": _wheels,
         "effector": partial(_further, lengths=lengths),
         "thrust_sharing": _text,
@@ -380,12 +382,17 @@ def _further(tables: Any, key: str, lengths: tuple[int, ...]) -> tuple[Any, ...]
     return tuple(parts)
 
 
-def _propellant(table: Any, key: str) -> Propellant:
+def _propellant(table: Any, key: str, lengths: tuple[int, ...]) -> Propellant:
     if not isinstance(table, dict):
         raise ConfigError(f"{key} must be a table, got {brief(table)}.")
-    names = ("mass", "specific_impulse")
-    _check_keys(table, names, (), key, f"{key}: ")
-    return Propellant(*(_number(table[name], f"{key} {name}") for name in names))
+    _check_keys(table, ("mass", "specific_impulse"), ("position", "radius"), key, f"{key}: ")
+    values: dict[str, Any] = {
+        name: _vector(value, f"{key} {name}", lengths)
+        if name == "position"
+        else _number(value, f"{key} {name}")
+        for name, value in table.items()
+    }
+    return Propellant(**values)
 
 
 def _actuators(table: Any, key: str) -> Actuators:

@@ -13,8 +13,11 @@ from itertools import accumulate
 from operator import attrgetter
 from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
+import numpy as np
+
 from rans.display import Settings
 from rans.errors import ConfigError, NamedArguments, checked, fits, is_finite, one_of
+from rans.model.body import Body, check_stores
 from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
 from rans.structure import Range, is_range
@@ -249,15 +252,28 @@ class Conditions(NamedArguments, Settings):
             )
 
     def _check_propellant(self, craft: Spacecraft) -> None:
-        """Reject masses of which the propellant in a full tank is all, or more."""
+        """Reject bodies that are nothing, or no rigid body, without the propellant of a full tank."""
         tank = craft.propellant
-        least = min(bounds(part.body.mass)[0] for part in (self, *self.others))
-        if tank is not None and tank.mass > least * craft.mass * (1.0 - 1e-3):
-            raise ConfigError(
-                f"Conditions of body.mass from {least:g} leave {craft.name!r} no mass with an empty tank: a full "
-                f"one has {tank.mass:g} kg of propellant, and the craft with it weighs {least * craft.mass:g} kg. "
-                f"Draw factors above {tank.mass / craft.mass:.4g}, for which the propellant is 99.9 % at most."
+        if tank is None:
+            return
+        full = Body.of(craft)
+        away = np.zeros(craft.dimension)
+        if tank.position is not None:
+            arm = np.subtract(craft.centre_of_mass, tank.position)[: craft.dimension]
+            away = arm / (np.linalg.norm(arm) or 1.0)
+        for part in (self, *self.others):
+            mass, inertia = (bounds(x)[0] for x in (part.body.mass, part.body.inertia))
+            # The centre of mass as far from the tank as can be.
+            body = replace(
+                full,
+                mass=mass * craft.mass,
+                inertia=tuple(inertia * x for x in full.inertia),
+                centre=tuple((largest(part.body.centre) * away).tolist()),
             )
+            try:
+                check_stores(craft, body)
+            except ConfigError as error:
+                raise ConfigError(f"Conditions of body: {error} Or narrow their ranges.") from None
 
     def _check_effectors(self, craft: Spacecraft) -> None:
         """Reject conditions that a further effector refuses."""

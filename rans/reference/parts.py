@@ -74,7 +74,7 @@ def spatial_inertia(
         craft: as it is described.
         body: with a full tank, each value one number or (N,).
         index: of the spacecraft.
-        left: share of mass and inertia that is left when propellant is used.
+        left: share of the mass that is left when propellant is used.
         moving: masses that move in the craft, kg, with their positions at rest in G, (3,) m.
 
     Raises:
@@ -90,8 +90,16 @@ def spatial_inertia(
         )
     else:
         moments = own(body.inertia)
+    full = own([body.mass])[0]
+    tank = craft.propellant
+    if tank is not None and tank.position is not None:
+        # A full craft without a ball of what was burned, where the tank is.
+        moving = [*moving, ((1.0 - left) * full, np.array(tank.position))]
+        ball = 0.4 * (1.0 - left) * full * tank.radius**2
+        moments = moments - ball * np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+        left = 1.0
     xx, xy, xz, yy, yz, zz = left * moments
-    mass = left * own([body.mass])[0]
+    mass = left * full
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     # Off goes what is a body of its own: wheels, then masses that move.
     for wheel in craft.wheels:
@@ -165,10 +173,12 @@ class OrbitForces(LeafSystem):
     pseudo-accelerations of all parts of a body that turns with u relative to the frame add up to the torque
     -J w' - w x J w + tr(J) u x w - 2 u x J w, of a wheel with the momentum h relative to the body to h x w besides.
     If the drift says so, the gradient of gravity turns the craft too.
-    What w, w' and G are on an orbit is said by its `DrakeFrame`.
+    What w, w' and G are on an orbit is said by its `DrakeFrame`. These forces and those of others act at the centre
+    of mass, the motion of which is that of the joint's point unless a tank moves it.
 
     The input of masses (N,) is in kg, that of inertias (N, 3, 3) about the centre of mass with wheels that do not
-    turn in kg m^2, that of angles of the targets at time 0 (N,) in rad (`DrakeFrame.angle`).
+    turn in kg m^2, that of centres of mass (N, 3) from the joints in B in m, that of angles of the targets
+    at time 0 (N,) in rad (`DrakeFrame.angle`).
 
     Args:
         frame: of the orbit.
@@ -208,6 +218,7 @@ class OrbitForces(LeafSystem):
         self.state = self.DeclareVectorInputPort("state", positions + count)
         self.masses = self.DeclareVectorInputPort("masses", len(places))
         self.inertias = self.DeclareVectorInputPort("inertias", 9 * len(places))
+        self.centres = self.DeclareVectorInputPort("centres", 3 * len(places))
         self.angles = self.DeclareVectorInputPort("angles", len(places))
         self.others = self.DeclareVectorInputPort("others", count)
         self.total = self.DeclareVectorOutputPort("total", count, self._pull)
@@ -226,6 +237,10 @@ class OrbitForces(LeafSystem):
         position[:, :dimension] = state[self._places]
         speed[:, :dimension] = state[self._positions + self._speeds]
         spin[:, -self._turning.shape[1] :] = state[self._positions + self._turning]
+        attitude = self._attitudes(state[self._turns])
+        arms = (attitude @ np.array(self.centres.Eval(context)).reshape(-1, 3, 1))[:, :, 0]
+        position += arms
+        speed += np.cross(spin, arms)
         rate, change, gradient = self._frame.motion(angles, context.get_time())
         turn = _crossing(rate)
         pull = ((gradient - _crossing(change) - turn @ turn) @ position[:, :, None])[:, :, 0]
@@ -234,7 +249,6 @@ class OrbitForces(LeafSystem):
         total[self._speeds] += masses[:, None] * pull[:, :dimension]
 
         # Torques in W: of the whole craft, and along the axes of its wheels.
-        attitude = self._attitudes(state[self._turns])
         inertia = np.array(self.inertias.Eval(context)).reshape(-1, 3, 3)
         inertia = attitude @ inertia @ attitude.transpose(0, 2, 1)
         across = -turn @ spin[:, :, None]
@@ -249,6 +263,9 @@ class OrbitForces(LeafSystem):
             total[self._spins] += self._rotors * along[:, :, 0]
         if self._frame.gravity_gradient:
             torque += _gravity_torques(inertia, gradient)[:, :, None]
+        force = np.zeros((len(masses), 3))
+        force[:, :dimension] = total[self._speeds]
+        torque += np.cross(arms, force)[:, :, None]
         total[self._turning] += torque[:, -self._turning.shape[1] :, 0]
         output.SetFromVector(total)
 

@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,7 @@ from rans.errors import ConfigError, positive
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
 from rans.model.spacecraft import Spacecraft
-from rans.reference.frames import drake_frame
+from rans.reference.frames import CircularFrame, drake_frame
 from rans.reference.further import DrakeMass, drake_effectors
 from rans.reference.nozzles import Failure, Nozzles, Segment
 from rans.reference.parts import (
@@ -109,6 +110,9 @@ class Plant:
         self._body = body or designed(craft)
         self._drift = drift
         self._frame = drake_frame(drift)
+        if self._frame is None and craft.propellant is not None and craft.propellant.position:
+            # Axes that do not turn: disturbances act at a centre of mass that moves in the craft.
+            self._frame = CircularFrame(SimpleNamespace(mean_motion=0.0))
         self._nozzles = Nozzles.of(craft, self._body, count)
         self._further = drake_effectors(craft.mounted)
         self._masses = [one for one in self._further if isinstance(one, DrakeMass)]
@@ -411,6 +415,7 @@ class Plant:
         builder.ExportInput(orbit.others, "disturbance")
         builder.ExportInput(orbit.masses, "masses")
         builder.ExportInput(orbit.inertias, "inertias")
+        builder.ExportInput(orbit.centres, "centres")
         builder.ExportInput(orbit.angles, "angles")
 
     def _rest(self) -> np.ndarray:
@@ -477,11 +482,19 @@ class Plant:
                 body.SetSpatialInertiaInBodyFrame(self._plant_context, inertia)
         if self._orbit is not None:
             masses = left * np.broadcast_to(self._body.mass, self.count)
-            inertias = np.array([self._inertia(k) for k in range(self.count)])
+            wholes = [self._whole(k) for k in range(self.count)]
+            centres = np.array([whole.get_com() for whole in wholes])
+            inertias = np.array(
+                [
+                    whole.Shift(whole.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
+                    for whole in wholes
+                ]
+            )
             inertias[self._held] = 0.0
             diagram = self._simulator.get_system()
             diagram.GetInputPort("masses").FixValue(self._context, masses)
             diagram.GetInputPort("inertias").FixValue(self._context, inertias.ravel())
+            diagram.GetInputPort("centres").FixValue(self._context, centres.ravel())
 
     def fastest_inside(self, stores: np.ndarray) -> float:
         """Fastest motion of masses in the craft with these stores (N, stores), rad/s; 0 without such."""
@@ -498,14 +511,13 @@ class Plant:
         moving = [mass.at_rest(self.craft, self._body, k) for mass in self._masses]
         return spatial_inertia(self.craft, self._body, k, left, moving)
 
-    def _inertia(self, k: int) -> np.ndarray:
-        """Inertia of one spacecraft and its wheels about the centre of mass, in B, (3, 3) kg m^2."""
+    def _whole(self, k: int) -> SpatialInertia:
+        """Mass properties of one spacecraft and its wheels about B's origin, in B."""
         parts = [
             self._bodies[k].index(),
             *(joint.child_body().index() for joint in self._wheels[k]),
         ]
-        whole = self._plant.CalcSpatialInertia(self._plant_context, self._frames[k], parts)
-        return np.asarray(whole.CalcRotationalInertia().CopyToFullMatrix3())
+        return self._plant.CalcSpatialInertia(self._plant_context, self._frames[k], parts)
 
     def _turning(self, time: float) -> np.ndarray:
         """Angular velocity of W at a time of a period, s, in the axes of every spacecraft, (N, 3) rad/s."""
@@ -648,7 +660,10 @@ class Plant:
         self._simulator.get_system().GetInputPort("rate").FixValue(self._context, rate.ravel())
 
     def _disturb(self, disturbances: np.ndarray) -> None:
-        """The joints stand at the centre of mass, so their generalised forces are wrenches in W."""
+        """The joints stand at the centre of mass with a full tank: their generalised forces are wrenches in W.
+
+        `OrbitForces` moves them to where a tank at a place moves this centre.
+        """
         forces = np.zeros(self._plant.num_velocities())
         forces[self._velocity] = np.roll(
             disturbances, 0 if self.craft.dimension == 2 else 3, axis=1

@@ -10,6 +10,7 @@ import pytest
 from tests.support.pairs import (
     GRADIENT,
     PAIRS,
+    PLACE,
     STIFF,
     Apart,
     compare,
@@ -59,6 +60,26 @@ def test_one_step_of_a_stiff_craft_would_not_do() -> None:
     assert compare((STIFF,), 3, 0.2, 1, 5.0, substeps=1).attitude > 100.0 * BOUND
 
 
+@pytest.mark.parametrize(
+    ("effects", "dimension", "period", "seconds"),
+    [
+        ((PLACE,), 2, 0.5, 5.0),
+        ((PLACE,), 3, 0.2, 5.0),
+        ((PLACE, "wheels"), 3, 0.5, 3.0),
+        ((PLACE, "orbit", "push"), 2, 0.2, 3.0),
+        ((PLACE, "wheels", GRADIENT), 3, 0.5, 3.0),
+        ((PLACE, "gravity", "body"), 3, 0.2, 3.0),
+    ],
+)
+def test_the_centre_of_mass_moves_as_a_tank_at_a_place_empties(
+    effects: tuple[str, ...], dimension: Literal[2, 3], period: float, seconds: float
+) -> None:
+    """Tanks of a fifth to half of the mass, which all nozzles together empty within 8 s."""
+    found = compare(effects, dimension, period, seed=2, seconds=seconds)
+    within(found)
+    assert max(found.attitude, 0.1 * found.position) < 1e-8
+
+
 @pytest.mark.parametrize("effects", [("wheels",), ("tank", "wheels")])
 def test_gravity_turns_wheels_and_what_is_left_of_a_tank(effects: tuple[str, ...]) -> None:
     """An orbit of 209 s, and a tank that is empty within 8 s: wheels do not lose mass."""
@@ -101,7 +122,7 @@ def test_every_pair_of_effects_agrees_with_scipy(number: int, dimension: Literal
     within(compare(GROUPS[number], dimension, period, 2, duration(number), force), force)
 
 
-@pytest.mark.parametrize(("pair", "dimension"), [(("tank", "push"), 2), (("orbit", "kick"), 2)])
+@pytest.mark.parametrize(("pair", "dimension"), [((PLACE, "push"), 2), (("orbit", "kick"), 2)])
 def test_a_pair_of_effects_agrees_with_drake(
     pair: tuple[str, str], dimension: Literal[2, 3]
 ) -> None:

@@ -38,8 +38,8 @@ def platform(**changes: Any) -> Spacecraft:
 
 WHEELED = platform(wheels=(Wheel((0.0, 0.0, 1.0), 0.05, 0.08, 1e-3),))
 """On/off thrusters and a wheel, in the plane."""
-BURNING = platform(actuators=Throttle(), propellant=Propellant(2.0, 5.0))
-"""Uses up 1 N / (5 s g0) = 20 g a second with each thruster, of a mass of 5.32 kg."""
+BURNING = platform(actuators=Throttle(), propellant=Propellant(2.0, 5.0, (0.06, -0.03, 0.0), 0.05))
+"""Loses 1 N / (5 s g0) = 20 g a second with each thruster, of a mass of 5.32 kg, off the centre of mass."""
 
 
 def states(craft: Spacecraft, count: int, seed: int = 0, spin: float = 0.7) -> Any:

@@ -13,7 +13,7 @@ from rans.policy.network import Network
 from tests.support.effector_crafts import BURNING, CUBESAT, LANDER, WHEELED, commands
 from tests.support.played import Played
 
-BOTH = replace(WHEELED, name="both", propellant=Propellant(0.5, 20.0))
+BOTH = replace(WHEELED, name="both", propellant=Propellant(0.5, 20.0, (0.1, 0.1, 0.0)))
 """On/off thrusters that use propellant, and a wheel."""
 ALL = [CUBESAT, LANDER, WHEELED, BURNING, BOTH]
 

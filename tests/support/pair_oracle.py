@@ -370,6 +370,118 @@ class Oracle:
         return rate
 
 
+class TankOracle(Oracle):
+    """One flight of a craft whose tank is at a place, by momenta in axes that do not turn.
+
+    The hub, the propellant and the rotors have a momentum P and an angular momentum L about the origin. What it
+    loses takes the momentum that it had in the tank: P' = force - flow v and L' = moment - flow (x x v + k w), with
+    the place x of the tank, its velocity v and its moment of inertia k for each kilogram. Velocity and spin
+    follow from P and L at every instant. Gravity pulls hub and propellant each where it is.
+    """
+
+    def __init__(self, flight: Flight, drawn: EpisodeParameters | None, number: int) -> None:
+        super().__init__(flight, drawn, number)
+        tank: Any = self.craft.propellant
+        self.arm = np.array(tank.position) - self.centre
+        self.round = 0.4 * tank.radius**2 * np.eye(3)
+        self.hub = self.mass - tank.mass
+        self.hub_arm = -self.arm * tank.mass / self.hub
+        both = tank.mass * (self.round + _about(self.arm)) + self.hub * _about(self.hub_arm)
+        self.hub_inertia = self.inertia - both
+        if self.craft.dimension == 2:
+            self.hub_inertia = np.diag([1.0, 1.0, self.hub_inertia[2, 2]])
+
+    def _momenta(self, y: np.ndarray) -> np.ndarray:
+        return y[14:-1]
+
+    def _begun(self) -> np.ndarray:
+        y = super()._begun()
+        momenta = super()._momenta(y)
+        y[7:10] += np.cross(self.turning, y[:3])
+        turn = _matrix(*y[3:7])
+        mass, first, second, inertia = self._whole(y[13])
+        v, w = turn.T @ y[7:10], y[10:13]
+        push = mass * v + np.cross(w, first)
+        spin = np.cross(first, v) + (inertia + second) @ w + self.axes.T @ momenta
+        y[7:10] = turn @ push
+        y[10:13] = turn @ spin + np.cross(y[:3], y[7:10])
+        return np.array([*y[:14], *momenta, 0.0])
+
+    def _whole(self, left: float) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        """Mass, its first and second moments about B's origin, and inertia about the parts' own centres."""
+        first = self.hub * self.hub_arm + left * self.arm
+        second = self.hub * _about(self.hub_arm) + left * _about(self.arm)
+        return self.hub + left, first, second, self.hub_inertia + left * self.round
+
+    def _motion(self, y: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Velocity of B's origin and angular velocity, both in B."""
+        mass, first, second, inertia = self._whole(y[13])
+        across = np.cross(np.eye(3), first)
+        system = np.block([[mass * np.eye(3), across.T], [across, inertia + second]])
+        about = turn.T @ (y[10:13] - np.cross(y[:3], y[7:10])) - self.axes.T @ self._momenta(y)
+        solved = np.linalg.solve(system, [*(turn.T @ y[7:10]), *about])
+        return solved[:3], solved[3:]
+
+    def _columns(self, y: np.ndarray) -> list[float]:
+        turn = _matrix(*y[3:7])
+        v, w = self._motion(y, turn)
+        frame = Rotation.from_rotvec(self.turning * y[-1])
+        attitude = frame.inv() * Rotation.from_quat(y[3:7], scalar_first=True)
+        p = frame.inv().apply(y[:3])
+        speed = frame.inv().apply(turn @ v) - np.cross(self.turning, p)
+        turned = attitude.as_quat(scalar_first=True)
+        return super()._columns(np.array([*p, *turned, *speed, *w, *y[13:]]))
+
+    def _rate(
+        self, load: Any, flows: Any, motors: Any, pull: Any, duration: float, speed: float
+    ) -> Any:
+        (force, torque), (more_force, more_torque) = load
+        n = self.turning[2]
+
+        def rate(time: float, y: np.ndarray) -> np.ndarray:
+            share = time / duration
+            turn = _matrix(*y[3:7])
+            v, w = self._motion(y, turn)
+            flow = (flows[0] + share * flows[1]) / speed
+            mass, first, _, inertia = self._whole(y[13])
+            tank = y[:3] + turn @ self.arm
+            hub = y[:3] + turn @ self.hub_arm
+            centre = y[:3] + turn @ first / mass
+            c, s = math.cos(n * y[-1]), math.sin(n * y[-1])
+            frame = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+            outwards = frame[:, 0]
+
+            def falls(x: np.ndarray) -> np.ndarray:
+                return self.gravity + n * n * (3.0 * outwards * (outwards @ x) - x)
+
+            # Thrust, which acts where the nozzles are, and the disturbance at the centre of mass.
+            thrust = turn @ (force + share * more_force)
+            push = frame @ pull[0]
+            forces = thrust + push - flow * (turn @ (v + np.cross(w, self.arm)))
+            moments = np.cross(y[:3], thrust) + turn @ (torque + share * more_torque)
+            moments += np.cross(centre, push) + frame @ pull[1]
+            moments -= flow * np.cross(tank, turn @ (v + np.cross(w, self.arm)))
+            moments -= flow * (turn @ self.round @ w)
+            if self.tide:
+                every = inertia + (self.axes.T * self.rotors) @ self.axes
+                for weight, x in ((self.hub, hub), (y[13], tank)):
+                    forces = forces + weight * falls(x)
+                    moments += np.cross(x, weight * falls(x))
+                moments += self.tide * np.cross(outwards, turn @ every @ turn.T @ outwards)
+            else:
+                forces = forces + mass * falls(centre)
+                moments += np.cross(centre, mass * falls(centre))
+            turned = _turned(y[3:7], w)
+            return np.array([*(turn @ v), *turned, *forces, *moments, -flow, *motors, 1.0])
+
+        return rate
+
+
+def _about(arm: np.ndarray) -> np.ndarray:
+    """Moments of inertia of 1 kg at an arm."""
+    return arm @ arm * np.eye(3) - np.outer(arm, arm)
+
+
 def _integrated(rate: Any, y: np.ndarray, duration: float) -> np.ndarray:
     y = solve_ivp(rate, (0.0, duration), y, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
     y[3:7] /= math.hypot(*y[3:7])

@@ -31,7 +31,7 @@ from rans.randomization.parameters import draw
 from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, draws, scenarios
 from rans.tasks import GoToPose
-from tests.support.pair_oracle import Oracle, SwingingOracle
+from tests.support.pair_oracle import Oracle, SwingingOracle, TankOracle
 from tests.support.played import Played
 from validation.study.sampling import Restless, gaps
 
@@ -67,11 +67,14 @@ GRADIENT = "gradient"
 """Orbit on which gravity turns the craft, in space alone."""
 STIFF = "stiff"
 """Unequal moments, forces twice as large, a centre of mass aside and bang-bang control; in no pair."""
+PLACE = "place"
+"""A tank at a place."""
 EFFECTS = (
     "pulsed",
     "throttle",
     "wheels",
     "tank",
+    PLACE,
     "slosh",
     "orbit",
     "gravity",
@@ -85,6 +88,8 @@ _APART = (
     {GRADIENT, "orbit"},
     {GRADIENT, "slosh"},
     {"slosh", "tank"},
+    {"slosh", PLACE},
+    {"tank", PLACE},
     {"slosh", "orbit"},
     {"dwell", "pulsed"},
     {"dwell", "throttle"},
@@ -204,11 +209,17 @@ def craft_with(
             )
         mass = random.uniform(4.0, 12.0) * size
         tank = None
-        if "tank" in effects:
+        if "tank" in effects or PLACE in effects:
             # All thrusters together burn a full tank within 8 s, which is far more than any real craft does.
             burned = random.uniform(0.2, 0.5) * mass
             thrust = sum(one.force for one in nozzles)
             tank = Propellant(burned, thrust * 8.0 / (burned * 9.80665))
+            if PLACE in effects:
+                # What the arm adds to the inertia is up to a quarter of the least that is there.
+                arm = _unit(random.normal(size=3) * flat)
+                spread = (a + b if dimension == 2 else min(a, b, c)) * size
+                away = random.uniform(0.3, 0.5) * math.sqrt(spread * (1.0 / burned - 1.0 / mass))
+                tank = replace(tank, position=_triple(away * np.array(arm)), radius=0.5 * away)
         further: tuple[Any, ...] = ()
         if "slosh" in effects:
             # Up to a tenth of the mass, with a hundredth of critical friction at 0.3 m/s^2.
@@ -312,7 +323,7 @@ def flown(
     task = task_class(fail_distance=1e6, fail_spin=1e6)
     timing = Timing(period, substeps, round(seconds / period))
     starts = scenarios(task, craft, seed, 1)
-    if "tank" in effects or "wheels" in effects:
+    if not {"tank", PLACE, "wheels"}.isdisjoint(effects):
         # Part of a tank, so that some flights run empty, and wheels that turn.
         random = np.random.default_rng([seed, 5])
         stores = tuple(
@@ -350,6 +361,8 @@ def compare(
         steps = flight.timing.episode_steps
         drawn = draw(conditions, craft, Body.of(craft), steps, own.first, own)
     kind = Oracle if flight.craft.is_rigid else SwingingOracle
+    if PLACE in effects:
+        kind = TankOracle
     rows = kind(flight, drawn, 0).fly()
     return _apart(flight, unflatten(flight.states, [column[:, None] for column in rows.T]))
 

@@ -55,7 +55,8 @@ def _further(craft: Spacecraft) -> Iterator[tuple[str, str]]:
         for number, members in enumerate(craft.supplies):
             yield f"supply {number}", f"of thrusters {', '.join(map(str, members))}"
     if (tank := craft.propellant) is not None:
-        yield "propellant", f"{tank.mass:g} kg, specific impulse {tank.specific_impulse:g} s"
+        place = "" if tank.position is None else f", tank at {vector_text(tank.position, 4)} m"
+        yield "propellant", f"{tank.mass:g} kg, specific impulse {tank.specific_impulse:g} s{place}"
     further: tuple[Any, ...] = craft.further_effectors
     for effector in further:
         if effector.summary:

@@ -94,14 +94,19 @@ class Lander:
                 if wheels held against them. `landing` has lower bounds of such a craft alone.
 
         Raises:
-            ConfigError: it has no propellant, its thrusters are not throttled, they do not push along z
-                together, there is no such engine, or more than 12 are throttled one by one.
+            ConfigError: it has no propellant or a tank at a place, its thrusters are not throttled, they do not
+                push along z together, there is no such engine, or more than 12 are throttled one by one.
         """
         tank = craft.propellant
         if craft.dimension != 3 or tank is None or not isinstance(craft.actuators, Throttle):
             raise ConfigError(
                 f"spacecraft {craft.name!r} is no lander: it needs throttled engines and propellant, in space "
                 '(dimension = 3, [actuators] kind = "throttle", [propellant]).'
+            )
+        if tank.position is not None:
+            raise ConfigError(
+                f"the least propellant of a landing is that of a centre of mass that stays in the craft, and "
+                f"the tank of {craft.name!r} has a position: take it out of [propellant]."
             )
         # All engines together must push along z of B, so that thrust follows attitude.
         along = full_thrust(craft)
