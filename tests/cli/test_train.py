@@ -15,7 +15,6 @@ from torch import Tensor
 
 from rans.cli import main, train
 from rans.cli.train import StopGently, Train, compile_in_this_process
-from rans.evaluation.compare import entrants
 from rans.fast.learn import any_craft
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder, read_config
@@ -316,8 +315,6 @@ def test_a_training_is_compared_with_what_flies_without_one(
     """An agent of 8,192 steps spends half of all thrust and never settles: the one for any craft is better."""
     monkeypatch.setattr(train, "_MUCH", 1)
     monkeypatch.setattr(train, "_COMPARED", 6)
-    # LQRs of other weights have no row in this table.
-    monkeypatch.setattr(entrants, "swept", None)
     assert main(["train", "go-to-pose", "--total-timesteps", "8192", "--output", "run"]) == 0
     printed = capsys.readouterr().out
     said = " ".join(printed.split())
