@@ -500,6 +500,7 @@ class GreedyController:
     Args:
         folder: run folder of a training by this algorithm.
         trade_off: trade-off between time and impulse, 0 (fast) to 1 (thrifty), where goals note none.
+        position_tolerance: tolerance, m, at most that of the training; None: that of the training.
 
     Raises:
         ConfigError: it is no such folder.
@@ -507,14 +508,21 @@ class GreedyController:
 
     observes = False
 
-    def __init__(self, folder: str | Path, trade_off: float = TRADE_OFF) -> None:
+    def __init__(
+        self,
+        folder: str | Path,
+        trade_off: float = TRADE_OFF,
+        position_tolerance: float | None = None,
+    ) -> None:
         run = RunFolder(Path(folder))
         config = run.config()
         if config.algorithm != "value" or not run.has_checkpoint:
             raise ConfigError(
                 f"{folder} has no value function: train with --set algorithm=value, and keep the checkpoint."
             )
-        problem = PoseProblem(run.spacecraft(), config.settings, config.timing.control_period)
+        problem = PoseProblem(
+            run.spacecraft(), config.settings, config.timing.control_period, position_tolerance
+        )
         value = ValueNetwork(problem, torch.zeros(7, 2), config.learner["units"])
         value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])
         self.name = f"value of {run.path.name}"
@@ -561,23 +569,23 @@ class Newest(GreedyController):
             is_value = isinstance(table, dict) and table.get("algorithm") == "value"
             if is_value and run.has_checkpoint:
                 config = run.config()
-                trained = (
-                    run.spacecraft(),
-                    config.timing.control_period,
-                    _tolerances(config.settings),
+                trained = config.settings
+                fits = (
+                    run.spacecraft() == craft
+                    and config.timing.control_period == timing.control_period
+                    and trained.attitude_tolerance == task.attitude_tolerance
+                    and trained.position_tolerance >= task.position_tolerance
                 )
-                if trained == (craft, timing.control_period, _tolerances(task)):
+                if fits:
                     held = task.held_trade_off
-                    super().__init__(run.path, TRADE_OFF if held is None else held)
+                    trade_off = TRADE_OFF if held is None else held
+                    super().__init__(run.path, trade_off, task.position_tolerance)
                     return
         raise ConfigError(
             f"no folder in runs/ has a value function of {craft.name} at {timing.control_period:g} s with the "
-            "tolerances of the task: train one, with rans train go-to-pose --quality best on a GPU."
+            "tolerances of the task, or a larger one of the position: train one, with rans train go-to-pose "
+            "--quality best on a GPU."
         )
-
-
-def _tolerances(task: Any) -> tuple[float, float]:
-    return task.position_tolerance, task.attitude_tolerance
 
 
 _ITERATIONS = 320

@@ -101,11 +101,20 @@ class PoseProblem:
         craft: planar craft with thrusters, which are opened or not.
         task: flight to a pose, whose tolerances count.
         period: control period, s.
+        position_tolerance: tolerance in flight, m, that of the task or finer; None: that of the task.
     """
 
-    def __init__(self, craft: Spacecraft, task: Any, period: float) -> None:
+    def __init__(
+        self,
+        craft: Spacecraft,
+        task: Any,
+        period: float,
+        position_tolerance: float | None = None,
+    ) -> None:
         self.craft = craft
         self.period = period
+        self._finest = position_tolerance or task.position_tolerance
+        self._finer = task.position_tolerance / self._finest
         self._body = Body.of(craft)
         bounds = (task.position_tolerance, task.attitude_tolerance, REST_SPEED, REST_SPIN)
         self._bounds = [_INSIDE * bound for bound in bounds]
@@ -156,9 +165,17 @@ class PoseProblem:
         weighted = [x * y for x, y in zip(mean, self.thrust, strict=True)]
         return self.period * torch.stack(weighted).sum(dim=0)
 
+    def seen(self, state: Tensor) -> Tensor:
+        """States as costs and values are of them: within a finer tolerance places are larger by as much."""
+        if self._finer == 1.0:
+            return state
+        distance = torch.sqrt(state[:2].square().sum(dim=0) + 1e-12)
+        larger = 1.0 + (self._finer - 1.0) * (self._finest / distance).clamp(max=1.0)
+        return torch.cat((state[:2] * larger, state[2:]))
+
     def inside(self, state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Whether states are within the tolerances, whether they are also at rest, and their error, 0 to 1."""
-        x, y, heading, vx, vy, spin, _ = state
+        x, y, heading, vx, vy, spin, _ = self.seen(state)
         distance, angle, speed, rate = self._bounds
         place = (x * x + y * y) / distance**2
         turn = heading.square() / angle**2
@@ -207,6 +224,7 @@ class PoseProblem:
 
     def features(self, state: Tensor) -> Tensor:
         """Inputs of the value function, (..., features)."""
+        state = self.seen(state)
         x, y, heading, vx, vy, spin, trade_off = state
         cos, sin = heading.cos(), heading.sin()
         speed = math.sqrt(self.acceleration * self.range)

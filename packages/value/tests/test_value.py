@@ -83,6 +83,13 @@ def test_labels_are_costs_above_the_best_of_two_periods() -> None:
     assert (regret > 0.01).float().mean() > 0.5
 
 
+def test_the_weights_that_ship_hold_a_finer_tolerance() -> None:
+    task = GoToPosePriced(trade_off=(1.0, 1.0), position_tolerance=0.02)
+    controller = Newest(PLATFORM, task, Timing())
+    flight = fly(PLATFORM, task, controller, scenarios(task, PLATFORM, 0, 4), Timing())
+    assert task.reached(flight.states, flight.goals)[-25:].all()
+
+
 @pytest.mark.slow
 def test_training_makes_flights_cheaper_and_they_stay_at_the_goal() -> None:
     made = learner()
