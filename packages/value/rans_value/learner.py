@@ -556,7 +556,7 @@ class Newest(GreedyController):
 
     has_trade_off: ClassVar[bool] = True
 
-    def __init__(self, craft: Spacecraft, task: Task, timing: Timing) -> None:
+    def __init__(self, craft: Spacecraft, task: Any, timing: Timing) -> None:
         _check_task(task)
         files = Path("runs").glob("**/config.json")
         newest = sorted(files, key=lambda x: x.stat().st_mtime, reverse=True)
@@ -569,7 +569,7 @@ class Newest(GreedyController):
             is_value = isinstance(table, dict) and table.get("algorithm") == "value"
             if is_value and run.has_checkpoint:
                 config = run.config()
-                trained = config.settings
+                trained: Any = config.settings
                 fits = (
                     run.spacecraft() == craft
                     and config.timing.control_period == timing.control_period
