@@ -143,8 +143,8 @@ def network_enclosure(
     for layer in layers:
         weight, bias, kind, machine, sums = Layer(*layer)
         if sums is not None:
-            factor, constant, most = sums
-            is_number = all(factor * x + constant < most for x in (*largest, arb(1)))
+            factor, constant, limit = sums
+            is_number = all(factor * x + constant < limit for x in (*largest, arb(1)))
             need(
                 is_number,
                 "its network's sums may be too large for numbers of the file's precision.",

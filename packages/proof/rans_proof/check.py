@@ -150,11 +150,11 @@ class Loop:
         taken = hull((self._inputs[0] * start[0] + self._inputs[1], self._inputs[0] * start[1]))
         low, high = (tuple(float(end(x)) for x in taken) for end in (arb.lower, arb.upper))
         self._layers = layers_of(network, low, high)
-        given = self._layers[-1][0].nrows()
+        outputs = self._layers[-1][0].nrows()
         commands = problem["commands"]
         need(
-            given == commands,
-            f"its network gives {given} numbers, and its problem has {commands} commands.",
+            outputs == commands,
+            f"its network gives {outputs} numbers, and its problem has {commands} commands.",
         )
         self._plant = Plant(problem["derivative"], commands, problem["period"])
         self._keep = Property(problem["keep"], count) if "keep" in problem else None
@@ -278,7 +278,8 @@ def _last(problem: dict[str, Any]) -> dict[str, list[float]]:
     for i, rate in enumerate(problem["derivative"]):
         is_inside = end["lower"][i] <= start["lower"][i] and start["upper"][i] <= end["upper"][i]
         if rate.strip() == "0" and is_inside:
-            box["lower"][i], box["upper"][i] = -1e9, 1e9
+            box["lower"][i] = -1e9
+            box["upper"][i] = 1e9
     return box
 
 

@@ -32,11 +32,13 @@ from rans_proof.balls import (
 
 _TERMS = 6
 """Terms of a step's series in time; the next one is its rest."""
-_COARSE, _FINE = 5e-5, 1e-8
-"""Parts of a state's spread and of its size that the rest of a step may add; a step that adds more is halved."""
+_COARSE = 5e-5
+"""Part of a state's spread that the rest of a step may add; a step that adds more is halved."""
+_FINE = 1e-8
+"""Part of a state's size that it may add beside that."""
 _HALVINGS = 10
 """A period is halved so often at most."""
-_KEPT = 64
+_RETAINED = 64
 """Columns of a spread, at least, which stay when the least ones become a box."""
 
 
@@ -205,7 +207,8 @@ class Plant:
         names = [f"x{i}" for i in range(len(rates))] + [f"u{i}" for i in range(commands)]
         self._rates = [formula(text, names) for text in rates]
         self._period = arb(period)
-        self.halvings = self._periods = 0
+        self.halvings = 0
+        self._periods = 0
         self.left = math.inf
         """Steps that may still be tried; below 0 the motion is refused."""
 
@@ -241,7 +244,8 @@ class Plant:
             if step is None:  # again, in shorter steps
                 self.halvings += 1
                 need(self.halvings <= _HALVINGS, "its motion has no bound within a Taylor step.")
-                middle, wide, pieces = *first, []
+                middle, wide = first
+                pieces = []
                 continue
             begin = column(middle[:n]), arb_mat(wide.tolist()[:n])
             (middle, wide), sag = step
@@ -332,10 +336,10 @@ class Plant:
                 _ball(x.mid(), x.rad() * arb("1.1") + abs(x) * arb(1e-9) + arb(1e-12))
                 for x in moved(guess)
             ] + balls[self._count :]
-            way = moved(guess)
-            if all(x.contains_interior(y) for x, y in zip(guess, way, strict=False)):
+            motion = moved(guess)
+            if all(x.contains_interior(y) for x, y in zip(guess, motion, strict=False)):
                 # The motion is within what a box that holds it is moved to, and in that of this.
-                return moved(way + balls[self._count :]) + balls[self._count :]
+                return moved(motion + balls[self._count :]) + balls[self._count :]
         return None
 
 
@@ -348,8 +352,8 @@ def reduced(centre: Any, spread: Any) -> tuple[Any, Any]:
     """
     rows = spread.nrows()
     columns = spread.ncols()
-    kept = max(_KEPT, 10 * rows)
-    if columns <= 2 * kept:
+    retained = max(_RETAINED, 10 * rows)
+    if columns <= 2 * retained:
         return centre, spread
     table = np.array([[float(x.mid()) for x in row] for row in spread.tolist()])
     scale = abs(table).sum(axis=1, keepdims=True)
@@ -358,11 +362,11 @@ def reduced(centre: Any, spread: Any) -> tuple[Any, Any]:
     # A column along one state is a part of a box already, so that its other parts say what is lost.
     part = table / scale
     order = np.argsort(abs(part).max(axis=0) - abs(part).sum(axis=0))
-    rest = part[:, order[kept:]]
+    rest = part[:, order[retained:]]
     axes = scale * min((np.eye(rows), np.linalg.svd(rest)[0]), key=lambda u: _volume(u.T @ rest))
     first, least = (
         arb_mat([[row[k] for k in part] for row in spread.tolist()])
-        for part in (order[:kept].tolist(), order[kept:].tolist())
+        for part in (order[:retained].tolist(), order[retained:].tolist())
     )
     along = matrix(np.linalg.inv(axes)) * least
     box = matrix(axes) * diagonal(absolute_row_sums(along))

@@ -119,8 +119,8 @@ def _sine_and_cosine(x: Form) -> tuple[Form, Form]:
         highest = torch.maximum(*values) + 1e-12
         # A crest is at a quarter of a turn, a trough at three quarters.
         turns = [(end / torch.pi + shift) / 2.0 for end in ends]
-        for place, is_crest in ((0.25, True), (0.75, False)):
-            passed = (turns[1] - place + 1e-9).floor() > (turns[0] - place - 1e-9).floor()
+        for quarter, is_crest in ((0.25, True), (0.75, False)):
+            passed = (turns[1] - quarter + 1e-9).floor() > (turns[0] - quarter - 1e-9).floor()
             if is_crest:
                 highest = torch.where(passed, 1.0, highest)
             else:
@@ -206,8 +206,8 @@ class Series:
         Coefficients are those of Taylor series in time; nodes come in the order of the tape, after their operands.
         """
         if name == "variable":
-            known = self._variables[operands[0]]
-            return known[k] if k < len(known) else self._zero
+            coefficients = self._variables[operands[0]]
+            return coefficients[k] if k < len(coefficients) else self._zero
         if name == "constant":
             centre = torch.full_like(self._zero.centre, operands[0] if k == 0 else 0.0)
             return Form(centre, self._zero.generators, torch.zeros_like(centre))

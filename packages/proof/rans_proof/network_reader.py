@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import onnx
@@ -19,8 +19,10 @@ from onnx.reference import ReferenceEvaluator
 
 from rans_proof.balls import Layer, Refused, column, diagonal, matrix, need, sizes
 
-_UNITS, _NODES = 1024, 100
-"""Largest numbers of numbers between two operations, and of operations."""
+_UNITS = 1024
+"""Largest number of numbers between two operations."""
+_NODES = 100
+"""Largest number of operations."""
 _SAMPLES = 1000
 """States on which layers are compared with onnx.reference; it takes half a second."""
 _DEVIATIONS = 4
@@ -49,6 +51,21 @@ _ATTRIBUTES: dict[str, dict[str, Callable[[Any], bool]]] = {
     "Reshape": {"allowzero": lambda x: x == 0},
 }
 _PRECISIONS = {onnx.TensorProto.FLOAT: np.float32, onnx.TensorProto.DOUBLE: np.float64}
+
+
+class _Linear(NamedTuple):
+    """Linear operations that follow one another, as one: table x + shift, and what bounds a machine's sums."""
+
+    table: Any
+    shift: Any
+    of_table: Any
+    """Sums of absolute products of the terms of the table."""
+    of_shift: Any
+    count: int
+    """Roundings of a term at most."""
+    factor: Any
+    """With the constant, a bound of all partial sums by the largest number that is taken."""
+    constant: Any
 
 
 @functools.lru_cache(maxsize=2)
@@ -119,10 +136,9 @@ def _chain(model: Any) -> tuple[list[Any], str, tuple[int, ...], Any]:
     first = shape = (1, *axes[1:])
     data = free[0].name
     names = {"", data, *constants}
-    # Linear operations that follow one another are one layer, which ends with an activation: matrix and shift,
-    # those of the sizes of its terms, and how often a term is rounded.
+    # Linear operations that follow one another are one layer, which ends with an activation.
     layers: list[Any] = []
-    linear: list[Any] = []
+    linear: _Linear | None = None
     for node in graph.node:
         operands = list(node.input)
         while operands and not operands[-1]:  # the last ones may be left out
@@ -138,12 +154,12 @@ def _chain(model: Any) -> tuple[list[Any], str, tuple[int, ...], Any]:
         need(is_read, f"its network's {node.op_type!r} has an attribute that is not read.")
         weights = [constants[name] for name in operands if name != data]
         if node.op_type in ("Tanh", "Sigmoid", "Relu") and not weights:
-            need(
-                linear,
-                f"its network has the activation {node.op_type!r} without weights before it.",
-            )
+            if linear is None:
+                raise Refused(
+                    f"its network has the activation {node.op_type!r} without weights before it."
+                )
             layers.append(_rounded(linear, node.op_type, precision))
-            linear = []
+            linear = None
         else:
             is_same = node.op_type == "Reshape" or all(w.dtype == precision for w in weights)
             need(is_same, "its network has a weight in another precision.")
@@ -151,14 +167,21 @@ def _chain(model: Any) -> tuple[list[Any], str, tuple[int, ...], Any]:
             size = math.prod(shape)
             shape, table, shift = _after(node.op_type, shape, position, weights, attributes)
             if table is not None:
-                before = linear or [diagonal([arb(1)] * size), arb_mat(size, 1)] * 2 + [1, 1, 0]
+                same = diagonal([arb(1)] * size), arb_mat(size, 1)
+                before = linear or _Linear(*same, *same, 1, 1, 0)
                 rows = sizes(table)
                 tiny = column([arb(_TINY)] * table.nrows())
-                linear = [table * before[0], table * before[1] + shift, rows * before[2]]
-                linear += [rows * before[3] + sizes(shift) + tiny, before[4] + size + 3]
-                # The largest product of the operation's numbers, in any order, and its sums.
+                # The largest product of the operation's numbers, in any order.
                 scale = _scale(node.op_type, weights, attributes)
-                linear += [size * scale * before[5], size * scale * before[6] + scale]
+                linear = _Linear(
+                    table * before.table,
+                    table * before.shift + shift,
+                    rows * before.of_table,
+                    rows * before.of_shift + sizes(shift) + tiny,
+                    before.count + size + 3,
+                    size * scale * before.factor,
+                    size * scale * before.constant + scale,
+                )
             need(
                 math.prod(shape) <= _UNITS, f"its network has {math.prod(shape)} numbers in a row."
             )
@@ -249,7 +272,7 @@ def _scale(kind: str, weights: list[np.ndarray], attributes: dict[str, Any]) -> 
     return product
 
 
-def _rounded(linear: Sequence[Any], kind: str, precision: Any) -> Layer:
+def _rounded(linear: _Linear, kind: str, precision: Any) -> Layer:
     """A layer, with what a machine of a precision makes of it.
 
     A sum of products, each of which is rounded n times at most, errs by 1 / (1 - n u) - 1 of the sum of their
@@ -260,9 +283,9 @@ def _rounded(linear: Sequence[Any], kind: str, precision: Any) -> Layer:
     part = 1 / (1 - count * unit) - 1
     bends = _BEND_UNITS * unit if kind in ("Tanh", "Sigmoid") else arb(0)
     # Rounding makes no sum twice as large.
-    most = arb(float(np.finfo(precision).max)) / 2
+    limit = arb(float(np.finfo(precision).max)) / 2
     machine = of_table * part, of_shift * part, bends
-    return Layer(table, shift, kind, machine, (factor, constant, most))
+    return Layer(table, shift, kind, machine, (factor, constant, limit))
 
 
 def _compare(

@@ -209,17 +209,17 @@ def reduced(states: Zonotope) -> Zonotope:
     2017). Which are the least is as in Girard, "Reachability of uncertain linear systems using zonotopes", 2005.
     Each box widens the set, so that sets are left as they are until they have twice the generators that are kept.
     """
-    _, width, many = states.generators.shape
-    kept = max(_GENERATORS, 4 * width)
-    if many <= 2 * kept:
+    _, width, columns = states.generators.shape
+    retained = max(_GENERATORS, 4 * width)
+    if columns <= 2 * retained:
         return states
     scale = states.radius[:, :, None] + 1e-300
     part = states.generators / scale
     worth = part.abs().sum(dim=1) - part.abs().amax(dim=1)
     order = worth.argsort(dim=1, descending=True)[:, None, :].expand(-1, width, -1)
     ordered, part = (x.gather(2, order) for x in (states.generators, part))
-    rest = ordered[:, :, kept:]
-    part = part[:, :, kept:].nan_to_num(0.0, 0.0, 0.0)
+    rest = ordered[:, :, retained:]
+    part = part[:, :, retained:].nan_to_num(0.0, 0.0, 0.0)
     axes = torch.linalg.eigh(part @ part.mT)[1]
     eye = torch.eye(width, dtype=axes.dtype, device=axes.device).expand_as(axes)
     volumes = [((x.mT @ part).abs().sum(dim=2) + _FLAT).log().sum(dim=1) for x in (axes, eye)]
@@ -227,13 +227,13 @@ def reduced(states: Zonotope) -> Zonotope:
     # What is left of the least ones less their parts along the axes is rounding, which the box makes up for.
     along = (axes.mT / scale.mT) @ rest
     axes = scale * axes
-    half = along.abs().sum(dim=2)[:, None, :] * (1.0 + 4.0 * many * 2.0**-53)
+    half = along.abs().sum(dim=2)[:, None, :] * (1.0 + 4.0 * columns * 2.0**-53)
     sums = axes.abs() @ along.abs() + rest.abs()
     left = (rest - axes @ along).abs() + 4.0 * width * 2.0**-53 * sums
-    off = left.sum(dim=2) * (1.0 + 4.0 * many * 2.0**-53)
+    off = left.sum(dim=2) * (1.0 + 4.0 * columns * 2.0**-53)
     off = off + 2.0**-52 * (axes.abs() * half).sum(dim=2)
     return Zonotope(
-        states.centre, torch.cat((ordered[:, :, :kept], axes * half), dim=2), states.box + off
+        states.centre, torch.cat((ordered[:, :, :retained], axes * half), dim=2), states.box + off
     )
 
 

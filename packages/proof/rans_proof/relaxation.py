@@ -84,8 +84,8 @@ def parallel_lines(low: Tensor, high: Tensor, activation: str) -> tuple[Tensor, 
     """
     if activation == "relu":
         slope = ((high.relu() - low.relu()) / (high - low).clamp(min=1e-9)).clamp(0.0, 1.0)
-        places = (low, high, torch.zeros_like(low).clamp(min=low, max=high))
-        corners = torch.stack([z.relu() - slope * z for z in places])
+        points = (low, high, torch.zeros_like(low).clamp(min=low, max=high))
+        corners = torch.stack([z.relu() - slope * z for z in points])
         lowest = corners.amin(dim=0)
         highest = corners.amax(dim=0)
         rounding = 4.0 * _ULPS * _UNIT * torch.maximum(low.abs(), high.abs())
@@ -96,8 +96,8 @@ def parallel_lines(low: Tensor, high: Tensor, activation: str) -> tuple[Tensor, 
     width = (high - low).clamp(min=1e-9)
     slope = ((torch.tanh(high) - torch.tanh(low)) / width).clamp(0.0, 1.0)
     point = torch.atanh(torch.sqrt(1.0 - slope).clamp(max=1.0 - 1e-16))
-    places = (low, high, point.clamp(min=low, max=high), (-point).clamp(min=low, max=high))
-    corners = torch.stack([torch.tanh(z) - slope * z for z in places])
+    points = (low, high, point.clamp(min=low, max=high), (-point).clamp(min=low, max=high))
+    corners = torch.stack([torch.tanh(z) - slope * z for z in points])
     lowest = corners.amin(dim=0)
     highest = corners.amax(dim=0)
     size = 1.0 + slope * torch.maximum(low.abs(), high.abs())
