@@ -48,7 +48,7 @@ from rans.tasks.feasible import check_feasible
 SOLVED_IN_A_ROW = 2
 """Number of successive reports with a solved task at which training ends; a single one may be chance."""
 _COMPILING = 30.0
-"""Training time above which compiling saves time, s; it takes 5 to 35 s and doubles the speed."""
+"""Training time above which compiling saves time, s; it takes 5 to 27 s and doubles the speed."""
 _CHECKPOINT_SECONDS = 5.0
 _ARCHITECTURE = (
     "layers",
