@@ -92,7 +92,7 @@ class Prove(Options):
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        return ()
+        return ("rans list",)
 
     def run(self) -> int:
         """Prove or check what the options name, and print the result.
