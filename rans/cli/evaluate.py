@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -18,8 +18,6 @@ from rans.files import (
     command_line,
     distinct,
     inside,
-    one_at_a_time,
-    read_json,
     ready_folder,
     write_json,
 )
@@ -145,25 +143,15 @@ class Evaluate(Options):
     def _write(
         self, run: LoadedRun, results: dict[str, Any], measured: dict[str, Metrics], flight: Flight
     ) -> Path:
-        """Write all files; results of the other engine with the same options are kept."""
+        """Write all files."""
         from rans.evaluation.fly.evidence import about
         from rans.evaluation.measure.aggregate import save_episodes
         from rans.show.pages.report import evaluation_page
 
         folder, suffix = self._output(run)
         file = self._file(run)
-        conditions = self._conditions(run)
-        with one_at_a_time(folder):
-            before = read_json(file) if file.exists() else {}
-            if not isinstance(before, dict) or before.get("conditions") != conditions:
-                if lost := _lost(before, results):
-                    Terminal().say(
-                        f"This replaces {lost} in {file}: one file keeps both engines of the same options, "
-                        "episodes and seed included."
-                    )
-                before = {}
-            made = about(str(self.agent), run.judged, "rans.evaluate")
-            write_json(file, before | results | {"conditions": conditions, "about": made})
+        made = about(str(self.agent), run.judged, "rans.evaluate")
+        write_json(file, results | {"conditions": self._conditions(run), "about": made})
         save_episodes(flight, folder / f"episodes{suffix}.npz", self.full)
         page = evaluation_page([*measured.values()], flight, command_line())
         page.write(inside(folder, f"evaluation{suffix}.html"))
@@ -202,11 +190,12 @@ class Evaluate(Options):
             endpoints = distinct("own", shlex.join(own))
         name = self.agent
         period = "" if self.period is None else f"period{self.period:g}"
-        names = filter(None, (name.part, protocol, period, conditions, guard, endpoints))
+        engine = "drake" if self.engine == "drake" else ""
+        names = filter(None, (name.part, protocol, period, conditions, guard, endpoints, engine))
         return name.output_folder, "".join(f"-{part}" for part in names)
 
     def _file(self, run: LoadedRun) -> Path:
-        """File of the results of both engines; ConfigError if it is a symbolic link."""
+        """File of the results; ConfigError if it is a symbolic link."""
         folder, suffix = self._output(run)
         return inside(folder, f"evaluation{suffix}.json")
 
@@ -219,7 +208,7 @@ class Evaluate(Options):
         return conditions.description or self.conditions or changes or "everything as designed"
 
     def _conditions(self, run: LoadedRun) -> dict[str, Any]:
-        """Options under which results are comparable; results in the same file under other options are dropped."""
+        """Options that decide the results, for those who read their file."""
         options: dict[str, Any] = {
             "contestant": str(self.agent),
             "protocol": self.protocol,
@@ -237,13 +226,3 @@ class Evaluate(Options):
         if run.conditions is None:
             return options
         return options | {"conditions": asdict(run.conditions)}
-
-
-def _lost(before: Any, results: Mapping[str, Any]) -> str:
-    """Flights of engines in a file's content, maybe of a stranger, that new results do not have, in words."""
-    kept = before if isinstance(before, dict) else {}
-    others = [engine for engine in get_args(EngineName) if engine in kept and engine not in results]
-    conditions = kept.get("conditions")
-    episodes = conditions.get("episodes") if isinstance(conditions, dict) else None
-    count = f"the {episodes:,} flights" if isinstance(episodes, int) else "the flights"
-    return " and ".join(f"{count} of the {engine} engine" for engine in others)
