@@ -46,6 +46,23 @@ def inspection_bound(
     Raises:
         ConfigError: the craft burns propellant.
     """
+    prices = np.sort(point_prices(craft, task, start, goal, within, timing)[-1])
+    allowed = math.ceil(task.unseen_tolerance * task.points - _ROUNDING) - 1
+    return float(prices[-1 - max(allowed, 0)])
+
+
+def point_prices(
+    craft: Spacecraft,
+    task: Inspect,
+    start: SpatialState,
+    goal: SpatialState,
+    within: float,
+    timing: Timing,
+) -> np.ndarray:
+    """Least impulse with which a craft sees each point by each check, (checks, points) N s; infinite before light.
+
+    Arguments and errors are those of `inspection_bound`.
+    """
     if craft.propellant is not None:
         raise ConfigError(
             f"the bound of an inspection is for craft of constant mass, and {craft.name} burns propellant."
@@ -62,29 +79,35 @@ def inspection_bound(
     lit = towards @ normals.T > math.cos(math.radians(task.light_degrees))
 
     # How far an impulse of 1 N s moves it along each normal, at best, in the time since the start.
-    drift = ClohessyWiltshire(task.mean_motion)
-    nowhere = Vec3(0.0, 0.0, 0.0)
-    axes = [Vec3(*row) for row in np.eye(3)]
-    responses = np.stack(
-        [components(drift.carry(nowhere, axis, times)[0], len(times)) for axis in axes], 2
-    )
-    along = np.einsum("ij,tjk->tik", normals, responses) / craft.mass
-    wrenches = craft.wrenches
-    turns = bool(craft.wheels) or bool(np.any(np.abs(wrenches[:, 3:]) > 0.0))
-    if turns or np.any(start.spin()):
-        effect = np.linalg.norm(along, axis=2)
-    else:
-        forces = wrenches[:, :3]
-        directions = forces / np.linalg.norm(forces, axis=1, keepdims=True)
-        in_world = [
-            components(start.attitude.rotate(Vec3(*direction)), 1)[0] for direction in directions
-        ]
-        effect = (along @ np.array(in_world).T).max(axis=2)
-    best = np.maximum.accumulate(np.maximum(effect, 0.0), axis=0)
+    along = np.einsum("ij,tjk->tik", normals, responses(task, times))
+    best = np.maximum.accumulate(farthest(craft, start, along), axis=0)
 
     missing = np.maximum(task.surface_distance - free, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         price = np.where(missing > 0.0, missing / best, 0.0)
-    prices = np.sort(np.where(lit, price, math.inf).min(axis=0))
-    allowed = math.ceil(task.unseen_tolerance * task.points - _ROUNDING) - 1
-    return float(prices[-1 - max(allowed, 0)])
+    return np.minimum.accumulate(np.where(lit, price, math.inf), axis=0)
+
+
+def responses(task: Inspect, times: np.ndarray) -> np.ndarray:
+    """Positions a time (T,) after changes of velocity of 1 m/s along each axis, (T, 3, 3) s, the axis last."""
+    drift = ClohessyWiltshire(task.mean_motion)
+    nowhere = Vec3(0.0, 0.0, 0.0)
+    axes = [Vec3(*row) for row in np.eye(3)]
+    return np.stack(
+        [components(drift.carry(nowhere, axis, times)[0], len(times)) for axis in axes], 2
+    )
+
+
+def farthest(craft: Spacecraft, start: SpatialState, along: np.ndarray) -> np.ndarray:
+    """What 1 N s of a craft adds at best, (...), where 1 m/s along each axis of W adds ``along`` (..., 3)."""
+    along = along / craft.mass
+    wrenches = craft.wrenches
+    turns = bool(craft.wheels) or bool(np.any(np.abs(wrenches[:, 3:]) > 0.0))
+    if turns or np.any(start.spin()):
+        return np.linalg.norm(along, axis=-1)
+    forces = wrenches[:, :3]
+    directions = forces / np.linalg.norm(forces, axis=1, keepdims=True)
+    in_world = [
+        components(start.attitude.rotate(Vec3(*direction)), 1)[0] for direction in directions
+    ]
+    return np.maximum((along @ np.array(in_world).T).max(axis=-1), 0.0)
