@@ -1,7 +1,8 @@
-"""Basilisk: craft with thrusters, wheels, liquid and the gradient of gravity, under commands of chance.
+"""Basilisk: craft with thrusters, wheels, a tank, liquid and the gradient of gravity, under commands of chance.
 
 It is the simulator of the University of Colorado (AVSLab/basilisk, `bsk` of the package index). Its states are
-those of basilisk.json; docs/provenance.md names the commit whose script flew them, in steps of 2 ms of order four.
+those of basilisk.json; docs/provenance.md names the commit whose script flew them, in steps of 2 ms of order four. A tank of constant volume
+loses what thrusters take, without the forces of propellant that flows to them (`updateOnly`).
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -92,10 +94,16 @@ def cases() -> dict[str, Case]:
     uneven = ((0.15, 0.01, -0.005), (0.01, 0.12, 0.015), (-0.005, 0.015, 0.2))
     wet = replace(flyer, name="wet", inertia=uneven, further_effectors=(liquid,))
     wheels = tuple(replace(wheel, max_torque=0.01) for wheel in cube.wheels)
+    tank: Any = load_spacecraft("mars-lander-steered").propellant
+    tank = replace(tank, mass=1.6, specific_impulse=1.2, position=(0.1, 0.06, -0.03), radius=0.05)
+    burning = replace(flyer, name="burning", inertia=uneven, wheels=wheels, propellant=tank)
     return {
         "thrusters": Case("free flyer, 16 valves", flyer, 0.2),
         "wheels": Case("CubeSat, pulses of 10 ms and three wheels", cube, 0.5),
         "gradient": Case("the same, turned by gravity at 0.03 rad/s", cube, 0.5, 40, 0.03),
+        "tank": Case(
+            "a tank 12 cm off the centre that loses an eighth of the mass, and wheels", burning, 0.2
+        ),
         "slosh": Case("liquid that swings, 15 % of the mass", wet, 0.2),
         "slosh, wheels": Case("the same with wheels", replace(wet, wheels=wheels), 0.2),
     }
