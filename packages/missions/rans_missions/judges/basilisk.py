@@ -1,8 +1,8 @@
 """Basilisk: craft with thrusters, wheels, a tank, liquid and the gradient of gravity, under commands of chance.
 
 It is the simulator of the University of Colorado (AVSLab/basilisk, `bsk` of the package index). Its states are
-those of basilisk.json; docs/provenance.md names the commit whose script flew them, in steps of 2 ms of order four. A tank of constant volume
-loses what thrusters take, without the forces of propellant that flows to them (`updateOnly`).
+those of basilisk.json; docs/provenance.md names the commit whose script flew them, in steps of 2 ms of order four.
+Its tank, of constant volume, loses what thrusters take, without forces of the propellant that flows to them.
 """
 
 from __future__ import annotations
