@@ -23,9 +23,13 @@ README = (
     "view runs/first --play --save fly.html",
 )
 """Commands of README and of an own spacecraft, in a user's order."""
+TINY = (
+    "--set ppo.n_envs=8 --set ppo.n_steps=4 --set ppo.batch_size=16 --set timing.episode_steps=20 "
+    "--set total_timesteps=64"
+)
 SHORTER = {
-    "train": "--set ppo.n_envs=8 --set ppo.n_steps=4 --set ppo.batch_size=16 --set timing.episode_steps=20 "
-    "--set total_timesteps=64",
+    "train": TINY,
+    "sweep": TINY,
     "evaluate": "--episodes 2",
     "compare": "--episodes 2 --certified 0",
     "stress": "--episodes 2 --only latency",
