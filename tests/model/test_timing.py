@@ -1,16 +1,10 @@
-"""Timing: the paper's defaults and every wrong value."""
+"""Timing: clocks of episodes."""
 
 from __future__ import annotations
 
 import pytest
 
 from rans.model.timing import Timing
-
-
-def test_defaults_are_25_seconds_at_5_hz() -> None:
-    timing = Timing()
-    assert 1 / timing.control_period == 5.0
-    assert timing.control_period * timing.episode_steps == 25.0
 
 
 @pytest.mark.parametrize("steps", [1, 3, 4, 125])
