@@ -427,8 +427,10 @@ def without_kinds(ppo: dict[str, Any]) -> dict[str, Any]:
     parts = {name: ppo[name] for name in ("memory", "filters") if isinstance(ppo.get(name), dict)}
     memory, filters = parts.get("memory", {}), parts.get("filters", {})
     kinds = ("none", "commands" if filters.get("drift") else "history")
-    if memory.get("kind") in kinds:
-        kept = memory["kind"] != "none"
+    kept = memory.get("kind") != "none"
+    # A kind without a size would leave no memory.
+    is_sized = "history" in memory or "averages" in memory
+    if memory.get("kind") in kinds and (is_sized or not kept):
         parts["memory"] = {name: x for name, x in memory.items() if kept and name != "kind"}
     response = filters.get("response", [])
     if isinstance(response, list) and filters.get("steady") == [

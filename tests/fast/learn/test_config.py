@@ -129,3 +129,9 @@ def test_another_learner_has_other_settings() -> None:
         from_table(table | {"algorithm": "ppo", "learner": {"noise": 0.1}})
     with pytest.raises(ConfigError, match="rounds"):
         from_table(table | {"algorithm": "value", "learner": {"rounds": 0}})
+
+
+def test_a_kind_of_memory_without_its_size_is_refused() -> None:
+    """Version 0.2 had a size of its own for it, and this one would train without a memory."""
+    with pytest.raises(ConfigError, match="unknown key 'kind'"):
+        from_table(to_table(CONFIG) | {"ppo": {"memory": {"kind": "history"}}})
