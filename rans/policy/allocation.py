@@ -83,8 +83,10 @@ def continuous_price(columns: np.ndarray, has_wheels: bool) -> float:
 
 
 @lru_cache(maxsize=64)
-def subsets(tokens: tuple[tuple[float, ...], ...], shared: bool, price: float) -> Subsets:
-    """All useful subsets of on/off thrusters with columns ``tokens`` (n, d).
+def subsets(
+    tokens: tuple[tuple[float, ...], ...], shared: bool, price: float, most: int = MOST_SUBSETS
+) -> Subsets:
+    """All useful subsets of on/off thrusters with columns ``tokens`` (n, d), of at most so many.
 
     Of subsets that do the same only the one with the least thrust stays. With a shared supply every open thruster
     gives its share of full force, 1 over their number.
@@ -95,7 +97,7 @@ def subsets(tokens: tuple[tuple[float, ...], ...], shared: bool, price: float) -
     # All subsets, or those with few open thrusters.
     count = len(ordered)
     largest = count
-    while sum(math.comb(count, k) for k in range(largest + 1)) > MOST_SUBSETS:
+    while sum(math.comb(count, k) for k in range(largest + 1)) > most:
         largest -= 1
     masks = np.array(
         [

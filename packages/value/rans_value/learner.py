@@ -23,6 +23,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from rans.evaluation.fly.agent import load_policy
+from rans.evaluation.fly.any_craft import for_spacecraft, frugal
 from rans.extend import (
     TASKS,
     Acted,
@@ -44,7 +46,8 @@ from rans.extend import (
     whole,
 )
 from rans.fast.learn.graph import fused
-from rans_value.problem import TRADE_OFF, PoseProblem, equivalent, relative
+from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder
+from rans_value.problem import TRADE_OFF, PoseProblem, equivalent, parted, relative
 
 _PERIODS = 10
 """Control periods that are flown to a target."""
@@ -52,6 +55,10 @@ _FLIGHTS = 6
 """Rounds of flights that are fitted together."""
 _BEGUN = 400
 """Gradient steps on the value function to begin with."""
+_FRUGALITIES = (0.0, 0.3, 0.5, 0.75, 1.0)
+"""Frugalities of flights by the agent for any craft with which the value function in space begins."""
+_BY_ANY_CRAFT = 0.7
+"""Part of the states with which it begins that are of those flights."""
 _GOES_ON = 0.6
 """Part of the flights of a round that begin where others ended."""
 _KEEP = 0.98
@@ -101,7 +108,7 @@ class ValueSettings:
 
 
 class ValueNetwork(nn.Module):
-    """Value of states (7, ...): four layers with skips, and at least the cost of a period outside."""
+    """Value of states (rows, ...): four layers with skips, and at least the cost of a period outside."""
 
     def __init__(self, problem: PoseProblem, example: Tensor, units: int) -> None:
         super().__init__()
@@ -152,7 +159,7 @@ class Greedy:
         self.label = fused(self._label_of, device)
 
     def _costs(self, state: Tensor, patterns: Tensor) -> Tensor:
-        """Costs (C, N) of patterns (C, N, n) or (C, 1, n) from states (7, N), s."""
+        """Costs (C, N) of patterns (C, N, n) or (C, 1, n) from states (rows, N), s."""
         each = state[:, None].expand(-1, len(patterns), -1)
         after, cost, discount = self.period(each, patterns.expand(-1, state.shape[1], -1))
         return cost + discount * self.value(after)
@@ -184,7 +191,7 @@ class Greedy:
         return patterns.gather(0, chosen)[0], least
 
     def _command_of(self, state: Tensor) -> Tensor:
-        """Patterns (N, n), zeros and ones, of states (7, N)."""
+        """Patterns (N, n), zeros and ones, of states (rows, N)."""
         return self._best(state, self._periods)[0]
 
     def _label_of(self, state: Tensor) -> tuple[Tensor, Tensor]:
@@ -292,7 +299,7 @@ class ValueLearner:
         return torch.cat((result, self.adam.rate[None], self.rollout.totals()))
 
     def states(self) -> Tensor:
-        """States (7, N) of the engine's episodes in the frame of their goals."""
+        """States (rows, N) of the engine's episodes in the frame of their goals."""
         engine = self.engine
         return relative(engine.state, engine.goal, self.rollout.terms)
 
@@ -305,28 +312,69 @@ class ValueLearner:
         return torch.randint(below, (count,), generator=self._generator, device=self.engine.device)
 
     def _fresh(self) -> Tensor:
-        """States (7, N) at which flights begin: half those of the task's episodes, half near the goal."""
+        """States (rows, N) at which flights begin: half those of the task's episodes, half near the goal."""
         count = self._own.states
         chosen = self._pool[:, self._indices(self._pool.shape[1], count)]
         # Trade-offs of all tasks, a twelfth of them at either end, and more of long thrifty flights.
-        chosen[6] = (1.2 * self._uniform(count) - 0.1).clamp(min=0.0, max=1.0) ** 0.75
-        near = self.problem.near(self._uniform(8, count), chosen)
+        chosen[-1] = (1.2 * self._uniform(count) - 0.1).clamp(min=0.0, max=1.0) ** 0.75
+        near = self.problem.near(self._uniform(self.problem.numbers, count), chosen)
         return torch.where(self._uniform(count) < 0.5, near, chosen)
 
     def _begin(self) -> None:
-        """Fit the first value function."""
+        """Fit the first value function: a guess, in space beside costs of flights by the agent for any craft."""
+        states, costs = self._by_any_craft() if self.problem.dimension == 3 else (None, None)
         for _ in range(_BEGUN):
             pool = self._fresh()[:, self._indices(self._own.states, self._own.batch)]
-            self._fit(pool, self.problem.guess(pool))
+            target = self.problem.guess(pool)
+            if states is not None and costs is not None:
+                chosen = self._indices(len(costs), self._own.batch)
+                is_flown = self._uniform(self._own.batch) < _BY_ANY_CRAFT
+                pool = torch.where(is_flown, states[:, chosen], pool)
+                target = torch.where(is_flown, costs[chosen], target)
+            self._fit(pool, target)
+
+    @torch.no_grad()
+    def _by_any_craft(self) -> tuple[Tensor, Tensor]:
+        """States (rows, M) of flights by the agent for any craft, and their costs (M,): each is a bound."""
+        engine, problem = self.engine, self.problem
+        run = load_policy(pretrained_folder(FOR_ANY_CRAFT[problem.dimension]))
+        run = for_spacecraft(run, engine.craft, engine.timing)
+        count = self._own.states // 4
+        states, costs = [], []
+        for value in _FRUGALITIES:
+            agent = frugal(run, value).network
+            tensors = {name: x.to(engine.device) for name, x in agent.tensors.items()}
+            network = Network(agent.architecture, tensors)
+            flights = Engine(engine.craft, run.task, count, engine.timing, device=engine.device)
+            observation, memory = flights.reset(), network.initial_state(count)
+            # Trade-offs of about this value; the same flight is one for each of them.
+            trade_off = (value + 0.5 * self._uniform(count) - 0.25).clamp(min=0.0, max=1.0)
+            flown, periods = [], []
+            for _ in range(engine.timing.episode_steps - 1):
+                state = relative(flights.state, flights.goal, self.rollout.terms)
+                state[-1] = trade_off
+                command, memory = network.deterministic_action(observation, memory)
+                flown.append(state)
+                periods.append(self.greedy.period(state, command)[1:])
+                observation = flights.step(flights.commands(command)).observation
+            total = torch.zeros_like(trade_off)
+            totals = []
+            for cost, discount in reversed(periods):
+                total = cost + discount * total
+                totals.append(total)
+            arrived = problem.inside(flown[-1])[0]
+            states += [state[:, arrived] for state in flown]
+            costs += [total[arrived] for total in reversed(totals)]
+        return torch.cat(states, dim=1), torch.cat(costs)
 
     @torch.no_grad()
     def _flown(self) -> tuple[Tensor, Tensor]:
-        """States (7, T N) of a round of flights and the costs from there, (T N,)."""
+        """States (rows, T N) of a round of flights and the costs from there, (T N,)."""
         fresh = self._fresh()
         count = fresh.shape[1]
         ends = self._ends[:, self._indices(self._ends.shape[1], count)]
         # A state in which another trade-off may be asked for.
-        ends[6] = torch.where(self._uniform(count) < 0.2, fresh[6], ends[6])
+        ends[-1] = torch.where(self._uniform(count) < 0.2, fresh[-1], ends[-1])
         state = torch.where(self._uniform(count) < _GOES_ON, ends, fresh)
         # The cost of a command at random is no value, but where it leads to is a state like others.
         other = (self._uniform(count, self.engine.craft.thruster_count) < 0.25).to(state.dtype)
@@ -348,7 +396,9 @@ class ValueLearner:
             target = cost + discount * target
             targets.append(target)
         # Flights that are lost begin anew.
-        self._ends = state[:, state[:2].square().sum(dim=0) < (3.0 * self.problem.range) ** 2]
+        self._ends = state[
+            :, parted(state)[0].square().sum(dim=0) < (3.0 * self.problem.range) ** 2
+        ]
         return torch.cat(states, dim=1), torch.cat(targets[::-1])
 
     def _round(self) -> Tensor:
@@ -362,7 +412,7 @@ class ValueLearner:
         return torch.stack(losses).mean()
 
     def _fit(self, state: Tensor, target: Tensor) -> Tensor:
-        """One gradient step on states (7, N) as seen from equivalent sides; returns the loss."""
+        """One gradient step on states (rows, N) as seen from equivalent sides; returns the loss."""
         side = self._indices(len(self._turn), state.shape[1])
         loss = self._loss(state, target, self._turn[side], self._hand[side])
         self._value_adam.zero_grad(set_to_none=True)
@@ -461,7 +511,7 @@ def _check(engine: Engine, network: Network) -> None:
     craft = engine.craft
     if not suits(craft):
         raise ConfigError(
-            f"the algorithm 'value' flies planar craft with nothing but thrusters, and {craft.name} is no such "
+            f"the algorithm 'value' flies craft with nothing but thrusters, and {craft.name} is no such "
             'craft: train with the algorithm "ppo".'
         )
     _check_task(engine.task)
@@ -475,7 +525,7 @@ def _check(engine: Engine, network: Network) -> None:
 
 def suits(craft: Spacecraft) -> bool:
     """Whether there is such a value function: craft in the plane that only thrusters move, wholly open or shut."""
-    return craft.dimension == 2 and craft.has_only_thrusters
+    return craft.has_only_thrusters
 
 
 def is_flown(task: Task) -> bool:
@@ -523,7 +573,7 @@ class GreedyController:
         problem = PoseProblem(
             run.spacecraft(), config.settings, config.timing.control_period, position_tolerance
         )
-        value = ValueNetwork(problem, torch.zeros(7, 2), config.learner["units"])
+        value = ValueNetwork(problem, torch.zeros(problem.rows, 2), config.learner["units"])
         value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])
         self.name = f"value of {run.path.name}"
         self._greedy = Greedy(problem, value, periods=2)
@@ -616,8 +666,8 @@ class Value(Algorithm):
 
     @classmethod
     def best(cls, config: TrainConfig, craft: Spacecraft) -> TrainConfig | None:
-        """Config for flights to a pose on a GPU; without one the agent for any craft is better."""
-        fits = suits(craft) and is_flown(config.settings)
+        """Config for flights to a pose in the plane on a GPU; without one the agent for any craft is better."""
+        fits = craft.dimension == 2 and suits(craft) and is_flown(config.settings)
         if not fits or config.device.startswith("cpu"):
             return None
         return cls.started(replace(config, algorithm="value", learner={}))

@@ -1,12 +1,13 @@
-"""Flights to a pose in the plane as a problem of optimal control: motion, costs, and inputs of a value function.
+"""Flights to a pose as a problem of optimal control: motion, costs, and inputs of a value function.
 
-A flight costs the time outside the goal set and the price of its impulse. States are (7, ...): position (m) and
-heading (rad) of the craft in the frame of the goal, velocity (m/s), spin (rad/s), and the trade-off between time
-and impulse, 0 to 1.
+A flight costs the time outside the goal set and the price of its impulse. States are (rows, ...): position (m),
+attitude (heading, rad, or quaternion) and velocity (m/s) of the craft in the frame of the goal, spin (rad/s; in
+space in B), and the trade-off between time and impulse, 0 to 1.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from functools import partial
@@ -14,15 +15,20 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from rans.extend import (
     Body,
     Heading,
     PlanarState,
+    Quat,
     Spacecraft,
+    SpatialState,
     State,
     Vec2,
+    Vec3,
     advance,
+    leaves,
     map_leaves,
 )
 from rans.model.dynamics import mean_thrust, undelayed
@@ -30,6 +36,9 @@ from rans.policy.allocation import subsets
 from rans.policy.symmetry import symmetries
 from rans.tasks.goal_set import REST_SPEED, REST_SPIN
 
+_ENUMERATED = 2**16
+"""Largest number of patterns of open valves: all of 16 thrusters, of more those with fewest open. The free flyer's
+have 4,225 different effects."""
 _NODES = 4
 """Nodes of the quadrature of translation, of which float32 needs four."""
 _INSIDE = 0.99
@@ -60,45 +69,52 @@ _COARSE = 0.02
 
 
 def relative(state: State, goal: State, like: Tensor, trade_off: float = TRADE_OFF) -> Tensor:
-    """States (7, N) of N spacecraft in the frame of their goals, in dtype and device of another tensor.
+    """States (rows, N) of N spacecraft in the frame of their goals, in dtype and device of another tensor.
 
     The trade-off counts where the goals note none.
     """
     number = partial(torch.as_tensor, dtype=like.dtype, device=like.device)
     now: Any = map_leaves(number, state)
     aim: Any = map_leaves(number, goal)
-    cos, sin = aim.attitude.angle.cos(), aim.attitude.angle.sin()
-    turned = [
-        turn
-        for u in (now.p - aim.p, now.v - aim.v)
-        for turn in (cos * u.x + sin * u.y, cos * u.y - sin * u.x)
-    ]
-    heading = _wrapped(now.attitude.angle - aim.attitude.angle)
+    back = aim.attitude.inverse()
     noted = number(getattr(goal.notes, "trade_off", trade_off))
-    rows = (*turned[:2], heading, *turned[2:], now.w, noted)
+    rows = (
+        *back.rotate(now.p - aim.p).columns(),
+        *leaves(aim.attitude.to(now.attitude).normalised()),
+        *back.rotate(now.v - aim.v).columns(),
+        *now.spin(),
+        noted,
+    )
     return torch.stack(torch.broadcast_tensors(*rows))
 
 
+def parted(state: Tensor) -> tuple[Tensor, ...]:
+    """Rows of position, attitude, velocity, spin and trade-off of states (rows, ...)."""
+    return state.split((2, 1, 2, 1, 1) if len(state) == 7 else (3, 4, 3, 3, 1))
+
+
 def equivalent(state: Tensor, turn: Tensor, hand: Tensor) -> Tensor:
-    """States (7, N) as seen from other sides of a craft, see `rans.policy.symmetry.Symmetries`."""
-    x, y, heading, vx, vy, spin, trade_off = state
-    rows = (
-        turn[..., 0, 0] * x + turn[..., 0, 1] * y,
-        turn[..., 1, 0] * x + turn[..., 1, 1] * y,
-        hand * heading,
-        turn[..., 0, 0] * vx + turn[..., 0, 1] * vy,
-        turn[..., 1, 0] * vx + turn[..., 1, 1] * vy,
-        hand * spin,
-        trade_off,
-    )
-    return torch.stack(rows)
+    """States (rows, N) as seen from other sides of a craft, see `rans.policy.symmetry.Symmetries`."""
+    p, attitude, v, w, trade_off = parted(state)
+
+    def seen(rows: Tensor) -> Tensor:
+        axes = range(len(rows))
+        turned: Any = [sum(turn[..., i, j] * rows[j] for j in axes) for i in axes]
+        return torch.stack(turned)
+
+    def axial(rows: Tensor) -> Tensor:
+        return hand * (rows if len(rows) == 1 else seen(rows))
+
+    # The axis of a rotation is seen as a spin.
+    scalar, axis = attitude.split((len(attitude) - len(w), len(w)))
+    return torch.cat((seen(p), scalar, axial(axis), seen(v), axial(w), trade_off))
 
 
 class PoseProblem:
-    """Least cost of flights of a craft to a pose in the plane.
+    """Least cost of flights of a craft to a pose.
 
     Args:
-        craft: planar craft with thrusters, which are opened or not.
+        craft: craft with thrusters, which are opened or not.
         task: flight to a pose, whose tolerances count.
         period: control period, s.
         position_tolerance: tolerance in flight, m, that of the task or finer; None: that of the task.
@@ -115,48 +131,56 @@ class PoseProblem:
         self.period = period
         self._finest = position_tolerance or task.position_tolerance
         self._finer = task.position_tolerance / self._finest
+        self.dimension = craft.dimension
         self._body = Body.of(craft)
         bounds = (task.position_tolerance, task.attitude_tolerance, REST_SPEED, REST_SPIN)
         self._bounds = [_INSIDE * bound for bound in bounds]
-        # Authority: the force in the weakest direction, and the torque to the weaker side.
-        effects = torch.tensor(craft.wrench_map, dtype=torch.float64)
-        angle = torch.arange(32, dtype=torch.float64) * (math.pi / 16)
-        along = torch.stack((angle.cos(), angle.sin()), dim=1) @ effects[:, :2].T
-        torque = effects[:, 2]
-        self.force = float(along.clamp(min=0.0).sum(dim=1).min())
+        # Authority: force and torque in the weakest direction.
+        forces, torques = torch.tensor(craft.wrench_map, dtype=torch.float64).tensor_split(
+            (craft.dimension,), 1
+        )
+        self.force = _weakest(forces)
         self.acceleration = self.force / craft.mass
-        inertia = craft.inertia[2][2]
-        twist = min(float(torque.clamp(min=0.0).sum()), float((-torque).clamp(min=0.0).sum()))
-        self.angular_acceleration = twist / inertia
+        moments = torch.tensor(craft.inertia, dtype=torch.float64).diagonal()[-torques.shape[1] :]
+        self.angular_acceleration = _weakest(torques / moments)
         self.range = 0.5 * (task.spawn_distance[0] + task.spawn_distance[1])
         self.scale = math.sqrt(self.range / self.acceleration)
         """Time in which the craft gains its range, s."""
-        # Change of spin by the weakest torque in a period, and so the distance of headings at rest.
-        arms = torque.abs()
-        self.spin_step = float(arms[arms > 1e-9].min()) * period / inertia
+        # Changes of spin by the weakest torques in a period, and so the distances of headings at rest.
+        arms = torques.abs() / moments
+        steps = arms.where(arms > 1e-9, math.inf).amin(dim=0) * period
+        self.spin_steps = [float(step) for step in steps]
+        self.rows = 7 if craft.dimension == 2 else 14
+        self.numbers = 2 * craft.degrees_of_freedom + 2
+        """Random numbers of a state near the goal."""
         self.thrust = [thruster.force / self.force for thruster in craft.thrusters]
         views = symmetries(craft)
-        own = (torch.eye(2)[None], torch.ones(1), torch.arange(craft.thruster_count)[None])
+        own = (torch.eye(self.dimension)[None], torch.ones(1), torch.arange(len(forces))[None])
         sides = own if views is None else views.tensors_like(torch.zeros(1))
         self.turn, self.hand, self.place = sides
         # Several patterns of the same effect would be labels that no independent valves can imitate.
         shared = craft.thrust_sharing == "split"
-        self.patterns = torch.as_tensor(subsets(craft.wrench_map, shared, 0.0).opened).float()
+        kept = subsets(craft.wrench_map, shared, 0.0, _ENUMERATED)
+        self.patterns = torch.as_tensor(kept.opened).float()
         """Patterns (C, n) of open valves whose effects differ, of equal ones that of least impulse."""
 
     def price(self, state: Tensor) -> Tensor:
         """Price of the full thrust, seconds a second."""
         low, high = _PRICE
-        return low * torch.exp(math.log(high / low) * state[6])
+        return low * torch.exp(math.log(high / low) * state[-1])
+
+    def _motion(self, state: Tensor) -> Any:
+        p, attitude, v, w, _ = parted(state)
+        if self.dimension == 2:
+            return PlanarState(Vec2(*p), Heading(*attitude), Vec2(*v), w[0])
+        return SpatialState(Vec3(*p), Quat(*attitude), Vec3(*v), Vec3(*w))
 
     def moved(self, state: Tensor, command: Sequence[Tensor]) -> Tensor:
         """States after a control period with these commands of the thrusters."""
-        x, y, heading, vx, vy, spin, trade_off = state
-        planar = PlanarState(Vec2(x, y), Heading(heading), Vec2(vx, vy), spin)
+        now = self._motion(state)
         for duration, wrench, _, _ in undelayed(self.craft, self._body, command, self.period):
-            planar = advance(planar, wrench, self._body, duration, nodes=_NODES)
-        angle = _wrapped(planar.attitude.angle)
-        rows = (planar.p.x, planar.p.y, angle, planar.v.x, planar.v.y, planar.w, trade_off)
+            now = advance(now, wrench, self._body, duration, nodes=_NODES)
+        rows = (*leaves(now.normalised()), state[-1])
         return torch.stack(torch.broadcast_tensors(*rows))
 
     def burnt(self, command: Sequence[Tensor]) -> Tensor:
@@ -169,19 +193,28 @@ class PoseProblem:
         """States as costs and values are of them: within a finer tolerance places are larger by as much."""
         if self._finer == 1.0:
             return state
-        distance = torch.sqrt(state[:2].square().sum(dim=0) + 1e-12)
+        place = state[: self.dimension]
+        distance = torch.sqrt(place.square().sum(dim=0) + 1e-12)
         larger = 1.0 + (self._finer - 1.0) * (self._finest / distance).clamp(max=1.0)
-        return torch.cat((state[:2] * larger, state[2:]))
+        return torch.cat((place * larger, state[self.dimension :]))
+
+    def errors(self, state: Tensor) -> tuple[Tensor, ...]:
+        """Rows of position, rotation vector, velocity and spin."""
+        p, attitude, v, w, _ = parted(state)
+        if self.dimension == 3:
+            axis = attitude[1:] * torch.where(attitude[:1] < 0.0, -1.0, 1.0)
+            sine = (axis.square().sum(dim=0) + 1e-12).sqrt()
+            attitude = axis * (2.0 * torch.atan2(sine, attitude[0].abs()) / sine)
+        return p, attitude, v, w
 
     def inside(self, state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Whether states are within the tolerances, whether they are also at rest, and their error, 0 to 1."""
-        x, y, heading, vx, vy, spin, _ = self.seen(state)
-        distance, angle, speed, rate = self._bounds
-        place = (x * x + y * y) / distance**2
-        turn = heading.square() / angle**2
+        squares = [x.square().sum(dim=0) for x in self.errors(self.seen(state))]
+        place, turn, speed, rate = (
+            x / bound**2 for x, bound in zip(squares, self._bounds, strict=True)
+        )
         within = (place <= 1.0) & (turn <= 1.0)
-        at_rest = (vx * vx + vy * vy <= speed**2) & (spin.abs() <= rate)
-        return within, within & at_rest, (0.5 * (place + turn)).sqrt()
+        return within, within & (speed <= 1.0) & (rate <= 1.0), (0.5 * (place + turn)).sqrt()
 
     def waiting(self, state: Tensor) -> Tensor:
         """Cost of a control period by its state, s: of time outside, and of errors inside.
@@ -204,87 +237,104 @@ class PoseProblem:
         approach, hold = (math.exp(-self.period / x) for x in (_APPROACH, _HOLD))
         return torch.where(self.inside(state)[1], hold, approach)
 
-    def quickest(self, state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Least times to the origin of each axis alone, s, as of a double integrator."""
-        x, y, heading, vx, vy, spin, _ = state
-        return (
-            _to_rest(x, vx, self.acceleration),
-            _to_rest(y, vy, self.acceleration),
-            _to_rest(heading, spin, self.angular_acceleration),
-        )
+    def quickest(self, state: Tensor) -> tuple[Tensor, Tensor]:
+        """Least times to the origin of each axis alone, s, as of a double integrator: of place and of attitude."""
+        p, turn, v, w = self.errors(state)
+        return _to_rest(p, v, self.acceleration), _to_rest(turn, w, self.angular_acceleration)
 
     def guess(self, state: Tensor) -> Tensor:
         """Value function to begin with: times of double integrators, one after the other rather than at once.
 
         They are rather too long, as are the times of thrust, so that the first flights look for nothing better.
         """
-        x, y, heading = self.quickest(state)
-        longest = torch.sqrt(x * x + y * y) + 0.5 * heading
-        return longest * (1.0 + 0.5 * self.price(state)) + self.waiting(state)
+        place, turn = (x.square().sum(dim=0).sqrt() for x in self.quickest(state))
+        return (place + 0.5 * turn) * (1.0 + 0.5 * self.price(state)) + self.waiting(state)
 
     def features(self, state: Tensor) -> Tensor:
         """Inputs of the value function, (..., features)."""
         state = self.seen(state)
-        x, y, heading, vx, vy, spin, trade_off = state
-        cos, sin = heading.cos(), heading.sin()
+        p, attitude, v, _, (trade_off,) = parted(state)
+        _, turn, _, w = self.errors(state)
         speed = math.sqrt(self.acceleration * self.range)
-        rate = math.sqrt(self.angular_acceleration)
         # In the frame of the goal and in that of the body, in units of the craft's authority.
-        place = [x / self.range, y / self.range]
-        motion = [vx / speed, vy / speed]
+        place = p / self.range
+        motion = v / speed
         columns = [*place, *motion]
-        for first, second in (place, motion):
-            columns += [cos * first + sin * second, cos * second - sin * first]
-        columns += [cos, sin, (2 * heading).cos(), (2 * heading).sin(), heading, spin / rate]
+        facing: Any = Heading(*attitude) if self.dimension == 2 else Quat(*attitude)
+        vector: Any = Vec2 if self.dimension == 2 else Vec3
+        for rows in (place, motion):
+            columns += facing.inverse().rotate(vector(*rows)).columns()
+        columns += facing.columns()
+        if self.dimension == 2:
+            columns += Heading(2.0 * attitude[0]).columns()
+        else:
+            columns += facing.rotate(Vec3(0.0, 0.0, 1.0)).columns()
+        columns += [*turn, *(w / math.sqrt(self.angular_acceleration))]
         # Distances, speeds along and across, and least times.
-        distance = torch.sqrt(x * x + y * y + 1e-6)
+        distance = torch.sqrt(p.square().sum(dim=0) + 1e-6)
+        along = (p * v).sum(dim=0) / distance
+        if self.dimension == 2:
+            across = (p[0] * v[1] - p[1] * v[0]) / distance
+        else:
+            across = (v.square().sum(dim=0) - along.square()).clamp(min=1e-6).sqrt()
         columns += [
             distance / self.range,
             torch.sqrt(distance / self.range),
-            (x * vx + y * vy) / distance / speed,
-            (x * vy - y * vx) / distance / speed,
+            along / speed,
+            across / speed,
         ]
-        columns += [time / self.scale for time in self.quickest(state)]
+        columns += [time / self.scale for times in self.quickest(state) for time in times]
         # Close to the goal.
         widths = [bound / _INSIDE for bound in self._bounds]
-        errors = [state[i] / widths[kind] for i, kind in enumerate((0, 0, 1, 2, 2, 3))]
+        errors = [
+            row / width
+            for rows, width in zip(self.errors(state), widths, strict=True)
+            for row in rows
+        ]
         for scale in _SCALES:
             columns += [torch.tanh(scale * error) for error in errors]
         columns.append(torch.tanh(distance / widths[0] - 1.0))
+        if self.dimension == 3:
+            angle = (turn.square().sum(dim=0) + 1e-6).sqrt()
+            columns += [angle, torch.tanh(angle / widths[1] - 1.0)]
         # Where between the spins and headings that pulses can reach.
-        turn = 2 * math.pi / self.spin_step
-        columns += [(turn * spin).sin(), (turn * spin).cos()]
-        if self.spin_step * self.period > _COARSE:
-            phase = (turn / self.period) * (heading - 0.5 * self.period * spin)
+        for spin, step in zip(w, self.spin_steps, strict=True):
+            phase = (2 * math.pi / step) * spin
+            columns += [phase.sin(), phase.cos()]
+        if self.dimension == 2 and (step := self.spin_steps[0]) * self.period > _COARSE:
+            behind = attitude[0] - 0.5 * self.period * w[0]
+            phase = (2 * math.pi / (step * self.period)) * behind
             columns += [phase.sin(), phase.cos()]
         # The trade-off.
         columns += [trade_off, trade_off.square(), (5.0 * trade_off).tanh()]
         return torch.stack(torch.broadcast_tensors(*columns), dim=-1)
 
     def near(self, uniform: Tensor, state: Tensor) -> Tensor:
-        """States around the goal at random scales in place of states (7, N), from numbers (8, N) in [0, 1).
+        """States around the goal at random scales in place of states (rows, N), from numbers in [0, 1).
 
-        Spins are those of a craft that began at rest for all but a tenth.
+        The numbers are (`numbers`, N). Spins are those of a craft that began at
+        rest for all but a tenth.
         """
-        scale = torch.exp(math.log(0.02) * uniform[7])
-        spread = 2.0 * uniform[:6] - 1.0
-        spin = spread[5] * scale * 2.0 * math.sqrt(self.angular_acceleration)
-        reached = torch.round(spin / self.spin_step) * self.spin_step
-        speed = math.sqrt(self.acceleration * self.range)
-        rows = (
-            spread[0] * scale * 1.5,
-            spread[1] * scale * 1.5,
-            spread[2] * scale.sqrt() * math.pi,
-            spread[3] * scale * speed,
-            spread[4] * scale * speed,
-            torch.where(uniform[6] < 0.9, reached, spin),
-            state[6],
-        )
-        return torch.stack(rows)
+        count = len(self.spin_steps)
+        spread = 2.0 * uniform[2:] - 1.0
+        p, turn, v, w = spread.split((self.dimension, count, self.dimension, count))
+        scale = torch.exp(math.log(0.02) * uniform[0])
+        turn = turn * scale.sqrt() * math.pi
+        w = w * scale * 2.0 * math.sqrt(self.angular_acceleration)
+        step = torch.tensor(self.spin_steps, device=w.device)[:, None]
+        reached = torch.where(uniform[1] < 0.9, torch.round(w / step) * step, w)
+        if self.dimension == 3:
+            half = 0.5 * turn.square().sum(dim=0, keepdim=True).sqrt()
+            turn = torch.cat((half.cos(), 0.5 * turn * (half / math.pi).sinc()))
+        v = v * scale * math.sqrt(self.acceleration * self.range)
+        return torch.cat((p * scale * 1.5, turn, v, reached, state[-1:]))
 
 
-def _wrapped(angle: Tensor) -> Tensor:
-    return torch.remainder(angle + math.pi, 2 * math.pi) - math.pi
+def _weakest(columns: Tensor) -> float:
+    """Sum of the columns (n, d), each from 0 to 1, in the direction that has least, along or between axes."""
+    ways = [x for x in itertools.product((-1.0, 0.0, 1.0), repeat=columns.shape[1]) if any(x)]
+    units = functional.normalize(torch.tensor(ways, dtype=columns.dtype), dim=1)
+    return float((units @ columns.T).clamp(min=0.0).sum(dim=1).min())
 
 
 def _to_rest(offset: Tensor, rate: Tensor, acceleration: float) -> Tensor:

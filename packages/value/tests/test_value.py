@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 import torch
 from rans_value.learner import Greedy, GreedyController, Newest, Value, ValueLearner, ValueSettings
+from rans_value.problem import equivalent
 from torch import Tensor
 
 from rans.errors import ConfigError
@@ -41,17 +42,40 @@ def learner(craft: Any = PLATFORM) -> ValueLearner:
     return made
 
 
-def commands() -> Tensor:
-    return (torch.rand(64, 8, generator=torch.Generator().manual_seed(1)) < 0.5).float()
+def commands(count: int = 8) -> Tensor:
+    return (torch.rand(64, count, generator=torch.Generator().manual_seed(1)) < 0.5).float()
 
 
-def test_the_model_is_that_of_the_engine() -> None:
-    made = learner()
+@pytest.mark.parametrize("spacecraft", ["floating-platform", "free-flyer"])
+def test_the_model_is_that_of_the_engine_and_looks_the_same_from_all_sides(spacecraft: str) -> None:
+    made = learner(load_spacecraft(spacecraft))
+    problem = made.problem
+    command = commands(made.engine.craft.thruster_count)
     for _ in range(3):  # a craft that turns and moves
         before = made.states()
-        made.engine.step(commands())
-        after = made.problem.moved(before, commands().unbind(dim=1))
-        torch.testing.assert_close(made.states(), after, rtol=0.0, atol=1e-5)
+        made.engine.step(command)
+        after = problem.moved(before, command.unbind(dim=1))
+        assert difference(made.states(), after) < 1e-5
+    for turn, hand, place in zip(problem.turn, problem.hand, problem.place, strict=True):
+        placed = torch.zeros_like(command).scatter(1, place.expand(64, -1), command)
+        seen = problem.moved(equivalent(before, turn, hand), placed.unbind(dim=1))
+        assert difference(seen, equivalent(after, turn, hand)) < 1e-4  # rounding
+
+
+def difference(one: Tensor, other: Tensor) -> float:
+    """Largest difference of states; of quaternions those of equal sign."""
+    if len(one) == 14:
+        sign = (one[3:7] * other[3:7]).sum(dim=0).sign()
+        other = torch.cat((other[:3], sign * other[3:7], other[7:]))
+    return float((one - other).abs().max())
+
+
+def test_in_space_the_first_values_are_costs_of_flights_by_any_craft() -> None:
+    made = learner(load_spacecraft("free-flyer"))
+    states, costs = made._by_any_craft()
+    # A flight ends at rest at the goal, and what is left costs less the nearer that is.
+    assert (made.problem.inside(states)[2][costs < 0.2] < 1.0).all()
+    assert float(costs.max()) > 5.0
 
 
 def test_commands_cost_at_most_what_they_promise() -> None:
@@ -164,7 +188,7 @@ def test_a_training_leaves_its_policy_and_its_value_function(
 
 def test_other_craft_and_conditions_are_refused() -> None:
     with pytest.raises(ConfigError, match="no such craft"):
-        learner(load_spacecraft("free-flyer"))
+        learner(load_spacecraft("cubesat-3u"))
     with pytest.raises(ConfigError, match="flights to a pose"):
         Newest(PLATFORM, TASKS["avoid"](), Timing())
     noisy = replace(training("go-to-pose", device="cpu"), conditions=load_conditions("lab"))
