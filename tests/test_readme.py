@@ -379,7 +379,10 @@ def test_extras_that_errors_and_pages_name_exist() -> None:
     assert not re.search(r"pip install (-\S+ )*['\"]?rans[\[\s=]", "\n".join(texts))
 
 
-OF_OTHERS = {"RANK", "WORLD_SIZE", "LOCAL_RANK", "LOCAL_WORLD_SIZE", "DISPLAY", "WAYLAND_DISPLAY"}
+OF_OTHERS = {
+    *("RANK", "WORLD_SIZE", "LOCAL_RANK", "LOCAL_WORLD_SIZE", "TORCHELASTIC_ERROR_FILE"),
+    *("DISPLAY", "WAYLAND_DISPLAY"),
+}
 """Variables that torchrun and the desktop set, and no user."""
 
 
