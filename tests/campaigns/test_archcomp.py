@@ -1,74 +1,29 @@
-"""The problems of ARCH-COMP, and cells that the checker halves; the networks do not come with RANS."""
+"""The problems of ARCH-COMP; the networks do not come with RANS."""
 
 from __future__ import annotations
 
-import io
-from typing import Any
-
 import numpy as np
 import pytest
-from rans_proof.network import network_of
 from rans_proof.problem import read_problem
-from scipy.io import savemat
 
-from tests.support.graphs import graph, step
+from tests.support.processes import ROOT
 
 pytest.importorskip("onnx")
 pytest.importorskip("flint")
 
-from campaigns.archcomp import HERE, ROWS, renewed
+
+HERE = ROOT / "packages/proof/archcomp"
 
 
 def test_prover_and_checker_read_every_problem() -> None:
     from rans_proof.check_problem import problem_table, statement
 
-    files = {row.problem for row in ROWS.values()}
-    assert set(HERE.glob("*.toml")) <= files
-    for file in files:
+    others = (ROOT / f"examples/proofs/{name}.toml" for name in ("attitude", "docking"))
+    for file in (*HERE.glob("*.toml"), *others):
         problem = read_problem(file)
         assert f"to {problem.steps * problem.period:.10g} s" in statement(
             problem_table(problem.text)
         ) or (problem.keep is None)
-
-
-def test_an_old_network_means_the_same_anew() -> None:
-    """Version 6 broadcasts by an attribute, and its Gemm takes four axes as one row: (x - c) W^T + b, rectified."""
-    random = np.random.default_rng(0)
-    shapes = {"c": (1, 1, 1, 3), "W": (4, 3), "b": (4,), "V": (1, 4), "d": (1,)}
-    arrays: dict[str, Any] = {
-        name: random.normal(size=shape).astype(np.float32) for name, shape in shapes.items()
-    }
-    nodes = [
-        step("Sub", "x c", "m", broadcast=1),
-        step("Gemm", "m W b", "h", broadcast=1, transB=1),
-        step("Relu", "h", "r"),
-        step("Gemm", "r V d", "y", broadcast=1, transB=1),
-    ]
-    old = graph(nodes, [1, 1, 1, 3], opset=6, **arrays)
-    from rans_proof.network import apply
-
-    layers = network_of(renewed(old), "renewed")
-    x = random.normal(size=(20, 3))
-    hidden = np.maximum((x - arrays["c"].ravel()) @ arrays["W"].T + arrays["b"], 0.0)
-    np.testing.assert_allclose(apply(layers, x), hidden @ arrays["V"].T + arrays["d"], atol=1e-5)
-    assert renewed(renewed(old)) == renewed(old)
-
-
-def test_a_matlab_network_means_the_same_in_onnx() -> None:
-    """Layers of a MATLAB file against their formula: ReLU, then a hyperbolic tangent, in double precision."""
-    random = np.random.default_rng(0)
-    weights, biases = np.empty((1, 2), object), np.empty((1, 2), object)
-    for k, shape in enumerate(((5, 3), (2, 5))):
-        weights[0, k], biases[0, k] = random.normal(size=shape), random.normal(size=(shape[0], 1))
-    file = io.BytesIO()
-    savemat(file, {"W": weights, "b": biases, "act_fcns": np.array(["relu", "tanh"])})
-    from rans_proof.network import apply
-
-    layers = network_of(renewed(file.getvalue()), "matlab")
-    x = random.normal(size=(20, 3))
-    hidden = np.maximum(x @ weights[0, 0].T + biases[0, 0].ravel(), 0.0)
-    expected = np.tanh(hidden @ weights[0, 1].T + biases[0, 1].ravel())
-    np.testing.assert_allclose(apply(layers, x), expected, atol=1e-14)
 
 
 def test_balancing_is_one_problem_in_two_parts() -> None:
