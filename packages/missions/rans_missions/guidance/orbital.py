@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from rans.extend import Ball, Field, Vec3, absolute, at_least, map_leaves, where
+from rans.extend import Field, Vec3, absolute, at_least, map_leaves, where
 from rans_missions.guidance.arrival import PLANS, best_arrival, whole_periods
 from rans_missions.guidance.coasts import COAST_POINTS, Coasts
 from rans_missions.guidance.few_burns import ArrivalTolerance, Transfer, cheapest_transfer
@@ -39,14 +39,6 @@ _AIM_ACROSS = 0.45
 """Part of the position tolerance at which transfers of few burns aim across the orbital plane."""
 _SPEED_LEFT = 0.95 / math.sqrt(3.0)
 """Part of the velocity tolerance that braking leaves along each axis: all three axes together have 0.95 of it."""
-_SMALL_CORRECTION = 0.015
-"""Part of the price of the rest of a transfer below which a burn waits: it would correct rounding."""
-_CORRECTION_PERIODS = 6.0
-"""Control periods before the arrival up to which small corrections wait."""
-_PASSING_RESERVES = 4.0
-"""Reserves of a keep-out ball within which a coast passes beside it; a burn then could push it inside."""
-_PASSING_TIME = 0.4
-"""Part of the time to the arrival within which the craft will have passed the ball, and it is worth waiting."""
 _RESCUE_PERIODS = 4.0
 """Control periods in which a craft goes to the goal that has missed its arrival."""
 _FLOWN_BRAKE = 0.55
@@ -218,8 +210,7 @@ class SingleImpulse(OrbitalGuidance):
 class FewBurns(OrbitalGuidance):
     """Guidance by transfers of few burns (`rans_missions.guidance.few_burns`), with a brake around the arrival.
 
-    A coast is moved out of all balls as by `SingleImpulse`, repeatedly. Small corrections wait until near the
-    arrival.
+    A coast is moved out of all balls as by `SingleImpulse`, repeatedly.
     """
 
     def velocity(
@@ -239,12 +230,8 @@ class FewBurns(OrbitalGuidance):
             state.v + transfer.burn,
         )
         velocity = self.coasts.within(limits, state, aimed, where(late, rescue, time))
-        # Small corrections wait, as do those on the way past a ball. After the arrival there are none.
-        small = axis_price(velocity - state.v) < transfer.price * _SMALL_CORRECTION
-        waits = (small & (time_left > _CORRECTION_PERIODS * period)) | (time_left < 0.5 * period)
-        for ball in limits.balls:
-            waits = waits | self._passes(ball, state, aimed, time)
-        # Who waits keeps its velocity, but for a speed limit that falls on the way.
+        # After the arrival there are no corrections: the craft keeps its velocity below speed limits.
+        waits = time_left < 0.5 * period
         waiting = self.coasts.slowed(limits, state, state.v) if limits.speeds else state.v
         coasting = map_leaves(partial(where, waits), waiting, velocity)
         braked = self._braked(state, goal, coasting, time_left, deadline)
@@ -289,19 +276,6 @@ class FewBurns(OrbitalGuidance):
             braked = where(now > target, now - brake, now + brake)
             components.append(where(brake > 0.0, braked, coasting))
         return type(velocity)(*components)
-
-    def _passes(self, ball: Ball, state: Any, velocity: Any, time: Field) -> Field:
-        """Whether a coast soon passes a ball at a small distance, while the ball blocks the way of a velocity.
-
-        Then it waits; times in s, velocity in W.
-        """
-        coast, when = self.coasts.nearest(ball, state, state.v, time)
-        blocked, _ = self.coasts.nearest(ball, state, velocity, time)
-        reserve = self.coasts.keep_out_reserve
-        beyond = coast.norm() - ball.radius
-        clear = (beyond > 0.5 * reserve) & (beyond < _PASSING_RESERVES * reserve)
-        soon = when < time * _PASSING_TIME
-        return clear & soon & (blocked.norm() < ball.radius + 0.5 * reserve)
 
     def _braking_after(self, brake: Field) -> Field:
         """Time after the arrival at which a brake (m/s) ends of which half is before it, s."""

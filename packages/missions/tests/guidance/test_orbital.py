@@ -102,7 +102,7 @@ def test_a_craft_that_comes_too_late_keeps_the_speed_limit_and_the_ball() -> Non
     raise AssertionError("it did not come to the goal within 800 s")
 
 
-def test_nobody_beside_a_ball_is_faster_than_is_allowed_while_it_waits_to_pass() -> None:
+def test_nobody_beside_a_ball_is_faster_than_is_allowed() -> None:
     """From 2,000 states near a ball, at 0.3 to 0.4 m/s where 0.32 to 0.36 m/s are allowed; a goal is behind it."""
     law = guidance(FewBurns, brakes=True, pushes=3)
     limits = Limits(balls=(Ball(REST, REST, 53.0),), speeds=(SpeedLimit(REST, 0.2, 0.0022),))
