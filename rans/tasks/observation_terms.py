@@ -198,10 +198,7 @@ class InformationInW(VectorInW):
 
 @dataclass(frozen=True)
 class AdvisedVelocityChange(InformationInW):
-    """A change of velocity in W that guidance recommends for the control period that begins now.
-
-    Agents with the head `rans.policy.heads.GuidedHead` choose which share of it is flown.
-    """
+    """A change of velocity in W that guidance recommends for the control period that begins now."""
 
 
 @dataclass(frozen=True)

@@ -63,8 +63,8 @@ class MissionGuidance(ModelBased):
     <mission: Dock for afrl-deputy>
 
     The recommendation (`rans_missions.tasks.orbital.OrbitalMission.recommended`) keeps below speed limits, goes
-    around keep-out balls, stays inside the cone of rendezvous, and makes burns later where that is cheaper. Agents
-    with the head "guided" observe it, and begin their training as this controller.
+    around keep-out balls, stays inside the cone of rendezvous, and burns across the orbit's plane later where that
+    is cheaper. Agents observe it.
 
     After the arrival it stays at the goal, and after a deadline that was missed it plans again
     (`rans_missions.control.afterwards`): in a simulator that does not end it flies on for ever.
