@@ -63,8 +63,9 @@ _GOES_ON = 0.6
 """Part of the flights of a round that begin where others ended."""
 _KEEP = 0.98
 """Average of the weights of the value function over gradient steps, by which is flown."""
-_FITTED = 0.5
-"""Part of the training in which the value function is fitted; then its commands are imitated."""
+_FITTED = 0.7
+"""Part of the training in which the value function is fitted. Then its commands are imitated, by iterations that
+take twice as long."""
 _RATE = 1e-3
 """First step size of the value function, which falls to a hundredth."""
 _BY_POLICY = 0.8

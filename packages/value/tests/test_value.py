@@ -151,7 +151,7 @@ def test_a_training_leaves_its_policy_and_its_value_function(
         Timing(episode_steps=8),
         algorithm="value",
         learner={"units": 8, "states": 16, "rounds": 1, "updates": 1, "batch": 16},
-        total_timesteps=2 * 64 * 4,
+        total_timesteps=4 * 64 * 4,
         solved_share=None,
     )
     monkeypatch.chdir(tmp_path)
