@@ -219,7 +219,7 @@ class ValueLearner:
     """Learner by fitted value iteration; a `rans.fast.learn.learner.Learner`.
 
     Args:
-        engine: engine of a planar craft with on/off thrusters that flies to a pose.
+        engine: engine of a craft with on/off thrusters that flies to a pose.
         network: policy network, changed in place.
         settings: ``batch_size`` and ``learning_rate`` are those of the imitation.
         generator: random generator whose seed is used.
