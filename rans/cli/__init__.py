@@ -248,7 +248,8 @@ def _end(sentence: str, code: int) -> int:
     _tell(sentence)
     # torchrun ends with what a process has written there, else with "no error file" below its own traceback.
     if file := os.environ.get("TORCHELASTIC_ERROR_FILE"):
-        Path(file).write_text(json.dumps({"message": sentence, "timestamp": int(time.time())}))
+        error = {"message": sentence, "timestamp": int(time.time())}
+        Path(file).write_text(json.dumps(error), "utf-8")
     return code
 
 
