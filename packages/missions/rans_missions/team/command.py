@@ -1,0 +1,174 @@
+"""``rans team``: guidance of a team that inspects, beside its bound, with what its coasts do."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rans.extend import (
+    EVALUATION_SEED,
+    Options,
+    Terminal,
+    command_of,
+    fly,
+    load_spacecraft,
+    map_leaves,
+    progress,
+    scenarios,
+    whole,
+)
+from rans.terminal import stages
+from rans_missions.control.circumnavigation import Circumnavigation
+from rans_missions.team.bound import team_bound
+from rans_missions.team.task import InspectTeam
+from rans_missions.vectors import motion_of
+
+_EARTH = 3.986004418e14
+"""Gravitational parameter of the Earth, m^3/s^2."""
+_STEP = 20.0
+"""Step of coasts in two-body gravity, s: their error by Runge and Kutta's method is below 1 mm in an orbit."""
+
+
+@dataclass(frozen=True)
+class TeamFlights:
+    """Flights of N teams, one number each, until their success or end."""
+
+    succeeded: np.ndarray
+    """Whether the team succeeded."""
+    broken: np.ndarray
+    """Whether one came too near to the target or to another, or left the zone."""
+    time: np.ndarray
+    """Time of the success, or the length of the episode, s."""
+    spent: np.ndarray
+    """Impulse of all deputies, N s."""
+    bound: np.ndarray
+    """Its lower bound (`rans_missions.team.bound.team_bound`), N s."""
+    apart: np.ndarray
+    """Least distance of two deputies at a check, m; infinite for one deputy."""
+    coasts: np.ndarray
+    """Least distance of two deputies in two-body gravity on coasts of an orbit after all thrusters shut, m."""
+
+
+def team(deputies: int = 3, episodes: int = 8, seed: int = EVALUATION_SEED) -> TeamFlights:
+    """Fly teams that inspect a target by guidance, and bound the impulse that any law needs from their starts.
+
+    Args:
+        deputies: number of deputies of a team, 1 to 3.
+        episodes: number of teams; guidance searches some ten seconds of processor time for each.
+        seed: seed of the starts.
+
+    Raises:
+        ConfigError: a number is out of range.
+    """
+    whole("--episodes", episodes)
+    task = InspectTeam(deputies=deputies)
+    craft = load_spacecraft("afrl-deputy")
+    rows = []
+    with progress() as bars:
+        step = stages(bars)("teams", episodes)
+        for k in range(episodes):
+            starts = scenarios(task, craft, seed, deputies, first=k * deputies)
+            flight = fly(craft, task, Circumnavigation(craft, task), starts, task.timing)
+            each: list[Any] = [
+                map_leaves(lambda x, j=j: float(x[j]), starts.start) for j in range(deputies)
+            ]
+            goal: Any = map_leaves(lambda x: float(x[0]), starts.goal)
+            duration = task.timing.control_period * task.timing.episode_steps
+            assert flight.done is not None
+            assert flight.lengths is not None
+            steps = int(flight.lengths[0])
+            impulse = sum(thruster.force for thruster in craft.thrusters) / len(craft.thrusters)
+            apart = flight.margins.get("keep-apart", np.full((1, 1), math.inf))
+            rows.append(
+                (
+                    bool(flight.done.all()),
+                    bool(flight.violated().any()),
+                    steps * task.timing.control_period,
+                    float(flight.commands.sum()) * task.timing.control_period * impulse,
+                    team_bound(craft, task, each, goal, duration, task.timing),
+                    float(apart.min()) + task.keep_apart,
+                    coasts_apart(task.mean_motion, motion_of(flight.states)[: steps + 1]),
+                )
+            )
+            step(1)
+    return TeamFlights(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def coasts_apart(mean_motion: float, states: np.ndarray) -> float:
+    """Least distance between deputies if all thrusters shut at any of T instants, for an orbit in two-body gravity.
+
+    It is that at instants 20 s apart, m; infinite for one deputy.
+
+    Args:
+        mean_motion: mean motion n of the target's orbit, rad/s.
+        states: states in the Hill frame, (T, D, 6).
+    """
+    # From the Hill frame to axes that do not turn, where the target is at (r, 0, 0) with n r along y.
+    radius = (_EARTH / mean_motion**2) ** (1.0 / 3.0)
+    p = states[..., :3] + np.array([radius, 0.0, 0.0])
+    v = states[..., 3:] + np.cross([0.0, 0.0, mean_motion], p)
+    pairs = np.triu_indices(states.shape[1], 1)
+    if not len(pairs[0]):
+        return math.inf
+
+    def pull(p: np.ndarray) -> np.ndarray:
+        return -_EARTH * p / np.linalg.norm(p, axis=-1, keepdims=True) ** 3
+
+    least = math.inf
+    h = _STEP
+    for _ in range(math.ceil(2.0 * math.pi / (mean_motion * h))):
+        apart = np.linalg.norm(p[:, pairs[0]] - p[:, pairs[1]], axis=-1)
+        least = min(least, float(apart.min()))
+        # Runge and Kutta's method of order 4 for p'' = a(p), by Nystroem.
+        first = pull(p)
+        second = pull(p + 0.5 * h * v + 0.125 * h**2 * first)
+        third = pull(p + h * v + 0.5 * h**2 * second)
+        p = p + h * v + h**2 / 6.0 * (first + 2.0 * second)
+        v = v + h / 6.0 * (first + 4.0 * second + third)
+    return least
+
+
+@command_of(team)
+class Team(Options):
+    """Fly a team of deputies that inspects a target by guidance, beside the bound of the team's impulse."""
+
+    group = "Limits"
+    guide = "docs/missions/inspect.md"
+    examples = ("rans team --deputies 2 --episodes 4",)
+
+    def following(self) -> tuple[str, ...]:
+        """The command that compares a craft alone with its bound."""
+        return ("rans compare circumnavigation:inspect-3d",)
+
+    def run(self) -> int:
+        """Print the table; 1 if a team did not succeed."""
+        flown: TeamFlights = self.call()
+        limit = InspectTeam().keep_apart
+        Terminal().show(
+            f"Inspection by teams of {self.deputies}",
+            ("what", "of all", "median", "worst"),
+            [
+                ("succeeded, %", f"{100.0 * flown.succeeded.mean():.1f}", "-", "-"),
+                ("limit broken, %", f"{100.0 * flown.broken.mean():.1f}", "-", "-"),
+                ("time, s", "-", *(f"{f(flown.time):,.0f}" for f in (np.median, np.max))),
+                ("impulse, N s", *_three(flown.spent)),
+                ("bound, N s", *_three(flown.bound)),
+                ("impulse over bound", f"{flown.spent.sum() / flown.bound.sum():.3f}", "-", "-"),
+                ("apart, m", "-", f"{np.median(flown.apart):.1f}", f"{flown.apart.min():.1f}"),
+                (
+                    "coasts nearer, %",
+                    f"{100.0 * np.mean(flown.coasts < limit):.1f}",
+                    f"{np.median(flown.coasts):.1f} m",
+                    f"{flown.coasts.min():.1f} m",
+                ),
+            ],
+        )
+        return 0 if flown.succeeded.all() else 1
+
+
+def _three(values: np.ndarray) -> tuple[str, ...]:
+    """Mean, median and largest of numbers."""
+    return tuple(f"{f(values):.3f}" for f in (np.mean, np.median, np.max))
