@@ -1,17 +1,10 @@
 """Whole flights by equations of this file's own, for every effect together: SciPy's DOP853.
 
-A craft carries rotors, each with a speed of its own relative to the body, and a tank. With the inertia I of craft
-and propellant without the rotors' axial inertia J, the rotors' axes a and their speeds s, the angular momentum in B
-is H = I w + sum J (w . a + s) a, and mechanics asks for
-
-    I w' + sum J (w' . a + s') a + w x H = torque,    J (w' . a + s') = motor torque,
-
-which is solved as one linear system for w' and s'. Where gravity turns the craft its torque is 3 n^2 r x I_all r,
-with the unit vector r away from the planet and the inertia I_all of craft, propellant and rotors. Propellant leaves
-with the velocity that it had as a part of the craft, so that I' w and m' v appear on neither side; mass and
-inertia fall in proportion (docs/dynamics.md). The plane is the same motion in space, with forces that lie in it. On
-an orbit w is the spin in axes that do not turn, and the attitude R in the Hill frame, which turns with n, obeys
-R' = R [w]x - [n]x R.
+A craft carries rotors, each with a speed of its own relative to the body, and a tank. Rotors with the axial inertia
+J, axes a and speeds s relative to the body have the angular momenta J (w . a + s) along them, which motors change.
+Propellant leaves with the velocity that it had as a part of the craft. Where gravity turns the craft its torque is
+3 n^2 r x I r, with the unit vector r away from the planet. The plane is the same motion in space, with forces that
+lie in it. On an orbit states are in the Hill frame, which turns with n.
 """
 
 from __future__ import annotations
@@ -27,7 +20,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from rans.flight import Flight
-from rans.model.actuators import Pulsed, Throttle
+from rans.model.actuators import Propellant, Pulsed, Throttle
 from rans.model.drift import ClohessyWiltshire, UniformGravity
 from rans.model.fields import leaves, map_leaves
 from rans.randomization.parameters import EpisodeParameters
@@ -77,7 +70,6 @@ class Oracle:
             self._randomize(self.drawn)
         self.axes = np.array([wheel.axis for wheel in craft.wheels]).reshape(-1, 3)
         self.rotors = np.array([wheel.inertia for wheel in craft.wheels])
-        self.tank = 0.0 if craft.propellant is None else craft.propellant.mass
         drift = self.drift
         n = drift.mean_motion if isinstance(drift, ClohessyWiltshire) else 0.0
         self.turning = np.array([0.0, 0.0, n])
@@ -322,56 +314,9 @@ class Oracle:
             return self._carried(y, duration - gone, load, flows, motors, pull)
         return y
 
-    def _rate(
-        self, load: Any, flows: Any, motors: Any, pull: Any, duration: float, speed: float
-    ) -> Any:
-        (force, torque), (more_force, more_torque) = load
-        flow, more_flow = flows
-        pull_force, pull_torque = pull
-        count = len(self.rotors)
-        system = np.zeros((3 + count, 3 + count))
-        carried = self.inertia + (self.axes.T * self.rotors) @ self.axes
-        system[:3, :3] = carried
-        system[:3, 3:] = self.axes.T * self.rotors
-        system[3:, :3] = (self.axes.T * self.rotors).T
-        system[3:, 3:] = np.diag(self.rotors)
-        constant = np.linalg.inv(system)
-        n = self.turning[2]
-        gravity = self.gravity
 
-        def rate(time: float, y: np.ndarray) -> np.ndarray:
-            share = time / duration
-            px, _, pz, a, b, c, d, vx, vy, vz, p, q, r, left = y[:14].tolist()
-            remaining = 1.0 - (self.tank - left) / self.mass if self.tank else 1.0
-            R = _matrix(a, b, c, d)
-            pushed = R @ (force + share * more_force) + pull_force
-            pushed = pushed / (self.mass * remaining) + gravity
-            pushed += (3 * n * n * px + 2 * n * vy, -2 * n * vx, -n * n * pz)
-            w = y[10:13]
-            momentum = remaining * (self.inertia @ w) + self.axes.T @ self._momenta(y)
-            hx, hy, hz = momentum.tolist()
-            turning = torque + share * more_torque + pull_torque @ R
-            if self.tide:
-                outwards = R[0]
-                every = remaining * self.inertia + (self.axes.T * self.rotors) @ self.axes
-                turning = turning + self.tide * np.cross(outwards, every @ outwards)
-            turning = turning - (q * hz - r * hy, r * hx - p * hz, p * hy - q * hx)
-            known = np.concatenate([turning, motors])
-            if self.tank:
-                matrix = system.copy()
-                matrix[:3, :3] += (remaining - 1.0) * self.inertia
-                faster = np.linalg.solve(matrix, known)
-            else:
-                faster = constant @ known
-            turned = _turned((a, b, c, d), (w - self.turning @ R).tolist())
-            burn = -(flow + share * more_flow) / speed
-            return np.array([vx, vy, vz, *turned, *pushed, *faster[:3], burn, *faster[3:]])
-
-        return rate
-
-
-class TankOracle(Oracle):
-    """One flight of a craft whose tank is at a place, by momenta in axes that do not turn.
+class RigidOracle(Oracle):
+    """One flight of a craft in which no mass moves but propellant, by momenta in axes that do not turn.
 
     The hub, the propellant and the rotors have a momentum P and an angular momentum L about the origin. What it
     loses takes the momentum that it had in the tank: P' = force - flow v and L' = moment - flow (x x v + k w), with
@@ -381,11 +326,15 @@ class TankOracle(Oracle):
 
     def __init__(self, flight: Flight, drawn: EpisodeParameters | None, number: int) -> None:
         super().__init__(flight, drawn, number)
-        tank: Any = self.craft.propellant
-        self.arm = np.array(tank.position) - self.centre
-        self.round = 0.4 * tank.radius**2 * np.eye(3)
+        tank: Any = self.craft.propellant or Propellant(0.0, 1.0)
+        self.arm = np.zeros(3)
+        self.round = self.inertia / self.mass
+        if tank.position is not None:
+            self.arm = np.array(tank.position) - self.centre
+            self.round = 0.4 * tank.radius**2 * np.eye(3)
         self.hub = self.mass - tank.mass
         self.hub_arm = -self.arm * tank.mass / self.hub
+        self.weighed, self.mobility = math.nan, np.eye(6)
         both = tank.mass * (self.round + _about(self.arm)) + self.hub * _about(self.hub_arm)
         self.hub_inertia = self.inertia - both
         if self.craft.dimension == 2:
@@ -397,14 +346,14 @@ class TankOracle(Oracle):
     def _begun(self) -> np.ndarray:
         y = super()._begun()
         momenta = super()._momenta(y)
-        y[7:10] += np.cross(self.turning, y[:3])
+        y[7:10] += _cross(self.turning, y[:3])
         turn = _matrix(*y[3:7])
         mass, first, second, inertia = self._whole(y[13])
         v, w = turn.T @ y[7:10], y[10:13]
-        push = mass * v + np.cross(w, first)
-        spin = np.cross(first, v) + (inertia + second) @ w + self.axes.T @ momenta
+        push = mass * v + _cross(w, first)
+        spin = _cross(first, v) + (inertia + second) @ w + self.axes.T @ momenta
         y[7:10] = turn @ push
-        y[10:13] = turn @ spin + np.cross(y[:3], y[7:10])
+        y[10:13] = turn @ spin + _cross(y[:3], y[7:10])
         return np.array([*y[:14], *momenta, 0.0])
 
     def _whole(self, left: float) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
@@ -415,11 +364,13 @@ class TankOracle(Oracle):
 
     def _motion(self, y: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Velocity of B's origin and angular velocity, both in B."""
-        mass, first, second, inertia = self._whole(y[13])
-        across = np.cross(np.eye(3), first)
-        system = np.block([[mass * np.eye(3), across.T], [across, inertia + second]])
-        about = turn.T @ (y[10:13] - np.cross(y[:3], y[7:10])) - self.axes.T @ self._momenta(y)
-        solved = np.linalg.solve(system, [*(turn.T @ y[7:10]), *about])
+        if y[13] != self.weighed:
+            mass, first, second, inertia = self._whole(y[13])
+            across = np.cross(np.eye(3), first)
+            system = np.block([[mass * np.eye(3), across.T], [across, inertia + second]])
+            self.weighed, self.mobility = y[13], np.linalg.inv(system)
+        about = turn.T @ (y[10:13] - _cross(y[:3], y[7:10])) - self.axes.T @ self._momenta(y)
+        solved = self.mobility @ np.array([*(turn.T @ y[7:10]), *about])
         return solved[:3], solved[3:]
 
     def _columns(self, y: np.ndarray) -> list[float]:
@@ -428,7 +379,7 @@ class TankOracle(Oracle):
         frame = Rotation.from_rotvec(self.turning * y[-1])
         attitude = frame.inv() * Rotation.from_quat(y[3:7], scalar_first=True)
         p = frame.inv().apply(y[:3])
-        speed = frame.inv().apply(turn @ v) - np.cross(self.turning, p)
+        speed = frame.inv().apply(turn @ v) - _cross(self.turning, p)
         turned = attitude.as_quat(scalar_first=True)
         return super()._columns(np.array([*p, *turned, *speed, *w, *y[13:]]))
 
@@ -457,24 +408,31 @@ class TankOracle(Oracle):
             # Thrust, which acts where the nozzles are, and the disturbance at the centre of mass.
             thrust = turn @ (force + share * more_force)
             push = frame @ pull[0]
-            forces = thrust + push - flow * (turn @ (v + np.cross(w, self.arm)))
-            moments = np.cross(y[:3], thrust) + turn @ (torque + share * more_torque)
-            moments += np.cross(centre, push) + frame @ pull[1]
-            moments -= flow * np.cross(tank, turn @ (v + np.cross(w, self.arm)))
+            forces = thrust + push - flow * (turn @ (v + _cross(w, self.arm)))
+            moments = _cross(y[:3], thrust) + turn @ (torque + share * more_torque)
+            moments += _cross(centre, push) + frame @ pull[1]
+            moments -= flow * _cross(tank, turn @ (v + _cross(w, self.arm)))
             moments -= flow * (turn @ self.round @ w)
             if self.tide:
                 every = inertia + (self.axes.T * self.rotors) @ self.axes
                 for weight, x in ((self.hub, hub), (y[13], tank)):
                     forces = forces + weight * falls(x)
-                    moments += np.cross(x, weight * falls(x))
-                moments += self.tide * np.cross(outwards, turn @ every @ turn.T @ outwards)
+                    moments += _cross(x, weight * falls(x))
+                moments += self.tide * _cross(outwards, turn @ every @ turn.T @ outwards)
             else:
                 forces = forces + mass * falls(centre)
-                moments += np.cross(centre, mass * falls(centre))
+                moments += _cross(centre, mass * falls(centre))
             turned = _turned(y[3:7], w)
             return np.array([*(turn @ v), *turned, *forces, *moments, -flow, *motors, 1.0])
 
         return rate
+
+
+def _cross(a: Any, b: Any) -> np.ndarray:
+    """Vector product; NumPy's own takes ten times as long."""
+    x, y, z = a
+    u, v, w = b
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
 
 
 def _about(arm: np.ndarray) -> np.ndarray:
