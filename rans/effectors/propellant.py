@@ -66,15 +66,13 @@ class Tank:
         # The lever arms of thrusters change by (g - 1) a.
         levers = [g * (g - 1.0) for g in values]
         arm: Any = (Vec2 if len(self.arm) == 2 else Vec3)(*self.arm)
-        own = 0.4 * self.propellant.radius**2 * self.body.mass
-        away = [x * self.body.mass for x in _second_moments(self.arm)]
-        rounds = (1.0,) if len(away) == 1 else (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
-        slower = [i - own * one for i, one in zip(self.body.inertia, rounds, strict=True)]
+        flat = len(self.arm) == 2
 
         def excess(g: Field, lever: Field) -> tuple[Field, ...]:
-            return tuple((g - 1.0) * x - lever * y for x, y in zip(slower, away, strict=True))
+            body = self.body
+            return self.propellant.excess(body.mass, body.inertia, self.arm or (), g, lever)
 
-        if len(away) == 1:
+        if flat:
             inertia = self.body.inertia[0]
             shares = [
                 inertia / (inertia + excess(g, lever)[0])
@@ -96,7 +94,7 @@ class Tank:
             for wrench, (own, levered) in zip((begins, ends), torques, strict=True)
         )
         lacks = [
-            Emptied(arm.scale(1.0 - g), excess(g, x) if len(away) == 6 else (), turn)
+            Emptied(arm.scale(1.0 - g), () if flat else excess(g, x), turn)
             for g, x, turn in zip(growth.constant, lever.constant, turning.constant, strict=True)
         ]
         return Push(duration, begins, ends, longest, growth, turning, (lacks[0], lacks[1]))
@@ -146,14 +144,6 @@ class Tank:
         empty = (duration * (1.0 - open_part), nothing, None, longest)
         push = self._push(empty, [self.growth(after)], lambda values: Growth.steady(*values))
         yield replace(push, first=replace(nothing, exhaust=None), last=None), after
-
-
-def _second_moments(arm: Sequence[Field]) -> tuple[Field, ...]:
-    """Moments of inertia of 1 kg at an arm, m^2: one about z in the plane, else the six entries of a tensor."""
-    if len(arm) == 2:
-        return (arm[0] * arm[0] + arm[1] * arm[1],)
-    x, y, z = arm
-    return (y * y + z * z, -(x * y), -(x * z), x * x + z * z, -(y * z), x * x + y * y)
 
 
 def _moment(arm: Any, wrench: Wrench) -> Any:

@@ -284,3 +284,31 @@ class Propellant:
     def exhaust_speed(self) -> float:
         """Effective exhaust speed, m/s."""
         return self.specific_impulse * STANDARD_GRAVITY
+
+    def excess(
+        self,
+        mass: Field,
+        inertia: Sequence[Field],
+        arm: Sequence[Field],
+        growth: Field,
+        lever: Field,
+    ) -> tuple[Field, ...]:
+        """What full mass over mass times the inertia exceeds the full inertia by, kg m^2, with a tank at a place.
+
+        Args:
+            mass: with a full tank, kg.
+            inertia: with a full tank, about its centre of mass: one moment in the plane, six entries in space.
+            arm: from this centre to the tank, m: two entries or three.
+            growth: full mass over mass.
+            lever: growth (growth - 1), or a line that stands for it.
+        """
+        x, y, z = (*arm, 0.0)[:3]
+        away: tuple[Field, ...] = (x * x + y * y,)
+        if len(arm) == 3:
+            away = (y * y + z * z, -(x * y), -(x * z), x * x + z * z, -(y * z), x * x + y * y)
+        own = 0.4 * self.radius**2
+        balls = (own,) if len(arm) == 2 else (own, 0.0, 0.0, own, 0.0, own)
+        return tuple(
+            (growth - 1.0) * (moment - ball * mass) - lever * (square * mass)
+            for moment, ball, square in zip(inertia, balls, away, strict=True)
+        )

@@ -674,17 +674,10 @@ def emptied(
         return mass * left, tuple(x * left for x in inertia), centre
     places = zip(tank.position, craft.centre_of_mass, centre, strict=False)
     arm = [place - nominal - offset for place, nominal, offset in places]
-    # The liquid's own inertia goes, and what it and the rest have from their distance.
-    own = 0.4 * tank.mass * tank.radius**2
-    square = sum(x * x for x in arm)
-    pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-    gone = [(i == j) * (own + square * tank.mass / left) for i, j in pairs]
-    if len(arm) == 3:
-        gone = [
-            x - arm[i] * arm[j] * tank.mass / left for x, (i, j) in zip(gone, pairs, strict=True)
-        ]
-    moments = tuple(x - y for x, y in zip(inertia, gone, strict=False))
-    moved = tuple(c - (1.0 / left - 1.0) * a for c, a in zip(centre, arm, strict=True))
+    growth = 1.0 / left
+    more = tank.excess(mass, inertia, arm, growth, growth * (growth - 1.0))
+    moments = tuple((x + y) * left for x, y in zip(inertia, more, strict=True))
+    moved = tuple(c - (growth - 1.0) * a for c, a in zip(centre, arm, strict=True))
     return mass * left, moments, moved
 
 

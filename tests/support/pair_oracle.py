@@ -286,6 +286,12 @@ class Oracle:
         angle = 2 * math.atan2(y[6], y[3])
         return [y[0], y[1], angle, y[7], y[8], spin[2], *stores]
 
+    def _rate(
+        self, load: Any, flows: Any, motors: Any, pull: Any, duration: float, speed: float
+    ) -> Any:
+        """Derivative of a state, as a function of time and state."""
+        raise NotImplementedError
+
     def _carried(
         self, y: np.ndarray, duration: float, load: Any, flows: Any, motors: np.ndarray, pull: Any
     ) -> np.ndarray:
@@ -334,7 +340,8 @@ class RigidOracle(Oracle):
             self.round = 0.4 * tank.radius**2 * np.eye(3)
         self.hub = self.mass - tank.mass
         self.hub_arm = -self.arm * tank.mass / self.hub
-        self.weighed, self.mobility = math.nan, np.eye(6)
+        self.weighed = math.nan
+        self.mobility: Any = None
         both = tank.mass * (self.round + _about(self.arm)) + self.hub * _about(self.hub_arm)
         self.hub_inertia = self.inertia - both
         if self.craft.dimension == 2:
@@ -368,7 +375,8 @@ class RigidOracle(Oracle):
             mass, first, second, inertia = self._whole(y[13])
             across = np.cross(np.eye(3), first)
             system = np.block([[mass * np.eye(3), across.T], [across, inertia + second]])
-            self.weighed, self.mobility = y[13], np.linalg.inv(system)
+            self.weighed = y[13]
+            self.mobility = np.linalg.inv(system)
         about = turn.T @ (y[10:13] - _cross(y[:3], y[7:10])) - self.axes.T @ self._momenta(y)
         solved = self.mobility @ np.array([*(turn.T @ y[7:10]), *about])
         return solved[:3], solved[3:]
