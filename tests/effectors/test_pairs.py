@@ -63,7 +63,7 @@ def test_one_step_of_a_stiff_craft_would_not_do() -> None:
 @pytest.mark.parametrize(
     ("effects", "dimension", "period", "seconds"),
     [
-        ((PLACE,), 2, 0.5, 5.0),
+        ((PLACE, "wheels"), 2, 0.5, 5.0),
         ((PLACE,), 3, 0.2, 5.0),
         ((PLACE, "wheels"), 3, 0.5, 3.0),
         ((PLACE, "orbit", "push"), 2, 0.2, 3.0),
