@@ -1,14 +1,12 @@
 """Flights as MCAP bags, which Foxglove and ``ros2 bag`` open; what a killed process wrote can be read too.
 
-Times are nanoseconds since 1970; foreign readers of both formats are in the tests.
+Times are nanoseconds since 1970; foreign readers are in the tests.
 """
 
 from __future__ import annotations
 
 import contextlib
-import io
 import queue
-import sqlite3
 import struct
 import threading
 from collections.abc import Iterator, Mapping
@@ -16,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.extend import ConfigError, brief, first_line, require
+from rans.extend import ConfigError, first_line, require
 from rans.files import open_regular, replace_file, why_unwritten
 from rans_robot.messages import definition
 
@@ -226,31 +224,25 @@ def index_bag(file: Path) -> None:
         raise ConfigError(f"{file} is no finished MCAP bag: {error}.") from error
 
 
-_SQLITE = b"SQLite format 3\0"
-"""First bytes of every database of SQLite (https://www.sqlite.org/fileformat.html)."""
 _LARGEST_RECORD = 2**27
 """Largest number of bytes of a record of a bag, and of a chunk when it is unpacked; flights have some hundred."""
 
 
 def bag_entries(file: Path) -> Iterator[BagMessage]:
-    """Messages of a bag in the order in which they were written: of an MCAP, or of a database of SQLite (.db3).
+    """Messages of an MCAP bag in the order in which they were written.
 
-    An MCAP whose process was killed ends with its last whole message. Checksums are compared where it has them:
+    A bag whose process was killed ends with its last whole message. Checksums are compared where it has them:
     that of a chunk before its messages come, that of all messages at the end.
 
     Raises:
         MissingPackage: the package mcap is not installed.
         ConfigError: the file is no bag, or damaged in its middle.
     """
-    if file.suffix == ".db3":
-        yield from _database_entries(file)
-        return
     require("mcap")
     from mcap.exceptions import EndOfFile
     from mcap.records import Channel, Chunk, Message, Schema
     from mcap.stream_reader import StreamReader, breakup_chunk
 
-    # MCAP, also one whose process was killed.
     schemas: dict[int, Any] = {}
     channels: dict[int, Any] = {}
     with open_regular(file) as stream:
@@ -275,68 +267,6 @@ def bag_entries(file: Path) -> Iterator[BagMessage]:
             if channels and isinstance(error, EndOfFile | struct.error):
                 return
             raise ConfigError(f"{file} is no MCAP bag, or damaged: {first_line(error)}.") from error
-
-
-def _database_entries(file: Path) -> Iterator[BagMessage]:
-    """Messages of a database as rosbag2 writes it up to Humble by default: its tables topics and messages.
-
-    The file is opened for reading alone, so that what a recorder left beside it is not merged into it. A database
-    of a stranger computes nothing: topics and messages are tables of stored columns, and pages that are named more
-    than once give no more bytes than the file has.
-    """
-    with open_regular(file) as stream:  # refuses what is no file
-        content = stream.read(len(_SQLITE))
-        left = stream.seek(0, io.SEEK_END)
-    if content != _SQLITE:
-        raise ConfigError(f"{file} is no database of SQLite, as a bag of rosbag2 (.db3) is.")
-    if left > LARGEST_BAG:
-        raise ConfigError(f"{file} has {left:,} bytes, and at most {LARGEST_BAG:,} are read.")
-    try:
-        with contextlib.closing(
-            sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)
-        ) as base:
-            base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LARGEST_RECORD)
-            base.execute("pragma trusted_schema = off")
-            for name in ("topics", "messages"):
-                query = "select type, sql like 'create table%' from sqlite_master where name = ?"
-                kinds = base.execute(query, (name,)).fetchall()
-                columns = base.execute(f"pragma table_xinfo({name})").fetchall()
-                if kinds != [("table", 1)] or any(hidden for *_, hidden in columns):
-                    raise ConfigError(
-                        f"{file} is no bag of rosbag2: {name} must be a table of stored columns."
-                    )
-            topics: dict[int, tuple[str, str]] = {}
-            columns = "select id, name, type, serialization_format from topics"
-            for number, name, kind, form in base.execute(columns):
-                left -= _bounded(file, left, len(str(name)) + len(str(kind)))
-                if form != "cdr":
-                    raise ConfigError(
-                        f"{file} has messages of {brief(name)} in the form {brief(form)}, and cdr is read."
-                    )
-                topics[number] = str(name).removeprefix("/"), str(kind)
-            # In the order in which they were written: to sort them would read all of them first.
-            for number, time, data in base.execute(
-                "select topic_id, timestamp, data from messages"
-            ):
-                if not isinstance(time, int) or not isinstance(data, bytes):
-                    raise ConfigError(
-                        f"{file} has a message whose time or data are of another type."
-                    )
-                left -= _bounded(file, left, len(data))
-                topic, kind = topics[number]
-                yield BagMessage(time, topic, kind, data)
-    except (sqlite3.Error, UnicodeDecodeError, KeyError) as error:
-        raise ConfigError(
-            f"{file} is no bag of rosbag2, or damaged: {first_line(error)}."
-        ) from error
-
-
-def _bounded(file: Path, left: int, size: int) -> int:
-    """Bytes that a row takes of those that are left of a file (`ConfigError` if it has no more)."""
-    size += 1  # its header
-    if size > left:
-        raise ConfigError(f"{file} is damaged: its rows have more bytes than the file.")
-    return size
 
 
 def _unpacked(chunk: Any) -> Any:

@@ -58,7 +58,7 @@ def identify(
     True
 
     Args:
-        logs: bags (.mcap, .db3) of `rans fly` or ROS 2, folders of `ros2 bag record`, or CSV
+        logs: bags (.mcap) of `rans fly` or ROS 2, folders of `ros2 bag record`, or CSV
             files with the columns time, x, y, heading (in space x, y, z, qw, qx, qy, qz), u0, u1, ... and
             perhaps velocities.
         spacecraft: data sheet from which to begin: a name, or a TOML file.
@@ -367,10 +367,11 @@ def _read(log: str | Path, craft: Spacecraft, robot: RobotName | None, namespace
     file = Path(log)
     if file.suffix == ".csv":
         return read_csv(file, craft)
-    if file.suffix in (".mcap", ".db3") or file.is_dir():
+    if file.suffix == ".mcap" or file.is_dir():
         from rans_robot.logs import read_bag
 
         return read_bag(file, craft, robot, namespace)
     raise ConfigError(
-        f"a log is a bag (.mcap, .db3) or a bag's folder, or a CSV file (.csv), got {brief(str(file))}."
+        f"a log is a bag (.mcap) or a bag's folder, or a CSV file (.csv), got {brief(str(file))}; "
+        "`ros2 bag convert` writes .db3 as MCAP."
     )

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linprog
 
-from rans.extend import ConfigError, Spacecraft, brief, counted, first_line, read_text
+from rans.extend import ConfigError, Spacecraft, brief, counted
 from rans_robot.bag import BagMessage, bag_entries
 from rans_robot.identify.log import MOST_READINGS, FlightLog, unstamped, unstamped_note
 from rans_robot.interfaces import Interface, RobotName, interface
@@ -23,10 +23,6 @@ from rans_robot.messages import read_json_message
 from rans_robot.node import FLIGHT_TOPIC
 from rans_robot.validator import Validator
 
-_METADATA = "metadata.yaml"
-"""File in which ``ros2 bag record`` lists the parts of a bag."""
-BAGS = (".mcap", ".db3")
-"""Ends of the names of bags."""
 _MOST_LISTED = 20
 """Topics of a bag that a message lists."""
 _LATEST = 2**62
@@ -61,7 +57,7 @@ class _Topic:
 def read_bag(
     source: Path, craft: Spacecraft, robot: RobotName | None = None, namespace: str = ""
 ) -> FlightLog:
-    """Log of a bag (.mcap or .db3), of `rans fly` or of ``ros2 bag record``.
+    """Log of a bag (.mcap), of `rans fly` or of ``ros2 bag record``.
 
     Readings have the times at which they were measured, by their time stamps: the message that came soonest gives
     the difference of the sender's clock from the bag's, as in flight (`rans_robot.validator`). Commands have
@@ -185,57 +181,28 @@ def _steady(given: np.ndarray) -> np.ndarray | None:
 
 
 def _entries(source: Path) -> Iterator[BagMessage]:
-    """Messages of a bag, or of the parts in a folder of ``ros2 bag record``, which metadata.yaml lists.
+    """Messages of a bag, or of the parts in a folder of ``ros2 bag record`` in the order of their numbers.
 
     Raises:
-        ConfigError: the folder holds no bag, or one in a form that is not read.
+        ConfigError: the folder holds no MCAP.
     """
     if not source.is_dir():
         yield from bag_entries(source)
         return
-    found = (file.name for file in source.iterdir() if file.suffix in BAGS)
-    names = sorted(found, key=_number)
-    if (source / _METADATA).exists():
-        names = _listed_parts(source)
-    elif not names:
+    parts = sorted(source.glob("*.mcap"), key=_number)
+    if not parts:
         raise ConfigError(
-            f"the folder {source} has no {_METADATA}, no .mcap and no .db3: it is no bag."
+            f"the folder {source} has no .mcap: it is no bag, or one in another form, which `ros2 bag convert` "
+            "writes as MCAP (storage mcap, no compression_mode)."
         )
-    for name in names:
-        yield from bag_entries(source / name)
+    for part in parts:
+        yield from bag_entries(part)
 
 
-def _number(name: str) -> tuple[int, str]:
+def _number(part: Path) -> tuple[int, str]:
     """Number of a part, as that of mybag_10.mcap, by which parts are sorted."""
-    number = re.search(r"_(\d{1,9})\.(mcap|db3)$", name)
-    return (int(number[1]) if number else 0, name)
-
-
-def _listed_parts(folder: Path) -> list[str]:
-    """Names of the parts that a folder's metadata.yaml lists, which rosbag2 writes at the end of a recording."""
-    from ruamel.yaml import YAML
-
-    file = folder / _METADATA
-    try:
-        table = YAML(typ="safe").load(read_text(file))
-        about = table["rosbag2_bagfile_information"]
-        parts = about["relative_file_paths"]
-        packed = about.get("compression_mode") or "none"
-        if not (isinstance(parts, list) and parts and all(isinstance(x, str) for x in parts)):
-            raise TypeError(f"relative_file_paths is {brief(parts)}")
-    except ConfigError:
-        raise
-    except Exception as error:  # the library raises what a damaged file makes of it
-        raise ConfigError(f"{file} is damaged, or none of rosbag2: {first_line(error)}.") from error
-    # Before version 4 of the file they were paths from where it was recorded.
-    names = [Path(part).name for part in parts]
-    others = [name for name in names if not name.endswith(BAGS)]
-    if others or str(packed).lower() != "none":
-        raise ConfigError(
-            f"{file} lists {brief((others or names)[0])} with the compression {brief(packed)}, and .mcap and .db3 "
-            "are read without it: convert it by `ros2 bag convert`, with the storage mcap and no compression_mode."
-        )
-    return names
+    number = re.search(r"_(\d{1,9})$", part.stem)
+    return (int(number[1]) if number else 0, part.name)
 
 
 def _ends_of_plan(source: Path, entry: BagMessage, craft: Spacecraft) -> Interface:

@@ -50,7 +50,7 @@ class Identify(Options):
         if self.excite:
             return self._excite()
         if not self.logs:
-            raise ConfigError("name at least one log, a bag (.mcap, .db3) or a CSV file.")
+            raise ConfigError("name at least one log, a bag (.mcap) or a CSV file.")
         if not self.spacecraft:
             raise ConfigError("name the data sheet with --spacecraft, a name or a TOML file.")
         console = Terminal()
