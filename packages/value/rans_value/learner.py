@@ -327,7 +327,7 @@ class ValueLearner:
         for _ in range(_BEGUN):
             pool = self._fresh()[:, self._indices(self._own.states, self._own.batch)]
             target = self.problem.guess(pool)
-            if states is not None and costs is not None:
+            if states is not None and costs is not None and len(costs):
                 chosen = self._indices(len(costs), self._own.batch)
                 is_flown = self._uniform(self._own.batch) < _BY_ANY_CRAFT
                 pool = torch.where(is_flown, states[:, chosen], pool)
@@ -340,7 +340,7 @@ class ValueLearner:
         engine, problem = self.engine, self.problem
         run = load_policy(pretrained_folder(FOR_ANY_CRAFT[problem.dimension]))
         run = for_spacecraft(run, engine.craft, engine.timing)
-        count = self._own.states // 4
+        count = -(-self._own.states // 4)
         states, costs = [], []
         for value in _FRUGALITIES:
             agent = frugal(run, value).network
@@ -510,11 +510,7 @@ class ValueLearner:
 def _check(engine: Engine, network: Network) -> None:
     """Reject (`ConfigError`) engines and networks for which there is no such value function."""
     craft = engine.craft
-    if not suits(craft):
-        raise ConfigError(
-            f"the algorithm 'value' flies craft with nothing but thrusters, and {craft.name} is no such "
-            'craft: train with the algorithm "ppo".'
-        )
+    _check_craft(craft)
     _check_task(engine.task)
     policy = network.architecture
     if engine.processes.size > 1 or policy.memory or policy.backbone != "dense":
@@ -525,8 +521,17 @@ def _check(engine: Engine, network: Network) -> None:
 
 
 def suits(craft: Spacecraft) -> bool:
-    """Whether there is such a value function: craft in the plane that only thrusters move, wholly open or shut."""
-    return craft.has_only_thrusters
+    """Whether there is such a value function: of craft of constant mass that have thrusters and nothing else."""
+    return craft.has_only_thrusters and not craft.stores
+
+
+def _check_craft(craft: Spacecraft) -> None:
+    """Reject (`ConfigError`) craft that have no such value function."""
+    if not suits(craft):
+        raise ConfigError(
+            f"value functions are of craft with thrusters alone, without a tank, and {craft.name} is no such "
+            'craft: fly any-craft, or train with the algorithm "ppo".'
+        )
 
 
 def is_flown(task: Task) -> bool:
@@ -554,7 +559,7 @@ class GreedyController:
         position_tolerance: tolerance, m, at most that of the training; None: that of the training.
 
     Raises:
-        ConfigError: it is no such folder.
+        ConfigError: it is no such folder, or the tolerance is not above 0 and at most that of the training.
     """
 
     observes = False
@@ -570,6 +575,12 @@ class GreedyController:
         if config.algorithm != "value" or not run.has_checkpoint:
             raise ConfigError(
                 f"{folder} has no value function: train with --set algorithm=value, and keep the checkpoint."
+            )
+        most: float = config.settings.position_tolerance
+        if position_tolerance is not None and not 0.0 < position_tolerance <= most:
+            raise ConfigError(
+                f"position_tolerance must be above 0 and at most that of the training, {most:g} m, got "
+                f"{position_tolerance!r}."
             )
         problem = PoseProblem(
             run.spacecraft(), config.settings, config.timing.control_period, position_tolerance
@@ -608,6 +619,7 @@ class Newest(GreedyController):
     has_trade_off: ClassVar[bool] = True
 
     def __init__(self, craft: Spacecraft, task: Any, timing: Timing) -> None:
+        _check_craft(craft)
         _check_task(task)
         files = Path("runs").glob("**/config.json")
         newest = sorted(files, key=lambda x: x.stat().st_mtime, reverse=True)
@@ -632,10 +644,11 @@ class Newest(GreedyController):
                     trade_off = TRADE_OFF if held is None else held
                     super().__init__(run.path, trade_off, task.position_tolerance)
                     return
+        how = "--quality best" if craft.dimension == 2 else "--set algorithm=value"
         raise ConfigError(
             f"no folder in runs/ has a value function of {craft.name} at {timing.control_period:g} s with the "
             "tolerances of the task, or a larger one of the position: train one, with rans train go-to-pose "
-            "--quality best on a GPU."
+            f"{how} on a GPU."
         )
 
 

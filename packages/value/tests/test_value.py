@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 import torch
@@ -189,6 +189,10 @@ def test_a_training_leaves_its_policy_and_its_value_function(
 def test_other_craft_and_conditions_are_refused() -> None:
     with pytest.raises(ConfigError, match="no such craft"):
         learner(load_spacecraft("cubesat-3u"))
+    tank = replace(cast("Any", load_spacecraft("mars-lander-steered").propellant), mass=1.0)
+    burning = replace(PLATFORM, propellant=tank)
+    with pytest.raises(ConfigError, match="no such craft"):
+        Newest(burning, TASK, Timing())
     with pytest.raises(ConfigError, match="flights to a pose"):
         Newest(PLATFORM, TASKS["avoid"](), Timing())
     noisy = replace(training("go-to-pose", device="cpu"), conditions=load_conditions("lab"))

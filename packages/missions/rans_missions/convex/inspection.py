@@ -81,6 +81,7 @@ def point_prices(
     # How far an impulse of 1 N s moves it along each normal, at best, in the time since the start.
     along = np.einsum("ij,tjk->tik", normals, responses(task, times))
     best = np.maximum.accumulate(farthest(craft, start, along), axis=0)
+    best = np.where(best > 0.0, best + between_checks(task, step) / craft.mass, 0.0)
 
     missing = np.maximum(task.surface_distance - free, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -96,6 +97,12 @@ def responses(task: Inspect, times: np.ndarray) -> np.ndarray:
     return np.stack(
         [components(drift.carry(nowhere, axis, times)[0], len(times)) for axis in axes], 2
     )
+
+
+def between_checks(task: Inspect, step: float) -> float:
+    """Most by which a response along a unit vector exceeds, between checks ``step`` (s) apart, those at both, s."""
+    # Its second derivative is at most sqrt(18) n.
+    return math.sqrt(18.0) * task.mean_motion * step**2 / 8.0
 
 
 def farthest(craft: Spacecraft, start: SpatialState, along: np.ndarray) -> np.ndarray:

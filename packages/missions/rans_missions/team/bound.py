@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from rans.extend import Spacecraft, SpatialState, Timing
-from rans_missions.convex.inspection import farthest, point_prices, responses
+from rans_missions.convex.inspection import between_checks, farthest, point_prices, responses
 from rans_missions.team.task import InspectTeam
 from rans_missions.vectors import components
 
@@ -97,7 +97,7 @@ class _Stay:
     """Least impulse with which a deputy is in the zone at the checks until a time.
 
     Linear programs over burns and tangents of the zone find multipliers l_j of constraints d_j . p(t_j) <= far.
-    Their proof needs no program: an impulse of 1 N s at a time s changes the sum of l_j d_j . p(t_j) by at most
+    Their proof needs no program: an impulse of 1 N s at a time s lowers the sum of l_j d_j . p(t_j) by at most
     e(s), so that the flight costs at least (sum of l_j (d_j . p_free(t_j) - far)) / max e.
     """
 
@@ -116,8 +116,7 @@ class _Stay:
         p, _ = task.drift.carry(start.p, start.v, times)
         self._free = components(p, len(times))
         self._response = responses(task, times)
-        # The second derivative of a response along a unit vector is at most sqrt(18) n.
-        self._between = math.sqrt(18.0) * task.mean_motion * step**2 / 8.0
+        self._between = between_checks(task, step)
 
     def price(self, last: int) -> float:
         """Certified lower bound, N s, until the check number ``last``."""
@@ -164,5 +163,6 @@ class _Stay:
             if weight:
                 pull[: check + 1] += weight * (direction @ self._response[check::-1])
         between = self._between * multipliers.sum() / self._craft.mass
-        most = farthest(self._craft, self._start, pull).max() + between
+        # Burns bring it nearer.
+        most = farthest(self._craft, self._start, -pull).max() + between
         return float(multipliers @ missing / most)

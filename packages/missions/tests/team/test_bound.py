@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -66,12 +67,21 @@ def test_no_flight_that_programs_find_is_cheaper_than_the_bound() -> None:
     assert found < 1.5 * bounds
 
 
-def test_to_stay_costs_no_more_than_any_flight_that_stays() -> None:
-    """A deputy 100 m above the target drifts 800 m away; brakes at any time that keep it in cost at least that."""
+@pytest.mark.parametrize("is_uneven", [False, True])
+def test_to_stay_costs_no_more_than_any_flight_that_stays(is_uneven: bool) -> None:
+    """A deputy 100 m above the target drifts 800 m away; brakes at any time that keep it in cost at least that.
+
+    The uneven one has four thrusters, one of them against its drift.
+    """
+    height, side = math.sqrt(8.0) / 3.0, math.sqrt(2.0) / 3.0
+    ways = [(height, 1 / 3, 0.0), *((-side, 1 / 3, x * math.sqrt(3.0) * side) for x in (1.0, -1.0))]
+    thrusters = [replace(DEPUTY.thrusters[0], direction=x) for x in ((0.0, -1.0, 0.0), *ways)]
+    thrusters = [replace(x, position=(0.0, 0.0, 0.0)) for x in thrusters]
+    craft = replace(DEPUTY, thrusters=tuple(thrusters)) if is_uneven else DEPUTY
     task = InspectTeam()
     level, still = Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
     start = SpatialState(Vec3(100.0, 0.0, 0.0), level, still, still)
-    stay = _Stay(DEPUTY, task, start, 3_000.0, task.timing).price(300)
+    stay = _Stay(craft, task, start, 3_000.0, task.timing).price(300)
     assert stay > 0.1
     move = transition(task.mean_motion, 10.0)[:6, :6]
     changes = np.linspace(0.0, -0.3, 61)
