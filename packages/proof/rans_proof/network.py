@@ -472,7 +472,7 @@ def _settings(onnx: Any, node: Any) -> dict[str, Any]:
         is_known = item.name in defaults and names.count(item.name) == 1
         _need(is_known and not item.ref_attr_name, f"has an attribute {name} that is not read")
         value = onnx.helper.get_attribute_value(item)
-        value = list(value) if isinstance(defaults[item.name], list) else value
+        value = list(value) if item.type == onnx.AttributeProto.INTS else value
         is_typed = type(value) is type(defaults[item.name])
         is_typed = is_typed and not (isinstance(value, float) and not np.isfinite(value))
         _need(is_typed, f"has an attribute {name} of another type than ONNX's")

@@ -576,14 +576,15 @@ class GreedyController:
             raise ConfigError(
                 f"{folder} has no value function: train with --set algorithm=value, and keep the checkpoint."
             )
-        most: float = config.settings.position_tolerance
+        settings: Any = config.settings
+        most: float = settings.position_tolerance
         if position_tolerance is not None and not 0.0 < position_tolerance <= most:
             raise ConfigError(
                 f"position_tolerance must be above 0 and at most that of the training, {most:g} m, got "
                 f"{position_tolerance!r}."
             )
         problem = PoseProblem(
-            run.spacecraft(), config.settings, config.timing.control_period, position_tolerance
+            run.spacecraft(), settings, config.timing.control_period, position_tolerance
         )
         value = ValueNetwork(problem, torch.zeros(problem.rows, 2), config.learner["units"])
         value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])

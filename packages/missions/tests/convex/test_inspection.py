@@ -63,8 +63,8 @@ def test_the_bound_is_the_second_dearest_of_three_points_by_linear_programs(seed
     programs = sorted(program(task, np.array(one), p, v, sun) for one in task.normals)
     assert programs[1] > 0.0
     found = inspection_bound(DEPUTY, task, *states(p, v, sun), WITHIN, task.timing)
-    # The tolerance of HiGHS.
-    assert found == pytest.approx(programs[1], rel=1e-6)
+    # The tolerance of HiGHS, and burns between checks, which the programs have not.
+    assert programs[1] * (1.0 - 2e-4) < found < programs[1] * (1.0 + 1e-6)
 
 
 def test_a_point_is_priced_by_hand() -> None:
