@@ -472,8 +472,9 @@ def _settings(onnx: Any, node: Any) -> dict[str, Any]:
         is_known = item.name in defaults and names.count(item.name) == 1
         _need(is_known and not item.ref_attr_name, f"has an attribute {name} that is not read")
         value = onnx.helper.get_attribute_value(item)
-        value = list(value) if item.type == onnx.AttributeProto.INTS else value
-        is_typed = type(value) is type(defaults[item.name])
+        is_list = item.type == onnx.AttributeProto.INTS
+        value = list(value) if is_list else value
+        is_typed = type(value) is type(defaults[item.name]) and isinstance(value, list) == is_list
         is_typed = is_typed and not (isinstance(value, float) and not np.isfinite(value))
         _need(is_typed, f"has an attribute {name} of another type than ONNX's")
         entries = set(value if isinstance(value, list) else [value])
