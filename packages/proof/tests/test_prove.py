@@ -13,33 +13,13 @@ import pytest
 import torch
 from rans_proof.flights import lowest_margins
 from rans_proof.network import Layer, read_network
-from rans_proof.problem import Box, SpeedLimit, problem_of, read_problem
+from rans_proof.problem import Box, problem_of, read_problem
 from rans_proof.prove import ClosedLoop, Proof, broken_start, prove
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from tests.support.processes import ROOT
-from tests.support.small_networks import damping, layers
-
-DOCKING = """
-name = "small docking"
-period = 1.0
-steps = 8
-commands = 2
-derivative = [
-  "x2", "x3",
-  "0.000003 * x0 + 0.002 * x3 + 0.08 * u0",
-  "-0.002 * x2 + 0.08 * u1",
-]
-[start]
-lower = [70.0, 70.0, -0.1, -0.1]
-upper = [90.0, 90.0, 0.1, 0.1]
-[keep.speed_limit]
-position = [0, 1]
-velocity = [2, 3]
-base = 0.2
-slope = 0.002
-"""
+from tests.support.small_networks import layers
 
 
 def test_the_hold_agent_stays_for_ever() -> None:
@@ -109,37 +89,6 @@ def test_a_flight_that_leaves_the_range_of_numbers_breaks_its_property() -> None
     start = broken_start(problem, still, low, high)
     assert start is not None
     assert start[0] == 2.0
-
-
-def test_a_proof_with_open_cells_is_not_whole() -> None:
-    """A property that flights keep by less than the margin of a cell is too low by.
-
-    Cells that may not be split stay open: with the proved ones they fill the start set, and none of them has a
-    margin. With more to spare the proof is whole.
-    """
-    problem = problem_of(DOCKING)
-    network = damping(4, (2, 3), 3)
-    low, high = (np.array([x]) for x in (problem.lower, problem.upper))
-    loop = ClosedLoop(problem, network, torch.device("cpu"))
-    coarse = float(loop.margins(low, high)[0][0])
-    random = np.random.default_rng(2)
-    start = np.where(random.random((2000, problem.states)) < 0.5, low, high)
-    true = float(lowest_margins(problem, network, start).min())
-    spare = 0.5 * (coarse + true)
-    assert isinstance(problem.keep, SpeedLimit)
-    tight = replace(problem, keep=replace(problem.keep, base=problem.keep.base - spare))
-    for smallest, proved in ((1.0, 0), (0.25, 24)):
-        proof = prove(tight, network, smallest=smallest)
-        assert len(proof.low) == proved
-        assert proof.counterexample is None
-        assert not proof.is_whole
-        assert proof.volume < 1.0
-        sides = proof.open_high - proof.open_low
-        open_part = float((sides / (high - low)).prod(axis=1).sum())
-        assert open_part + proof.volume == pytest.approx(1.0)
-        loop = ClosedLoop(tight, network, torch.device("cpu"))
-        assert (loop.margins(proof.open_low, proof.open_high)[0] <= 0.0).all()
-    assert prove(problem, network).is_whole
 
 
 FREE_FLYER = ROOT / "examples/proofs/free-flyer-agent"
