@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rans.extend import Quat
+
 Vector = Sequence[float] | np.ndarray
 
 
@@ -80,3 +82,20 @@ def rotated(quaternion: Vector, vector: Vector) -> np.ndarray:
     u = np.asarray(quaternion[1:], dtype=float)
     v = np.asarray(vector, dtype=float)
     return v + 2.0 * np.cross(u, np.cross(u, v) + w * v)
+
+
+def conjugate(quaternion: np.ndarray) -> np.ndarray:
+    """The inverse rotations of unit quaternions (..., 4), scalar first."""
+    return quaternion * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def quaternion_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Hamilton product of quaternions (..., 4), scalar first."""
+    q = Quat(*np.moveaxis(a, -1, 0)).times(Quat(*np.moveaxis(b, -1, 0)))
+    return np.stack([q.w, q.x, q.y, q.z], axis=-1)
+
+
+def small_turns(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Small rotations (..., 3), rad, in B, from attitudes (..., 4) to others."""
+    turn = quaternion_products(conjugate(begin), end)
+    return 2.0 * turn[..., 1:] * np.where(turn[..., :1] < 0.0, -1.0, 1.0)

@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from rans.extend import ConfigError, brief
-from rans_robot.frames import Motion, rotated, swapped
+from rans_robot.frames import Motion, conjugate, rotated, swapped
 from rans_robot.messages import (
     FLOATS,
     INTEGERS,
@@ -32,7 +32,6 @@ from rans_robot.messages import (
     vector,
 )
 from rans_robot.validator import Reading, command, finite_vector, frame_of_twist, unit
-from rans_robot.velocity import conjugate
 
 RobotName = Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"]
 PX4_MOTOR_COUNT = 12

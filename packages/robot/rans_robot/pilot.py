@@ -641,34 +641,45 @@ def _goal(craft: Spacecraft, task: Task, plan: Plan) -> State:
 
     Numbers are m and degrees, velocities m/s and rad/s in the order of a state.
     """
-    planar = craft.dimension == 2
-    wanted = 3 if planar else 6
-    numbers = plan.goal or (0.0,) * wanted
-    if len(numbers) != wanted:
-        names = "x, y and heading" if planar else "x, y, z, roll, pitch and yaw"
-        raise ConfigError(f"a goal is {wanted} numbers, {names}, got {len(numbers)}.")
-    speeds = plan.goal_velocity or (0.0,) * wanted
-    if len(speeds) != wanted:
+    return placed(craft, "goal", plan.goal, plan.goal_velocity, _notes(craft, task, plan))
+
+
+def placed(
+    craft: Spacecraft,
+    what: str,
+    pose: tuple[float, ...],
+    speeds: tuple[float, ...] = (),
+    notes: Any = None,
+) -> State:
+    """State of a craft from numbers; those that are left out are 0.
+
+    Args:
+        craft: in the plane or in space.
+        what: "goal" or "start", for messages.
+        pose: x, y (m) and heading (degrees); in space x, y, z and roll, pitch, yaw.
+        speeds: velocity in W, m/s, and after it the angular velocity in B, rad/s.
+        notes: what a goal has beside its motion.
+
+    Raises:
+        ConfigError: there are others than three numbers of each in the plane, or six in space.
+    """
+    wanted = 3 if craft.dimension == 2 else 6
+    pose = pose or (0.0,) * wanted
+    speeds = speeds or (0.0,) * wanted
+    if (len(pose), len(speeds)) != (wanted, wanted):
+        names = "x, y and heading" if wanted == 3 else "x, y, z, roll, pitch and yaw"
         raise ConfigError(
-            f"a goal's velocity is {wanted} numbers, of the linear and the angular one, got {len(speeds)}."
+            f"a {what} is {wanted} numbers, {names}, and has as many velocities, got {len(pose)} and {len(speeds)}."
         )
-    notes = _notes(craft, task, plan)
-    half = craft.dimension
-    if planar:
-        return PlanarState(
-            Vec2(*numbers[:2]),
-            Heading(float(np.radians(numbers[2]))),
-            Vec2(*speeds[:half]),
-            speeds[2],
-            notes,
-        )
+    if wanted == 3:
+        x, y, heading = pose
+        vx, vy, w = speeds
+        return PlanarState(Vec2(x, y), Heading(float(np.radians(heading))), Vec2(vx, vy), w, notes)
     from scipy.spatial.transform import Rotation
 
-    x, y, z, w = Rotation.from_euler("xyz", numbers[3:], degrees=True).as_quat()
-    attitude = Quat(float(w), float(x), float(y), float(z))
-    return SpatialState(
-        Vec3(*numbers[:3]), attitude, Vec3(*speeds[:half]), Vec3(*speeds[half:]), notes
-    )
+    turn = Rotation.from_euler("xyz", pose[3:], degrees=True)
+    attitude = Quat(*turn.as_quat(scalar_first=True).tolist())
+    return SpatialState(Vec3(*pose[:3]), attitude, Vec3(*speeds[:3]), Vec3(*speeds[3:]), notes)
 
 
 def _notes(craft: Spacecraft, task: Task, plan: Plan) -> Any:

@@ -1,4 +1,4 @@
-"""``rans twin``: the robot at the other end of the bus, flown by an engine under a file of randomization.
+"""``rans twin``: the robot at the other end of the bus, flown by the engine under a file of conditions.
 
 It speaks the robot's end of `rans_robot.interfaces`, so that pilot and twin share units and frames.
 """
@@ -22,7 +22,6 @@ from rans.extend import (
     MOST_STEPS,
     Conditions,
     ConfigError,
-    EngineName,
     GoToPose,
     Setup,
     Spacecraft,
@@ -34,18 +33,18 @@ from rans.extend import (
     leaves,
     map_leaves,
     positive,
-    seed_words,
-    whole,
 )
 from rans.model.fields import finite
 from rans_robot.bus import Bus
 from rans_robot.frames import Motion
 from rans_robot.interfaces import Interface, RobotName, interface
 from rans_robot.messages import FLOATS, TEXT, array, pack, text_message
-from rans_robot.pilot import CRAFT_TOPIC, craft_hash, motion_of, state_of
+from rans_robot.pilot import CRAFT_TOPIC, craft_hash, motion_of, placed
 
 VALVES_TOPIC = "rans/valves"
 """What the effectors do, as the twin knows it: for monitors."""
+_SEED = 0
+"""Seed of the random numbers of conditions and of a start that is sampled."""
 _WATCHDOG = 2.5
 """Control periods after which a command no longer holds."""
 _MOST_CAUSES = 20
@@ -63,29 +62,20 @@ class TwinPlan:
     """s between commands; those of pulsed thrusters are shares of it."""
     robot: RobotName = "ros"
     """Kind of robot (`rans_robot.interfaces`)."""
-    engine: EngineName = "fast"
-    """What computes the motion."""
     conditions: Conditions | None = None
     """Randomization, disturbances, faults and sensors; None: everything is as designed."""
     rate: float = 100.0
     """States published a second; the motion is computed as often."""
     start: tuple[float, ...] = ()
-    """x, y (m) and heading (degrees) in the plane; x, y, z and perhaps roll, pitch, yaw in space. Empty: the
-    start of the episode."""
-    seed: int = 0
-    """Seed of the random numbers of conditions and of the start."""
-    episode: int = 0
-    """Its number."""
+    """x, y (m) and heading (degrees) in the plane; x, y, z, roll, pitch and yaw in space. Empty: one is sampled."""
     seconds: float = 600.0
     """Length of the episode, over which sudden pushes are spread."""
 
     def __post_init__(self) -> None:
-        """Reject (`ConfigError`) wrong times, rates, numbers of an episode, seeds and starts."""
+        """Reject (`ConfigError`) wrong times, rates and starts."""
         positive("--period", self.control_period)
         positive("--rate", self.rate)
         positive("--seconds", self.seconds)
-        whole("episode", self.episode, least=0)
-        seed_words(self.seed)
         if not all(map(is_finite, self.start)):
             raise ConfigError(f"the numbers of a start must be finite, got {self.start}.")
 
@@ -114,18 +104,13 @@ class Craft:
         conditions = _at_rate(plan.conditions, plan.control_period * plan.rate)
         task = GoToPose()
         self._world = World(Setup(craft, task, timing, conditions))
-        self._draws = draws(plan.seed, 1, plan.episode)
+        self._draws = draws(_SEED, 1, 0)
         start, goal = task.for_evaluation().sample(
             self._draws.random(craft.dimension, self._draws.first)
         )
         if plan.start:
-            start = _placed(craft, plan.start)
+            start = placed(craft, "start", plan.start)
         self._now = _of_numbers(self._world.begin(start, goal, 0, self._draws))
-        self._move = None
-        if plan.engine == "drake":
-            from rans.extend import DrakeMover
-
-            self._move = DrakeMover(craft, timing)
         self._command = np.zeros(craft.command_count)
         self._elapsed = math.inf
         self._published: tuple[float, ...] = ()
@@ -174,7 +159,7 @@ class Craft:
             low, _ = command_bounds(self.plan.craft)
             given = np.maximum(given, low)
         self._elapsed += self.period
-        outcome = step(self._world, self._now, tuple(given.tolist()), self._draws, self._move)
+        outcome = step(self._world, self._now, tuple(given.tolist()), self._draws)
         self._now = _of_numbers(outcome.episode)
         if not finite(*leaves(self._now.state)):
             raise ConfigError(
@@ -209,27 +194,6 @@ def _at_rate(conditions: Conditions | None, ratio: float) -> Conditions | None:
         )
 
     return replace(late(conditions), others=tuple(late(variant) for variant in conditions.others))
-
-
-def _placed(craft: Spacecraft, numbers: tuple[float, ...]) -> Any:
-    """State at rest in W: x, y and heading, or x, y, z and roll, pitch, yaw (m, degrees).
-
-    `ConfigError` for others.
-    """
-    counts = (3,) if craft.dimension == 2 else (3, 6)
-    if len(numbers) not in counts:
-        names = "x, y and heading" if craft.dimension == 2 else "x, y, z and roll, pitch, yaw"
-        raise ConfigError(f"a start is {counts[-1]} numbers, {names}, got {len(numbers)}.")
-    still = np.zeros(3)
-    half = np.radians(numbers[2]) / 2.0 if craft.dimension == 2 else 0.0
-    attitude = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
-    if len(numbers) == 6:
-        from scipy.spatial.transform import Rotation
-
-        x, y, z, w = Rotation.from_euler("xyz", numbers[3:], degrees=True).as_quat()
-        attitude = np.array([w, x, y, z])
-    position = np.array([*numbers[:2], 0.0 if craft.dimension == 2 else numbers[2]])
-    return replace(state_of(craft, Motion(position, attitude, still, still)), stores=())
 
 
 def _of_numbers(episode: Any) -> Any:

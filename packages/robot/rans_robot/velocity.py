@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rans_robot.frames import Motion
 
@@ -57,18 +58,23 @@ class VelocityFilter:
 
         # Rotation: what turns the predicted attitude into the measured one, in the body frame.
         to_attitude, to_spin = self._angular.gains(step)
-        turned = quaternion_product(last.attitude, exponential(step * last.spin))
-        amiss = logarithm(quaternion_product(conjugate(turned), attitude))
-        corrected = quaternion_product(turned, exponential(to_attitude * amiss))
+        turned = _rotation(last.attitude) * Rotation.from_rotvec(step * last.spin)
+        amiss = (turned.inv() * _rotation(attitude)).as_rotvec()
+        corrected = turned * Rotation.from_rotvec(to_attitude * amiss)
 
         self._time = time
         self._motion = Motion(
             predicted + to_position * off,
-            corrected / np.linalg.norm(corrected),
+            corrected.as_quat(scalar_first=True),
             last.velocity + to_velocity * off,
             last.spin + to_spin * amiss,
         )
         return self._motion
+
+
+def _rotation(quaternion: np.ndarray) -> Rotation:
+    """Rotation of a unit quaternion (w, x, y, z)."""
+    return Rotation.from_quat(quaternion, scalar_first=True)
 
 
 class _Axis:
@@ -91,30 +97,3 @@ class _Axis:
         gain = ahead[:, 0] / (ahead[0, 0] + self._noise)
         self._covariance = ahead - np.outer(gain, ahead[0])
         return float(gain[0]), float(gain[1])
-
-
-def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Hamilton product of quaternions (w, x, y, z): first b, then a."""
-    w = a[0] * b[0] - a[1:] @ b[1:]
-    vector = a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])
-    return np.concatenate(([w], vector))
-
-
-def conjugate(q: np.ndarray) -> np.ndarray:
-    """The inverse rotation of a unit quaternion."""
-    return q * np.array([1.0, -1.0, -1.0, -1.0])
-
-
-def exponential(vector: np.ndarray) -> np.ndarray:
-    """Unit quaternion of a rotation vector, rad."""
-    angle = float(np.linalg.norm(vector))
-    return np.concatenate(([np.cos(angle / 2.0)], 0.5 * np.sinc(angle / 2.0 / np.pi) * vector))
-
-
-def logarithm(q: np.ndarray) -> np.ndarray:
-    """Rotation vector, rad, of a unit quaternion: the shorter way about."""
-    q = q if q[0] >= 0.0 else -q
-    size = float(np.linalg.norm(q[1:]))
-    if size < 1e-12:
-        return 2.0 * q[1:]
-    return q[1:] * (2.0 * np.arctan2(size, q[0]) / size)

@@ -1,9 +1,8 @@
-"""The simulated robot: latency, noise, faults, both engines, and what it refuses."""
+"""The simulated robot: latency, noise, faults, and what it refuses."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -75,11 +74,10 @@ def test_impulses_are_as_noisy_as_in_an_episode() -> None:
     assert impulses.std() / impulses.mean() == pytest.approx(0.05 / math.sqrt(2.0), rel=0.25)
 
 
-@pytest.mark.parametrize("engine", ["fast", "drake"])
-def test_both_engines_are_the_same_robot(engine: Any) -> None:
+def test_a_pulse_of_two_thrusters_pushes() -> None:
     """A pulse of 0.2 s of two thrusters, by hand: 2 N on 5.32 kg."""
     craft = load_spacecraft(PLATFORM)
-    twin = Craft(TwinPlan(craft, 0.2, engine=engine, start=(0.0, 0.0, 0.0), rate=20.0))
+    twin = Craft(TwinPlan(craft, 0.2, start=(0.0, 0.0, 0.0), rate=20.0))
     wrench = np.array(craft.wrench_map)
     forward = next(
         (a, b)

@@ -17,13 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rans.extend import Body, ConfigError, Spacecraft, Vec2, Vec3, Wrench
+from rans_robot.frames import quaternion_products, small_turns
 from rans_robot.identify.log import FlightLog, checked_log
 from rans_robot.identify.motion import (
     Physics,
     Thrust,
     check_identifiable,
     predicted,
-    quaternion_products,
     windows_of,
 )
 
@@ -272,7 +272,7 @@ class _Problem:
             result = to - path
             result[..., 2] = np.mod(result[..., 2] + np.pi, 2.0 * np.pi) - np.pi
             return result
-        turn = _rotation_vector(path[..., 3:7], to[..., 3:7])
+        turn = small_turns(path[..., 3:7], to[..., 3:7])
         return np.concatenate(
             [to[..., :3] - path[..., :3], turn, to[..., 7:] - path[..., 7:]], axis=-1
         )
@@ -315,12 +315,6 @@ class _Group:
         self.readings = np.stack([columns[part] for part in windows])
         # Where no velocity was measured, windows begin at rest; the fit moves them.
         self.starts = np.nan_to_num(self.readings[:, 0])
-
-
-def _rotation_vector(path: np.ndarray, readings: np.ndarray) -> np.ndarray:
-    """Small rotation (..., 3), rad, in B from predicted to measured attitudes (..., 4)."""
-    turn = quaternion_products(path * [1.0, -1.0, -1.0, -1.0], readings)
-    return 2.0 * turn[..., 1:] * np.where(turn[..., :1] < 0.0, -1.0, 1.0)
 
 
 def channel_columns(craft: Spacecraft) -> dict[str, slice]:

@@ -14,6 +14,7 @@ import numpy as np
 
 import rans.csv_file
 from rans.extend import ConfigError, Spacecraft, brief, counted
+from rans_robot.frames import small_turns
 
 LARGEST_LOG = 2**28
 """Bytes of a CSV file: an hour of readings at 100 Hz has a quarter of it."""
@@ -269,7 +270,11 @@ def _check_rates(what: str, parts: dict[str, np.ndarray]) -> None:
     """
     step = np.diff(parts["times"])
     attitude = parts["attitude"]
-    turned = np.diff(attitude)[:, None] if attitude.ndim == 1 else _turns(attitude)
+    turned = (
+        np.diff(attitude)[:, None]
+        if attitude.ndim == 1
+        else small_turns(attitude[:-1], attitude[1:])
+    )
     pairs = (
         ("position", "velocity", np.diff(parts["position"], axis=0)),
         ("attitude", "spin", turned),
@@ -294,15 +299,6 @@ def _check_rates(what: str, parts: dict[str, np.ndarray]) -> None:
         raise ConfigError(
             f"{what}: its {pose} changes {middle:.3g} times as much as its {rate} says: {_guess(middle, pose)}"
         )
-
-
-def _turns(attitude: np.ndarray) -> np.ndarray:
-    """Small rotations (M - 1, 3), rad, in the body, between successive quaternions (M, 4)."""
-    w = attitude[:, :1]
-    v = attitude[:, 1:]
-    scalar = w[:-1] * w[1:] + np.sum(v[:-1] * v[1:], axis=1, keepdims=True)
-    vector = w[:-1] * v[1:] - w[1:] * v[:-1] - np.cross(v[:-1], v[1:])
-    return 2.0 * vector * np.where(scalar < 0.0, -1.0, 1.0)
 
 
 def _guess(factor: float, pose: str) -> str:

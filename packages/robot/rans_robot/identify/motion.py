@@ -318,9 +318,3 @@ def _fields(table: np.ndarray) -> list[Any]:
 def _stacked(fields: Iterable[Any]) -> np.ndarray:
     """Fields (K,) as columns (K, n)."""
     return np.stack([np.asarray(x) for x in fields], axis=-1)
-
-
-def quaternion_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Hamilton product of quaternions (..., 4), scalar first."""
-    q = Quat(*np.moveaxis(a, -1, 0)).times(Quat(*np.moveaxis(b, -1, 0)))
-    return np.stack([q.w, q.x, q.y, q.z], axis=-1)
