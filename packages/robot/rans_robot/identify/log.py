@@ -14,7 +14,6 @@ import numpy as np
 
 import rans.csv_file
 from rans.extend import ConfigError, Spacecraft, brief, counted
-from rans_robot.frames import small_turns
 
 LARGEST_LOG = 2**28
 """Bytes of a CSV file: an hour of readings at 100 Hz has a quarter of it."""
@@ -161,7 +160,6 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
         for name in ("times", "position", "attitude", "velocity", "spin")
     }
     _check_readings(what, parts)
-    _check_rates(what, parts)
     result = replace(log, **parts)
     begin = log.command_times[0]
     return replace(
@@ -250,75 +248,6 @@ def _check_bounds(what: str, parts: dict[str, np.ndarray]) -> None:
                 f"{what}: the quaternion at {times[row]:g} s has the length {length[row]:.4g} instead of 1; is the "
                 "order of columns another one?"
             )
-
-
-_FEWEST_STEPS = 20
-"""Changes between readings by which poses and rates are compared."""
-_LONGEST_STEP = 1.0
-"""s: longest time between readings over which the mean of two rates counts as that of the change."""
-_STEADY = 2.0
-"""Quartiles of the changes' proportion that are further apart than by this factor say nothing: noise."""
-_OFF = 1.5
-"""Proportion from which, or from whose inverse, poses and rates are not of one motion in the same units."""
-
-
-def _check_rates(what: str, parts: dict[str, np.ndarray]) -> None:
-    """Refuse positions and velocities, or attitudes and spins, that are not of one motion, as in other units.
-
-    Between successive readings a pose changes by the mean of the rates times the time. The proportion of both is
-    1, whatever drives the craft; the median of the larger changes is far from the noise, or its quartiles differ.
-    """
-    step = np.diff(parts["times"])
-    attitude = parts["attitude"]
-    turned = (
-        np.diff(attitude)[:, None]
-        if attitude.ndim == 1
-        else small_turns(attitude[:-1], attitude[1:])
-    )
-    pairs = (
-        ("position", "velocity", np.diff(parts["position"], axis=0)),
-        ("attitude", "spin", turned),
-    )
-    for pose, rate, changed in pairs:
-        rates = parts[rate].reshape(len(step) + 1, -1)
-        expected = 0.5 * (rates[1:] + rates[:-1]) * step[:, None]
-        both = np.isfinite(expected) & np.isfinite(changed) & (step[:, None] <= _LONGEST_STEP)
-        if both.sum() < 2 * _FEWEST_STEPS:
-            continue
-        expected = expected[both]
-        changed = changed[both]
-        large = np.abs(expected) >= np.median(np.abs(expected))
-        large &= expected != 0.0
-        if large.sum() < _FEWEST_STEPS:
-            continue
-        low, middle, high = np.percentile(changed[large] / expected[large], (25, 50, 75))
-        if not low * high > 0.0 or max(low / high, high / low) > _STEADY:
-            continue
-        if 1.0 / _OFF < middle < _OFF:
-            continue
-        raise ConfigError(
-            f"{what}: its {pose} changes {middle:.3g} times as much as its {rate} says: {_guess(middle, pose)}"
-        )
-
-
-def _guess(factor: float, pose: str) -> str:
-    """What makes a pose change so many times as much as its rate says, as a question.
-
-    Words of a message only: ``factor`` is the slope of the change of the pose over the integral of its rate.
-    """
-    rate, angle = {"position": ("velocity", False), "attitude": ("spin", True)}[pose]
-    usual: list[tuple[float, str]] = [
-        (1e3, f"is the {pose} in thousandths, or the time in thousands of s"),
-        (1e-3, f"is the {rate} in thousandths, or the time in ms"),
-        (-1.0, "does one of them count the other way round, as a heading that is clockwise"),
-    ]
-    if angle:
-        usual += [
-            (np.degrees(1.0), "is the heading in degrees"),
-            (np.radians(1.0), "is the spin in degrees/s"),
-        ]
-    near = [text for value, text in usual if 0.75 < factor / value < 1.33]
-    return (near[0] if near else "is one of them in other units, or the time") + "?"
 
 
 def _spelled(cell: str) -> str:

@@ -146,7 +146,7 @@ def test_the_log_of_another_craft_is_refused(flight: FlightLog) -> None:
         rans.identify(flight, "free-flyer")
 
 
-@pytest.mark.parametrize("column", ["heading", "x and y"])
+@pytest.mark.parametrize("column", ["heading", "x and y", "spin", "feet"])
 def test_a_channel_that_the_commands_do_not_explain_is_named_and_nothing_is_written(
     column: str,
     flight: FlightLog,
@@ -154,15 +154,19 @@ def test_a_channel_that_the_commands_do_not_explain_is_named_and_nothing_is_writ
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Poses alone, in which no rate contradicts them: a heading in degrees, and columns of the wrong order."""
+    """A heading or spin in degrees, columns of the wrong order, and positions in feet beside velocities in m/s."""
     wrong = replace(flight, attitude=np.degrees(flight.attitude))
     if column == "x and y":
         wrong = replace(flight, position=flight.position[:, ::-1])
-    file = written(wrong, tmp_path / "poses.csv", rates=False)
+    elif column == "spin":
+        wrong = replace(flight, spin=np.degrees(flight.spin))
+    elif column == "feet":
+        wrong = replace(flight, position=flight.position / 0.3048)
+    file = written(wrong, tmp_path / "log.csv", rates=column in ("spin", "feet"))
     monkeypatch.chdir(tmp_path)
     assert main(f"identify {file} --spacecraft floating-platform".split()) == 2
     said = capsys.readouterr().err
-    assert ("attitude (error" if column == "heading" else "position (error") in said
+    assert ("attitude (error" if column in ("heading", "spin") else "position (error") in said
     assert not (tmp_path / "identified").exists()
     if column == "heading":  # nor has Python numbers of it
         with pytest.raises(ConfigError, match="do not explain"):
