@@ -122,17 +122,10 @@ def flights_of_training(
     An episode of a training ends where it fails, so that nothing is known of an agent beyond. If every flight
     failed, all of them are returned.
     """
-    return _sound(*recorded(network, setup, seed, count))
+    return sound(*recorded(network, setup, seed, count))
 
 
-def flights_of_policy(
-    policy: Controller, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
-) -> RecordedFlights:
-    """Flights of a policy of another library, as `flights_of_training`."""
-    return _sound(*_recorded(policy, setup, seed, count))
-
-
-def _sound(flights: RecordedFlights, failed: np.ndarray) -> RecordedFlights:
+def sound(flights: RecordedFlights, failed: np.ndarray) -> RecordedFlights:
     """The flights that did not fail; all of them if every one did."""
     if failed.all():
         return flights
@@ -143,10 +136,10 @@ def recorded(
     network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
 ) -> tuple[RecordedFlights, np.ndarray]:
     """N flights of a network from the starts of training, and whether each failed, (N,)."""
-    return _recorded(Agent(network, "agent", setup.craft), setup, seed, count)
+    return recorded_by(Agent(network, "agent", setup.craft), setup, seed, count)
 
 
-def _recorded(
+def recorded_by(
     controller: Controller, setup: Setup, seed: int, count: int
 ) -> tuple[RecordedFlights, np.ndarray]:
     """Observations and commands (T, N, ...) of the first `STEPS` periods, and (N,) which flights failed.
@@ -490,34 +483,10 @@ def golden(
     outputs = torch.stack(commands).numpy()
     answers = _in_ranges(outputs.reshape(-1, outputs.shape[-1]), craft).reshape(outputs.shape)
     tolerance = DUTY_TOLERANCE if network.architecture.continuous else 0.0
-    return _pairs(seen, answers, clearest, tolerance, flights, craft, task)
+    return golden_pairs(seen, answers, clearest, tolerance, flights, craft, task)
 
 
-def golden_of_policy(
-    policy: Controller, flights: RecordedFlights, craft: Spacecraft, task: Task
-) -> dict[str, Any]:
-    """`golden` of a policy of another library, which answers every observation by itself.
-
-    Those flights are taken whose commands change least, and on/off commands not at all, where the observations
-    change by a hundred times their rounding.
-    """
-    seen = flights.observations
-
-    def answers(observations: np.ndarray) -> np.ndarray:
-        rows = np.ascontiguousarray(observations.reshape(-1, seen.shape[-1]), dtype=np.float32)
-        return policy.act(None, None, rows).reshape(*seen.shape[:2], -1)
-
-    commands = answers(seen)
-    changes = [
-        np.abs(answers(seen * factor) - commands).max(axis=(0, 2)) for factor in (0.99999, 1.00001)
-    ]
-    order = np.argsort(np.maximum(*changes), kind="stable")[:GOLDEN]
-    return _pairs(
-        seen, commands, order, DUTY_TOLERANCE if craft.is_continuous else 0.0, flights, craft, task
-    )
-
-
-def _pairs(
+def golden_pairs(
     seen: np.ndarray,
     commands: np.ndarray,
     clearest: np.ndarray,

@@ -9,12 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rans.deploy.contract import (
+    DUTY_TOLERANCE,
+    FLIGHT_SEED,
     FLIGHTS,
+    GOLDEN,
     PAIRED,
     RecordedFlights,
     contract,
-    flights_of_policy,
-    golden_of_policy,
+    golden_pairs,
+    recorded_by,
+    sound,
 )
 from rans.deploy.export import check_alone, evaluated
 from rans.evaluation.fly.protocols import fitting_protocols
@@ -132,15 +136,36 @@ def _exported(spec: str, label: str, count: int) -> _Exported:
         )
     # Flights with everything as designed: nothing is known of a training.
     setup = Setup(run.craft, run.task, run.timing)
-    flights = flights_of_policy(run.controller, setup, count=count)
+    flights = sound(*recorded_by(run.controller, setup, FLIGHT_SEED, count))
     few = RecordedFlights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
-    pairs = golden_of_policy(run.controller, few, run.craft, run.task)
+    pairs = _golden(run, few)
     task = registered_name(run.task) or name.setup.partition("@")[0]
     config = TrainConfig(task, run.task, run.craft.name, timing=run.timing)
     text = to_toml(run.craft)
     about = contract(label, config, run.craft, text, 0, flights.observations)
     about["conditions"]["summary"] = _SUMMARY
     return _Exported(run, read_bytes(file, _LARGEST), json.dumps(pairs) + "\n", about)
+
+
+def _golden(run: LoadedRun, flights: RecordedFlights) -> dict[str, Any]:
+    """Golden pairs of a policy that answers every observation by itself.
+
+    Those flights are taken whose commands change least, and on/off commands not at all, where the observations
+    change by a hundred times their rounding.
+    """
+    seen = flights.observations
+
+    def answers(observations: np.ndarray) -> np.ndarray:
+        rows = np.ascontiguousarray(observations.reshape(-1, seen.shape[-1]), dtype=np.float32)
+        return run.controller.act(None, None, rows).reshape(*seen.shape[:2], -1)
+
+    commands = answers(seen)
+    changes = [
+        np.abs(answers(seen * factor) - commands).max(axis=(0, 2)) for factor in (0.99999, 1.00001)
+    ]
+    order = np.argsort(np.maximum(*changes), kind="stable")[:GOLDEN]
+    tolerance = DUTY_TOLERANCE if run.craft.is_continuous else 0.0
+    return golden_pairs(seen, commands, order, tolerance, flights, run.craft, run.task)
 
 
 def _write(exported: _Exported, folder: Path) -> None:
