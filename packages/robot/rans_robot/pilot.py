@@ -664,22 +664,23 @@ def placed(
         ConfigError: there are others than three numbers of each in the plane, or six in space.
     """
     wanted = 3 if craft.dimension == 2 else 6
-    pose = pose or (0.0,) * wanted
-    speeds = speeds or (0.0,) * wanted
-    if (len(pose), len(speeds)) != (wanted, wanted):
+    numbers = [*pose] or [0.0] * wanted
+    rates = [*speeds] or [0.0] * wanted
+    if (len(numbers), len(rates)) != (wanted, wanted):
         names = "x, y and heading" if wanted == 3 else "x, y, z, roll, pitch and yaw"
         raise ConfigError(
-            f"a {what} is {wanted} numbers, {names}, and has as many velocities, got {len(pose)} and {len(speeds)}."
+            f"a {what} is {wanted} numbers, {names}, and has as many velocities, got {len(numbers)} and "
+            f"{len(rates)}."
         )
     if wanted == 3:
-        x, y, heading = pose
-        vx, vy, w = speeds
+        x, y, heading = numbers
+        vx, vy, w = rates
         return PlanarState(Vec2(x, y), Heading(float(np.radians(heading))), Vec2(vx, vy), w, notes)
     from scipy.spatial.transform import Rotation
 
-    turn = Rotation.from_euler("xyz", pose[3:], degrees=True)
+    turn = Rotation.from_euler("xyz", numbers[3:], degrees=True)
     attitude = Quat(*turn.as_quat(scalar_first=True).tolist())
-    return SpatialState(Vec3(*pose[:3]), attitude, Vec3(*speeds[:3]), Vec3(*speeds[3:]), notes)
+    return SpatialState(Vec3(*numbers[:3]), attitude, Vec3(*rates[:3]), Vec3(*rates[3:]), notes)
 
 
 def _notes(craft: Spacecraft, task: Task, plan: Plan) -> Any:
