@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from rans.api.judging import SpacecraftLike as SpacecraftLike
     from rans.api.names import load_conditions as load_conditions
     from rans.api.names import load_spacecraft as load_spacecraft
-    from rans.choices import EngineName as EngineName
     from rans.cli.door import Options as Options
     from rans.cli.door import command_of as command_of
     from rans.cli.door import word as word
@@ -87,7 +86,6 @@ if TYPE_CHECKING:
     from rans.model.fields import where as where
     from rans.model.fields import within as within
     from rans.model.random import Random as Random
-    from rans.model.random import seed_words as seed_words
     from rans.model.spacecraft import Spacecraft as Spacecraft
     from rans.model.timing import MOST_STEPS as MOST_STEPS
     from rans.model.timing import Timing as Timing
@@ -100,7 +98,6 @@ if TYPE_CHECKING:
     from rans.randomization.conditions import Conditions as Conditions
     from rans.randomization.conditions import bounds as bounds
     from rans.randomization.conditions_file import conditions_text as conditions_text
-    from rans.reference.flight import DrakeMover as DrakeMover
     from rans.registry import are_files_trusted as are_files_trusted
     from rans.scenario import EVALUATION_SEED as EVALUATION_SEED
     from rans.scenario import Scenario as Scenario

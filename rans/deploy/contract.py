@@ -122,11 +122,14 @@ def flights_of_training(
     An episode of a training ends where it fails, so that nothing is known of an agent beyond. If every flight
     failed, all of them are returned.
     """
-    return sound(*recorded(network, setup, seed, count))
+    return flights_by(Agent(network, "agent", setup.craft), setup, seed, count)
 
 
-def sound(flights: RecordedFlights, failed: np.ndarray) -> RecordedFlights:
-    """The flights that did not fail; all of them if every one did."""
+def flights_by(
+    controller: Controller, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
+) -> RecordedFlights:
+    """Flights of any controller, as `flights_of_training`."""
+    flights, failed = _recorded(controller, setup, seed, count)
     if failed.all():
         return flights
     return RecordedFlights(*map_leaves(lambda x: x[:, ~failed], tuple(flights)))
@@ -136,10 +139,10 @@ def recorded(
     network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
 ) -> tuple[RecordedFlights, np.ndarray]:
     """N flights of a network from the starts of training, and whether each failed, (N,)."""
-    return recorded_by(Agent(network, "agent", setup.craft), setup, seed, count)
+    return _recorded(Agent(network, "agent", setup.craft), setup, seed, count)
 
 
-def recorded_by(
+def _recorded(
     controller: Controller, setup: Setup, seed: int, count: int
 ) -> tuple[RecordedFlights, np.ndarray]:
     """Observations and commands (T, N, ...) of the first `STEPS` periods, and (N,) which flights failed.
@@ -479,33 +482,35 @@ def golden(
         margins.append(output.policy.margin())
         memory = exact.next_state(columns, memory, commands[-1])
     # The flights whose closest choice is the clearest, one after the other.
-    clearest = torch.stack(margins).amin(dim=(0, 2)).argsort(descending=True)[:GOLDEN].numpy()
+    clearest = torch.stack(margins).amin(dim=(0, 2)).argsort(descending=True).numpy()
     outputs = torch.stack(commands).numpy()
     answers = _in_ranges(outputs.reshape(-1, outputs.shape[-1]), craft).reshape(outputs.shape)
-    tolerance = DUTY_TOLERANCE if network.architecture.continuous else 0.0
-    return golden_pairs(seen, answers, clearest, tolerance, flights, craft, task)
+    return golden_pairs(
+        seen, answers, clearest, network.architecture.continuous, flights, craft, task
+    )
 
 
 def golden_pairs(
     seen: np.ndarray,
     commands: np.ndarray,
     clearest: np.ndarray,
-    tolerance: float,
+    continuous: bool,
     flights: RecordedFlights | None,
     craft: Spacecraft | None,
     task: Task | None,
 ) -> dict[str, Any]:
-    """Golden pairs of chosen flights, from observations and commands (T, N, ...).
+    """Golden pairs of the first `GOLDEN` of some flights, from observations and commands (T, N, ...).
 
-    ``clearest`` (K,) are numbers of flights, whose pairs follow one another, flight by flight and in order of time.
+    ``clearest`` (N,) are numbers of flights, whose pairs follow one another, flight by flight and in order of time.
 
     Keys are an interface: agents' tests in C and Python read them from contract.json.
     """
+    clearest = clearest[:GOLDEN]
     observed, commanded = (x[:, clearest].swapaxes(0, 1) for x in (seen, commands))
     begins = [step == 0 for _ in clearest for step in range(len(seen))]
     result: dict[str, Any] = {
         "begins": begins,
-        "tolerance": tolerance,
+        "tolerance": DUTY_TOLERANCE if continuous else 0.0,
         "observation": [_short(row) for row in observed.reshape(len(begins), -1)],
         "command": [_short(row) for row in commanded.reshape(len(begins), -1)],
     }

@@ -29,7 +29,7 @@ from rans.scenario import ASSURANCE_SEED
 from rans.terminal import writing_at_end
 
 if TYPE_CHECKING:
-    from rans.extend import EngineName
+    from rans.choices import EngineName
     from rans.randomization.conditions import FaultKind
     from rans.randomization.faults import FaultSet
     from rans_assurance.assure.assurance import Assurance

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+import rans
 from rans.extend import (
     ConfigError,
     Spacecraft,
@@ -21,7 +22,6 @@ from rans.extend import (
     write_json,
     write_text,
 )
-from rans.files import package_version
 from rans.model.spacecraft_file import read_spacecraft, to_toml
 from rans_robot.identify.excite import Excitation
 from rans_robot.identify.motion import check_identifiable
@@ -134,7 +134,7 @@ def write_excitation(
         "spacecraft": {"name": craft.name, "file": "spacecraft.toml"},
         "control_period": period,
         "readings": {"oldest": _OLDEST * period},
-        "rans": package_version("rans"),
+        "rans": rans.__version__,
     }
     write_json(folder / "contract.json", about)
     write_text(folder / "golden.json", json.dumps(_golden(folder, craft)) + "\n")

@@ -9,16 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rans.deploy.contract import (
-    DUTY_TOLERANCE,
-    FLIGHT_SEED,
     FLIGHTS,
-    GOLDEN,
     PAIRED,
     RecordedFlights,
     contract,
+    flights_by,
     golden_pairs,
-    recorded_by,
-    sound,
 )
 from rans.deploy.export import check_alone, evaluated
 from rans.evaluation.fly.protocols import fitting_protocols
@@ -28,6 +24,7 @@ from rans.extend import (
     ContestantName,
     LoadedRun,
     Setup,
+    Task,
     TrainConfig,
     brief,
     contestant,
@@ -136,15 +133,19 @@ def _exported(spec: str, label: str, count: int) -> _Exported:
         )
     # Flights with everything as designed: nothing is known of a training.
     setup = Setup(run.craft, run.task, run.timing)
-    flights = sound(*recorded_by(run.controller, setup, FLIGHT_SEED, count))
+    flights = flights_by(run.controller, setup, count=count)
     few = RecordedFlights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
     pairs = _golden(run, few)
-    task = registered_name(run.task) or name.setup.partition("@")[0]
-    config = TrainConfig(task, run.task, run.craft.name, timing=run.timing)
+    config = TrainConfig(task_name(name, run.task), run.task, run.craft.name, timing=run.timing)
     text = to_toml(run.craft)
     about = contract(label, config, run.craft, text, 0, flights.observations)
     about["conditions"]["summary"] = _SUMMARY
     return _Exported(run, read_bytes(file, _LARGEST), json.dumps(pairs) + "\n", about)
+
+
+def task_name(name: ContestantName, task: Task) -> str:
+    """Name of the task of a policy: a registered one, or where its code is, as the policy's text says."""
+    return registered_name(task) or name.setup.partition("@")[0]
 
 
 def _golden(run: LoadedRun, flights: RecordedFlights) -> dict[str, Any]:
@@ -163,9 +164,10 @@ def _golden(run: LoadedRun, flights: RecordedFlights) -> dict[str, Any]:
     changes = [
         np.abs(answers(seen * factor) - commands).max(axis=(0, 2)) for factor in (0.99999, 1.00001)
     ]
-    order = np.argsort(np.maximum(*changes), kind="stable")[:GOLDEN]
-    tolerance = DUTY_TOLERANCE if run.craft.is_continuous else 0.0
-    return golden_pairs(seen, commands, order, tolerance, flights, run.craft, run.task)
+    order = np.argsort(np.maximum(*changes), kind="stable")
+    return golden_pairs(
+        seen, commands, order, run.craft.is_continuous, flights, run.craft, run.task
+    )
 
 
 def _write(exported: _Exported, folder: Path) -> None:

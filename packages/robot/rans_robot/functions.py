@@ -14,6 +14,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rans.api.states import read_state, read_zones
 from rans.extend import (
     ConfigError,
     Spacecraft,
@@ -162,14 +163,12 @@ def fly_on_robot(
     Raises:
         ConfigError: the flight cannot begin: nothing is written then.
     """
-    from rans.api.states import read_state, read_zones
     from rans.evaluation.fly.exported import is_exported, read_contract
     from rans.extend import ContestantName, RunFolder, contestant, doing
     from rans.fast.learn.config import to_table
-    from rans.tasks import registered_name
     from rans_robot.bag import index_bag
     from rans_robot.bus import opened_bus, ros_domain
-    from rans_robot.foreign import export_foreign_for_flight
+    from rans_robot.foreign import export_foreign_for_flight, task_name
     from rans_robot.node import fly_over, planned_task
     from rans_robot.pilot import Plan, check_plan, export_for_flight, runs_code
     from rans_robot.signals import stop_on_signals
@@ -194,7 +193,7 @@ def fly_on_robot(
         craft = foreign.craft
         period = foreign.timing.control_period
         task = {
-            "name": registered_name(foreign.task) or name.setup.partition("@")[0],
+            "name": task_name(name, foreign.task),
             "settings": asdict(foreign.task),  # pyrefly: ignore[bad-argument-type]
         }
     elif name.kind == "run folder" and is_exported(source):
@@ -300,7 +299,6 @@ def twin(
     Raises:
         ConfigError: one of these does not exist, or a number is out of its range.
     """
-    from rans.api.states import read_state
     from rans.extend import RunFolder, load_conditions
     from rans_robot.bus import opened_bus, ros_domain
     from rans_robot.signals import stop_on_signals

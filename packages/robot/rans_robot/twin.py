@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from rans.effectors.commands import command_bounds
 from rans.episode import step
 from rans.extend import (
     MOST_STEPS,
@@ -34,7 +33,6 @@ from rans.extend import (
     map_leaves,
     positive,
 )
-from rans.model.fields import finite
 from rans_robot.bus import Bus
 from rans_robot.frames import Motion
 from rans_robot.interfaces import Interface, RobotName, interface
@@ -111,6 +109,7 @@ class Craft:
         if plan.start:
             start = placed(craft, "start", plan.start)
         self._now = _of_numbers(self._world.begin(start, goal, 0, self._draws))
+        self._low = np.array([channel.low for channel in craft.commands])
         self._command = np.zeros(craft.command_count)
         self._elapsed = math.inf
         self._published: tuple[float, ...] = ()
@@ -138,9 +137,9 @@ class Craft:
 
     def hold(self, command: np.ndarray) -> None:
         """Hold a command from now on: what the craft cannot do of it, it does not."""
-        low, high = command_bounds(self.plan.craft)
-        values = np.clip(command, low, high)
-        on_off = [channel.kind == "on-off" for channel in self.plan.craft.commands]
+        commands = self.plan.craft.commands
+        values = np.clip(command, self._low, [channel.high for channel in commands])
+        on_off = [channel.kind == "on-off" for channel in commands]
         self._command = np.where(on_off, np.round(values), values)
         self._elapsed = 0.0
 
@@ -156,12 +155,11 @@ class Craft:
             count = self.plan.craft.thruster_count
             pulse = np.clip(left / self.period, 0.0, 1.0)
             given = np.where(np.arange(len(given)) < count, pulse, given)
-            low, _ = command_bounds(self.plan.craft)
-            given = np.maximum(given, low)
+            given = np.maximum(given, self._low)
         self._elapsed += self.period
         outcome = step(self._world, self._now, tuple(given.tolist()), self._draws)
         self._now = _of_numbers(outcome.episode)
-        if not finite(*leaves(self._now.state)):
+        if not all(map(is_finite, leaves(self._now.state))):
             raise ConfigError(
                 "the motion of the twin is no longer finite: is its thrust too large?"
             )

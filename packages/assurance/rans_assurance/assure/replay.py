@@ -19,9 +19,8 @@ from rans.extend import (
     last_fifth,
     leaves,
     map_leaves,
-    seed_words,
 )
-from rans.model.random import Draws
+from rans.model.random import Draws, seed_words
 
 Judge = Literal["numpy", "drake"]
 

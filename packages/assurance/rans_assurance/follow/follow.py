@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from rans.choices import EngineName
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.extend import (
     MOST_STEPS,
     ConfigError,
     Controller,
     Drift,
-    EngineName,
     Flight,
     Random,
     Sample,

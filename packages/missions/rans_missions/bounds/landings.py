@@ -130,7 +130,7 @@ def _missed(
     timing = Timing(plan.period, None, len(plan.acceleration))
     move: Mover
     if drake:
-        from rans.extend import DrakeMover
+        from rans.reference.flight import DrakeMover
 
         move = DrakeMover(craft, timing, task.drift)
     else:
