@@ -54,8 +54,8 @@ class Symmetries(NamedTuple):
 def symmetries(craft: Spacecraft) -> Symmetries | None:
     """Every view in which the spacecraft looks the same, in NumPy; None if it looks so in its own only.
 
-    Forces, places and directions of thrusters about the centre of mass must agree, the inertia tensor, and which
-    thrusters have a supply in common.
+    Forces, places and directions of thrusters about the centre of mass must agree, the inertia tensor, the place of
+    the tank, and which thrusters have a supply in common.
     A craft with reaction wheels or further effectors has its own view only: their commands turn with no view.
     """
     if craft.wheels or craft.acting_effectors:
@@ -102,7 +102,7 @@ def _arrow(craft: Spacecraft, thruster: Thruster) -> tuple[np.ndarray, np.ndarra
 
 
 def _places(craft: Spacecraft, view: np.ndarray) -> list[int] | None:
-    """Thrusters' permutation by a view (d, d); None unless inertia, arms, forces and supplies are alike.
+    """Thrusters' permutation by a view (d, d); None unless inertia, tank, arms, forces and supplies are alike.
 
     Tolerances are `_ROUNDING`: a craft that is nearly symmetric has no symmetry.
     """
@@ -112,6 +112,10 @@ def _places(craft: Spacecraft, view: np.ndarray) -> list[int] | None:
         view @ tensor @ view.T, tensor, rtol=0.0, atol=slack
     ):
         return None
+    if craft.propellant is not None and craft.propellant.position is not None:
+        tank = np.subtract(craft.propellant.position, craft.centre_of_mass)[: craft.dimension]
+        if np.abs(view @ tank - tank).max() > _ROUNDING:
+            return None
     arrows = [(*_arrow(craft, thruster), thruster.force) for thruster in craft.thrusters]
     arrow_rows = np.array([[*offset, *direction, force] for offset, direction, force in arrows])
     image_rows = np.array(

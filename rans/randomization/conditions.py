@@ -260,7 +260,9 @@ class Conditions(NamedArguments, Settings):
         away = np.zeros(craft.dimension)
         if tank.position is not None:
             arm = np.subtract(craft.centre_of_mass, tank.position)[: craft.dimension]
-            away = arm / (np.linalg.norm(arm) or 1.0)
+            # From a tank at the centre of mass, any direction is away.
+            distance = float(np.linalg.norm(arm))
+            away = arm / distance if distance else np.eye(craft.dimension)[0]
         for part in (self, *self.others):
             mass, inertia = (bounds(x)[0] for x in (part.body.mass, part.body.inertia))
             # The centre of mass as far from the tank as can be.

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from rans.fast.learn.config import FilterSettings, MemorySettings
+from rans.model.actuators import Propellant
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
@@ -180,6 +181,13 @@ def test_twin_thrusters_never_share_a_place() -> None:
 def test_thrusters_without_a_lever_arm_have_their_own_view_only() -> None:
     centred = tuple(replace(t, position=(0.0, 0.0, 0.0)) for t in PLATFORM.thrusters)
     assert symmetries(replace(PLATFORM, thrusters=centred)) is None
+
+
+def test_a_tank_off_the_centre_is_on_one_side() -> None:
+    tank = Propellant(1.0, 200.0, (0.05, 0.02, 0.0))
+    assert symmetries(replace(PLATFORM, propellant=tank)) is None
+    centred = replace(tank, position=PLATFORM.centre_of_mass)
+    assert len(views_of(replace(PLATFORM, propellant=centred)).hand) == len(views_of(PLATFORM).hand)
 
 
 def test_sides_with_other_supplies_do_not_look_the_same() -> None:

@@ -167,7 +167,10 @@ def holding(motion: LinearMotion, held: bool, state: Any, goal: Any, later: Any)
 
 
 def mass_share(craft: Spacecraft, state: Any) -> Any:
-    """Mass of a craft over that with a full tank, (N,), and its inertia likewise; 1 if it has no propellant."""
+    """Mass of a craft over that with a full tank, (N,), 1 if it has no propellant; controllers scale inertia by it.
+
+    Where a tank has a place, that and a centre of mass that stays are approximations.
+    """
     if craft.propellant is None:
         return 1.0
     return 1.0 - (craft.propellant.mass - np.asarray(state.stores[0])) / craft.mass
