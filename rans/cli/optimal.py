@@ -161,9 +161,10 @@ class Optimal(Options):
             with writing_at_end(write_bounds):
                 self._add_bounds(bounds, craft, task, objective, starts, answers)
         lost = sum(not answer.good for answer in answers)
+        replay = "optimal.html, " if flights else ""
         Terminal().say(
-            f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
-            f"{folder / 'optimal.html'}, optimal.json, optimal.npz and optimal.csv."
+            f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to {folder}: {replay}"
+            "optimal.json, optimal.npz and optimal.csv."
         )
         # With a time of its own the objective may be too short for weak thrusters. Least time finds its own.
         if lost and self.objective != "time":
