@@ -226,11 +226,12 @@ def compare(
     from rans.evaluation.fly.agent import LoadedRun
     from rans.show.progress import watched
 
-    first, invited = invitations(contestants)
+    # What needs no flights is refused before an agent for any craft chooses its value by some.
+    count, bounded = starts_of(episodes, certified, full)
     one_of("engine", engine, get_args(EngineName))
+    first, invited = invitations(contestants)
     beside = (beside,) if isinstance(beside, str) else beside
     check_beside(beside)
-    count, bounded = starts_of(episodes, certified, full)
     if certified and beside is not None and "optimal" not in beside:
         raise ConfigError(
             f"certified asks for bounds from {bounded:,} of the starts, and only optimal brings bounds: name it "
