@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -249,33 +249,17 @@ def test_what_a_goal_notes_is_no_part_of_the_state_that_arrives() -> None:
 class Moving(GoToPosition):
     """The goal moves as free points do."""
 
-    pulled: ClassVar[Drift] = FREE
-
-    @property
-    def drift(self) -> Drift:
-        return self.pulled
-
     def later(self, goal: Any, time: Any) -> Any:
-        return step_goal(goal, self.drift, time)
+        return step_goal(goal, FREE, time)
 
 
 @dataclass(frozen=True)
 class Careful(GoToPosition):
     """Slow, and out of a ball of 0.5 m around (-1.5, 0.1) m."""
 
-    constrained: ClassVar[bool] = True
-
     def constraints(self, state: Any, goal: Any) -> dict[str, Any]:
-        if not self.constrained:
-            return {}
         way = state.p - type(state.p)(-1.5, 0.1, *(0.0,) * (len(state.p.columns()) - 2))
         return {"ball": way.norm() - 0.5, "speed": 0.4 - state.v.norm()}
-
-
-class Fast(Careful):
-    """Without constraints."""
-
-    constrained = False
 
 
 def test_a_goal_that_moves_evenly_is_one_that_stands_still_seen_from_elsewhere() -> None:
@@ -293,7 +277,7 @@ def test_constraints_are_kept_at_every_instant_and_cost_something() -> None:
     objective = MinimumFuel(15.0, 0.25)
     start = planar(x=-3.0)
     kept = solved(PLATFORM, objective, start, planar(), Careful())
-    free = solved(PLATFORM, objective, start, planar(), Fast())
+    free = solved(PLATFORM, objective, start, planar(), GoToPosition())
     margins = Careful().constraints(kept.states, planar())
     assert min(margin.min() for margin in margins.values()) >= -1e-7
     # The straight way leads through the ball.

@@ -18,6 +18,7 @@ from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.tasks import Dock, TargetOrbit
 
 import rans
+from examples.single_file.controller import PD
 from rans.api.pages import flyers
 from rans.compile.javascript import activations
 from rans.deploy.contract import flights_of_training, golden
@@ -275,14 +276,23 @@ def test_the_page_is_small_and_fetches_nothing(name: str, tmp_path: Path) -> Non
     assert not re.search(r"(?:src|href)=|https?:|@import|fetch\(|XMLHttpRequest", text)
 
 
+class Branching(PD):
+    """A page knows no numbers to branch on."""
+
+    def command(self, state: Any, goal: Any) -> tuple[Any, ...]:
+        return (1.0,) * 8 if state.p.x > 0.0 else (0.0,) * 8
+
+
 @pytest.mark.parametrize(
     ("who", "why"),
-    [("lqr:go-to-pose-2d", "no trained agent")],
+    [
+        ("lqr:go-to-pose-2d", "no trained agent"),
+        (f"{__name__}:Branching:go-to-pose-2d", "`command` of .*Branching.* is no arithmetic"),
+    ],
 )
 def test_others_are_refused_in_a_sentence(who: str, why: str) -> None:
-    (run,) = flyers((who,), None, False)
     with pytest.raises(ConfigError, match=why):
-        playground(run)
+        playground(contestant(typed(who)), SEED)
 
 
 @needs_node

@@ -194,14 +194,6 @@ def test_the_result_is_above_everything(run: Path) -> None:
     ]
 
 
-def test_a_training_alone_says_what_has_not_been_judged(tmp_path: Path) -> None:
-    (tmp_path / "config.json").write_text("{}")
-    rows = [{"steps": 1000, "success": 0.5}, {"steps": 2000, "success": 0.75}]
-    (tmp_path / "metrics.jsonl").write_text("\n".join(map(json.dumps, rows)))
-    page = report_from_run(tmp_path)
-    assert "75.0% of its last episodes in training, after 2,000 steps" in page.hero
-
-
 def test_a_comparison_begins_the_report(run: Path) -> None:
     """Its own sentence and tiles, its chart as an image, and its page for the rest."""
     first = {
@@ -374,4 +366,5 @@ def test_notes_of_a_package_leave_the_headline_to_the_training(
     assert report_from_run(tmp_path).hero == "Notes."
     (tmp_path / "config.json").write_text("{}")
     (tmp_path / "metrics.jsonl").write_text(json.dumps({"steps": 2000, "success": 0.75}))
-    assert "75.0% of its last episodes in training" in report_from_run(tmp_path).hero
+    hero = report_from_run(tmp_path).hero
+    assert "75.0% of its last episodes in training, after 2,000 steps" in hero
