@@ -147,6 +147,8 @@ class Team(Options):
         """Print the table; 1 if a team did not succeed."""
         flown: TeamFlights = self.call()
         limit = InspectTeam().keep_apart
+        bound = flown.bound.sum()
+        factor = f"{flown.spent.sum() / bound:.3f}" if bound else "-"
         Terminal().show(
             f"Inspection by teams of {self.deputies}",
             ("what", "of all", "median", "worst"),
@@ -156,7 +158,7 @@ class Team(Options):
                 ("time, s", "-", *(f"{f(flown.time):,.0f}" for f in (np.median, np.max))),
                 ("impulse, N s", *_three(flown.spent)),
                 ("bound, N s", *_three(flown.bound)),
-                ("impulse over bound", f"{flown.spent.sum() / flown.bound.sum():.3f}", "-", "-"),
+                ("impulse over bound", factor, "-", "-"),
                 ("apart, m", "-", f"{np.median(flown.apart):.1f}", f"{flown.apart.min():.1f}"),
                 (
                     "coasts nearer, %",
