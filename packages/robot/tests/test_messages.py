@@ -11,8 +11,6 @@ from rans_robot.interfaces import RobotName, interface
 from rans_robot.messages import (
     FLOATS,
     PX4_MOTORS,
-    TEXT,
-    types,
     unpack,
 )
 
@@ -53,10 +51,3 @@ def test_messages_of_laboratories() -> None:
     assert len(motors.data) == 72  # as PX4's agent has it
     assert np.isnan(unpack(PX4_MOTORS, motors.data).control[0])
     assert unpack(PX4_MOTORS, motors.data).control[1] == 0.5
-
-
-def test_types_have_the_hashes_of_ros() -> None:
-    """The hash of std_msgs/msg/String is the one that every distribution since Iron prints."""
-    assert types().hash_rihs01(TEXT) == (
-        "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
-    )

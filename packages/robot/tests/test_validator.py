@@ -18,10 +18,8 @@ from rans_robot.frames import Motion, quaternion_of
 from rans_robot.interfaces import RobotName, interface
 from rans_robot.messages import (
     FLOATS,
-    INTEGERS,
     ODOMETRY,
     POSE,
-    PX4_MOTORS,
     array,
     make,
     message_header,
@@ -35,7 +33,6 @@ from rans_robot.pilot import (
     GOAL_TOPIC,
     Decision,
     MessagePilot,
-    craft_hash,
 )
 from rans_robot.twin import VALVES_TOPIC, TwinPlan, run_twin
 from rans_robot.validator import Reading, Validator
@@ -505,14 +502,6 @@ def test_a_stranger_s_name_is_one_printable_line(agent: Path) -> None:
     assert len(note) < 500
 
 
-def test_a_rate_that_is_nearly_right(agent: Path) -> None:
-    one = pilot(agent)
-    for period, over in ((0.2, False), (0.2 + 1e-9, False), (0.2001, True)):
-        table = {"name": "x", "sha256": craft_hash(one.craft), "control_period": period}
-        one.receive(CRAFT_TOPIC, text_message(json.dumps(table)), NOW)
-        assert one.decide(NOW).over == over
-
-
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_any_bytes_are_taken(robot: RobotName, agent: Path) -> None:
     """Random bytes, cut and flipped messages on every topic: nothing is raised, and no reading becomes infinite."""
@@ -540,32 +529,25 @@ def test_any_bytes_are_taken(robot: RobotName, agent: Path) -> None:
 # Commands
 
 
-@pytest.mark.parametrize("robot", ["ros", "pose", "odometry", "pingu"])
-@pytest.mark.parametrize("value", [NAN, np.inf, -np.inf, 1.5, -0.5, 1e30])
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("value", [2, -1, NAN])
 def test_a_command_that_is_none_is_refused(robot: RobotName, value: float) -> None:
+    """NaN shuts a motor of PX4, and whole numbers have none."""
     ends = interface(robot, 8, 8)
-    (message,) = ends.command([0.0] * 8, NOW)
-    row = np.array(unpack(FLOATS, message.data).data)
+    *_, message = ends.command([0.0] * 8, NOW)
+    sent = unpack(message.kind, message.data)
+    field = "control" if robot == "px4" else "data"
+    row = getattr(sent, field).copy()
+    if np.isnan(value) and robot in ("px4", "roboran"):
+        return
     row[3] = value
+    setattr(sent, field, row)
     with pytest.raises(ValueError, match="must be 8 numbers"):
-        ends.commanded(message.topic, pack(FLOATS, array(FLOATS, row, np.float32)))
-    with pytest.raises(ValueError, match="numbers"):
-        ends.commanded(message.topic, pack(FLOATS, array(FLOATS, row[:3], np.float32)))
-
-
-@pytest.mark.parametrize("value", [2, -1, 300])
-def test_a_valve_is_open_or_shut(value: int) -> None:
-    ends = interface("roboran", 8, 8)
-    (message,) = ends.command([0.0] * 8, NOW)
-    row = np.array(unpack(INTEGERS, message.data).data)
-    row[3] = value
-    with pytest.raises(ValueError, match="must be 8 numbers"):
-        ends.commanded(message.topic, pack(INTEGERS, array(INTEGERS, row, np.int16)))
-    motors = unpack(PX4_MOTORS, interface("px4", 8, 8).command([0.0] * 8, NOW)[1].data)
-    motors.control = motors.control.copy()
-    motors.control[3] = value
-    with pytest.raises(ValueError, match="must be 8 numbers"):
-        interface("px4", 8, 8).commanded("fmu/in/actuator_motors", pack(PX4_MOTORS, motors))
+        ends.commanded(message.topic, pack(message.kind, sent))
+    if robot != "px4":
+        sent.data = row[:3]
+        with pytest.raises(ValueError, match="numbers"):
+            ends.commanded(message.topic, pack(message.kind, sent))
 
 
 @pytest.mark.parametrize(

@@ -47,12 +47,6 @@ def written(log: FlightLog, file: Path, rates: bool = True) -> Path:
     return file
 
 
-def test_a_csv_file_gives_the_same_log(flight: FlightLog, tmp_path: Path) -> None:
-    again = read_csv(written(flight, tmp_path / "flight.csv"), PLATFORM)
-    for name in ("times", "commands", "position", "attitude", "velocity", "spin"):
-        assert getattr(again, name) == pytest.approx(getattr(flight, name))
-
-
 def test_the_command_writes_what_training_reads(
     flight: FlightLog,
     tmp_path: Path,
