@@ -128,10 +128,10 @@ def disturbance_in_body(state: Any, load: Any, h: Any, true: Any) -> Any:
     """A disturbance stays put in the world; taken for a wrench in B it would turn with the craft."""
     if load.disturbance is None:
         return true(state, load, h)
-    both = Wrench(
-        load.thrust.force + load.disturbance.force, load.thrust.torque + load.disturbance.torque
-    )
-    return true(state, replace(load, thrust=both, disturbance=None), h)
+    thrust, change = load.thrust
+    push = load.disturbance
+    both = Wrench(thrust.force + push.force, thrust.torque + push.torque)
+    return true(state, replace(load, thrust=(both, change), disturbance=None), h)
 
 
 def disturbance_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
