@@ -96,8 +96,9 @@ def test_the_module_would_run_if_it_were_typed(here: Path) -> None:
     del sys.modules["evil"]
 
 
-EVERYTHING = replace(CONFIG, algorithm="value", learner={"units": 32}, total_timesteps=1)
-"""A training that uses everything which a config can name."""
+TINY = {"units": 4, "states": 16, "rounds": 1, "updates": 1, "batch": 16}
+EVERYTHING = replace(CONFIG, algorithm="value", learner=TINY, total_timesteps=1)
+"""A training that uses everything which a config can name; texts that are read as they are begin it each time."""
 
 RUN = [
     command("train --resume run"),
