@@ -90,7 +90,8 @@ class Push:
     growth: Growth | None = None
     """Full mass over mass; None: the craft has no propellant."""
     turning: Growth | None = None
-    """The same for torques, which differs in the plane where a tank is not at the centre of mass."""
+    """Factor on torques: in the plane full inertia over inertia, as a tank may be off the centre of mass; in space
+    the same as `growth`. None: the craft has no propellant."""
     tank: tuple[Emptied, Emptied] | None = None
     """What a craft with a tank at a place lacks at the start and at the end; None: there is none."""
     momentum: tuple[Any, Any] | None = None

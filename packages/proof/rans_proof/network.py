@@ -167,9 +167,9 @@ class _Input(NamedTuple):
 
     name: str
     shape: tuple[int, ...]
-    """Of one state: the first axis, that of a batch, is 1."""
+    """Shape of the input for one state: the first axis, that of a batch, is 1."""
     precision: np.dtype[Any]
-    """Of the state, and so of every weight."""
+    """Floating-point type of the state, and so of every weight."""
 
 
 def _read(onnx: Any, model: Any) -> tuple[list[Layer], _Input]:

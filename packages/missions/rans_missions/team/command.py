@@ -22,12 +22,11 @@ from rans.extend import (
 )
 from rans.terminal import stages
 from rans_missions.control.circumnavigation import Circumnavigation
+from rans_missions.orbits.earth import EARTH
 from rans_missions.team.bound import team_bound
 from rans_missions.team.task import InspectTeam
 from rans_missions.vectors import motion_of
 
-_EARTH = 3.986004418e14
-"""Gravitational parameter of the Earth, m^3/s^2."""
 _STEP = 20.0
 """Step of coasts in two-body gravity, s: their error by Runge and Kutta's method is below 1 mm in an orbit."""
 
@@ -80,14 +79,14 @@ def team(deputies: int = 3, episodes: int = 8, seed: int = EVALUATION_SEED) -> T
             assert flight.done is not None
             assert flight.lengths is not None
             steps = int(flight.lengths[0])
-            impulse = sum(thruster.force for thruster in craft.thrusters) / len(craft.thrusters)
+            forces = np.array([thruster.force for thruster in craft.thrusters])
             apart = flight.margins.get("keep-apart", np.full((1, 1), math.inf))
             rows.append(
                 (
                     bool(flight.done.all()),
                     bool(flight.violated().any()),
                     steps * task.timing.control_period,
-                    float(flight.commands.sum()) * task.timing.control_period * impulse,
+                    float((flight.commands @ forces).sum()) * task.timing.control_period,
                     team_bound(craft, task, each, goal, duration, task.timing),
                     float(apart.min()) + task.keep_apart,
                     coasts_apart(task.mean_motion, motion_of(flight.states)[: steps + 1]),
@@ -107,7 +106,7 @@ def coasts_apart(mean_motion: float, states: np.ndarray) -> float:
         states: states in the Hill frame, (T, D, 6).
     """
     # From the Hill frame to axes that do not turn, where the target is at (r, 0, 0) with n r along y.
-    radius = (_EARTH / mean_motion**2) ** (1.0 / 3.0)
+    radius = (EARTH / mean_motion**2) ** (1.0 / 3.0)
     p = states[..., :3] + np.array([radius, 0.0, 0.0])
     v = states[..., 3:] + np.cross([0.0, 0.0, mean_motion], p)
     pairs = np.triu_indices(states.shape[1], 1)
@@ -115,7 +114,7 @@ def coasts_apart(mean_motion: float, states: np.ndarray) -> float:
         return math.inf
 
     def pull(p: np.ndarray) -> np.ndarray:
-        return -_EARTH * p / np.linalg.norm(p, axis=-1, keepdims=True) ** 3
+        return -EARTH * p / np.linalg.norm(p, axis=-1, keepdims=True) ** 3
 
     least = math.inf
     h = _STEP
