@@ -148,24 +148,23 @@ class Team(Options):
         limit = InspectTeam().keep_apart
         bound = flown.bound.sum()
         factor = f"{flown.spent.sum() / bound:.3f}" if bound else "-"
+        rows = [
+            ("succeeded, %", f"{100.0 * flown.succeeded.mean():.1f}", "-", "-"),
+            ("limit broken, %", f"{100.0 * flown.broken.mean():.1f}", "-", "-"),
+            ("time, s", "-", *(f"{f(flown.time):,.0f}" for f in (np.median, np.max))),
+            ("impulse, N s", *_three(flown.spent)),
+            ("bound, N s", *_three(flown.bound)),
+            ("impulse over bound", factor, "-", "-"),
+        ]
+        if self.deputies > 1:
+            nearer = f"{100.0 * np.mean(flown.coasts < limit):.1f}"
+            for what, share, distance in (
+                ("apart, m", "-", flown.apart),
+                (f"coasts apart, m; nearer than {limit:g} m, %", nearer, flown.coasts),
+            ):
+                rows.append((what, share, f"{np.median(distance):.1f}", f"{distance.min():.1f}"))
         Terminal().show(
-            f"Inspection by teams of {self.deputies}",
-            ("what", "of all", "median", "worst"),
-            [
-                ("succeeded, %", f"{100.0 * flown.succeeded.mean():.1f}", "-", "-"),
-                ("limit broken, %", f"{100.0 * flown.broken.mean():.1f}", "-", "-"),
-                ("time, s", "-", *(f"{f(flown.time):,.0f}" for f in (np.median, np.max))),
-                ("impulse, N s", *_three(flown.spent)),
-                ("bound, N s", *_three(flown.bound)),
-                ("impulse over bound", factor, "-", "-"),
-                ("apart, m", "-", f"{np.median(flown.apart):.1f}", f"{flown.apart.min():.1f}"),
-                (
-                    "coasts nearer, %",
-                    f"{100.0 * np.mean(flown.coasts < limit):.1f}",
-                    f"{np.median(flown.coasts):.1f} m",
-                    f"{flown.coasts.min():.1f} m",
-                ),
-            ],
+            f"Inspection by teams of {self.deputies}", ("what", "of all", "median", "worst"), rows
         )
         return 0 if flown.succeeded.all() else 1
 
