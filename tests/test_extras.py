@@ -120,6 +120,7 @@ EVERY = (
     "benchmark",
     "twin own.toml --bus udp --seconds 0.2",
     "identify --excite own.toml",
+    "team --deputies 1 --episodes 1",
 )
 """Commands in an order in which each has what it needs."""
 PROBLEM = """
