@@ -257,8 +257,7 @@ def test_plan_of_a_bag(here: Path, trained: Path) -> None:
     for where, changed in texts(plan):
         Path("flight.mcap").unlink(missing_ok=True)
         writer = bags.BagWriter(Path("flight.mcap"))
-        text = messages.make(messages.TEXT, data=json.dumps(changed))
-        packed = messages.pack(messages.TEXT, text)
+        packed = messages.text_message(json.dumps(changed))
         writer.write(bags.BagMessage(1, "rans/flight", messages.TEXT, packed))
         writer.close()
         call(lambda: replay_bag(Path("flight.mcap")))

@@ -226,7 +226,9 @@ def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(
     ]
     errors = "".join(node.communicate(timeout=PATIENCE)[1] for node in nodes)
     assert all(node.returncode != 0 for node in nodes)
-    sentence = "rans: another process of this command has ended;"  # torchrun's own table may repeat it
+    sentence = (
+        "rans: another process of this command has ended;"  # torchrun's own table may repeat it
+    )
     assert len([line for line in errors.splitlines() if line.startswith(sentence)]) == 1, errors
     assert "Continue from the last checkpoint with --resume run." in errors
     steps = RunFolder(Path("run")).load_checkpoint("cpu")["steps"]

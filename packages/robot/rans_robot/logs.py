@@ -18,7 +18,7 @@ from scipy.optimize import linprog
 from rans.extend import ConfigError, Spacecraft, brief, counted
 from rans_robot.bag import BagMessage, bag_entries
 from rans_robot.identify.log import MOST_READINGS, FlightLog, unstamped, unstamped_note
-from rans_robot.interfaces import Interface, RobotName, interface
+from rans_robot.interfaces import Interface, RobotName
 from rans_robot.messages import read_json_message
 from rans_robot.node import FLIGHT_TOPIC
 from rans_robot.validator import Validator
@@ -74,7 +74,7 @@ def read_bag(
             clocks of messages and bag do not agree.
     """
     kind: RobotName = robot or "ros"
-    ends = interface(kind, craft.command_count, craft.thruster_count)
+    ends = Interface(kind, craft.command_count, craft.thruster_count)
     prefix = namespace.strip("/") + "/" if namespace.strip("/") else ""
     topics: dict[str, _Topic] = {}
     commands: dict[int, np.ndarray] = {}
@@ -216,7 +216,7 @@ def _ends_of_plan(source: Path, entry: BagMessage, craft: Spacecraft) -> Interfa
         raise ConfigError(
             f"{source}, {FLIGHT_TOPIC}, is damaged: it names no kind of robot, but {brief(name)}."
         )
-    return interface(name, craft.command_count, craft.thruster_count)  # type: ignore[arg-type]
+    return Interface(name, craft.command_count, craft.thruster_count)
 
 
 def _reading(
@@ -227,7 +227,7 @@ def _reading(
     Every message goes through the validator of flights, which raises for what it refuses.
     """
     reading = ends.read(topic, data)
-    validator.pose(topic, reading.frame, reading.position, reading.attitude)
+    validator.pose(topic, reading)
     if not 0 <= reading.measured < _LATEST:
         raise ValueError(f"its time stamp is {reading.measured:,} ns")
     parts = reading.position, reading.attitude, reading.velocity, reading.spin

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Mapping
+from functools import cache, reduce
+from operator import attrgetter
 from typing import Any
+
+import numpy as np
 
 from rans.extend import require
 from rans.files import parse_json
@@ -81,9 +85,54 @@ def types() -> Any:
     return store
 
 
-def pack(kind: str, message: Any) -> bytes:
-    """CDR of a message, little-endian."""
+def pack(kind: str, values: Mapping[str, Any]) -> bytes:
+    """CDR of a message, little-endian, with values by the paths of its fields, as in "pose.position".
+
+    Other fields are 0 or empty. A geometry_msgs point, vector or quaternion (w first, though ROS has w last) takes
+    a sequence of numbers; "header.stamp" takes ns.
+    """
+    message = _blank(kind)
+    for path, value in values.items():
+        *above, name = path.split(".")
+        part = reduce(getattr, above, message)
+        field = getattr(part, name)
+        if name == "stamp":
+            field.sec = value // 10**9 % 2**31
+            field.nanosec = value % 10**9
+        elif hasattr(field, "x"):
+            for axis, number in zip(_axes(field), value, strict=True):
+                setattr(field, axis, float(number))
+        else:
+            setattr(
+                part, name, np.asarray(value, field.dtype) if hasattr(field, "dtype") else value
+            )
     return bytes(types().serialize_cdr(message, kind))
+
+
+def _blank(kind: str) -> Any:
+    """A message whose numbers are 0 and whose texts and sequences are empty."""
+    from rosbags.interfaces import Nodetype
+
+    fields = {}
+    for name, (node, content) in types().fielddefs[kind][1]:
+        if node == Nodetype.NAME:
+            fields[name] = _blank(content)
+        elif node == Nodetype.BASE:
+            fields[name] = "" if content[0] == "string" else 0
+        else:
+            (inner, of), length = content
+            fields[name] = np.zeros(length, of[0]) if inner == Nodetype.BASE else []
+    return types().types[kind](**fields)
+
+
+def _axes(field: Any) -> str:
+    return "wxyz" if hasattr(field, "w") else "xyz"
+
+
+def numbers(message: Any, path: str) -> Any:
+    """Numbers of an array, point, vector or quaternion (w first) in a message, by its path as in `pack`."""
+    field = attrgetter(path)(message)
+    return [getattr(field, axis) for axis in _axes(field)] if hasattr(field, "x") else field
 
 
 def unpack(kind: str, data: bytes) -> Any:
@@ -100,52 +149,6 @@ def definition(kind: str) -> str:
     return str(text)
 
 
-def stamp(nanoseconds: int) -> Any:
-    """Time of a header, from a clock in ns."""
-    time_type = types().types["builtin_interfaces/msg/Time"]
-    return time_type(nanoseconds // 10**9 % 2**31, nanoseconds % 10**9)
-
-
-def message_header(nanoseconds: int, frame: str) -> Any:
-    """Header of a message that was measured then."""
-    return types().types["std_msgs/msg/Header"](stamp(nanoseconds), frame)
-
-
-def measured_at(message: Any) -> int:
-    """When a message with a header was measured, by its sender's clock, ns."""
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
-def make(kind: str, **fields: Any) -> Any:
-    """A message of its fields."""
-    return types().types[kind](**fields)
-
-
-def vector(values: Any) -> Any:
-    """geometry_msgs/msg/Vector3 of three numbers."""
-    x, y, z = (float(v) for v in values)
-    return make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
-
-
-def pose(position: Any, quaternion: Any) -> Any:
-    """geometry_msgs/msg/Pose of a position (3,), m, and a quaternion (w, x, y, z); ROS has w last."""
-    x, y, z = (float(v) for v in position)
-    w, i, j, k = (float(v) for v in quaternion)
-    return make(
-        "geometry_msgs/msg/Pose",
-        position=make("geometry_msgs/msg/Point", x=x, y=y, z=z),
-        orientation=make("geometry_msgs/msg/Quaternion", x=i, y=j, z=k, w=w),
-    )
-
-
-def array(kind: str, values: Any, dtype: Any) -> Any:
-    """One of std_msgs' multi-arrays, without dimensions."""
-    import numpy as np
-
-    layout = make("std_msgs/msg/MultiArrayLayout", dim=[], data_offset=0)
-    return make(kind, layout=layout, data=np.asarray(values, dtype))
-
-
 def read_json_message(data: bytes, what: str) -> Any:
     """Value of the JSON in a std_msgs/msg/String.
 
@@ -158,4 +161,4 @@ def read_json_message(data: bytes, what: str) -> Any:
 
 def text_message(text: str) -> bytes:
     """CDR of a std_msgs/msg/String."""
-    return pack(TEXT, make(TEXT, data=text))
+    return pack(TEXT, {"data": text})

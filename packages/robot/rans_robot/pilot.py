@@ -62,12 +62,10 @@ from rans_robot.interfaces import (
     Interface,
     Message,
     RobotName,
-    interface,
-    point_numbers,
-    wxyz,
+    read_motion,
 )
-from rans_robot.messages import POSE, TEXT, text_message, unpack
-from rans_robot.validator import Validator, command, description, finite_vector, unit
+from rans_robot.messages import POSE, TEXT, text_message
+from rans_robot.validator import Validator, command, description
 from rans_robot.velocity import VelocityFilter
 
 _FOLDER_FILES = ("contract.json", "golden.json", "spacecraft.toml")
@@ -195,7 +193,7 @@ def check_plan(plan: Plan, craft: Spacecraft, task: Task, period: float) -> None
     Raises:
         ConfigError: it does not, as `MessagePilot` says.
     """
-    interface(plan.robot, craft.command_count, craft.thruster_count)
+    Interface(plan.robot, craft.command_count, craft.thruster_count)
     task = _with_trade_off(task, plan.trade_off)
     _goal(craft, task, plan)
     if plan.guard:
@@ -239,9 +237,7 @@ class MessagePilot:
         self.period = float(self.contract["control_period"])
         self.oldest = float(self.contract["readings"]["oldest"])
         self.agent = exported_agent(folder)
-        self.interface: Interface = interface(
-            plan.robot, self.craft.command_count, self.craft.thruster_count
-        )
+        self.interface = Interface(plan.robot, self.craft.command_count, self.craft.thruster_count)
         self.inputs = {**self.interface.inputs, CRAFT_TOPIC: TEXT, GOAL_TOPIC: POSE}
         # The goal, and what filters commands and readings.
         self._task = _with_trade_off(task, plan.trade_off)
@@ -327,11 +323,11 @@ class MessagePilot:
 
         All that may be refused is before what changes: a refused goal leaves that before.
         """
-        message = unpack(POSE, data)
-        position = finite_vector("position", point_numbers(message.pose.position))
-        attitude = unit(wxyz(message.pose.orientation))
-        self._validator.pose(GOAL_TOPIC, message.header.frame_id, position, attitude)
-        self._goal = _moved_goal(self._goal, position, attitude)
+        reading: Any = read_motion(POSE, data)
+        self._validator.pose(GOAL_TOPIC, reading)
+        still = np.zeros(3)
+        there = state_of(self.craft, Motion(reading.position, reading.attitude, still, still))
+        self._goal = replace(self._goal, p=there.p, attitude=there.attitude)
         self._goal_came = now
         # An episode has one goal: to another begins another one.
         self._resting = True
@@ -714,15 +710,6 @@ def _notes(craft: Spacecraft, task: Task, plan: Plan) -> Any:
     still = vector(*(0.0,) * craft.dimension)
     balls = tuple(Ball(vector(*row[:-1]), still, row[-1]) for row in rows)
     return replace(sampled, zones=balls)
-
-
-def _moved_goal(goal: State, position: np.ndarray, attitude: np.ndarray) -> State:
-    """The goal at another pose."""
-    if isinstance(goal, PlanarState):
-        x, y = (float(value) for value in position[:2])
-        return replace(goal, p=Vec2(x, y), attitude=Heading(heading_of(attitude)))
-    p = Vec3(*(float(value) for value in position))
-    return replace(goal, p=p, attitude=Quat(*(float(value) for value in attitude)))
 
 
 def _agility(craft: Spacecraft) -> tuple[float, float]:

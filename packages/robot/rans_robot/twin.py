@@ -35,8 +35,8 @@ from rans.extend import (
 )
 from rans_robot.bus import Bus
 from rans_robot.frames import Motion
-from rans_robot.interfaces import Interface, RobotName, interface
-from rans_robot.messages import FLOATS, TEXT, array, pack, text_message
+from rans_robot.interfaces import Interface, RobotName
+from rans_robot.messages import FLOATS, TEXT, pack, text_message
 from rans_robot.pilot import CRAFT_TOPIC, craft_hash, motion_of, placed
 
 VALVES_TOPIC = "rans/valves"
@@ -229,7 +229,7 @@ def run_twin(
         craft.measured()
     # The craft, and its topics.
     craft = Craft(plan)
-    ends = interface(plan.robot, plan.craft.command_count, plan.craft.thruster_count)
+    ends = Interface(plan.robot, plan.craft.command_count, plan.craft.thruster_count)
     inbox: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
     for topic, kind in ends.outputs.items():
         bus.subscribe(topic, kind, lambda data, topic=topic: inbox.put((topic, data)))
@@ -284,7 +284,7 @@ def run_twin(
         if now >= next_valves or not np.array_equal(given > 0.0, shown > 0.0):
             shown = given
             next_valves = now + round(plan.control_period * 1e9)
-            bus.publish(VALVES_TOPIC, FLOATS, pack(FLOATS, array(FLOATS, given, np.float32)))
+            bus.publish(VALVES_TOPIC, FLOATS, pack(FLOATS, {"data": given}))
         if now >= next_announcement:
             next_announcement = now + 10**9
             bus.publish(CRAFT_TOPIC, TEXT, announced)

@@ -193,24 +193,28 @@ class Validator:
 
         A refused one changes no clock.
         """
-        self._pose(reading.position, reading.attitude)
-        self._frame(reading.frame)
+        self._check(reading)
         if topic not in self._clocks:
             self._clocks[topic] = _Clock(self._oldest)
         verdict = self._clocks[topic].judge(reading.measured, now)
         self._name(topic, reading.frame)
         return verdict
 
-    def pose(
-        self, topic: str, frame: str, position: np.ndarray | None, attitude: np.ndarray | None
-    ) -> None:
+    def pose(self, topic: str, reading: Reading) -> None:
         """Judge (`ValueError`) a pose without its time: that of a goal, or in a log."""
-        self._pose(position, attitude)
-        self._frame(frame)
-        self._name(topic, frame)
+        self._check(reading)
+        self._name(topic, reading.frame)
 
-    def _pose(self, position: np.ndarray | None, attitude: np.ndarray | None) -> None:
-        """Refuse (`ValueError`) a pose (m; w, x, y, z) of a craft of the plane that is far above it, or tilted."""
+    def _check(self, reading: Reading) -> None:
+        """Refuse (`ValueError`) another world frame, and a craft of the plane that is far above it, or tilted."""
+        name, first = self._world
+        if reading.frame and name and reading.frame != name:
+            raise ValueError(
+                f"frame_id is {brief(reading.frame)}, but that of {first} is {brief(name)}: all must be of one "
+                "world frame"
+            )
+        position = reading.position
+        attitude = reading.attitude
         if not self._planar:
             return
         if position is not None and abs(position[2]) > _HIGHEST:
@@ -227,13 +231,6 @@ class Validator:
                     f"a craft of the plane is tilted by {tilt:.0f} degrees, but must be by at most 30: is the "
                     "sensor wrong, or z the axis that points up?"
                 )
-
-    def _frame(self, frame: str) -> None:
-        name, first = self._world
-        if frame and name and frame != name:
-            raise ValueError(
-                f"frame_id is {brief(frame)}, but that of {first} is {brief(name)}: all must be of one world frame"
-            )
 
     def _name(self, topic: str, frame: str) -> None:
         if frame and not self._world[0]:

@@ -16,8 +16,8 @@ pytest.importorskip("mcap")
 
 from rans_robot.bag import BagMessage, bag_entries, index_bag
 from rans_robot.bus import Distribution, ZenohBus, open_bus
-from rans_robot.interfaces import RobotName, interface
-from rans_robot.messages import POSE, TEXT, make, pack
+from rans_robot.interfaces import Interface, RobotName
+from rans_robot.messages import POSE, TEXT, text_message
 
 from rans.errors import ConfigError
 from tests.support.processes import free_port, wait_until
@@ -29,9 +29,9 @@ MOTION = AWAY._replace(spin=np.array([0.0, 0.0, 0.25]))
 
 def written(folder: Path) -> tuple[Path, list[BagMessage]]:
     """A bag with every message that a robot or the node sends, and an empty text."""
-    rows = [BagMessage(10**9, "rans/end", TEXT, pack(TEXT, make(TEXT, data="")))]
+    rows = [BagMessage(10**9, "rans/end", TEXT, text_message(""))]
     for at, robot in enumerate(ROBOTS):
-        ends = interface(robot, 8, 8)
+        ends = Interface(robot, 8, 8)
         moment = 2 * 10**9 + at
         both = [*ends.state(MOTION, moment), *ends.command([1.0] + [0.0] * 7, moment)]
         rows += [BagMessage(moment, f"{robot}/{one.topic}", one.kind, one.data) for one in both]
@@ -94,7 +94,7 @@ def test_a_bag_that_cannot_be_indexed_stays(tmp_path: Path) -> None:
     assert [one.name for one in tmp_path.iterdir()] == ["flight.mcap"]
 
 
-SPOKEN = pack(TEXT, make(TEXT, data="hello"))
+SPOKEN = text_message("hello")
 
 
 def session(mode: str, end: str, port: int) -> Any:

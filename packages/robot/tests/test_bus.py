@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_robot.bus import open_bus, opened_bus
-from rans_robot.interfaces import interface
+from rans_robot.interfaces import Interface
 
 from rans.errors import ConfigError
 from tests.support.processes import free_port, wait_until
@@ -61,7 +61,7 @@ def test_every_type_crosses_every_bus(name: str) -> None:
         motion = AWAY._replace(spin=np.array([0.0, 0.0, 0.25]))
         sent = []
         for robot in ("ros", "odometry", "px4", "roboran"):
-            ends = interface(robot, 8, 8)
+            ends = Interface(robot, 8, 8)
             sent += [*ends.state(motion, 10**9), *ends.command([1.0] + [0.0] * 7, 10**9)]
         got: dict[str, bytes] = {}
         for message in sent:

@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("rosbags")
 
-from rans_robot.interfaces import interface
+from rans_robot.interfaces import Interface
 from rans_robot.messages import POSE
 
 from tests.support.robots import AWAY
@@ -66,7 +66,7 @@ def test_the_node_of_ros2_is_a_short_shell(monkeypatch: pytest.MonkeyPatch) -> N
     bus = module_of(FILE).RosBus(node)
     got: list[bytes] = []
     bus.subscribe("pose", POSE, got.append)
-    (message,) = interface("pose", 8, 8).state(AWAY, 10**9)
+    (message,) = Interface("pose", 8, 8).state(AWAY, 10**9)
     bus.publish(*message)
     bus.publish(*message)
     assert got == [message.data] * 2

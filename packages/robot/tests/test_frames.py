@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_robot.frames import Motion, quaternion_of, rotated, swapped
-from rans_robot.interfaces import interface
-from rans_robot.messages import PX4_MOTORS, make, pack, unpack
+from rans_robot.interfaces import Interface
+from rans_robot.messages import PX4_MOTORS, pack, unpack
 from rans_robot.twin import Craft, TwinPlan
 
 from rans.model.spacecraft_file import load_spacecraft
@@ -38,12 +38,12 @@ def test_one_pulse_of_each_thruster_in_px4s_frames(thruster: int, heading: float
     """ActuatorMotors in, VehicleOdometry out, against PX4's own table: Newton's law in NED and FRD by hand."""
     craft = load_spacecraft("atmos")
     plan = TwinPlan(craft, 0.1, robot="px4", start=(1.0, 2.0, heading))
-    ends = interface("px4", 8, 8)
+    ends = Interface("px4", 8, 8)
     twin = Craft(plan)
     control = np.full(12, np.nan, np.float32)
     control[thruster] = 1.0
-    motors = make(PX4_MOTORS, timestamp=0, timestamp_sample=0, reversible_flags=0, control=control)
-    command = ends.commanded("fmu/in/actuator_motors", pack(PX4_MOTORS, motors))
+    motors = pack(PX4_MOTORS, {"control": control})
+    command = ends.commanded("fmu/in/actuator_motors", motors)
     assert command is not None
     before = unpack(*_last(ends.state(twin.motion, 0)))
     twin.hold(command)

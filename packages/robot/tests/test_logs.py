@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rans_robot.bag import BagMessage
 from rans_robot.frames import Motion
-from rans_robot.interfaces import RobotName, interface
+from rans_robot.interfaces import Interface, RobotName
 from rans_robot.logs import read_bag
 from rans_robot.messages import TEXT, text_message
 from rans_robot.node import FLIGHT_TOPIC
@@ -24,7 +24,7 @@ PLATFORM = load_spacecraft("floating-platform")
 
 @pytest.mark.parametrize("robot", ["ros", "pose", "odometry", "px4", "roboran", "pingu"])
 def test_what_a_robot_said_comes_back(robot: RobotName, tmp_path: Path) -> None:
-    ends = interface(robot, 8, 8)
+    ends = Interface(robot, 8, 8)
     bag = []
     rows = []
     for k in range(8):
@@ -60,7 +60,7 @@ def planned(data: bytes) -> BagMessage:
 
 def test_a_flight_without_its_robot_is_no_bag_of_other_topics(tmp_path: Path) -> None:
     """A bag of other topics is one of the planted (test_reader_answers.py)."""
-    (command,) = interface("ros", 8, 8).command([0.0] * 8, 0)
+    (command,) = Interface("ros", 8, 8).command([0.0] * 8, 0)
     bag = [planned(text_message('{"robot": "ros"}')), BagMessage(0, *command)]
     with pytest.raises(ConfigError, match=r"0 readings and 1 commands .* no state came"):
         read_bag(bag_of(tmp_path, bag), PLATFORM)
@@ -90,7 +90,7 @@ def recorded(
     from mcap.writer import Writer
     from rans_robot.messages import definition
 
-    ends = interface("ros", 8, 8)
+    ends = Interface("ros", 8, 8)
     with file.open("wb") as stream:
         writer = Writer(stream, **options)
         writer.start(profile="ros2", library="test")
@@ -245,17 +245,17 @@ def test_a_plan_that_is_no_text_is_a_sentence(tmp_path: Path) -> None:
 
 def test_poses_of_two_frames_are_not_one_path(tmp_path: Path) -> None:
     """As in flight: the first frame counts, and messages of another one are left out with a note."""
-    from rans_robot.messages import POSE, make, message_header, pack, pose
+    from rans_robot.messages import POSE, pack
 
-    ends = interface("pose", 8, 8)
+    ends = Interface("pose", 8, 8)
     bag = []
     for k in range(30):
         now = (k + 1) * 200_000_000
-        other = make(
-            POSE,
-            header=message_header(now + 10**6, "map"),
-            pose=pose((9.0, 9.0, 0.0), (1, 0, 0, 0)),
-        )
+        other = {
+            "header.stamp": now + 10**6,
+            "header.frame_id": "map",
+            "pose.orientation": (1, 0, 0, 0),
+        }
         both = (*ends.state(flown(k), now), *ends.command([0.0] * 8, now))
         bag += [BagMessage(now, *message) for message in both]
         bag.append(BagMessage(now + 10**6, "pose", POSE, pack(POSE, other)))

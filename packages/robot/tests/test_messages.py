@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_robot.frames import Motion
-from rans_robot.interfaces import RobotName, interface
+from rans_robot.interfaces import Interface, RobotName
 from rans_robot.messages import (
     FLOATS,
     PX4_MOTORS,
@@ -25,7 +25,7 @@ def test_a_motion_survives_its_messages(robot: RobotName) -> None:
     motion = Motion(
         random.normal(size=3), q / np.linalg.norm(q), random.normal(size=3), random.normal(size=3)
     )
-    ends = interface(robot, 8, 8)
+    ends = Interface(robot, 8, 8)
     found: dict[str, Any] = {}
     for message in ends.state(motion, 12_345_678_000):
         assert ends.inputs[message.topic] == message.kind
@@ -42,12 +42,12 @@ def test_messages_of_laboratories() -> None:
     """By hand: RoboRAN's valve 5 is the agent's thruster 0; Pingu's thrusters follow bearing and enable."""
     row = unpack(
         "std_msgs/msg/Int16MultiArray",
-        interface("roboran", 8, 8).command([1.0] + [0] * 7, 0)[0].data,
+        Interface("roboran", 8, 8).command([1.0] + [0] * 7, 0)[0].data,
     )
     assert row.data.tolist() == [1, 0, 0, 0, 0, 0, 1, 0, 0]
-    row = unpack(FLOATS, interface("pingu", 8, 8).command([0.0, 1.0] + [0] * 6, 0)[0].data)
+    row = unpack(FLOATS, Interface("pingu", 8, 8).command([0.0, 1.0] + [0] * 6, 0)[0].data)
     assert row.data.tolist() == [1, 1, 0, 1] + [0] * 11
-    motors = interface("px4", 8, 8).command([0.0, 0.5] + [0] * 6, 5_000)[1]
+    motors = Interface("px4", 8, 8).command([0.0, 0.5] + [0] * 6, 5_000)[1]
     assert len(motors.data) == 72  # as PX4's agent has it
     assert np.isnan(unpack(PX4_MOTORS, motors.data).control[0])
     assert unpack(PX4_MOTORS, motors.data).control[1] == 0.5

@@ -24,8 +24,8 @@ from rans_missions.tasks import Avoid
 from rans_robot.bag import bag_entries
 from rans_robot.bus import UDPBus, open_bus
 from rans_robot.frames import Motion
-from rans_robot.interfaces import RobotName, interface
-from rans_robot.messages import FLOATS, TEXT, array, make, pack, unpack
+from rans_robot.interfaces import Interface, RobotName
+from rans_robot.messages import FLOATS, pack, text_message, unpack
 from rans_robot.node import END_TOPIC, Report, fly_over, replay_bag
 from rans_robot.pilot import (
     CRAFT_TOPIC,
@@ -108,7 +108,7 @@ def test_another_robot_is_refused(agent: Path, craft: str, period: float, senten
         "control_period": period,
         "name": craft,
     }
-    pilot.receive(CRAFT_TOPIC, pack(TEXT, make(TEXT, data=json.dumps(about))), 0)
+    pilot.receive(CRAFT_TOPIC, text_message(json.dumps(about)), 0)
     decision = steps(pilot, AWAY, 1, begin=3)[0]
     assert (decision.over, decision.command.any()) == (True, False)
     assert sentence in decision.note
@@ -164,7 +164,7 @@ def test_a_filtered_flight_comes_out_of_its_bag_again(avoider: Path, tmp_path: P
     # It moves so fast towards the zone that the filter must act at once.
     fast = AWAY._replace(position=np.array([2.1, 0.0, 0.0]), velocity=np.array([-0.45, 0.0, 0.0]))
     wire = Wire()
-    ends = interface("ros", 8, 8)
+    ends = Interface("ros", 8, 8)
     stop = threading.Event()
 
     def publish() -> None:
@@ -261,7 +261,7 @@ def test_a_flight_and_its_bag(agent: Path, tmp_path: Path, robot: RobotName) -> 
 def test_a_bag_that_was_changed_does_not_come_out(agent: Path, tmp_path: Path) -> None:
     bag = tmp_path / "flight.mcap"
     flown(Wire(), agent, bag, 10)
-    shut = pack(FLOATS, array(FLOATS, np.zeros(8), np.float32))
+    shut = pack(FLOATS, {"data": np.zeros(8)})
     data = bag.read_bytes()
     moved = [e for e in bag_entries(bag) if e.topic == "commands" and e.data != shut]
     assert moved
@@ -353,4 +353,4 @@ def test_one_sentence_for_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> No
     with pytest.raises(ConfigError, match="domain must be a whole number from 0 to 232"):
         open_bus("udp", 500)
     with pytest.raises(ConfigError, match="has 12 thrusters and no wheel"):
-        interface("px4", 16, 16)
+        Interface("px4", 16, 16)

@@ -28,7 +28,7 @@ pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
 from rans_robot.bag import bag_entries
-from rans_robot.interfaces import RobotName, interface
+from rans_robot.interfaces import Interface, RobotName
 from rans_robot.messages import TEXT, text_message, unpack
 from rans_robot.node import END_TOPIC, Inbox, Report, fly_over, planned_task, replay_bag
 from rans_robot.pilot import AGENT_TOPIC, MessagePilot, code_of
@@ -45,7 +45,7 @@ class Robot(Wire):
 
     def __init__(self, robot: RobotName = "ros", fails_at: int = 10**9, fails: int = 1) -> None:
         super().__init__()
-        self.ends = interface(robot, 8, 8)
+        self.ends = Interface(robot, 8, 8)
         self.commands: list[np.ndarray] = []
         self.fails = range(fails_at, fails_at + fails)
         self.attempts = 0

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from rans_robot.bag import BagMessage
 from rans_robot.identify.log import checked_log, read_csv
-from rans_robot.interfaces import interface
+from rans_robot.interfaces import Interface
 from rans_robot.logs import read_bag
 
 from rans.model.spacecraft_file import load_spacecraft
@@ -48,7 +48,7 @@ def bag(messages: Sequence[BagMessage]) -> Any:
 
 
 def commands(robot: Any) -> list[BagMessage]:
-    return [BagMessage(0, *one) for one in interface(robot, 8, 8).command([0.0] * 8, 0)]
+    return [BagMessage(0, *one) for one in Interface(robot, 8, 8).command([0.0] * 8, 0)]
 
 
 ANSWERS: Answers = {
